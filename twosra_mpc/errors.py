@@ -1,0 +1,71 @@
+"""Everything this package raises on purpose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class TwosraError(Exception):
+    """Base of every error raised on purpose by this package."""
+
+
+class InputError(TwosraError, ValueError):
+    """A value given by the user is not acceptable.
+
+    Attributes:
+        field: Dotted name of the field, as written in the file (``start.kappa_per_m.0``).
+        value: What was given.
+        allowed: What is allowed, as a phrase that completes "allowed: ...".
+        source: File or built-in name the value came from, if any.
+        others: Further problems found at the same time.
+    """
+
+    def __init__(
+        self,
+        field: str,
+        value: object,
+        allowed: str,
+        source: str | None = None,
+        others: tuple[InputError, ...] = (),
+    ) -> None:
+        self.field = field
+        self.value = value
+        self.allowed = allowed
+        self.source = source
+        self.others = others
+        where = f"{source}: " if source else ""
+        lines = [f"{where}{field} = {value!r} is not acceptable; allowed: {allowed}"]
+        super().__init__("\n".join([*lines, *map(str, others)]))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.field, self.value, self.allowed, self.source, self.others))
+
+    def within(self, parent: str, source: str | None = None) -> InputError:
+        """Return the same error seen from the record that holds this one under ``parent``."""
+        inner = "" if self.field == parent else self.field
+        field = ".".join(part for part in (parent, inner) if part)
+        others = tuple(other.within(parent, source) for other in self.others)
+        return InputError(field, self.value, self.allowed, source or self.source, others)
+
+    def among(self, others: Sequence[InputError]) -> InputError:
+        """Return this error with further ones found at the same time."""
+        return InputError(
+            self.field, self.value, self.allowed, self.source, (*self.others, *others)
+        )
+
+
+class NoPlanError(TwosraError):
+    """Raised by ``Plan.require()`` when the planner ended without a verified plan.
+
+    Attributes:
+        status: Status of the plan that was asked for.
+        reason: The planner's message.
+    """
+
+    def __init__(self, status: str, reason: str) -> None:
+        self.status = status
+        self.reason = reason
+        super().__init__(f"no verified plan ({status}): {reason}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.status, self.reason))

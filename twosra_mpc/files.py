@@ -1,0 +1,90 @@
+"""Reading user files with errors that name the place, and writing results atomically."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from twosra_mpc.errors import InputError
+
+
+def built_in_names(folder: str) -> list[str]:
+    """Names of the TOML files in a data folder of the package."""
+    entries = files("twosra_mpc").joinpath(folder).iterdir()
+    return sorted(entry.name.removesuffix(".toml") for entry in entries if entry.name[-5:] == ".toml")
+
+
+def locate(source: str | Path, folder: str, field: str) -> Path:
+    """Find a built-in by name, or a user's file by path.
+
+    Raises:
+        InputError: If neither exists; the message lists the built-in names.
+    """
+    names = built_in_names(folder)
+    if str(source) in names:
+        return Path(str(files("twosra_mpc").joinpath(folder, f"{source}.toml")))
+    path = Path(source)
+    if path.is_file():
+        return path
+    close = difflib.get_close_matches(str(source), names, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    raise InputError(field, str(source), f"{hint}a file that exists, or one of {', '.join(names)}")
+
+
+def read_document(path: Path, source: str) -> dict[str, Any]:
+    """Read a TOML or (by its ending) JSON file into a dictionary.
+
+    Raises:
+        InputError: If the file cannot be read or parsed; the message carries line and column.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        document = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+    except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError("file", source, f"valid TOML, or JSON in a .json file ({error})") from error
+    if not isinstance(document, dict):
+        raise InputError("file", source, "a table of keys at the top level")
+    return document
+
+
+@contextmanager
+def atomic_path(target: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside ``target``; move it there only if the block succeeds.
+
+    Raises:
+        InputError: If the folder of ``target`` does not exist or cannot be written.
+    """
+    target = Path(target)
+    try:
+        handle, name = tempfile.mkstemp(
+            prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent
+        )
+    except OSError as error:
+        allowed = f"a path in a folder that exists and can be written ({error.strerror})"
+        raise InputError("output", str(target), allowed) from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(target: str | Path, text: str) -> None:
+    """Write a text file atomically (UTF-8)."""
+    with atomic_path(target) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,160 @@
+"""Heater set-points, currents and expected temperatures that a list of transitions implies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.modes import Mode
+from twosra_mpc.problem import Problem
+from twosra_mpc.robot import Heater, OverlappedTiming, SequentialTiming
+from twosra_mpc.timing import Transition
+
+Array = NDArray[np.float64]
+
+_REHEAT_S = 5.0  # a liquid segment reaches its set-point about this long after melting
+_NEVER = np.inf
+
+
+@dataclass(frozen=True)
+class SegmentHeating:
+    """One segment's heater and state over time.
+
+    Attributes:
+        heater: Heater description.
+        times: Transition times of the robot, which shape the temperature curve.
+        soft_at_start: Whether the segment is liquid at t = 0.
+        temperature_C: Temperature at t = 0.
+        transitions: The segment's transitions in order.
+    """
+
+    heater: Heater
+    times: OverlappedTiming | SequentialTiming
+    soft_at_start: bool
+    temperature_C: float
+    transitions: tuple[Transition, ...]
+
+    def event_times(self) -> list[float]:
+        """Times at which set-point, current or state change [s]."""
+        return [t for item in self.transitions for t in item[2:]]
+
+    def _heated(self) -> list[tuple[float, float, float]]:
+        """(heater on, molten, heater off) of every heating period [s]."""
+        periods: list[tuple[float, float, float]] = []
+        if self.soft_at_start:
+            periods.append((0.0, 0.0, _NEVER))
+        for item in self.transitions:
+            if item.to == "soft":
+                periods.append((item.heater_s, item.done_s, _NEVER))
+            else:
+                on, molten, _ = periods[-1]
+                periods[-1] = (on, molten, item.heater_s)
+        return periods
+
+    def setpoint_C(self, t: Array) -> Array:
+        """Temperature set-point from each time to the next [C]."""
+        value = np.full(t.shape, self.heater.rigid_setpoint_C)
+        for on, _, off in self._heated():
+            value[(t >= on) & (t < off)] = self.heater.soft_setpoint_C
+        return value
+
+    def current_A(self, t: Array) -> Array:
+        """Heater current from each time to the next: melt, then hold [A]."""
+        value = np.zeros(t.shape)
+        for on, molten, off in self._heated():
+            value[(t >= on) & (t < min(molten, off))] = self.heater.melt_current_A
+            value[(t >= molten) & (t < off)] = self.heater.hold_current_A
+        return value
+
+    def soft(self, t: Array) -> NDArray[np.bool_]:
+        """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
+        value = np.full(t.shape, self.soft_at_start)
+        for item in self.transitions:
+            value[t >= (item.done_s if item.to == "soft" else item.onset_s)] = item.to == "soft"
+        return value
+
+    def changing(self, t: Array) -> NDArray[np.bool_]:
+        """Whether the segment is between the onset and the end of a transition."""
+        value = np.zeros(t.shape, dtype=bool)
+        for item in self.transitions:
+            value |= (t >= item.onset_s) & (t < item.done_s)
+        return value
+
+    def temperature(self, t: Array) -> Array:
+        """Expected temperature [C]: through the events of the transitions, relaxing in between."""
+        knots = self._knots()
+        value: Array = np.interp(t, [k[0] for k in knots], [k[1] for k in knots])
+        for start, end, initial in self._cooling(knots):
+            inside = (t >= start) & (t < end)
+            value[inside] = self._relaxed(initial, t[inside] - start)
+        return value
+
+    def _relaxed(self, initial: float, elapsed: Array) -> Array:
+        ambient = self.heater.ambient_C
+        decay: Array = np.exp(-elapsed / self.heater.cooling_time_constant_s)
+        return ambient + (initial - ambient) * decay
+
+    def _knots(self) -> list[tuple[float, float]]:
+        melting, setpoint = self.heater.melting_point_C, self.heater.soft_setpoint_C
+        knots = [(0.0, self.temperature_C)]
+        for item in self.transitions:
+            since, before = knots[-1]
+            if item.to == "soft":
+                warm = float(self._relaxed(before, np.array(item.heater_s - since)))
+                knots.append((item.heater_s, warm))
+                if isinstance(self.times, SequentialTiming):
+                    knots.append((item.done_s, setpoint))
+                else:
+                    knots += [(item.onset_s, melting), (item.done_s, melting)]
+            elif isinstance(self.times, SequentialTiming):
+                cooled = float(self._relaxed(before, np.array(item.done_s - item.heater_s)))
+                knots += [(item.heater_s, before), (item.done_s, cooled)]
+            else:
+                knots += self._superheat(since, item)
+                knots += [(item.onset_s, melting), (item.done_s, melting)]
+        return knots
+
+    def _superheat(self, since: float, freeze: Transition) -> list[tuple[float, float]]:
+        """Rise above the melting point by as much as the time from heater off to onset needs."""
+        assert isinstance(self.times, OverlappedTiming)
+        span = self.heater.soft_setpoint_C - self.heater.melting_point_C
+        lead = self.times.freeze_s - self.times.freeze_changing_s
+        lag = freeze.onset_s - freeze.heater_s
+        above = span * lag / lead if lead > 0 else span
+        peak = self.heater.melting_point_C + above
+        return [(min(since + _REHEAT_S, freeze.heater_s), peak), (freeze.heater_s, peak)]
+
+    def _cooling(self, knots: list[tuple[float, float]]) -> list[tuple[float, float, float]]:
+        """(start, end, initial temperature) of the periods without heater."""
+        periods: list[tuple[float, float, float]] = []
+        start, initial = (_NEVER, 0.0) if self.soft_at_start else (0.0, self.temperature_C)
+        for item in self.transitions:
+            if item.to == "soft":
+                periods.append((start, item.heater_s, initial))
+                start = _NEVER
+            elif isinstance(self.times, SequentialTiming):
+                start, initial = item.heater_s, float(np.interp(item.heater_s, *zip(*knots)))
+            else:
+                start, initial = item.done_s, self.heater.melting_point_C
+        return [*periods, (start, _NEVER, initial)]
+
+
+def segment_heating(
+    problem: Problem, transitions: Sequence[Transition]
+) -> tuple[SegmentHeating, SegmentHeating]:
+    """Split a plan's transitions by segment."""
+    start: Mode = problem.start_mode
+    first, second = (
+        SegmentHeating(
+            heater=problem.robot.heater,
+            times=problem.transition_times,
+            soft_at_start=bool(start[j]),
+            temperature_C=problem.temperatures[j],
+            transitions=tuple(item for item in transitions if item.segment == j + 1),
+        )
+        for j in (0, 1)
+    )
+    return first, second

@@ -1,0 +1,1 @@
+"""Kinematics of the agent, written once, symbolically (CasADi)."""

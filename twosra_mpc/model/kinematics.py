@@ -1,0 +1,150 @@
+r"""The unified hybrid Jacobian, the wheel poses and the wheel configuration matrix.
+
+.. math:: \dot q = J(q, \sigma)\,v, \qquad \omega = V(q, \sigma)\,v
+
+q = [x, y, phi, kappa1, kappa2] (m, m, rad, 1/m, 1/m), v = [v1, v2, u0, v0, r0] (m/s, m/s, m/s, m/s,
+rad/s), omega = four wheel speeds (rad/s), sigma = (s1, s2), 1 = soft. Frames as in the paper: b0 at
+the middle of the middle link, x from LU1 to LU2; kappa_j > 0 bends segment j to +y; v_j > 0 moves
+LU j to its own +y and raises kappa_j. This is the only place where the kinematics is written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twosra_mpc.model.path_models import PathModel, path_model
+from twosra_mpc.model.series import sinc, versine_ratio
+from twosra_mpc.modes import Mode
+from twosra_mpc.robot import Geometry, Robot
+
+Array = NDArray[np.float64]
+
+WHEEL_ANGLE_RAD = (np.pi / 2, 0.0, -np.pi / 2, np.pi)  # beta, paper section III-A
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Compiled kinematics of one robot.
+
+    Attributes:
+        robot: The robot described.
+        jacobian: (q, sigma) -> J, 5x5.
+        wheel_matrix: (q, sigma) -> V, 4x5, paper eq. config_matrix.
+        wheel_poses: q -> 3x4, columns (x, y, psi) of the wheels in b0 (m, m, rad).
+    """
+
+    robot: Robot
+    jacobian: ca.Function
+    wheel_matrix: ca.Function
+    wheel_poses: ca.Function
+
+    def rate(self, q: ArrayLike, mode: Mode, v: ArrayLike) -> Array:
+        """q' = J(q, sigma) v, shape (5,)."""
+        matrix: Array = self.jacobian(q, mode).full()
+        return matrix @ np.asarray(v, dtype=float)
+
+    def wheel_speeds(self, q: ArrayLike, mode: Mode, v: ArrayLike) -> Array:
+        """Wheel speeds omega = V(q, sigma) v [rad/s], shape (4,)."""
+        matrix: Array = self.wheel_matrix(q, mode).full()
+        return matrix @ np.asarray(v, dtype=float)
+
+
+@lru_cache(maxsize=32)
+def kinematics(robot: Robot) -> Kinematics:
+    """Write down the kinematics of ``robot`` and compile it."""
+    q, sigma = ca.SX.sym("q", 5), ca.SX.sym("sigma", 2)
+    path = path_model(robot)
+    jacobian = hybrid_jacobian(robot.geometry, path, q, sigma)
+    wheels = wheel_configuration(robot.geometry, q, sigma)
+    poses = wheel_pose_matrix(robot.geometry, q)
+    return Kinematics(
+        robot=robot,
+        jacobian=ca.Function("J", [q, sigma], [ca.densify(jacobian)]),
+        wheel_matrix=ca.Function("V", [q, sigma], [ca.densify(wheels)]),
+        wheel_poses=ca.Function("wheel_poses", [q], [poses]),
+    )
+
+
+@lru_cache(maxsize=32)
+def wheel_travel(robot: Robot) -> ca.Function:
+    """(q, s, sigma) -> V(q, sigma) s: angle each wheel rolls over an interval [rad], shape (4,)."""
+    q, s, sigma = ca.SX.sym("q", 5), ca.SX.sym("s", 5), ca.SX.sym("sigma", 2)
+    matrix = kinematics(robot).wheel_matrix(q, sigma)
+    return ca.Function("wheel_travel", [q, s, sigma], [matrix @ s])
+
+
+def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:
+    """J(q, sigma), 5x5, columns (v1, v2, u0, v0, r0); sigma may be a symbol.
+
+    Paper section III-D with errata 3 (sign of the phi row) and 9 (autonomous form).
+    """
+    only_1, only_2 = sigma[0] * (1 - sigma[1]), (1 - sigma[0]) * sigma[1]
+    both = sigma[0] * sigma[1]
+    rigid = (1 - sigma[0]) * (1 - sigma[1])
+    alpha = q[3:5] * geometry.segment_length_m
+    both_1, both_2 = path.both(alpha[0], alpha[1]), path.both(alpha[1], alpha[0])
+
+    # Bending rate of each segment per speed of each LU: held_j is what turns b0.
+    adjacent = (path.adjacent(alpha[0]), path.adjacent(alpha[1]))
+    turn_by_1 = only_2 * path.opposite(alpha[1], alpha[0]) + both * both_1[1]
+    turn_by_2 = only_1 * path.opposite(alpha[0], alpha[1]) + both * both_2[1]
+    bend = ca.blockcat(
+        [
+            [only_1 * adjacent[0] + both * both_1[0], turn_by_2],
+            [turn_by_1, only_2 * adjacent[1] + both * both_2[0]],
+        ]
+    )
+    rotation = ca.blockcat([[ca.cos(q[2]), -ca.sin(q[2])], [ca.sin(q[2]), ca.cos(q[2])]])
+    x1, y1 = path.displacement(alpha[0])
+    x2, y2 = path.displacement(alpha[1])
+    half_link = geometry.middle_link_m / 2
+    shift = ca.horzcat(
+        rotation @ ca.vertcat(-x2, half_link + y2) * turn_by_1,
+        rotation @ ca.vertcat(x1, half_link + y1) * turn_by_2,
+    )
+    soft = ca.vertcat(shift, ca.horzcat(-turn_by_1, turn_by_2), bend / geometry.segment_length_m)
+    drive = ca.vertcat(ca.diagcat(rotation, 1), ca.SX.zeros(2, 3)) * rigid
+    return ca.horzcat(soft, drive)
+
+
+def fibre_end_pose(geometry: Geometry, q: ca.SX, segment: int) -> ca.SX:
+    """Pose (x, y, angle) of fibre end b1 (segment 0) or b2 (segment 1) in b0, eq. transform-matrix."""
+    length, side = geometry.segment_length_m, (-1, 1)[segment]
+    alpha = q[3 + segment] * length
+    reach = geometry.middle_link_m / 2 + length * sinc(alpha)
+    return ca.vertcat(side * reach, length * versine_ratio(alpha), side * alpha)
+
+
+def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
+    """Poses of the four wheels in b0, 3x4: rows x, y [m], psi [rad] (eqs. q_bC, psi)."""
+    h1 = geometry.side_wheel_m
+    h2, h3 = geometry.front_wheel_m
+    in_end_frame = ((-h1, 0.0), (-h2, h3), (h1, 0.0), (h2, -h3))
+    columns = []
+    for wheel, (x, y) in enumerate(in_end_frame):
+        end = fibre_end_pose(geometry, q, wheel // 2)
+        c, s = ca.cos(end[2]), ca.sin(end[2])
+        columns.append(
+            ca.vertcat(
+                end[0] + c * x - s * y, end[1] + s * x + c * y, end[2] + WHEEL_ANGLE_RAD[wheel]
+            )
+        )
+    return ca.horzcat(*columns)
+
+
+def wheel_configuration(geometry: Geometry, q: ca.SX, sigma: ca.SX) -> ca.SX:
+    """V(q, sigma), 4x5, eq. config_matrix, with psi in the body frame (erratum 12)."""
+    rigid = (1 - sigma[0]) * (1 - sigma[1])
+    poses = wheel_pose_matrix(geometry, q)
+    rows = []
+    for wheel, (from_v1, from_v2) in enumerate(((1, 0), (0, 0), (0, -1), (0, 0))):
+        x, y, psi = poses[0, wheel], poses[1, wheel], poses[2, wheel]
+        c, s = ca.cos(psi), ca.sin(psi)
+        soft = (1 - rigid) * ca.horzcat(from_v1, from_v2)
+        rows.append(ca.horzcat(soft, rigid * ca.horzcat(c, s, x * s - y * c)))
+    return ca.vertcat(*rows) / geometry.wheel_radius_m

@@ -1,0 +1,149 @@
+r"""Path models: how the bend of the fibre follows from the travel of a locomotion unit (LU).
+
+With alpha = kappa l the bending angle of a segment and s the travel of the moving LU [m], a path
+model gives four things, and knows no other model:
+
+``displacement``  how b0 moves while a segment bends and its far end is held [m/rad], along and
+                  across b0's x axis. The paper's spiral I (its rho term), or l A and l B exactly.
+``adjacent``      d alpha / d s when the LU next to the only soft segment moves (case I) [rad/m].
+``opposite``      d alpha / d s when the other LU moves (case II) [rad/m].
+``both``          d alpha / d s of both segments when one LU moves and both are soft (case III).
+``shared_rate``   g(alpha) such that, whoever moves, d alpha_1 / g(alpha_1) = d alpha_2 / g(alpha_2)
+                  in case III: the integral of 1 / g, taken for both segments, has a conserved
+                  difference.
+
+In every model d phi / d s = -+ d alpha / d s: b0 turns with the segment whose end is held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
+
+from twosra_mpc.model.series import (
+    sagitta_ratio,
+    sinc,
+    versine_ratio,
+    versine_ratio_squared,
+)
+from twosra_mpc.robot import ArcPath, LogSpiralPath, Robot
+
+
+class PathModel(Protocol):
+    """What the kinematics needs to know of a path; ``own`` is the segment next to the moving LU."""
+
+    def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Displacement of b0 along and across its x axis per bending angle [m/rad]."""
+
+    def adjacent(self, soft: ca.SX) -> ca.SX:
+        """Case I: d alpha / d s of the soft segment, the LU next to it moving [rad/m]."""
+
+    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
+        """Case II: d alpha / d s of the soft segment, the LU on the rigid ``own`` moving."""
+
+    def both(self, own: ca.SX, other: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Case III: d alpha / d s of the ``own`` and the ``other`` segment, both soft [rad/m]."""
+
+    def shared_rate(self, alpha: ca.SX) -> ca.SX:
+        """g(alpha): the factor by which case III splits the bend between the segments."""
+
+
+@dataclass(frozen=True)
+class LogSpiral:
+    """The paper's spirals in autonomous form: q_0 of its Algorithm 1 is the current q.
+
+    rho_k = a_k exp(-b_k (abs(alpha) / m_k + pi)), d alpha / d s = m_k / rho_k (eq. kappa). The
+    absolute value is rounded to sqrt(alpha^2 + eps^2) - eps, so that it is smooth at alpha = 0. The
+    derivative of rho is left out of the displacement, as published.
+    """
+
+    length_m: float
+    path: LogSpiralPath
+
+    def _radius(self, k: int, alpha: ca.SX) -> ca.SX:
+        eps = self.path.smoothing_rad
+        size = ca.sqrt(alpha**2 + eps**2) - eps
+        a, b, m = self.path.scale[k], self.path.growth[k], self.path.angle_ratio[k]
+        return a * self.length_m * ca.exp(-b * (size / m + ca.pi))
+
+    def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
+        return self.path.angle_ratio[k] / self._radius(k, alpha)
+
+    def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
+        m = self.path.angle_ratio[0]
+        arm = self._radius(0, alpha) / m
+        turn = alpha - alpha / m
+        return arm * ca.sin(turn), arm * ca.cos(turn)
+
+    def adjacent(self, soft: ca.SX) -> ca.SX:
+        return self._rate(0, soft)
+
+    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
+        return self._rate(1, soft)
+
+    def both(self, own: ca.SX, other: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return self._rate(2, own), self._rate(2, other)
+
+    def shared_rate(self, alpha: ca.SX) -> ca.SX:
+        return self._rate(2, alpha)
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Exact constant-curvature arcs; both segments bend equally when both are soft.
+
+    v_j is the speed of the fibre end along its path (``reach_m`` None), or what a side wheel
+    ``reach_m`` beyond the fibre end rolls. (t, n) are the components of that point's displacement
+    per bending angle along and across its own end frame.
+    """
+
+    length_m: float
+    link_m: float
+    reach_m: float | None
+
+    def _rate(self, t: ca.SX, n: ca.SX, lever: float) -> ca.SX:
+        if self.reach_m is None:
+            return 1 / ca.sqrt(t**2 + n**2)
+        return 1 / (n + lever * self.reach_m)
+
+    def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return self.length_m * sagitta_ratio(alpha), self.length_m * versine_ratio_squared(alpha)
+
+    def adjacent(self, soft: ca.SX) -> ca.SX:
+        t, n = self.displacement(soft)
+        return self._rate(t, n, 1.0)
+
+    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
+        along, across = self._far_end(soft, own)
+        return self._rate(along, across, 1.0)
+
+    def both(self, own: ca.SX, other: ca.SX) -> tuple[ca.SX, ca.SX]:
+        along, across = self._far_end(other, own)
+        own_along, own_across = self.displacement(own)
+        rate = self._rate(along + own_along, across + own_across, 2.0)
+        return rate, rate
+
+    def shared_rate(self, alpha: ca.SX) -> ca.SX:
+        return ca.SX(1)
+
+    def _far_end(self, soft: ca.SX, own: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Displacement of the end beyond ``own`` per bend of ``soft``, in that end's frame."""
+        l, l0 = self.length_m, self.link_m  # noqa: E741  (the paper's symbols)
+        c, s = ca.cos(own), ca.sin(own)
+        a, b = sagitta_ratio(soft), versine_ratio_squared(soft)
+        along = l * (versine_ratio(own) + c * a + s * b) + l0 * s
+        across = l * (sinc(own) + c * b - s * a) + l0 * c
+        return along, across
+
+
+def path_model(robot: Robot) -> PathModel:
+    """Build the path model that the robot description names."""
+    length = robot.geometry.segment_length_m
+    match robot.path:
+        case LogSpiralPath() as spiral:
+            return LogSpiral(length, spiral)
+        case ArcPath() as arc:
+            reach = robot.geometry.side_wheel_m if arc.speed_reference == "side_wheel" else None
+            return Arc(length, robot.geometry.middle_link_m, reach)

@@ -1,0 +1,153 @@
+"""Solve one mode sequence: guess, multiple shooting if the guess is not good enough, landing."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.motion import Motion, interval_durations, roll_out
+from twosra_mpc.nlp.landing import available_inputs, land
+from twosra_mpc.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
+from twosra_mpc.problem import Problem
+from twosra_mpc.search.bounds import cost_coefficients, schedule
+from twosra_mpc.timing import TemporalNetwork
+
+Array = NDArray[np.float64]
+
+INTERVALS = 10
+_STEPS = 2
+_MAX_ITERATIONS = 300
+_REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
+
+
+class SolveStatus(enum.Enum):
+    """What the backend said of a nonlinear program, as advice."""
+
+    SOLVED = "a local optimum"
+    ACCEPTABLE = "a point that meets looser tolerances; verify before use"
+    LIMIT = "stopped by its iteration or time limit; raise the limit or give a better guess"
+    LOCALLY_INFEASIBLE = "no feasible point near the guess; try another guess or sequence"
+    FAILED = "the solver gave up for numerical reasons; try another guess"
+
+
+IPOPT_STATUS = {
+    "Solve_Succeeded": SolveStatus.SOLVED,
+    "Solved_To_Acceptable_Level": SolveStatus.ACCEPTABLE,
+    "Feasible_Point_Found": SolveStatus.ACCEPTABLE,
+    "Search_Direction_Becomes_Too_Small": SolveStatus.ACCEPTABLE,
+    "Maximum_Iterations_Exceeded": SolveStatus.LIMIT,
+    "Maximum_CpuTime_Exceeded": SolveStatus.LIMIT,
+    "Maximum_WallTime_Exceeded": SolveStatus.LIMIT,
+    "Infeasible_Problem_Detected": SolveStatus.LOCALLY_INFEASIBLE,
+}
+
+
+def solve_status(raw: str) -> SolveStatus:
+    """Translate IPOPT's return status."""
+    return IPOPT_STATUS.get(raw, SolveStatus.FAILED)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A motion of a sequence with its schedule: a feasible plan, hence an upper bound.
+
+    Attributes:
+        motion: The landed motion.
+        durations: Least time of each interval, (phases, intervals) [s].
+        times: Event times of the temporal network [s].
+        cost: Cost in s.
+        iterations: Iterations of the nonlinear program spent on it.
+    """
+
+    motion: Motion
+    durations: Array
+    times: Array
+    cost: float
+    iterations: int
+
+
+def timed(
+    motion: Motion, network: TemporalNetwork, problem: Problem, iterations: int
+) -> Candidate | None:
+    """Land a motion, run it as fast as the limits allow and schedule its transitions.
+
+    Returns None if it cannot be landed or leaves the curvature range.
+    """
+    landed = land(motion, problem.goal)
+    if landed is None:
+        return None
+    limit = problem.robot.limits.curvature_per_m
+    if np.abs(landed.states[:, :, 3:]).max() > limit * (1 + 1e-9):
+        return None
+    durations = interval_durations(landed)
+    times = schedule(network, durations.sum(axis=1), problem.weights)
+    coefficients, constant = cost_coefficients(network, problem.weights)
+    return Candidate(landed, durations, times, float(coefficients @ times) + constant, iterations)
+
+
+def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
+    """Solve the multiple-shooting program of the sequence from ``guess`` and land the result."""
+    robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
+    program, solver = ipopt(robot, phases, intervals, _STEPS, _MAX_ITERATIONS)
+    durations = interval_durations(guess).max(axis=1) * intervals
+    times = schedule(network, durations, problem.weights)
+    cost, _ = cost_coefficients(network, problem.weights)
+    lower, upper = _decision_bounds(program, network, problem, guess)
+    g_lower, g_upper = _constraint_bounds(program, network)
+    solution = solver(
+        x0=program.pack(guess.states, guess.inputs, times),
+        p=program.parameters(np.array(network.sequence, dtype=float), cost, _REGULARISATION),
+        lbx=lower,
+        ubx=upper,
+        lbg=g_lower,
+        ubg=g_upper,
+    )
+    stats = solver.stats()
+    status = solve_status(stats["return_status"])
+    if status not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
+        return None
+    _, inputs, _ = program.unpack(ca.DM(solution["x"]).full().ravel())
+    motion = roll_out(robot, guess.states[0, 0], guess.sequence, inputs)
+    return timed(motion, network, problem, int(stats["iter_count"]))
+
+
+def _decision_bounds(
+    program: Transcription, network: TemporalNetwork, problem: Problem, guess: Motion
+) -> tuple[Array, Array]:
+    """Bounds on the decision vector: start, goal box, curvature range, inputs of each mode."""
+    n, m = program.phases, program.intervals
+    states = np.full((n, m + 1, 5), np.inf)
+    states[:, :, 3:] = problem.robot.limits.curvature_per_m
+    low, high = -states, states.copy()
+    low[0, 0] = high[0, 0] = problem.start.configuration
+    goal, box = problem.goal.configuration.copy(), problem.goal.half_width
+    if problem.goal.phi_modulo:
+        goal[2] += np.round((guess.end[2] - goal[2]) / (2 * np.pi)) * 2 * np.pi
+    asked = ~np.isnan(goal)
+    low[-1, -1, asked] = np.maximum(low[-1, -1, asked], (goal - box)[asked])
+    high[-1, -1, asked] = np.minimum(high[-1, -1, asked], (goal + box)[asked])
+    inputs = np.zeros((n, m, 5))
+    inputs[available_inputs(network.sequence, m).reshape(n, m, 5) > 0] = np.inf
+    used = np.zeros(program.layout.count)
+    for u, v in network.least:
+        used[[u, v]] = np.inf
+    used[program.layout.origin] = 0.0
+    return program.pack(low, -inputs, np.zeros_like(used)), program.pack(high, inputs, used)
+
+
+def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tuple[Array, Array]:
+    """Bounds on the constraints: defects and linkages zero, limits one-sided, network active."""
+    size = program.nlp["g"].numel()
+    lower, upper = np.full(size, -np.inf), np.zeros(size)
+    for name in ("defects", "linkage"):
+        lower[program.rows[name]] = 0.0
+    rows = program.rows["network"]
+    upper[rows] = np.inf
+    lower[rows] = [
+        network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()
+    ]
+    return lower, upper

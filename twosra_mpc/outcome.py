@@ -1,0 +1,107 @@
+"""From a candidate to a verified plan: samples, transitions, cost and verification in one value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twosra_mpc.nlp.fixed_sequence import Candidate
+from twosra_mpc.plan import Cost, Phase, Plan, Samples, Stats, Status, Verification
+from twosra_mpc.problem import Problem
+from twosra_mpc.setpoints import SAME_TIME_S, sample
+from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
+from twosra_mpc.verification import verify
+
+
+@dataclass(frozen=True, eq=False)
+class Verified:
+    """A sampled candidate and the outcome of its verification."""
+
+    phases: tuple[Phase, ...]
+    transitions: tuple[Transition, ...]
+    samples: Samples
+    cost: Cost
+    verification: Verification
+
+
+def verified(problem: Problem, candidate: Candidate, network: TemporalNetwork) -> Verified:
+    """Sample a candidate, derive its transitions and set-points, and verify the result."""
+    layout, times = network.layout, [float(t) for t in candidate.times]
+    sequence, durations = network.sequence, candidate.durations
+    model = transition_model(problem)
+    transitions = tuple(model.transitions(sequence, problem.goal.mode, times))
+    starts = [times[layout.start(i)] for i in range(layout.phases)]
+    phases = tuple(
+        Phase(mode, start, start + float(length))
+        for mode, start, length in zip(sequence, starts, durations.sum(axis=1), strict=True)
+        if length > SAME_TIME_S
+    )
+    finish = times[layout.finish]
+    samples = sample(problem, candidate.motion, durations, starts, finish, transitions)
+    return Verified(
+        phases=phases,
+        transitions=transitions,
+        samples=samples,
+        cost=_cost(problem, samples, len(transitions)),
+        verification=verify(problem, samples, phases, transitions),
+    )
+
+
+def _cost(problem: Problem, samples: Samples, transitions: int) -> Cost:
+    """Cost of what will be executed, from the samples themselves."""
+    seconds = float(samples.t_s[-1])
+    squared = (samples.heater_current_A[:-1] ** 2).sum(axis=1)
+    energy = float(problem.robot.heater.resistance_ohm * (squared @ np.diff(samples.t_s)))
+    weights = problem.weights
+    total = seconds + weights.energy_s_per_J * energy + weights.transition_s * transitions
+    return Cost(total, seconds, energy, transitions)
+
+
+def finished(
+    problem: Problem,
+    planner: str,
+    outcome: Verified,
+    status: Status,
+    message: str,
+    lower_bound: float | None,
+    stats: Stats,
+) -> Plan:
+    """Wrap a verified candidate as a plan."""
+    return Plan(
+        problem=problem,
+        planner=planner,
+        status=status,
+        message=message,
+        cost=outcome.cost,
+        lower_bound=lower_bound,
+        phases=outcome.phases,
+        transitions=outcome.transitions,
+        samples=outcome.samples,
+        verification=outcome.verification,
+        stats=stats,
+    )
+
+
+def no_plan(
+    problem: Problem,
+    planner: str,
+    status: Status,
+    message: str,
+    lower_bound: float | None,
+    stats: Stats,
+) -> Plan:
+    """Say that there is no plan, and why."""
+    return Plan(
+        problem=problem,
+        planner=planner,
+        status=status,
+        message=message,
+        cost=None,
+        lower_bound=lower_bound,
+        phases=(),
+        transitions=(),
+        samples=None,
+        verification=None,
+        stats=stats,
+    )

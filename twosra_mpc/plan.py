@@ -1,0 +1,262 @@
+"""The plan: what the planner returns, and the file other programs read."""
+
+from __future__ import annotations
+
+import enum
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.errors import InputError, NoPlanError
+from twosra_mpc.files import read_document, write_text
+from twosra_mpc.modes import Mode
+from twosra_mpc.problem import Problem
+from twosra_mpc.robot import Robot
+from twosra_mpc.timing import Transition
+from twosra_mpc.version import __version__
+
+Array = NDArray[np.float64]
+
+FORMAT, FORMAT_VERSION = "twosra-plan", 1
+
+
+class Status(enum.StrEnum):
+    """What is known about a plan."""
+
+    OPTIMAL = "optimal"  # verified, proved within the asked gap of the best possible
+    FEASIBLE = "feasible"  # verified; the gap is larger than asked, or not known
+    INFEASIBLE = "infeasible"  # proved that there is no plan
+    FAILED = "failed"  # no verified plan found, nothing proved
+
+
+class Phase(NamedTuple):
+    """One motion phase; holds are the gaps between phases. Times in s."""
+
+    mode: Mode
+    start_s: float
+    end_s: float
+
+
+class Cost(NamedTuple):
+    """Cost of a plan in s, and what it is made of."""
+
+    total: float
+    time_s: float
+    energy_J: float
+    transitions: int
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The plan on its own grid; inputs hold from a sample to the next. Arrays are read-only.
+
+    Attributes:
+        t_s: Time [s], (n,).
+        q: Configuration [m, m, rad, 1/m, 1/m], (n, 5).
+        v: Input [v1, v2, u0, v0, r0] [m/s, m/s, m/s, m/s, rad/s], (n, 5).
+        mode: 1 where a segment is liquid, (n, 2).
+        wheel_rad_s: Wheel speeds, (n, 4).
+        temperature_C: Expected temperature of the segments, (n, 2).
+        heater_setpoint_C: Temperature set-points, (n, 2).
+        heater_current_A: Feed-forward heater currents, (n, 2).
+    """
+
+    t_s: Array
+    q: Array
+    v: Array
+    mode: NDArray[np.int64]
+    wheel_rad_s: Array
+    temperature_C: Array
+    heater_setpoint_C: Array
+    heater_current_A: Array
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            getattr(self, item.name).setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What independent re-integration and checking of a plan found.
+
+    Attributes:
+        max_defect: Largest difference between the samples and their re-integration [m, rad, 1/m].
+        goal_error: Distance to the goal box of each coordinate after re-integration.
+        limits: Name of each limit -> margin left (negative: violated), unit in the name.
+        ok: Whether everything holds.
+        problems: What does not hold, in words.
+    """
+
+    max_defect: float
+    goal_error: tuple[float, ...]
+    limits: Mapping[str, float]
+    ok: bool
+    problems: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Stats:
+    """Effort spent on a plan."""
+
+    wall_s: float
+    sequences_bounded: int
+    sequences_solved: int
+    nlp_iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A plan with its status, its proof and its set-points.
+
+    Attributes:
+        problem: The problem planned for (robot included).
+        planner: "optimal" or "greedy".
+        status: What is known about it.
+        message: One sentence a person can act on.
+        cost: None if there is no plan.
+        lower_bound: Proved lower bound on the cost of any plan [s]; None if there is none.
+        phases: Motion phases in order.
+        transitions: Melts and freezes by heater time.
+        samples: The plan on its grid; None if there is no plan.
+        verification: Outcome of the independent check; None if there is no plan.
+        stats: Effort spent.
+    """
+
+    problem: Problem
+    planner: str
+    status: Status
+    message: str
+    cost: Cost | None
+    lower_bound: float | None
+    phases: tuple[Phase, ...]
+    transitions: tuple[Transition, ...]
+    samples: Samples | None
+    verification: Verification | None
+    stats: Stats
+
+    @property
+    def robot(self) -> Robot:
+        """The robot planned for."""
+        return self.problem.robot
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a verified plan."""
+        return self.status in (Status.OPTIMAL, Status.FEASIBLE)
+
+    @property
+    def duration_s(self) -> float | None:
+        """Time from start to the end of the last phase or transition."""
+        return self.cost.time_s if self.cost else None
+
+    @property
+    def gap(self) -> float | None:
+        """Proved relative gap (cost - lower bound) / cost; None where either is missing."""
+        if self.cost is None or self.lower_bound is None:
+            return None
+        if self.cost.total == 0.0:
+            return 0.0
+        return max(0.0, (self.cost.total - self.lower_bound) / self.cost.total)
+
+    def require(self) -> Plan:
+        """Return this plan if it is verified.
+
+        Raises:
+            NoPlanError: If it is not; carries status and message.
+        """
+        if not self.found:
+            raise NoPlanError(self.status, self.message)
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as plain data, in the published file format."""
+        return {
+            "format": FORMAT,
+            "version": FORMAT_VERSION,
+            "package": __version__,
+            "robot": self.robot.model_dump(mode="json"),
+            "scenario": self.problem.scenario(),
+            "planner": self.planner,
+            "status": str(self.status),
+            "message": self.message,
+            "duration_s": self.duration_s,
+            "lower_bound_s": self.lower_bound,
+            "gap": self.gap,
+            "cost": self.cost._asdict() if self.cost else None,
+            "phases": [phase._asdict() for phase in self.phases],
+            "transitions": [transition._asdict() for transition in self.transitions],
+            "samples": _samples_dict(self.samples),
+            "verification": _verification_dict(self.verification),
+            "stats": vars(self.stats).copy(),
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the plan as JSON, atomically.
+
+        Raises:
+            InputError: If the folder does not exist or cannot be written.
+        """
+        write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")
+
+
+def load_plan(path: str | Path) -> Plan:
+    """Read a plan file back.
+
+    Raises:
+        InputError: If the file is not a plan of a known version, or does not fit together.
+    """
+    source = Path(path)
+    data = read_document(source.with_suffix(".json") if source.suffix == "" else source, str(path))
+    if data.get("format") != FORMAT or data.get("version") != FORMAT_VERSION:
+        found = (data.get("format"), data.get("version"))
+        raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", str(path))
+    try:
+        return _plan(data)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError("plan", str(error), "every key of the plan format", str(path)) from error
+
+
+def _plan(data: dict[str, Any]) -> Plan:
+    robot = Robot.parse(data["robot"], "plan.robot")
+    samples, checked = data["samples"], data["verification"]
+    return Plan(
+        problem=Problem.parse({**data["scenario"], "robot": robot}, "plan.scenario"),
+        planner=data["planner"],
+        status=Status(data["status"]),
+        message=data["message"],
+        cost=Cost(**data["cost"]) if data["cost"] else None,
+        lower_bound=data["lower_bound_s"],
+        phases=tuple(Phase(tuple(p["mode"]), p["start_s"], p["end_s"]) for p in data["phases"]),
+        transitions=tuple(Transition(**item) for item in data["transitions"]),
+        samples=Samples(**{k: np.array(v) for k, v in samples.items()}) if samples else None,
+        verification=Verification(
+            **{
+                **checked,
+                "goal_error": tuple(checked["goal_error"]),
+                "problems": tuple(checked["problems"]),
+            }
+        )
+        if checked
+        else None,
+        stats=Stats(**data["stats"]),
+    )
+
+
+def _samples_dict(samples: Samples | None) -> dict[str, Any] | None:
+    if samples is None:
+        return None
+    return {item.name: getattr(samples, item.name).tolist() for item in fields(samples)}
+
+
+def _verification_dict(verification: Verification | None) -> dict[str, Any] | None:
+    if verification is None:
+        return None
+    return {**vars(verification), "limits": dict(verification.limits)}

@@ -1,0 +1,204 @@
+"""``plan(problem)``: join the search over mode sequences with the fixed-sequence solver."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.greedy.planner import plan_greedily
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, mode_name, sequence_name
+from twosra_mpc.motion import interval_durations
+from twosra_mpc.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
+from twosra_mpc.nlp.guess import guess_motion
+from twosra_mpc.outcome import Verified, finished, no_plan, verified
+from twosra_mpc.plan import Plan, Stats, Status
+from twosra_mpc.problem import Problem
+from twosra_mpc.search.bounds import BendingTask, SequenceBound
+from twosra_mpc.search.branch_and_bound import Ending, SearchResult, branch_and_bound
+from twosra_mpc.search.mode_tree import ModeTree
+from twosra_mpc.search.rigid_motion import least_time
+from twosra_mpc.timing import TemporalNetwork, transition_model
+
+Array = NDArray[np.float64]
+
+
+class Progress(NamedTuple):
+    """State of a running search: incumbent cost (inf: none yet) and lower bound, both in s."""
+
+    cost: float
+    lower_bound: float
+
+
+def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Plan:
+    """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
+
+    Never raises for a problem that has no plan: ``Plan.status`` and ``Plan.message`` say so, and
+    ``Plan.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the best plan
+    so far with its true gap.
+
+    Args:
+        problem: The validated problem; ``problem.planner`` chooses the planner.
+        on_progress: Called as the search proceeds.
+    """
+    if problem.planner == "greedy":
+        return plan_greedily(problem)
+    started = time.perf_counter()
+    solver = _SequenceSolver(problem)
+    tree = ModeTree(
+        first=problem.start_mode,
+        last=problem.goal.mode,
+        modes=problem.modes,
+        max_phases=problem.max_phases,
+        timing=transition_model(problem),
+        task=bending_task(problem),
+        weights=problem.weights,
+        rigid_time=lambda: rigid_time(problem),
+        solver=solver,
+    )
+    result = branch_and_bound(
+        tree,
+        gap=problem.gap,
+        out_of_time=lambda: time.perf_counter() - started > problem.time_limit_s,
+        on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
+    )
+    stats = Stats(
+        wall_s=time.perf_counter() - started,
+        sequences_bounded=result.bounded,
+        sequences_solved=result.solved,
+        nlp_iterations=solver.iterations,
+    )
+    return _conclude(problem, result, tree, stats)
+
+
+class _SequenceSolver:
+    """Finds a verified plan of one mode sequence: the guess if it is good enough, else the NLP."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.iterations = 0
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, target: float
+    ) -> tuple[float, Verified] | None:
+        problem = self.problem
+        guess = guess_motion(
+            problem.robot,
+            problem.start.configuration,
+            problem.goal,
+            network.sequence,
+            bound.bends,
+            bending(problem.robot).coordinate,
+            INTERVALS,
+        )
+        best = self._checked(timed(guess, network, problem, iterations=0), network)
+        if best is None or best[0] > target:
+            candidate = improve(guess, network, problem)
+            self.iterations += candidate.iterations if candidate else 0
+            better = self._checked(candidate, network)
+            if best is None or (better is not None and better[0] < best[0]):
+                best = better
+        return best
+
+    def _checked(
+        self, candidate: Candidate | None, network: TemporalNetwork
+    ) -> tuple[float, Verified] | None:
+        if candidate is None:
+            return None
+        checked = verified(self.problem, candidate, network)
+        return (checked.cost.total, checked) if checked.verification.ok else None
+
+
+def bending_task(problem: Problem) -> BendingTask:
+    """What the plan must do to the bending coordinates, from start, goal and path model."""
+    facts = bending(problem.robot)
+    start, goal = problem.start.configuration[3:], problem.goal.configuration[3:]
+    limit = problem.robot.limits.curvature_per_m
+    change, words = [], []
+    for j in (0, 1):
+        if math.isnan(goal[j]):
+            low, high = -limit, limit
+            words.append(f"kappa{j + 1} free")
+        else:
+            box = problem.goal.half_width[3 + j]
+            low, high = max(goal[j] - box, -limit), min(goal[j] + box, limit)
+            words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g} 1/m")
+        here = facts.coordinate(float(start[j]))
+        change.append((facts.coordinate(float(low)) - here, facts.coordinate(float(high)) - here))
+    rate = {
+        SOFT_1: facts.fastest_single,
+        SOFT_2: facts.fastest_single,
+        SOFT_BOTH: facts.fastest_both,
+    }
+    return BendingTask((change[0], change[1]), rate, ", ".join(words))
+
+
+def rigid_time(problem: Problem) -> float:
+    """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
+    start, goal = problem.start.configuration, problem.goal.configuration
+    guess = guess_motion(
+        problem.robot, start, problem.goal, (RIGID,), np.zeros(1), lambda kappa: kappa, 1
+    )
+    matrix = kinematics(problem.robot).wheel_matrix(start, RIGID).full()[:, 2:]
+    c, s = math.cos(start[2]), math.sin(start[2])
+    shift, box = goal[:2] - start[:2], problem.goal.half_width
+    if np.isfinite(shift).all() and not box[:2].any():
+        shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
+    else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
+        matrix = matrix @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    turn = goal[2] - start[2]
+    turns = (-math.inf, math.inf) if math.isnan(turn) else (turn - box[2], turn + box[2])
+    return least_time(
+        wheel_matrix=matrix,
+        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        shift=shift,
+        shift_box=box[:2],
+        turns=turns,
+        modulo=problem.goal.phi_modulo,
+        known_s=float(interval_durations(guess).sum()),
+    )
+
+
+def _conclude(
+    problem: Problem,
+    result: SearchResult[Verified],
+    tree: ModeTree[Verified],
+    stats: Stats,
+) -> Plan:
+    """Turn the outcome of the search into a plan with a true status and a useful message."""
+    if result.solution is not None:
+        lower = result.lower_bound
+        gap = (result.cost - lower) / result.cost if result.cost else 0.0
+        optimal = gap <= problem.gap
+        status = Status.OPTIMAL if optimal else Status.FEASIBLE
+        sequence = sequence_name([phase.mode for phase in result.solution.phases])
+        message = f"{sequence}: {result.cost:.1f} s, proved within {100 * gap:.2g} % of the best"
+        if not optimal:
+            message += f"; {result.ending.value}: {_advice(result.ending)}"
+        return finished(problem, "optimal", result.solution, status, message, lower, stats)
+    if math.isinf(result.lower_bound) and result.ending is Ending.EXHAUSTED:
+        reason = next(iter(tree.unreachable.values()), "no mode sequence is allowed")
+        modes = ", ".join(mode_name(mode) for mode in problem.modes)
+        message = f"proved infeasible: {reason}; allowed modes are {modes}"
+        return no_plan(problem, "optimal", Status.INFEASIBLE, message, None, stats)
+    lower = result.lower_bound if math.isfinite(result.lower_bound) else None
+    message = f"no plan found ({result.ending.value}): {_advice(result.ending)}"
+    return no_plan(problem, "optimal", Status.FAILED, message, lower, stats)
+
+
+def _advice(ending: Ending) -> str:
+    match ending:
+        case Ending.LIMIT:
+            return "raise time_limit_s or gap"
+        case Ending.INTERRUPTED:
+            return "run again to continue the search"
+        case _:
+            return "raise max_phases, allow more modes, or widen the goal's tolerance"
+
+

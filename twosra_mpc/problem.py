@@ -1,0 +1,211 @@
+"""The planning problem: a complete, validated, frozen value.
+
+Keys are those of the scenario file; a coordinate left out of the goal is free.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.modes import MODES, RIGID, Mode
+from twosra_mpc.robot import OverlappedTiming, Robot, SequentialTiming, load_robot
+from twosra_mpc.validation import ModeField, NonNegative, Number, Pair, Positive, Value, plain
+
+Array = NDArray[np.float64]
+
+COORDINATES = ("x_m", "y_m", "phi_rad", "kappa_per_m.0", "kappa_per_m.1")
+COORDINATE_UNITS = ("m", "m", "rad", "1/m", "1/m")
+
+
+def _free_to_none(value: object) -> object:
+    """Read the word "free" in a pair of curvatures as a free coordinate."""
+    value = plain(value)
+    if isinstance(value, tuple):
+        return tuple(None if item == "free" else item for item in value)
+    return value
+
+
+FreePair = Annotated[tuple[float | None, float | None], BeforeValidator(_free_to_none)]
+
+
+class Start(Value):
+    """Where the robot is, what shape it has and how warm its segments are."""
+
+    x_m: Number
+    y_m: Number
+    phi_rad: Number
+    kappa_per_m: Pair
+    temperature_C: Pair | None = None
+
+    @cached_property
+    def configuration(self) -> Array:
+        """q = [x, y, phi, kappa1, kappa2], shape (5,), read-only."""
+        return _read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
+
+
+class Tolerance(Value):
+    """Half-widths of the goal box; zero means the coordinate is met exactly."""
+
+    x_m: NonNegative = 0.0
+    y_m: NonNegative = 0.0
+    phi_rad: NonNegative = 0.0
+    kappa_per_m: Annotated[tuple[float, float], BeforeValidator(plain)] = (0.0, 0.0)
+
+    @field_validator("kappa_per_m")
+    @classmethod
+    def _not_negative(cls, pair: tuple[float, float]) -> tuple[float, float]:
+        if min(pair) < 0:
+            raise ValueError("two numbers greater than or equal to 0")
+        return pair
+
+
+class Goal(Value):
+    """Where the robot should be; ``None`` (key left out) or "free" marks a free coordinate.
+
+    ``phi_modulo`` accepts headings that differ by full turns. ``mode`` is the stiffness of the two
+    segments at the end, rigid unless told otherwise.
+    """
+
+    x_m: Number | None = None
+    y_m: Number | None = None
+    phi_rad: Number | None = None
+    kappa_per_m: FreePair | None = None
+    tolerance: Tolerance = Tolerance()
+    phi_modulo: bool = True
+    mode: ModeField = RIGID
+
+    @model_validator(mode="after")
+    def _something_asked(self) -> Goal:
+        if np.isnan(self.configuration).all():
+            raise InputError("", {}, "at least one of x_m, y_m, phi_rad, kappa_per_m")
+        return self
+
+    @cached_property
+    def configuration(self) -> Array:
+        """Goal q, shape (5,), read-only; NaN marks a free coordinate."""
+        kappa = self.kappa_per_m or (None, None)
+        values = [self.x_m, self.y_m, self.phi_rad, *kappa]
+        return _read_only([math.nan if value is None else value for value in values])
+
+    @cached_property
+    def half_width(self) -> Array:
+        """Tolerance of each coordinate, shape (5,), read-only."""
+        box = self.tolerance
+        return _read_only([box.x_m, box.y_m, box.phi_rad, *box.kappa_per_m])
+
+    def error(self, q: Array) -> Array:
+        """Signed distance of ``q`` to the goal box, shape (5,); 0 inside and for free coordinates."""
+        difference = q - self.configuration
+        if self.phi_modulo:
+            difference[2] = math.remainder(difference[2], math.tau)
+        outside = np.sign(difference) * np.maximum(np.abs(difference) - self.half_width, 0.0)
+        return np.where(np.isnan(difference), 0.0, outside)
+
+
+class Weights(Value):
+    """Weights of the cost, which is in seconds: duration counts 1."""
+
+    energy_s_per_J: NonNegative = 0.0
+    transition_s: NonNegative = 0.0
+
+
+class Problem(Value):
+    """A complete planning problem (``planner`` chooses the optimal or the greedy planner)."""
+
+    robot: Robot
+    planner: Literal["optimal", "greedy"] = "optimal"
+    start: Start
+    goal: Goal
+    weights: Weights = Weights()
+    timing: str = "nominal"
+    modes: Annotated[
+        tuple[ModeField, ...], Field(min_length=1), BeforeValidator(plain)
+    ] = MODES
+    max_phases: Annotated[int, Field(ge=1, le=12)] = 6
+    gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
+    time_limit_s: Positive = 60.0
+
+    @field_validator("robot", mode="before")
+    @classmethod
+    def _load_robot(cls, value: object) -> object:
+        return load_robot(value) if isinstance(value, str | Path) else value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Problem:
+        robot, heater = self.robot, self.robot.heater
+        if self.timing not in robot.timing:
+            names = ", ".join(robot.timing)
+            raise InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
+        for j in (0, 1):
+            limit = robot.limits.curvature_per_m
+            for where, q in (("start", self.start.configuration), ("goal", self.goal.configuration)):
+                if abs(q[3 + j]) > limit:
+                    allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
+                    raise InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
+            low, high = heater.temperature_min_C, heater.temperature_max_C
+            if not low <= self.temperatures[j] <= high:
+                allowed = f"from {low:g} to {high:g} C (robot {robot.name})"
+                raise InputError(f"start.temperature_C.{j}", self.temperatures[j], allowed)
+            if self.temperatures[j] == heater.melting_point_C:
+                allowed = f"not exactly the melting point {heater.melting_point_C:g} C: solid or liquid?"
+                raise InputError(f"start.temperature_C.{j}", self.temperatures[j], allowed)
+        return self
+
+    @property
+    def temperatures(self) -> tuple[float, float]:
+        """Temperatures of the two segments at t = 0 [C]."""
+        ambient = self.robot.heater.ambient_C
+        return self.start.temperature_C or (ambient, ambient)
+
+    @property
+    def start_mode(self) -> Mode:
+        """Stiffness at t = 0: a segment above its melting point is soft."""
+        melting = self.robot.heater.melting_point_C
+        first, second = self.temperatures
+        return int(first > melting), int(second > melting)
+
+    @property
+    def transition_times(self) -> OverlappedTiming | SequentialTiming:
+        """The set of transition times that ``timing`` names."""
+        return self.robot.timing[self.timing]
+
+    def scenario(self) -> dict[str, Any]:
+        """The scenario as plain data with all defaults filled in (the robot by its name)."""
+        return {**self.model_dump(mode="json", exclude={"robot"}), "robot": self.robot.name}
+
+
+def load_problem(source: str | Path, **overrides: Any) -> Problem:
+    """Load a built-in scenario by name, or a scenario TOML/JSON file by path.
+
+    Keyword arguments replace top-level keys of the file. A relative path to a robot file is taken
+    from the scenario's folder.
+
+    Raises:
+        InputError: If there is no such scenario, or it is wrong; the message names the key.
+    """
+    path = locate(source, "scenarios", "scenario")
+    document = {**read_document(path, str(source)), **overrides}
+    robot = document.get("robot")
+    if isinstance(robot, str) and (path.parent / robot).is_file():
+        document["robot"] = path.parent / robot
+    return Problem.parse(document, str(source))
+
+
+def scenario_names() -> list[str]:
+    """Names of the built-in scenarios."""
+    return built_in_names("scenarios")
+
+
+def _read_only(values: list[float]) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array

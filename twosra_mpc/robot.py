@@ -1,0 +1,189 @@
+"""The robot as data: geometry, path model, limits, heater and transition times, all SI.
+
+A robot is described by a TOML file; ``2sra-v1`` is built in. Units are in the key names:
+m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.validation import Number, Positive, Triple, Value
+
+
+class Geometry(Value):
+    """Lengths of the fibre and the locomotion units, paper section II and eq. q_bC."""
+
+    segment_length_m: Positive
+    middle_link_m: Positive
+    end_link_m: Positive
+    unit_side_m: Positive
+    wheel_thickness_m: Positive
+    wheel_radius_m: Positive
+
+    @cached_property
+    def side_wheel_m(self) -> float:
+        """h1: distance from a fibre end to the side wheel, along the link."""
+        return self.end_link_m + self.unit_side_m + self.wheel_thickness_m / 2
+
+    @cached_property
+    def front_wheel_m(self) -> tuple[float, float]:
+        """(h2, h3): distance from a fibre end to the other wheel, along and across the link."""
+        return (
+            self.end_link_m + self.unit_side_m / 2,
+            (self.unit_side_m + self.wheel_thickness_m) / 2,
+        )
+
+
+class LogSpiralPath(Value):
+    """The paper's path model: locomotion units trace logarithmic spirals I, II, III (Table I)."""
+
+    model: Literal["log_spiral"]
+    scale: Triple
+    growth: Triple
+    angle_ratio: Triple
+    smoothing_rad: Positive
+
+
+class ArcPath(Value):
+    """Exact constant-curvature arcs; ``speed_reference`` says which point's speed v_j is."""
+
+    model: Literal["arc"]
+    speed_reference: Literal["fibre_end", "side_wheel"]
+
+
+class MotionLimits(Value):
+    """Largest wheel speed, locomotion unit speed and absolute curvature."""
+
+    wheel_speed_rad_s: Positive
+    unit_speed_m_s: Positive
+    curvature_per_m: Positive
+
+
+class Heater(Value):
+    """Temperatures, currents and coil of one segment's heater."""
+
+    melting_point_C: Number
+    soft_setpoint_C: Number
+    rigid_setpoint_C: Number
+    temperature_max_C: Number
+    temperature_min_C: Number
+    ambient_C: Number
+    current_max_A: Positive
+    melt_current_A: Positive
+    hold_current_A: Positive
+    resistance_ohm: Positive
+    cooling_time_constant_s: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Heater:
+        ordered = [
+            ("temperature_min_C", self.temperature_min_C),
+            ("ambient_C", self.ambient_C),
+            ("melting_point_C", self.melting_point_C),
+            ("soft_setpoint_C", self.soft_setpoint_C),
+            ("temperature_max_C", self.temperature_max_C),
+        ]
+        for (low_name, low), (name, value) in zip(ordered, ordered[1:], strict=False):
+            if not low < value:
+                raise InputError(name, value, f"more than {low_name} ({low:g} C)")
+        if not self.temperature_min_C <= self.rigid_setpoint_C < self.melting_point_C:
+            allowed = f"from {self.temperature_min_C:g} to below {self.melting_point_C:g} C"
+            raise InputError("rigid_setpoint_C", self.rigid_setpoint_C, allowed)
+        for name in ("melt_current_A", "hold_current_A"):
+            current = float(getattr(self, name))
+            if current > self.current_max_A:
+                raise InputError(name, current, f"at most current_max_A ({self.current_max_A:g} A)")
+        return self
+
+
+class OverlappedTiming(Value):
+    """Constant melt and freeze times; transitions may overlap each other and the motion.
+
+    Only the last ``*_changing_s`` of a transition are spent on the plateau, where nothing may move.
+    """
+
+    overlap: Literal["full"]
+    melt_s: Positive
+    melt_changing_s: Positive
+    freeze_s: Positive
+    freeze_changing_s: Positive
+
+    @model_validator(mode="after")
+    def _plateau_within(self) -> OverlappedTiming:
+        for kind in ("melt", "freeze"):
+            whole = float(getattr(self, f"{kind}_s"))
+            changing = float(getattr(self, f"{kind}_changing_s"))
+            if changing > whole:
+                name = f"{kind}_changing_s"
+                raise InputError(name, changing, f"at most {kind}_s ({whole:g} s)")
+        return self
+
+
+class SequentialTiming(Value):
+    """The authors' practice: the robot waits a fixed time through every change of mode."""
+
+    overlap: Literal["none"]
+    heat_s: Positive
+    freeze_s: Positive
+    reconfigure_s: Positive
+    reconfigure_cool_s: Positive
+
+    @model_validator(mode="after")
+    def _cooling_within(self) -> SequentialTiming:
+        if self.reconfigure_cool_s >= self.reconfigure_s:
+            allowed = f"less than reconfigure_s ({self.reconfigure_s:g} s)"
+            raise InputError("reconfigure_cool_s", self.reconfigure_cool_s, allowed)
+        return self
+
+
+Timing = Annotated[OverlappedTiming | SequentialTiming, Field(discriminator="overlap")]
+
+
+class Robot(Value):
+    """A complete robot description. ``timing`` maps a name to a set of transition times."""
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    geometry: Geometry
+    path: Annotated[LogSpiralPath | ArcPath, Field(discriminator="model")]
+    limits: MotionLimits
+    heater: Heater
+    timing: Annotated[dict[str, Timing], Field(min_length=1)]
+
+    def __hash__(self) -> int:
+        return hash(self.model_dump_json())
+
+
+def load_robot(source: str | Path) -> Robot:
+    """Load a built-in robot by name, or a robot TOML/JSON file by path.
+
+    Raises:
+        InputError: If there is no such robot, or the file describes it wrongly.
+    """
+    return Robot.parse(read_document(locate(source, "robots", "robot"), str(source)), str(source))
+
+
+def robot_names() -> list[str]:
+    """Names of the built-in robots."""
+    return built_in_names("robots")
+
+
+__all__ = [
+    "ArcPath",
+    "Geometry",
+    "Heater",
+    "LogSpiralPath",
+    "MotionLimits",
+    "OverlappedTiming",
+    "Robot",
+    "SequentialTiming",
+    "load_robot",
+    "robot_names",
+]

@@ -1,0 +1,1 @@
+"""Search over mode sequences, and the lower bounds that order it. Knows no CasADi."""

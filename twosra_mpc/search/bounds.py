@@ -1,0 +1,180 @@
+r"""Proved lower bounds on the cost of a mode sequence.
+
+Relax the motion to what it does to the bending coordinates W_1, W_2 (see ``model.bending``), drop
+the pose, and keep the temporal network of the melts and freezes. With t the event times and d_i
+the change of W in soft phase i,
+
+.. math::
+    \min_{t, d}\; t_{finish} + w_E E(t) + w_s N
+    \quad\text{s.t.}\quad t_v - t_u \ge w_{uv}, \quad
+    |d_i| \le R_{\sigma_i} (t_{end,i} - t_{start,i}), \quad
+    \sum_{i: \sigma_{ij} = 1} d_i \in [\Delta W_j^-, \Delta W_j^+].
+
+Every plan of the sequence satisfies these constraints, because R is an upper bound of abs(dW/dt)
+and W_j rests while segment j is rigid; so the optimum of this linear program bounds its cost from
+below. A sequence that never melts anything is bounded by ``rigid_motion.least_time`` as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from twosra_mpc.modes import SOFT_BOTH, Mode, ModeSequence, mode_name
+from twosra_mpc.problem import Weights
+from twosra_mpc.timing import TemporalNetwork
+
+Array = NDArray[np.float64]
+
+REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
+
+
+@dataclass(frozen=True)
+class BendingTask:
+    """What a plan must do to the bending coordinates, and how fast it can.
+
+    Attributes:
+        change: ((low, high), (low, high)): required change of W_1 and W_2; infinite where free.
+        rate: Mode -> upper bound of abs(dW/dt); inf where none is proved.
+        shape: The required curvature changes in words, for messages.
+    """
+
+    change: tuple[tuple[float, float], tuple[float, float]]
+    rate: Mapping[Mode, float]
+    shape: str
+
+
+@dataclass(frozen=True)
+class SequenceBound:
+    """Optimum of the relaxation: the bound, its event times and its bends.
+
+    Attributes:
+        cost: Lower bound on the cost of every plan with this sequence [s].
+        times: Event times of the relaxed optimum, by event number.
+        bends: Change of W in each phase of the relaxed optimum (0 in rigid phases).
+    """
+
+    cost: float
+    times: Array
+    bends: Array
+
+
+def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
+    """Say why the modes of ``sequence`` cannot bring about the required bend, or None if they can.
+
+    The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and mode
+    [1,1] changes W_1 and W_2 by the same amount.
+    """
+    scale = max(abs(value) for pair in task.change for value in pair if np.isfinite(value))
+    slack = REACH_TOLERANCE * max(scale, 1e-6)
+    soft = {mode for mode in sequence if any(mode)}
+    for j in (0, 1):
+        low, high = task.change[j]
+        if not any(mode[j] for mode in soft) and not low - slack <= 0 <= high + slack:
+            return f"segment {j + 1} must bend ({task.shape}) but is rigid in every phase"
+    if soft == {SOFT_BOTH}:
+        (low_1, high_1), (low_2, high_2) = task.change
+        if max(low_1, low_2) > min(high_1, high_2) + slack:
+            return (
+                f"mode {mode_name(SOFT_BOTH)} alone bends both segments together and cannot reach "
+                f"this shape ({task.shape}): segment 1 or 2 must also be bent alone"
+            )
+    return None
+
+
+def sequence_bound(network: TemporalNetwork, task: BendingTask, weights: Weights) -> SequenceBound:
+    """Solve the relaxation of one mode sequence (a linear program, HiGHS)."""
+    layout, n = network.layout, network.layout.phases
+    width = layout.count + n
+    rows: list[Array] = []
+    limits: list[float] = []
+
+    def at_least(terms: dict[int, float], least: float) -> None:
+        row = np.zeros(width)
+        for column, value in terms.items():
+            row[column] -= value
+        rows.append(row)
+        limits.append(-least)
+
+    for (u, v), least in network.least.items():
+        at_least({v: 1.0, u: -1.0}, least)
+    for i, mode in enumerate(network.sequence):
+        rate = task.rate.get(mode, np.inf)
+        if any(mode) and np.isfinite(rate):
+            for sign in (1.0, -1.0):
+                bend = layout.count + i
+                at_least({layout.end(i): rate, layout.start(i): -rate, bend: sign}, 0.0)
+    for j in (0, 1):
+        bends = {layout.count + i: 1.0 for i, mode in enumerate(network.sequence) if mode[j]}
+        low, high = task.change[j]
+        if bends and np.isfinite(low):
+            at_least(bends, low)
+        if bends and np.isfinite(high):
+            at_least({column: -value for column, value in bends.items()}, -high)
+
+    objective, constant = cost_coefficients(network, weights)
+    bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in network.sequence]
+    bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
+    result = linprog(
+        np.concatenate([objective, np.zeros(n)]),
+        A_ub=np.array(rows),
+        b_ub=np.array(limits),
+        bounds=bounds,
+        method="highs",
+    )
+    if result.status != 0:
+        raise ArithmeticError(f"bound of {network.sequence}: {result.message}")
+    return SequenceBound(
+        cost=float(result.fun) + constant,
+        times=result.x[: layout.count],
+        bends=result.x[layout.count :],
+    )
+
+
+def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
+    """Cost of a sequence as a linear function of its event times: (coefficients, constant)."""
+    objective = np.zeros(network.layout.count)
+    objective[network.layout.finish] = 1.0
+    hold = weights.energy_s_per_J * network.hold_power_W
+    constant = weights.energy_s_per_J * network.melt_energy_J
+    constant += weights.transition_s * (network.melts + network.freezes)
+    for u, off, shift in network.holds:
+        objective[off] += hold
+        objective[u] -= hold
+        constant -= hold * shift
+    return objective, constant
+
+
+def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Array:
+    """Event times of least cost for given phase durations [s], shape (events,).
+
+    Among equally good schedules: segments are held liquid for the shortest time (heat as late as
+    the motion allows), then phases start early.
+    """
+    least = dict(network.least)
+    for i, duration in enumerate(durations):
+        least[network.layout.start(i), network.layout.end(i)] = float(duration)
+    pairs = list(least)
+    matrix = np.zeros((len(pairs), network.layout.count))
+    for row, (u, v) in enumerate(pairs):
+        matrix[row, u] += 1.0
+        matrix[row, v] -= 1.0
+    objective, _ = cost_coefficients(network, weights)
+    for u, off, _shift in network.holds:
+        objective[off] += 1e-5
+        objective[u] -= 1e-5
+    for i in range(network.layout.phases):
+        objective[network.layout.start(i)] += 1e-7
+        objective[network.layout.end(i)] += 1e-7
+    bounds = [*[(0.0, None)] * (network.layout.count - 1), (0.0, 0.0)]
+    result = linprog(
+        objective, A_ub=matrix, b_ub=-np.array(list(least.values())), bounds=bounds, method="highs"
+    )
+    if result.status != 0:
+        raise ArithmeticError(f"schedule of {network.sequence}: {result.message}")
+    times: Array = result.x
+    return times

@@ -1,0 +1,114 @@
+"""The tree of mode sequences that branch and bound searches.
+
+Sequences are kept in a canonical form that loses nothing: a rigid phase opens every sequence that
+starts solid and closes every sequence that must end solid (it may have zero length and then costs
+nothing), and no phase repeats the mode before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+import math
+
+from twosra_mpc.modes import RIGID, Mode, ModeSequence
+from twosra_mpc.problem import Weights
+from twosra_mpc.search.bounds import (
+    BendingTask,
+    SequenceBound,
+    sequence_bound,
+    unreachable_reason,
+)
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
+
+Solution = TypeVar("Solution")
+SequenceSolver = Callable[[TemporalNetwork, SequenceBound, float], tuple[float, Solution] | None]
+
+
+@dataclass
+class ModeTree(Generic[Solution]):
+    """Mode sequences as a search tree; a node is a sequence not yet closed by its last phase.
+
+    Attributes:
+        first: Stiffness at t = 0.
+        last: Stiffness at the end.
+        modes: Modes that may be used.
+        max_phases: Longest sequence that is opened.
+        timing: The transition model.
+        task: What the bending coordinates must do.
+        weights: Weights of the cost.
+        rigid_time: Proved least duration of a plan that never melts anything [s].
+        solver: Finds a plan of one sequence, given its network, bound and a sufficient cost.
+        unreachable: Filled by the search: why leaves were proved infeasible.
+    """
+
+    first: Mode
+    last: Mode
+    modes: tuple[Mode, ...]
+    max_phases: int
+    timing: TransitionModel
+    task: BendingTask
+    weights: Weights
+    rigid_time: Callable[[], float]
+    solver: SequenceSolver[Solution]
+    unreachable: dict[ModeSequence, str] = field(default_factory=dict)
+    _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
+
+    def root(self) -> ModeSequence:
+        """The opening rigid phase if the robot starts solid and may drive, else nothing."""
+        return (RIGID,) if self.first == RIGID and RIGID in self.modes else ()
+
+    def leaf(self, node: ModeSequence) -> ModeSequence | None:
+        """The complete sequence a node stands for, or None if another node stands for it."""
+        if self.last == RIGID and RIGID in self.modes and node != self.root():
+            return None if node[-1] == RIGID else (*node, RIGID)
+        return node or None
+
+    def bound(self, node: ModeSequence) -> float:
+        """Transitions alone: every completion passes through the events of ``node``."""
+        everything = (*node, *self.modes)
+        if (reason := unreachable_reason(everything, self.task)) is not None:
+            self.unreachable[node] = reason
+            return math.inf
+        if not node:
+            return 0.0
+        settled = self.last if self.last == RIGID else node[-1]
+        network = self.timing.network(node, settled)
+        return earliest_times(network)[network.layout.finish] + self._fixed_cost(network)
+
+    def _fixed_cost(self, network: TemporalNetwork) -> float:
+        energy = self.weights.energy_s_per_J * network.melt_energy_J
+        return energy + self.weights.transition_s * (network.melts + network.freezes)
+
+    def children(self, node: ModeSequence) -> list[ModeSequence] | None:
+        """Append every other allowed mode; None when that would exceed ``max_phases``."""
+        longer = [(*node, mode) for mode in self.modes if not node or mode != node[-1]]
+        leaves = [self.leaf(child) or child for child in longer]
+        if any(len(leaf) > self.max_phases for leaf in leaves):
+            return None
+        return longer
+
+    def leaf_bound(self, node: ModeSequence) -> float:
+        """Optimum of the relaxation of the complete sequence."""
+        leaf = self.leaf(node)
+        if leaf is None or len(leaf) > self.max_phases:
+            return math.inf
+        if (reason := unreachable_reason(leaf, self.task)) is not None:
+            self.unreachable[leaf] = reason
+            return math.inf
+        bound = sequence_bound(self.timing.network(leaf, self.last), self.task, self.weights)
+        self._bounds[leaf] = bound
+        if not any(any(mode) for mode in leaf) and self.first == self.last == RIGID:
+            return max(bound.cost, self.rigid_time())
+        return bound.cost
+
+    def solve(self, node: ModeSequence, target: float) -> tuple[float, Solution] | None:
+        """Hand the complete sequence to the fixed-sequence solver."""
+        leaf = self.leaf(node)
+        if leaf is None:
+            return None
+        return self.solver(self.timing.network(leaf, self.last), self._bounds[leaf], target)
+
+
