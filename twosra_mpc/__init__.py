@@ -9,7 +9,15 @@ from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.modes import Mode
 from twosra_mpc.plan import Plan, Status, load_plan
 from twosra_mpc.planner import Progress, plan
-from twosra_mpc.problem import Goal, Problem, Start, Tolerance, Weights, load_problem, scenario_names
+from twosra_mpc.problem import (
+    Goal,
+    Problem,
+    Start,
+    Tolerance,
+    Weights,
+    load_problem,
+    scenario_names,
+)
 from twosra_mpc.robot import Robot, load_robot, robot_names
 from twosra_mpc.setpoints import save_setpoints
 from twosra_mpc.version import __version__

@@ -19,7 +19,9 @@ from twosra_mpc.errors import InputError
 def built_in_names(folder: str) -> list[str]:
     """Names of the TOML files in a data folder of the package."""
     entries = files("twosra_mpc").joinpath(folder).iterdir()
-    return sorted(entry.name.removesuffix(".toml") for entry in entries if entry.name[-5:] == ".toml")
+    return sorted(
+        entry.name.removesuffix(".toml") for entry in entries if entry.name[-5:] == ".toml"
+    )
 
 
 def locate(source: str | Path, folder: str, field: str) -> Path:
@@ -51,7 +53,9 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
     except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError("file", source, f"valid TOML, or JSON in a .json file ({error})") from error
+        raise InputError(
+            "file", source, f"valid TOML, or JSON in a .json file ({error})"
+        ) from error
     if not isinstance(document, dict):
         raise InputError("file", source, "a table of keys at the top level")
     return document

@@ -136,7 +136,7 @@ class SegmentHeating:
                 periods.append((start, item.heater_s, initial))
                 start = _NEVER
             elif isinstance(self.times, SequentialTiming):
-                start, initial = item.heater_s, float(np.interp(item.heater_s, *zip(*knots)))
+                start, initial = item.heater_s, float(np.interp(item.heater_s, *np.array(knots).T))
             else:
                 start, initial = item.done_s, self.heater.melting_point_C
         return [*periods, (start, _NEVER, initial)]

@@ -41,7 +41,7 @@ class Motion:
 
     @property
     def end(self) -> Array:
-        """q after the last phase, shape (5,)."""
+        """Q after the last phase, shape (5,)."""
         final: Array = self.states[-1, -1]
         return final
 

@@ -61,47 +61,25 @@ def _cost(problem: Problem, samples: Samples, transitions: int) -> Cost:
 def finished(
     problem: Problem,
     planner: str,
-    outcome: Verified,
+    outcome: Verified | None,
     status: Status,
     message: str,
-    lower_bound: float | None,
     stats: Stats,
+    lower_bound: float | None = None,
+    stopped_early: bool = False,
 ) -> Plan:
-    """Wrap a verified candidate as a plan."""
+    """Wrap what was found, or that nothing was, as a plan."""
     return Plan(
         problem=problem,
         planner=planner,
         status=status,
         message=message,
-        cost=outcome.cost,
+        cost=outcome.cost if outcome else None,
         lower_bound=lower_bound,
-        phases=outcome.phases,
-        transitions=outcome.transitions,
-        samples=outcome.samples,
-        verification=outcome.verification,
+        phases=outcome.phases if outcome else (),
+        transitions=outcome.transitions if outcome else (),
+        samples=outcome.samples if outcome else None,
+        verification=outcome.verification if outcome else None,
         stats=stats,
-    )
-
-
-def no_plan(
-    problem: Problem,
-    planner: str,
-    status: Status,
-    message: str,
-    lower_bound: float | None,
-    stats: Stats,
-) -> Plan:
-    """Say that there is no plan, and why."""
-    return Plan(
-        problem=problem,
-        planner=planner,
-        status=status,
-        message=message,
-        cost=None,
-        lower_bound=lower_bound,
-        phases=(),
-        transitions=(),
-        samples=None,
-        verification=None,
-        stats=stats,
+        stopped_early=stopped_early,
     )

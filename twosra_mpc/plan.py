@@ -128,6 +128,7 @@ class Plan:
         samples: The plan on its grid; None if there is no plan.
         verification: Outcome of the independent check; None if there is no plan.
         stats: Effort spent.
+        stopped_early: Whether a limit or an interrupt ended the search before the asked gap.
     """
 
     problem: Problem
@@ -141,6 +142,7 @@ class Plan:
     samples: Samples | None
     verification: Verification | None
     stats: Stats
+    stopped_early: bool = False
 
     @property
     def robot(self) -> Robot:
@@ -196,6 +198,7 @@ class Plan:
             "samples": _samples_dict(self.samples),
             "verification": _verification_dict(self.verification),
             "stats": vars(self.stats).copy(),
+            "stopped_early": self.stopped_early,
         }
 
     def save(self, path: str | Path) -> None:
@@ -247,6 +250,7 @@ def _plan(data: dict[str, Any]) -> Plan:
         if checked
         else None,
         stats=Stats(**data["stats"]),
+        stopped_early=data["stopped_early"],
     )
 
 

@@ -17,7 +17,7 @@ from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, mode_name, sequen
 from twosra_mpc.motion import interval_durations
 from twosra_mpc.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
 from twosra_mpc.nlp.guess import guess_motion
-from twosra_mpc.outcome import Verified, finished, no_plan, verified
+from twosra_mpc.outcome import Verified, finished, verified
 from twosra_mpc.plan import Plan, Stats, Status
 from twosra_mpc.problem import Problem
 from twosra_mpc.search.bounds import BendingTask, SequenceBound
@@ -40,8 +40,8 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 
     Never raises for a problem that has no plan: ``Plan.status`` and ``Plan.message`` say so, and
-    ``Plan.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the best plan
-    so far with its true gap.
+    ``Plan.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the best
+    plan so far with its true gap.
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
@@ -120,7 +120,7 @@ def bending_task(problem: Problem) -> BendingTask:
     facts = bending(problem.robot)
     start, goal = problem.start.configuration[3:], problem.goal.configuration[3:]
     limit = problem.robot.limits.curvature_per_m
-    change, words = [], []
+    change, room, words = [], [], []
     for j in (0, 1):
         if math.isnan(goal[j]):
             low, high = -limit, limit
@@ -129,14 +129,15 @@ def bending_task(problem: Problem) -> BendingTask:
             box = problem.goal.half_width[3 + j]
             low, high = max(goal[j] - box, -limit), min(goal[j] + box, limit)
             words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g} 1/m")
-        here = facts.coordinate(float(start[j]))
+        here, most = facts.coordinate(float(start[j])), facts.coordinate(limit)
         change.append((facts.coordinate(float(low)) - here, facts.coordinate(float(high)) - here))
+        room.append((-most - here, most - here))
     rate = {
         SOFT_1: facts.fastest_single,
         SOFT_2: facts.fastest_single,
         SOFT_BOTH: facts.fastest_both,
     }
-    return BendingTask((change[0], change[1]), rate, ", ".join(words))
+    return BendingTask((change[0], change[1]), (room[0], room[1]), rate, ", ".join(words))
 
 
 def rigid_time(problem: Problem) -> float:
@@ -172,24 +173,26 @@ def _conclude(
     stats: Stats,
 ) -> Plan:
     """Turn the outcome of the search into a plan with a true status and a useful message."""
+    lower = result.lower_bound if math.isfinite(result.lower_bound) else None
     if result.solution is not None:
-        lower = result.lower_bound
-        gap = (result.cost - lower) / result.cost if result.cost else 0.0
-        optimal = gap <= problem.gap
-        status = Status.OPTIMAL if optimal else Status.FEASIBLE
+        gap = (result.cost - result.lower_bound) / result.cost if result.cost else 0.0
+        status = Status.OPTIMAL if gap <= problem.gap else Status.FEASIBLE
         sequence = sequence_name([phase.mode for phase in result.solution.phases])
         message = f"{sequence}: {result.cost:.1f} s, proved within {100 * gap:.2g} % of the best"
-        if not optimal:
+        if status is not Status.OPTIMAL:
             message += f"; {result.ending.value}: {_advice(result.ending)}"
-        return finished(problem, "optimal", result.solution, status, message, lower, stats)
-    if math.isinf(result.lower_bound) and result.ending is Ending.EXHAUSTED:
+    elif lower is None and result.ending is Ending.EXHAUSTED:
+        status = Status.INFEASIBLE
         reason = next(iter(tree.unreachable.values()), "no mode sequence is allowed")
         modes = ", ".join(mode_name(mode) for mode in problem.modes)
         message = f"proved infeasible: {reason}; allowed modes are {modes}"
-        return no_plan(problem, "optimal", Status.INFEASIBLE, message, None, stats)
-    lower = result.lower_bound if math.isfinite(result.lower_bound) else None
-    message = f"no plan found ({result.ending.value}): {_advice(result.ending)}"
-    return no_plan(problem, "optimal", Status.FAILED, message, lower, stats)
+    else:
+        status = Status.FAILED
+        message = f"no plan found ({result.ending.value}): {_advice(result.ending)}"
+    early = result.ending in (Ending.LIMIT, Ending.INTERRUPTED)
+    return finished(
+        problem, "optimal", result.solution, status, message, stats, lower, stopped_early=early
+    )
 
 
 def _advice(ending: Ending) -> str:
@@ -200,5 +203,3 @@ def _advice(ending: Ending) -> str:
             return "run again to continue the search"
         case _:
             return "raise max_phases, allow more modes, or widen the goal's tolerance"
-
-

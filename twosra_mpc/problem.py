@@ -48,7 +48,7 @@ class Start(Value):
 
     @cached_property
     def configuration(self) -> Array:
-        """q = [x, y, phi, kappa1, kappa2], shape (5,), read-only."""
+        """Q = [x, y, phi, kappa1, kappa2], shape (5,), read-only."""
         return _read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
 
 
@@ -103,7 +103,7 @@ class Goal(Value):
         return _read_only([box.x_m, box.y_m, box.phi_rad, *box.kappa_per_m])
 
     def error(self, q: Array) -> Array:
-        """Signed distance of ``q`` to the goal box, shape (5,); 0 inside and for free coordinates."""
+        """Signed distance of ``q`` to the goal box, shape (5,); 0 inside and where free."""
         difference = q - self.configuration
         if self.phi_modulo:
             difference[2] = math.remainder(difference[2], math.tau)
@@ -121,15 +121,14 @@ class Weights(Value):
 class Problem(Value):
     """A complete planning problem (``planner`` chooses the optimal or the greedy planner)."""
 
+    description: str = ""
     robot: Robot
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
     goal: Goal
     weights: Weights = Weights()
     timing: str = "nominal"
-    modes: Annotated[
-        tuple[ModeField, ...], Field(min_length=1), BeforeValidator(plain)
-    ] = MODES
+    modes: Annotated[tuple[ModeField, ...], Field(min_length=1), BeforeValidator(plain)] = MODES
     max_phases: Annotated[int, Field(ge=1, le=12)] = 6
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     time_limit_s: Positive = 60.0
@@ -147,7 +146,10 @@ class Problem(Value):
             raise InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
         for j in (0, 1):
             limit = robot.limits.curvature_per_m
-            for where, q in (("start", self.start.configuration), ("goal", self.goal.configuration)):
+            for where, q in (
+                ("start", self.start.configuration),
+                ("goal", self.goal.configuration),
+            ):
                 if abs(q[3 + j]) > limit:
                     allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
                     raise InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
@@ -156,7 +158,9 @@ class Problem(Value):
                 allowed = f"from {low:g} to {high:g} C (robot {robot.name})"
                 raise InputError(f"start.temperature_C.{j}", self.temperatures[j], allowed)
             if self.temperatures[j] == heater.melting_point_C:
-                allowed = f"not exactly the melting point {heater.melting_point_C:g} C: solid or liquid?"
+                allowed = (
+                    f"not exactly the melting point {heater.melting_point_C:g} C: solid or liquid?"
+                )
                 raise InputError(f"start.temperature_C.{j}", self.temperatures[j], allowed)
         return self
 

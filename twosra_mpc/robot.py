@@ -6,6 +6,7 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 
 from __future__ import annotations
 
+import itertools
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
@@ -90,7 +91,7 @@ class Heater(Value):
             ("soft_setpoint_C", self.soft_setpoint_C),
             ("temperature_max_C", self.temperature_max_C),
         ]
-        for (low_name, low), (name, value) in zip(ordered, ordered[1:], strict=False):
+        for (low_name, low), (name, value) in itertools.pairwise(ordered):
             if not low < value:
                 raise InputError(name, value, f"more than {low_name} ({low:g} C)")
         if not self.temperature_min_C <= self.rigid_setpoint_C < self.melting_point_C:

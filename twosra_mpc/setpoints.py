@@ -29,10 +29,13 @@ Array = NDArray[np.float64]
 HOLD_SAMPLE_S = 5.0  # while the robot waits, temperatures are sampled at least this often
 SAME_TIME_S = 1e-6  # events closer than this are one sample
 
-COLUMNS = (
-    "t_s,mode1,mode2,wheel1_rad_s,wheel2_rad_s,wheel3_rad_s,wheel4_rad_s,heater1_C,heater2_C,"
-    "current1_A,current2_A,x_m,y_m,phi_rad,kappa1_per_m,kappa2_per_m,temperature1_C,temperature2_C"
-).split(",")
+COLUMNS = [
+    *("t_s", "mode1", "mode2"),
+    *("wheel1_rad_s", "wheel2_rad_s", "wheel3_rad_s", "wheel4_rad_s"),
+    *("heater1_C", "heater2_C", "current1_A", "current2_A"),
+    *("x_m", "y_m", "phi_rad", "kappa1_per_m", "kappa2_per_m"),
+    *("temperature1_C", "temperature2_C"),
+]
 
 
 class _Knot(NamedTuple):
@@ -133,7 +136,7 @@ def _wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> 
 def rows(samples: Samples, rate_Hz: float | None, robot: Robot) -> tuple[list[str], Array]:
     """Set-points as a table: (column names, rows), on the plan's grid or at a regular rate.
 
-    At a regular rate, inputs are those in force at each time and the configuration follows the path.
+    At a regular rate, inputs are those in force at each time; the configuration follows the path.
 
     Raises:
         InputError: If the rate is not positive and finite, or gives more than a million rows.
@@ -151,14 +154,24 @@ def rows(samples: Samples, rate_Hz: float | None, robot: Robot) -> tuple[list[st
             samples.temperature_C,
         ]
     )
-    return list(COLUMNS), table
+    return COLUMNS.copy(), table
+
+
+def check_rate(rate_Hz: float) -> None:
+    """Check a rate of set-points.
+
+    Raises:
+        InputError: If it is not positive and finite.
+    """
+    if not (np.isfinite(rate_Hz) and rate_Hz > 0):
+        raise InputError("rate", rate_Hz, "a finite number greater than 0 Hz")
 
 
 def _resampled(samples: Samples, rate_Hz: float, robot: Robot) -> Samples:
+    check_rate(rate_Hz)
     end = float(samples.t_s[-1])
-    if not (np.isfinite(rate_Hz) and rate_Hz > 0 and end * rate_Hz < 1e6):
-        allowed = f"more than 0 and at most {1e6 / max(end, 1e-9):.6g} Hz (a million rows)"
-        raise InputError("rate", rate_Hz, allowed)
+    if end * rate_Hz > 1e6:
+        raise InputError("rate", rate_Hz, f"at most {1e6 / end:.6g} Hz (a million rows)")
     t = np.arange(int(np.floor(end * rate_Hz + 1e-9)) + 1) / rate_Hz
     if t[-1] < end - SAME_TIME_S:
         t = np.append(t, end)
@@ -192,5 +205,7 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     for row in table:
-        writer.writerow([int(value) if i in (1, 2) else float(value) for i, value in enumerate(row)])
+        writer.writerow(
+            [int(value) if i in (1, 2) else float(value) for i, value in enumerate(row)]
+        )
     write_text(path, text.getvalue())

@@ -6,13 +6,14 @@ as they will be written to the file, the kinematics, and the robot description.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.kinematics import JacobianInPlace
 from twosra_mpc.modes import mode_name
 from twosra_mpc.plan import Phase, Samples, Verification
 from twosra_mpc.problem import COORDINATE_UNITS, COORDINATES, Problem
@@ -61,26 +62,18 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
 
     Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-10, restarted where the input changes.
     """
-    jacobian = kinematics(problem.robot).jacobian
-    memory, evaluate = jacobian.buffer()
-    state, mode, out = np.zeros(5), np.zeros(2), np.zeros((5, 5), order="F")
-    memory.set_arg(0, memoryview(state))
-    memory.set_arg(1, memoryview(mode))
-    dense = out.ravel(order="F")
-    memory.set_res(0, memoryview(dense))
-
+    jacobian = JacobianInPlace(problem.robot)
     q = problem.start.configuration.copy()
     reached = [q]
     for i in range(len(samples) - 1):
         velocity = samples.v[i]
         if velocity.any():
-            mode[:] = samples.mode[i]
+            jacobian.sigma[:] = samples.mode[i]
 
             def rate(_t: float, at: Array, velocity: Array = velocity) -> Array:
-                state[:] = at
-                evaluate()
-                product: Array = velocity @ dense.reshape(5, 5)
-                return product
+                jacobian.q[:] = at
+                jacobian.evaluate()
+                return velocity @ jacobian.columns
 
             span = (0.0, float(samples.t_s[i + 1] - samples.t_s[i]))
             end = solve_ivp(rate, span, q, method="DOP853", rtol=_RTOL, atol=_ATOL)
@@ -127,7 +120,9 @@ def _stiffness_problems(
         soft = np.full(len(moving), problem.start_mode[j])
         for item in (item for item in transitions if item.segment == j + 1):
             soft[begin >= item.done_s - TIME_TOLERANCE_S] = item.to == "soft"
-            clash = (begin < item.done_s - TIME_TOLERANCE_S) & (end > item.onset_s + TIME_TOLERANCE_S)
+            clash = (begin < item.done_s - TIME_TOLERANCE_S) & (
+                end > item.onset_s + TIME_TOLERANCE_S
+            )
             if clash.any():
                 yield (
                     f"the robot moves at {begin[clash][0]:.3f} s while segment {j + 1} is changing"
@@ -136,7 +131,8 @@ def _stiffness_problems(
         if wrong.any():
             row = moving[np.flatnonzero(wrong)[0]]
             mode = mode_name((int(samples.mode[row, 0]), int(samples.mode[row, 1])))
-            yield f"at {samples.t_s[row]:.3f} s the mode is {mode} but segment {j + 1} is not so yet"
+            when = f"at {samples.t_s[row]:.3f} s"
+            yield f"{when} the mode is {mode} but segment {j + 1} is not so yet"
     rigid = samples.mode[moving].max(axis=1, initial=0) == 0
     if samples.v[moving][rigid][:, :2].any() or samples.v[moving][~rigid][:, 2:].any():
         yield "an input acts that the mode does not have"
@@ -146,7 +142,7 @@ def _timing_problems(
     problem: Problem, phases: Sequence[Phase], transitions: Sequence[Transition]
 ) -> Iterator[str]:
     """Order and duration of the transitions of each segment, and the stiffness at the end."""
-    for before, after in zip(phases, phases[1:], strict=False):
+    for before, after in itertools.pairwise(phases):
         if after.start_s < before.end_s - TIME_TOLERANCE_S:
             yield f"the phase at {after.start_s:.3f} s starts before the one before it has ended"
     for j in (0, 1):

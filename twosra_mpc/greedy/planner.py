@@ -23,7 +23,7 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.modes import Mode, sequence_name
 from twosra_mpc.motion import roll_out
 from twosra_mpc.nlp.fixed_sequence import timed
-from twosra_mpc.outcome import finished, no_plan, verified
+from twosra_mpc.outcome import Verified, finished, verified
 from twosra_mpc.plan import Plan, Stats, Status
 from twosra_mpc.problem import Problem
 from twosra_mpc.timing import transition_model
@@ -35,6 +35,7 @@ MAX_ITERATIONS = 5000
 _STAGNATION = 1e-9  # unweighted norm of (m, m, rad, 1/m, 1/m)
 _REACHED = 1e-8
 _RECORDED = 1e-5  # phases that move less than this are left out, as published
+_LONGEST_STEP_M = 0.003  # longer soft steps are split, so that the roll-out stays accurate
 _FLOW_STEPS = 4
 
 
@@ -100,7 +101,7 @@ def plan_greedily(problem: Problem) -> Plan:
     path = greedy_path(problem)
     phases = _phases(path)
     sequence = tuple(mode for mode, _ in phases)
-    outcome = None
+    outcome: Verified | None = None
     if path.ending is GreedyEnding.REACHED:
         longest = max((len(steps) for _, steps in phases), default=1)
         inputs = np.zeros((len(phases), longest, 5))
@@ -109,7 +110,7 @@ def plan_greedily(problem: Problem) -> Plan:
         motion = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
         network = transition_model(problem).network(sequence, problem.goal.mode)
         candidate = timed(motion, network, problem, iterations=0)
-        outcome = candidate and verified(problem, candidate, network)
+        outcome = verified(problem, candidate, network) if candidate else None
     stats = Stats(time.perf_counter() - started, 0, 0, 0)
     if outcome is None:
         reason = path.ending.value
@@ -117,13 +118,13 @@ def plan_greedily(problem: Problem) -> Plan:
             limit = problem.robot.limits.curvature_per_m
             reason = f"its path cannot be landed within the curvature limit of {limit:g} 1/m"
         message = f"the greedy rule found no plan: {reason}"
-        return no_plan(problem, "greedy", Status.FAILED, message, None, stats)
+        return finished(problem, "greedy", None, Status.FAILED, message, stats)
     check = outcome.verification
     status = Status.FEASIBLE if check.ok else Status.FAILED
     message = f"{sequence_name(sequence)}: {outcome.cost.total:.1f} s by the greedy rule"
     if not check.ok:
         message += f", which does not verify: {'; '.join(check.problems)}"
-    return finished(problem, "greedy", outcome, status, message, None, stats)
+    return finished(problem, "greedy", outcome, status, message, stats)
 
 
 def _phases(path: GreedyPath) -> list[tuple[Mode, list[Array]]]:
@@ -132,7 +133,8 @@ def _phases(path: GreedyPath) -> list[tuple[Mode, list[Array]]]:
     for mode, step in zip(path.modes, path.steps, strict=True):
         if not phases or phases[-1][0] != mode:
             phases.append((mode, []))
-        phases[-1][1].append(step)
+        pieces = math.ceil(float(np.abs(step[:2]).max()) / _LONGEST_STEP_M) or 1
+        phases[-1][1].extend([step / pieces] * pieces)
     kept: list[tuple[Mode, list[Array]]] = []
     for mode, steps in phases:
         if sum(float(np.abs(step).sum()) for step in steps) <= _RECORDED:

@@ -58,7 +58,7 @@ def _integral(density: ca.Function, upper: float) -> float:
     """Integrate an even density from 0 to ``upper`` by Gauss-Legendre on graded panels."""
     if upper == 0.0:
         return 0.0
-    edges = np.append(_PANELS[_PANELS < upper], upper)
+    edges = np.append(_PANELS[upper > _PANELS], upper)
     half = np.diff(edges)[:, None] / 2
     points = edges[:-1, None] + half * (1 + _NODES)
     values: Array = density(points.reshape(1, -1)).full().reshape(points.shape)

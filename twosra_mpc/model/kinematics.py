@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.model.series import sinc, versine_ratio
-from twosra_mpc.modes import Mode
 from twosra_mpc.robot import Geometry, Robot
 
 Array = NDArray[np.float64]
@@ -43,15 +43,22 @@ class Kinematics:
     wheel_matrix: ca.Function
     wheel_poses: ca.Function
 
-    def rate(self, q: ArrayLike, mode: Mode, v: ArrayLike) -> Array:
-        """q' = J(q, sigma) v, shape (5,)."""
-        matrix: Array = self.jacobian(q, mode).full()
-        return matrix @ np.asarray(v, dtype=float)
 
-    def wheel_speeds(self, q: ArrayLike, mode: Mode, v: ArrayLike) -> Array:
-        """Wheel speeds omega = V(q, sigma) v [rad/s], shape (4,)."""
-        matrix: Array = self.wheel_matrix(q, mode).full()
-        return matrix @ np.asarray(v, dtype=float)
+class JacobianInPlace:
+    """J for loops that need it often: fill ``q`` and ``sigma``, ``evaluate()``, read ``columns``.
+
+    Saves converting arrays on every call. Row i of ``columns`` (5, 5) is column i of J.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.q, self.sigma = np.zeros(5), np.zeros(2)
+        self.columns = np.zeros((5, 5))
+        self._function = kinematics(robot).jacobian
+        buffer: Any = self._function.buffer()  # its type stub describes the C++ call, not this one
+        self._memory, self.evaluate = buffer  # the memory must live as long as evaluate is used
+        self._memory.set_arg(0, memoryview(self.q.data))
+        self._memory.set_arg(1, memoryview(self.sigma.data))
+        self._memory.set_res(0, memoryview(self.columns.data))
 
 
 @lru_cache(maxsize=32)
@@ -113,7 +120,7 @@ def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX)
 
 
 def fibre_end_pose(geometry: Geometry, q: ca.SX, segment: int) -> ca.SX:
-    """Pose (x, y, angle) of fibre end b1 (segment 0) or b2 (segment 1) in b0, eq. transform-matrix."""
+    """Pose (x, y, angle) of fibre end b1 (segment 0) or b2 (1) in b0, eq. transform-matrix."""
     length, side = geometry.segment_length_m, (-1, 1)[segment]
     alpha = q[3 + segment] * length
     reach = geometry.middle_link_m / 2 + length * sinc(alpha)

@@ -1,1 +1,1 @@
-"""The fixed-sequence nonlinear program: direct multiple shooting over the phases of one sequence."""
+"""The fixed-sequence nonlinear program: direct multiple shooting over a sequence's phases."""

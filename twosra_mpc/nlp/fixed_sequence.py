@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 INTERVALS = 10
 _STEPS = 2
-_MAX_ITERATIONS = 300
+_MAX_ITERATIONS = 150
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
 
@@ -147,7 +147,5 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
         lower[program.rows[name]] = 0.0
     rows = program.rows["network"]
     upper[rows] = np.inf
-    lower[rows] = [
-        network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()
-    ]
+    lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]
     return lower, upper

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _FLOW_STEPS = 64
 _TRAVEL_LIMIT_M = 10.0
+_CURVATURE_SEARCHED = 200.0  # 1/m; no fibre bends so far
 
 
 def guess_motion(
@@ -70,8 +71,10 @@ def bending_travel(
     target = coordinate(q[3 + segment]) + bend
 
     def excess(travel: float) -> float:
-        end = flow(q, [travel, travel, 0.0, 0.0, 0.0], mode).full()
-        return coordinate(float(end[3 + segment, 0])) - target
+        end = float(flow(q, [travel, travel, 0.0, 0.0, 0.0], mode).full()[3 + segment, 0])
+        if not abs(end) <= _CURVATURE_SEARCHED:  # spirals bend ever faster; also when not a number
+            return math.copysign(1.0, travel)
+        return coordinate(end) - target
 
     reach = math.copysign(0.01, bend)
     while abs(reach) < _TRAVEL_LIMIT_M and excess(reach) * bend < 0:
@@ -80,7 +83,7 @@ def bending_travel(
 
 
 def rigid_move(motion: Motion, goal: Goal) -> Array:
-    """Input displacement (5,) of the first rigid phase that brings the end of ``motion`` to the goal.
+    """Input displacement (5,) of the first rigid phase that brings the motion's end to the goal.
 
     Free coordinates of the goal keep the value they have without the move.
     """
@@ -92,7 +95,7 @@ def rigid_move(motion: Motion, goal: Goal) -> Array:
     before, after = _matrix(here), np.linalg.solve(_matrix(here), _matrix(end))
     turn = float(wanted[2] - end[2])
     move = np.linalg.solve(before, _matrix(wanted)) @ np.linalg.inv(after)
-    return np.array([0.0, 0.0, *_screw(move[:2, 2], turn)])
+    return np.array([0.0, 0.0, *_screw(float(move[0, 2]), float(move[1, 2]), turn)])
 
 
 def _matrix(pose: Array) -> Array:
@@ -100,12 +103,8 @@ def _matrix(pose: Array) -> Array:
     return np.array([[c, -s, pose[0]], [s, c, pose[1]], [0.0, 0.0, 1.0]])
 
 
-def _screw(shift: Array, turn: float) -> tuple[float, float, float]:
+def _screw(x: float, y: float, turn: float) -> tuple[float, float, float]:
     """Logarithm on SE(2): the constant body twist displacement (su, sv, sr) of a pose change."""
     half = turn / 2
     along = half / math.tan(half) if abs(half) > 1e-8 else 1 - half**2 / 3
-    return (
-        along * float(shift[0]) + half * float(shift[1]),
-        -half * float(shift[0]) + along * float(shift[1]),
-        turn,
-    )
+    return along * x + half * y, -half * x + along * y, turn

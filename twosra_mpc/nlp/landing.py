@@ -52,7 +52,9 @@ def _least_correction(motion: Motion, error: Array) -> Array:
     gradient = derivative(motion.states[0, 0], flat, modes.T).full() / STATE_SCALE[:, None]
     size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=(1, 2))
     weight = np.repeat(size + 1e-9 * size.max() + 1e-15, intervals * 5)
-    weight *= np.tile(INPUT_SCALE, phases * intervals) * available_inputs(motion.sequence, intervals)
+    weight *= np.tile(INPUT_SCALE, phases * intervals) * available_inputs(
+        motion.sequence, intervals
+    )
     step, *_ = np.linalg.lstsq(gradient * weight, error / STATE_SCALE, rcond=1e-12)
     return np.asarray(weight * step).reshape(motion.inputs.shape)
 

@@ -10,10 +10,10 @@ displacements s_{i,k} = v h of the intervals, and the event times t of the tempo
     |V(q_{i,k}, \sigma_i) s_{i,k}| \le \omega_{max} h_i,\quad |s^{1,2}_{i,k}| \le v_{max} h_i,\quad
     h_i = (t_{end,i} - t_{start,i}) / N,\quad t_v - t_u \ge w_{uv},
 
-curvatures within limits, q at the end in the goal box. The mode sequence sigma, the network (w, -inf
-where it has no constraint), the cost c, start and goal are parameters or bounds, so one compiled
-program serves every sequence of as many phases. Using displacements instead of velocities keeps
-phases of zero length regular and makes the limits linear in s and t. The small rho picks the
+curvatures within limits, q at the end in the goal box. The mode sequence sigma, the network (w,
+-inf where it has no constraint), the cost c, start and goal are parameters or bounds, so one
+compiled program serves every sequence of as many phases. Using displacements instead of velocities
+keeps phases of zero length regular and makes the limits linear in s and t. The small rho picks the
 shortest of the many motions that take equally long; it is not part of the cost reported.
 """
 

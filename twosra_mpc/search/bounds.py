@@ -8,10 +8,11 @@ the change of W in soft phase i,
     \min_{t, d}\; t_{finish} + w_E E(t) + w_s N
     \quad\text{s.t.}\quad t_v - t_u \ge w_{uv}, \quad
     |d_i| \le R_{\sigma_i} (t_{end,i} - t_{start,i}), \quad
-    \sum_{i: \sigma_{ij} = 1} d_i \in [\Delta W_j^-, \Delta W_j^+].
+    \sum_{i: \sigma_{ij} = 1} d_i \in [\Delta W_j^-, \Delta W_j^+],
 
-Every plan of the sequence satisfies these constraints, because R is an upper bound of abs(dW/dt)
-and W_j rests while segment j is rigid; so the optimum of this linear program bounds its cost from
+and the partial sums after every phase within what the curvature limits allow. Every plan of the
+sequence satisfies these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while
+segment j is rigid; so the optimum of this linear program bounds its cost from
 below. A sequence that never melts anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
@@ -22,13 +23,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from twosra_mpc.modes import SOFT_BOTH, Mode, ModeSequence, mode_name
 from twosra_mpc.problem import Weights
+from twosra_mpc.search.linear_program import minimise
 from twosra_mpc.timing import TemporalNetwork
 
 Array = NDArray[np.float64]
+
+Interval2 = tuple[tuple[float, float], tuple[float, float]]
 
 REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
 
@@ -38,12 +41,14 @@ class BendingTask:
     """What a plan must do to the bending coordinates, and how fast it can.
 
     Attributes:
-        change: ((low, high), (low, high)): required change of W_1 and W_2; infinite where free.
+        change: ((low, high), (low, high)): required change of W_1 and W_2.
+        room: ((low, high), (low, high)): change of W_1 and W_2 that the curvature limits allow.
         rate: Mode -> upper bound of abs(dW/dt); inf where none is proved.
         shape: The required curvature changes in words, for messages.
     """
 
-    change: tuple[tuple[float, float], tuple[float, float]]
+    change: Interval2
+    room: Interval2
     rate: Mapping[Mode, float]
     shape: str
 
@@ -69,7 +74,7 @@ def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
     The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and mode
     [1,1] changes W_1 and W_2 by the same amount.
     """
-    scale = max(abs(value) for pair in task.change for value in pair if np.isfinite(value))
+    scale = max(abs(value) for pair in task.change for value in pair)
     slack = REACH_TOLERANCE * max(scale, 1e-6)
     soft = {mode for mode in sequence if any(mode)}
     for j in (0, 1):
@@ -86,8 +91,10 @@ def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
     return None
 
 
-def sequence_bound(network: TemporalNetwork, task: BendingTask, weights: Weights) -> SequenceBound:
-    """Solve the relaxation of one mode sequence (a linear program, HiGHS)."""
+def sequence_bound(
+    network: TemporalNetwork, task: BendingTask, weights: Weights
+) -> SequenceBound | None:
+    """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
     layout, n = network.layout, network.layout.phases
     width = layout.count + n
     rows: list[Array] = []
@@ -109,30 +116,24 @@ def sequence_bound(network: TemporalNetwork, task: BendingTask, weights: Weights
                 bend = layout.count + i
                 at_least({layout.end(i): rate, layout.start(i): -rate, bend: sign}, 0.0)
     for j in (0, 1):
-        bends = {layout.count + i: 1.0 for i, mode in enumerate(network.sequence) if mode[j]}
-        low, high = task.change[j]
-        if bends and np.isfinite(low):
+        bends: dict[int, float] = {}
+        for i in (i for i, mode in enumerate(network.sequence) if mode[j]):
+            bends[layout.count + i] = 1.0
+            later = any(mode[j] for mode in network.sequence[i + 1 :])
+            low, high = task.room[j] if later else task.change[j]
             at_least(bends, low)
-        if bends and np.isfinite(high):
-            at_least({column: -value for column, value in bends.items()}, -high)
+            at_least(dict.fromkeys(bends, -1.0), -high)
 
     objective, constant = cost_coefficients(network, weights)
     bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in network.sequence]
     bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
-    result = linprog(
-        np.concatenate([objective, np.zeros(n)]),
-        A_ub=np.array(rows),
-        b_ub=np.array(limits),
-        bounds=bounds,
-        method="highs",
+    optimum = minimise(
+        np.concatenate([objective, np.zeros(n)]), np.array(rows), np.array(limits), bounds
     )
-    if result.status != 0:
-        raise ArithmeticError(f"bound of {network.sequence}: {result.message}")
-    return SequenceBound(
-        cost=float(result.fun) + constant,
-        times=result.x[: layout.count],
-        bends=result.x[layout.count :],
-    )
+    if optimum is None:
+        return None
+    value, x = optimum
+    return SequenceBound(value + constant, times=x[: layout.count], bends=x[layout.count :])
 
 
 def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
@@ -171,10 +172,6 @@ def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Ar
         objective[network.layout.start(i)] += 1e-7
         objective[network.layout.end(i)] += 1e-7
     bounds = [*[(0.0, None)] * (network.layout.count - 1), (0.0, 0.0)]
-    result = linprog(
-        objective, A_ub=matrix, b_ub=-np.array(list(least.values())), bounds=bounds, method="highs"
-    )
-    if result.status != 0:
-        raise ArithmeticError(f"schedule of {network.sequence}: {result.message}")
-    times: Array = result.x
-    return times
+    optimum = minimise(objective, matrix, -np.array(list(least.values())), bounds)
+    assert optimum is not None, "a temporal network without cycles always has a schedule"
+    return optimum[1]

@@ -17,9 +17,10 @@ from typing import Generic, Protocol, TypeVar
 
 Node = TypeVar("Node")
 Solution = TypeVar("Solution")
+Solution_co = TypeVar("Solution_co", covariant=True)
 
 
-class Tree(Protocol[Node, Solution]):
+class Tree(Protocol[Node, Solution_co]):
     """What the search needs to know of a problem."""
 
     def root(self) -> Node:
@@ -34,7 +35,7 @@ class Tree(Protocol[Node, Solution]):
     def leaf_bound(self, node: Node) -> float:
         """Lower bound on the cost of ``node`` itself as a leaf; inf if it is none or infeasible."""
 
-    def solve(self, node: Node, target: float) -> tuple[float, Solution] | None:
+    def solve(self, node: Node, target: float) -> tuple[float, Solution_co] | None:
         """Find a solution of the leaf ``node``; one that costs ``target`` or less is enough."""
 
 

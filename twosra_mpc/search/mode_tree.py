@@ -7,13 +7,12 @@ nothing), and no phase repeats the mode before it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-import math
-
-from twosra_mpc.modes import RIGID, Mode, ModeSequence
+from twosra_mpc.modes import RIGID, Mode, ModeSequence, sequence_name
 from twosra_mpc.problem import Weights
 from twosra_mpc.search.bounds import (
     BendingTask,
@@ -99,6 +98,9 @@ class ModeTree(Generic[Solution]):
             self.unreachable[leaf] = reason
             return math.inf
         bound = sequence_bound(self.timing.network(leaf, self.last), self.task, self.weights)
+        if bound is None:
+            self.unreachable[leaf] = f"{sequence_name(leaf)} would leave the curvature limits"
+            return math.inf
         self._bounds[leaf] = bound
         if not any(any(mode) for mode in leaf) and self.first == self.last == RIGID:
             return max(bound.cost, self.rigid_time())
@@ -110,5 +112,3 @@ class ModeTree(Generic[Solution]):
         if leaf is None:
             return None
         return self.solver(self.timing.network(leaf, self.last), self._bounds[leaf], target)
-
-

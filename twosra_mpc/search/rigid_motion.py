@@ -23,7 +23,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
+
+from twosra_mpc.search.linear_program import minimise
 
 Array = NDArray[np.float64]
 
@@ -110,11 +111,12 @@ def _bound_to(
     # p = plus - minus, both >= 0, so that the goal box costs box . (plus + minus).
     box = np.where(asked, shift_box, 0.0)
     gain = np.concatenate([along - box, -along - box, np.sign(near) * 2 * half * between])
-    bounds = [(0.0, None if ok else 0.0) for ok in (*asked, *asked)]
+    bounds: list[tuple[float | None, float | None]] = []
+    bounds += [(0.0, None if ok else 0.0) for ok in (*asked, *asked)]
     bounds += [(0.0, 0.0) if free else (None, None) for free in uncertain]
     rows = np.vstack(blocks)
-    result = linprog(-gain, A_ub=rows, b_ub=np.ones(len(rows)), bounds=bounds, method="highs")
-    return float(-result.fun) if result.status == 0 else 0.0
+    optimum = minimise(-gain, rows, np.ones(len(rows)), bounds)
+    return -optimum[0] if optimum else 0.0
 
 
 def _panels(marks: list[float]) -> Array:

@@ -1,0 +1,34 @@
+"""The one linear-program call (HiGHS through SciPy) that bounds and schedules share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+Array = NDArray[np.float64]
+
+_INFEASIBLE = 2  # SciPy's status code
+
+
+def minimise(
+    objective: Array,
+    rows: Array,
+    limits: Array,
+    bounds: Sequence[tuple[float | None, float | None]],
+) -> tuple[float, Array] | None:
+    """Minimise ``objective . x`` subject to ``rows @ x <= limits`` and bounds on x.
+
+    Returns the optimum and its x, or None if the constraints contradict each other.
+
+    Raises:
+        ArithmeticError: If the program is unbounded or the solver gives up.
+    """
+    result = linprog(objective, A_ub=rows, b_ub=limits, bounds=list(bounds), method="highs")
+    if result.status == _INFEASIBLE:
+        return None
+    if result.status != 0 or result.x is None or result.fun is None:
+        raise ArithmeticError(f"linear program without optimum: {result.message}")
+    return float(result.fun), np.asarray(result.x, dtype=float)
