@@ -6,7 +6,6 @@ Keys are those of the scenario file; a coordinate left out of the goal is free.
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -46,7 +45,7 @@ class Start(Value):
     kappa_per_m: Pair
     temperature_C: Pair | None = None
 
-    @cached_property
+    @property
     def configuration(self) -> Array:
         """Q = [x, y, phi, kappa1, kappa2], shape (5,), read-only."""
         return _read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
@@ -89,14 +88,14 @@ class Goal(Value):
             raise InputError("", {}, "at least one of x_m, y_m, phi_rad, kappa_per_m")
         return self
 
-    @cached_property
+    @property
     def configuration(self) -> Array:
         """Goal q, shape (5,), read-only; NaN marks a free coordinate."""
         kappa = self.kappa_per_m or (None, None)
         values = [self.x_m, self.y_m, self.phi_rad, *kappa]
         return _read_only([math.nan if value is None else value for value in values])
 
-    @cached_property
+    @property
     def half_width(self) -> Array:
         """Tolerance of each coordinate, shape (5,), read-only."""
         box = self.tolerance

@@ -7,7 +7,6 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 from __future__ import annotations
 
 import itertools
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,12 +27,12 @@ class Geometry(Value):
     wheel_thickness_m: Positive
     wheel_radius_m: Positive
 
-    @cached_property
+    @property
     def side_wheel_m(self) -> float:
         """h1: distance from a fibre end to the side wheel, along the link."""
         return self.end_link_m + self.unit_side_m + self.wheel_thickness_m / 2
 
-    @cached_property
+    @property
     def front_wheel_m(self) -> tuple[float, float]:
         """(h2, h3): distance from a fibre end to the other wheel, along and across the link."""
         return (

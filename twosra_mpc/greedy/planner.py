@@ -99,7 +99,7 @@ def plan_greedily(problem: Problem) -> Plan:
     """Plan with the greedy rule; the result is a plan like any other, without a lower bound."""
     started = time.perf_counter()
     path = greedy_path(problem)
-    phases = _phases(path)
+    phases = _phases(path) or [(problem.start_mode, [np.zeros(5)])]
     sequence = tuple(mode for mode, _ in phases)
     outcome: Verified | None = None
     if path.ending is GreedyEnding.REACHED:

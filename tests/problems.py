@@ -1,0 +1,37 @@
+"""Problems the tests share: random ones from a seed, and robots with other transition times."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from twosra_mpc import Goal, Problem, Robot, Start, load_robot
+from twosra_mpc.robot import OverlappedTiming
+
+ROBOT = load_robot("2sra-v1")
+
+
+def random_problem(seed: int, robot: Robot = ROBOT, **overrides: Any) -> Problem:
+    """abs(kappa) <= 60 1/m, positions within 0.25 m, any heading."""
+    rng = np.random.default_rng(seed)
+
+    def draw() -> dict[str, Any]:
+        x, y = rng.uniform(-0.25, 0.25, 2)
+        phi = rng.uniform(-np.pi, np.pi)
+        return {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": rng.uniform(-60, 60, 2)}
+
+    start, goal = draw(), draw()
+    return Problem(**{"robot": robot, "start": Start(**start), "goal": Goal(**goal), **overrides})
+
+
+def faster_robot(factor: float) -> Robot:
+    """2sra-v1 whose metal melts and freezes ``factor`` times faster."""
+    timing = OverlappedTiming(
+        overlap="full",
+        melt_s=63.0 / factor,
+        melt_changing_s=37.0 / factor,
+        freeze_s=253.0 / factor,
+        freeze_changing_s=235.0 / factor,
+    )
+    return ROBOT.model_copy(update={"timing": {"nominal": timing}})

@@ -1,0 +1,136 @@
+"""Lower bounds of mode sequences: never above what a plan of that sequence costs."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+from problems import ROBOT, faster_robot, random_problem
+
+from twosra_mpc import Goal, Problem
+from twosra_mpc.model.bending import bending
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
+from twosra_mpc.nlp.fixed_sequence import improve, timed
+from twosra_mpc.nlp.guess import guess_motion
+from twosra_mpc.planner import bending_task
+from twosra_mpc.search.bounds import sequence_bound, unreachable_reason
+from twosra_mpc.timing import transition_model
+
+SOFT_SEQUENCES = [
+    soft
+    for n in (1, 2)
+    for soft in itertools.product((SOFT_1, SOFT_2, SOFT_BOTH), repeat=n)
+    if all(a != b for a, b in itertools.pairwise(soft))
+]
+
+
+def sequences() -> list[ModeSequence]:
+    return [(RIGID, *soft, RIGID) for soft in SOFT_SEQUENCES]
+
+
+@pytest.mark.parametrize("factor", [1.0, 30.0, 300.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: float) -> None:
+    problem = random_problem(seed, robot=faster_robot(factor))
+    task, model = bending_task(problem), transition_model(problem)
+    found = 0
+    for sequence in sequences():
+        if unreachable_reason(sequence, task):
+            continue
+        network = model.network(sequence, RIGID)
+        bound = sequence_bound(network, task, problem.weights)
+        if bound is None:
+            continue
+        guess = guess_motion(
+            problem.robot,
+            problem.start.configuration,
+            problem.goal,
+            sequence,
+            bound.bends,
+            bending(problem.robot).coordinate,
+            intervals=8,
+        )
+        for candidate in (timed(guess, network, problem, 0), improve(guess, network, problem)):
+            if candidate is not None:
+                found += 1
+                assert bound.cost <= candidate.cost + 1e-6, sequence
+    assert found >= 4
+
+
+def test_the_bound_includes_the_time_to_bend() -> None:
+    problem = random_problem(9)
+    network = transition_model(problem).network((RIGID, SOFT_1, SOFT_BOTH, RIGID), RIGID)
+    bound = sequence_bound(network, bending_task(problem), problem.weights)
+    assert bound is not None
+    # 335 s of transitions, and at least abs(dW) / rate for what segment 2 must bend in [1,1].
+    task = bending_task(problem)
+    least = abs(task.change[1][0]) / task.rate[SOFT_BOTH]
+    assert least > 0.1
+    assert bound.cost >= 335.0 + least - 1e-6
+
+
+def test_a_looser_goal_never_has_a_higher_bound() -> None:
+    problem = random_problem(6)
+    kappa = problem.goal.kappa_per_m
+    assert kappa is not None
+    network = transition_model(problem).network((RIGID, SOFT_1, SOFT_2, RIGID), RIGID)
+    costs = []
+    for width in (0.0, 3.0, 10.0, 200.0):
+        goal = Goal(kappa_per_m=kappa, tolerance={"kappa_per_m": (width, width)})
+        loose = problem.model_copy(update={"goal": goal})
+        bound = sequence_bound(network, bending_task(loose), problem.weights)
+        assert bound is not None
+        costs.append(bound.cost)
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] == pytest.approx(63 + 235 + 235)
+
+
+def kappa_problem(start: tuple[float, float], goal: tuple[float, float]) -> Problem:
+    base = random_problem(7)
+    first = base.start.model_copy(update={"kappa_per_m": start})
+    return Problem(robot=ROBOT, start=first, goal=Goal(kappa_per_m=goal))
+
+
+@pytest.mark.parametrize(
+    ("sequence", "words"),
+    [
+        ((RIGID,), "segment 1 must bend"),
+        ((RIGID, SOFT_1, RIGID), "segment 2 must bend"),
+        ((RIGID, SOFT_2, RIGID), "segment 1 must bend"),
+        ((RIGID, SOFT_BOTH, RIGID), r"\[1,1\] alone bends both segments together"),
+    ],
+)
+def test_unreachable_shapes_are_explained(sequence: ModeSequence, words: str) -> None:
+    task = bending_task(kappa_problem((0.0, 0.0), (10.0, -20.0)))
+    reason = unreachable_reason(sequence, task)
+    assert reason is not None
+    assert re.search(words, reason)
+    assert "kappa1 from 0 to 10 1/m, kappa2 from 0 to -20 1/m" in reason
+
+
+def test_equal_changes_of_the_bending_coordinate_need_only_one_soft_mode() -> None:
+    task = bending_task(kappa_problem((-20.0, -20.0), (35.0, 35.0)))
+    assert unreachable_reason((RIGID, SOFT_BOTH, RIGID), task) is None
+
+
+def test_a_sequence_that_must_leave_the_curvature_range_has_no_plan() -> None:
+    # [1,0] first has to make up for what [1,1] will add to segment 1: more than the range allows.
+    problem = kappa_problem((-20.0, -60.0), (-40.0, 60.0))
+    network = transition_model(problem).network((RIGID, SOFT_1, SOFT_BOTH, RIGID), RIGID)
+    assert sequence_bound(network, bending_task(problem), problem.weights) is None
+
+
+def test_bends_of_the_relaxation_add_up_to_the_task() -> None:
+    problem = random_problem(8)
+    task = bending_task(problem)
+    sequence = (RIGID, SOFT_BOTH, SOFT_1, RIGID)
+    network = transition_model(problem).network(sequence, RIGID)
+    bound = sequence_bound(network, task, problem.weights)
+    assert bound is not None
+    for j in (0, 1):
+        total = sum(bound.bends[i] for i, mode in enumerate(sequence) if mode[j])
+        assert total == pytest.approx(task.change[j][0], abs=1e-9)
+    assert not bound.bends[[0, -1]].any()
+    assert np.isfinite(bound.times).all()

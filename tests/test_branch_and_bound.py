@@ -1,0 +1,172 @@
+"""Branch and bound on random trees: same optimum as brute force, and bounds that never lie."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twosra_mpc.search.branch_and_bound import Ending, SearchResult, branch_and_bound
+
+Path = tuple[int, ...]
+
+
+@dataclass
+class RandomTree:
+    """A tree whose leaves cost ``costs``; bounds are costs less a non-negative slack.
+
+    ``found`` is what solving a leaf returns: never less than its cost, None where solving fails.
+    """
+
+    costs: dict[Path, float]
+    slack: dict[Path, float]
+    found: dict[Path, float | None]
+    depth: int
+    solved: list[Path] = field(default_factory=list)
+
+    def root(self) -> Path:
+        return ()
+
+    def _below(self, node: Path) -> list[float]:
+        return [cost for path, cost in self.costs.items() if path[: len(node)] == node]
+
+    def bound(self, node: Path) -> float:
+        return min(self._below(node), default=math.inf) - self.slack.get(node, 0.0)
+
+    def children(self, node: Path) -> list[Path] | None:
+        longer = [(*node, i) for i in range(3)]
+        if len(node) == self.depth:
+            return None if any(self._below(child) for child in longer) else []
+        return longer
+
+    def leaf_bound(self, node: Path) -> float:
+        return self.costs.get(node, math.inf) - self.slack.get(node, 0.0)
+
+    def solve(self, node: Path, target: float) -> tuple[float, Path] | None:
+        self.solved.append(node)
+        value = self.found[node]
+        return None if value is None else (value, node)
+
+
+PATHS = st.lists(st.integers(0, 2), max_size=3).map(tuple)
+COSTS = st.dictionaries(PATHS, st.floats(1.0, 100.0), min_size=1, max_size=25)
+
+
+def search(tree: RandomTree, gap: float = 0.0, patience: int = 10**9) -> SearchResult[Path]:
+    asked = iter(range(10**9))
+    return branch_and_bound(
+        tree,
+        gap=gap,
+        out_of_time=lambda: next(asked) >= patience,
+        on_progress=lambda cost, low: None,
+    )
+
+
+def exact(costs: dict[Path, float], slack: dict[Path, float], depth: int = 3) -> RandomTree:
+    return RandomTree(costs, slack, dict(costs), depth)
+
+
+@settings(deadline=None, derandomize=True, max_examples=300)
+@given(costs=COSTS)
+def test_tight_bounds_give_the_brute_force_optimum_and_solve_one_leaf(
+    costs: dict[Path, float],
+) -> None:
+    tree = exact(costs, {})
+    result = search(tree)
+    assert result.cost == result.lower_bound == min(costs.values())
+    assert result.ending is Ending.CLOSED
+    assert len(tree.solved) == result.solved == 1
+
+
+@settings(deadline=None, derandomize=True, max_examples=300)
+@given(
+    costs=COSTS,
+    slack=st.dictionaries(PATHS, st.floats(0.0, 30.0)),
+    gap=st.sampled_from([0.0, 0.05, 0.3]),
+)
+def test_cost_is_the_optimum_or_within_the_gap_and_the_bound_is_below_the_optimum(
+    costs: dict[Path, float], slack: dict[Path, float], gap: float
+) -> None:
+    result = search(exact(costs, slack), gap)
+    optimum = min(costs.values())
+    assert result.lower_bound <= optimum <= result.cost
+    if result.ending is Ending.CLOSED:
+        assert result.cost - result.lower_bound <= gap * result.cost + 1e-12
+    else:
+        assert result.ending is Ending.EXHAUSTED
+        assert result.cost == optimum
+
+
+@settings(deadline=None, derandomize=True, max_examples=300)
+@given(
+    costs=COSTS,
+    slack=st.dictionaries(PATHS, st.floats(0.0, 30.0)),
+    excess=st.dictionaries(PATHS, st.one_of(st.none(), st.floats(0.0, 50.0))),
+    depth=st.integers(0, 3),
+    patience=st.integers(0, 20),
+)
+def test_the_bound_stays_valid_with_local_solves_depth_limits_and_time_limits(
+    costs: dict[Path, float],
+    slack: dict[Path, float],
+    excess: dict[Path, float | None],
+    depth: int,
+    patience: int,
+) -> None:
+    found: dict[Path, float | None] = {}
+    for path, cost in costs.items():
+        extra = excess.get(path, 0.0)
+        found[path] = None if extra is None else cost + extra
+    tree = RandomTree(costs, slack, found, depth)
+    result = search(tree, patience=patience)
+    assert result.lower_bound <= min(costs.values())
+    tried = [found[path] for path in tree.solved if found[path] is not None]
+    assert result.cost == min(tried, default=math.inf)
+    assert (result.solution is None) == (not tried)
+
+
+def test_a_tree_without_leaves_is_proved_infeasible() -> None:
+    result = search(exact({}, {}))
+    assert result.ending is Ending.EXHAUSTED
+    assert result.solution is None
+    assert result.lower_bound == math.inf
+
+
+def test_a_leaf_that_cannot_be_solved_keeps_its_bound() -> None:
+    tree = RandomTree({(0,): 5.0}, {}, {(0,): None}, depth=3)
+    result = search(tree)
+    assert result.solution is None
+    assert result.lower_bound == 5.0
+
+
+@pytest.mark.parametrize("leaves_before", [0, 1, 2])
+def test_an_interrupt_returns_the_best_so_far_and_a_valid_bound(leaves_before: int) -> None:
+    class Interrupted(RandomTree):
+        def solve(self, node: Path, target: float) -> tuple[float, Path] | None:
+            if len(self.solved) == leaves_before:
+                raise KeyboardInterrupt
+            return super().solve(node, target)
+
+    costs = {(0,): 10.0, (1,): 8.0, (2,): 6.0}
+    slack = {(0,): 9.0, (1,): 6.0, (2,): 3.0, (): 9.0}
+    result = search(Interrupted(costs, slack, dict(costs), 3))
+    assert result.ending is Ending.INTERRUPTED
+    assert result.solved == leaves_before
+    assert result.cost == [math.inf, 10.0, 8.0][leaves_before]
+    assert result.lower_bound <= 6.0
+
+
+def test_the_search_reports_progress_with_a_bound_that_never_falls() -> None:
+    seen: list[tuple[float, float]] = []
+    costs = {(0, 0): 9.0, (1,): 8.0, (2, 1): 7.0}
+    branch_and_bound(
+        exact(costs, {(0, 0): 5.0, (): 6.0, (0,): 5.5}),
+        gap=0.0,
+        out_of_time=lambda: False,
+        on_progress=lambda cost, low: seen.append((cost, low)),
+    )
+    lows = [low for _, low in seen]
+    assert lows == sorted(lows)
+    assert all(low <= 7.0 for low in lows)

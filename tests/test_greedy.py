@@ -1,0 +1,77 @@
+"""The greedy reference planner: sequences as published, a plan like any other, and a clear end."""
+
+from __future__ import annotations
+
+import pytest
+from problems import ROBOT, random_problem
+
+import twosra_mpc.greedy.planner as greedy
+from twosra_mpc import Status, load_problem, plan
+from twosra_mpc.greedy.planner import GreedyEnding, greedy_path
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+
+# Mode sequences of the published simulations; the autonomous Jacobian gives the same ones.
+PUBLISHED = {
+    "paper-1": (SOFT_BOTH, SOFT_2, SOFT_1, RIGID),
+    "paper-2": (SOFT_1, RIGID),
+    "paper-3": (SOFT_BOTH, SOFT_2, SOFT_1, RIGID),
+    "paper-4": (SOFT_2, RIGID),
+    "paper-5": (SOFT_2, SOFT_1, RIGID),
+}
+
+
+@pytest.mark.parametrize(("name", "sequence"), PUBLISHED.items())
+def test_the_published_mode_sequences_are_found(name: str, sequence: object) -> None:
+    result = plan(load_problem(name, planner="greedy"))
+    assert tuple(phase.mode for phase in result.phases) == sequence
+    assert result.status is Status.FEASIBLE
+    assert result.planner == "greedy"
+    assert result.lower_bound is None
+    assert result.gap is None
+    assert "by the greedy rule" in result.message
+    assert result.verification is not None
+    assert result.verification.ok
+
+
+def test_the_error_never_grows_and_the_mode_changes_only_when_stuck() -> None:
+    problem = random_problem(50)
+    path = greedy_path(problem)
+    assert path.ending is GreedyEnding.REACHED
+    assert len(set(path.modes)) <= 4
+    runs = 1 + sum(a != b for a, b in zip(path.modes, path.modes[1:], strict=False))
+    assert runs <= 6
+
+
+def test_it_stops_when_no_allowed_mode_helps() -> None:
+    result = plan(load_problem("paper-1", planner="greedy", modes=[RIGID]))
+    assert result.status is Status.FAILED
+    assert result.samples is None
+    assert "no allowed mode comes nearer to the goal" in result.message
+
+
+def test_it_stops_at_its_iteration_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(greedy, "MAX_ITERATIONS", 5)
+    result = plan(load_problem("paper-1", planner="greedy"))
+    assert result.status is Status.FAILED
+    assert "iterations" in result.message
+
+
+def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
+    problem = load_problem("paper-1", planner="greedy")
+    goal = dict(zip(("x_m", "y_m", "phi_rad"), problem.start.configuration, strict=False))
+    goal["kappa_per_m"] = problem.start.kappa_per_m
+    result = plan(load_problem("paper-1", planner="greedy", goal=goal))
+    assert result.duration_s == 0.0
+    assert result.phases == ()
+
+
+def test_a_path_beyond_the_curvature_limit_is_not_called_feasible() -> None:
+    """On this problem greedy overshoots to 55 1/m between curvatures below 48 1/m."""
+    limits = ROBOT.limits.model_copy(update={"curvature_per_m": 50.0})
+    robot = ROBOT.model_copy(update={"limits": limits})
+    result = plan(random_problem(12, planner="greedy", robot=robot))
+    assert result.status is Status.FAILED
+    assert result.samples is None
+    assert "within the curvature limit of 50 1/m" in result.message
+    optimal = plan(random_problem(12, robot=robot))
+    assert optimal.status is Status.OPTIMAL

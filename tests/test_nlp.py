@@ -1,0 +1,198 @@
+"""Guess, multiple shooting and landing of a fixed sequence."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from problems import ROBOT, random_problem
+from scipy.integrate import solve_ivp
+
+from twosra_mpc import Problem, load_problem
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
+from twosra_mpc.motion import Motion, interval_durations, roll_out
+from twosra_mpc.nlp.fixed_sequence import (
+    IPOPT_STATUS,
+    SolveStatus,
+    improve,
+    solve_status,
+    timed,
+)
+from twosra_mpc.nlp.guess import bending_travel, guess_motion
+from twosra_mpc.nlp.landing import LANDED, land
+from twosra_mpc.nlp.multiple_shooting import transcribe
+from twosra_mpc.planner import bending_task
+from twosra_mpc.search.bounds import sequence_bound
+from twosra_mpc.timing import TemporalNetwork, transition_model
+
+SEQUENCE = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
+
+
+def set_up(problem: Problem, sequence: ModeSequence) -> tuple[TemporalNetwork, Motion, float]:
+    """Network, guess and lower bound of a sequence."""
+    network = transition_model(problem).network(sequence, RIGID)
+    bound = sequence_bound(network, bending_task(problem), problem.weights)
+    assert bound is not None
+    guess = guess_motion(
+        problem.robot,
+        problem.start.configuration,
+        problem.goal,
+        sequence,
+        bound.bends,
+        bending(problem.robot).coordinate,
+        intervals=10,
+    )
+    return network, guess, bound.cost
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_guess_reaches_the_goal_pose_exactly_and_the_shape_nearly(seed: int) -> None:
+    problem = random_problem(seed)
+    _, guess, _ = set_up(problem, (RIGID, SOFT_1, SOFT_2, RIGID))
+    error = problem.goal.error(guess.end.copy())
+    assert np.abs(error[:3]).max() < 1e-9
+    assert np.abs(error[3:]).max() < 1e-2
+
+
+@pytest.mark.parametrize("bend", [-0.05, -1e-6, 1e-6, 0.03])
+def test_bending_travel_changes_the_coordinate_by_what_was_asked(bend: float) -> None:
+    coordinate = bending(ROBOT).coordinate
+    q = np.array([0.1, 0.2, 0.3, 20.0, -30.0])
+    for mode in (SOFT_1, SOFT_2, SOFT_BOTH):
+        travel = bending_travel(ROBOT, q, mode, bend, coordinate)
+        segment = mode.index(1)
+        pieces = np.tile([[[travel / 40, travel / 40, 0, 0, 0]]], (1, 40, 1))
+        end = roll_out(ROBOT, q, (mode,), pieces).end
+        change = coordinate(end[3 + segment]) - coordinate(q[3 + segment])
+        assert change == pytest.approx(bend, abs=1e-7)
+
+
+def test_the_roll_out_agrees_with_an_adaptive_integrator() -> None:
+    problem = random_problem(11)
+    _, guess, _ = set_up(problem, SEQUENCE)
+    jacobian = kinematics(ROBOT).jacobian
+    q = problem.start.configuration
+    for mode, steps in zip(SEQUENCE, guess.inputs, strict=True):
+        for step in steps:
+            q = solve_ivp(
+                lambda _, at, mode=mode, step=step: jacobian(at, mode).full() @ step,
+                (0.0, 1.0),
+                q,
+                method="DOP853",
+                rtol=1e-11,
+                atol=1e-12,
+            ).y[:, -1]
+    assert np.abs(q - guess.end).max() < 1e-7
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_landing_closes_a_disturbed_motion_and_changes_it_little(seed: int) -> None:
+    problem = random_problem(seed)
+    _, guess, _ = set_up(problem, (RIGID, SOFT_1, SOFT_2, RIGID))
+    rng = np.random.default_rng(seed)
+    disturbed = guess.inputs * (1 + 1e-3 * rng.standard_normal(guess.inputs.shape))
+    motion = roll_out(ROBOT, problem.start.configuration, guess.sequence, disturbed)
+    assert np.abs(problem.goal.error(motion.end.copy())).max() > 1e-5
+    landed = land(motion, problem.goal)
+    assert landed is not None
+    assert np.abs(problem.goal.error(landed.end.copy())).max() <= LANDED
+    assert np.abs(landed.inputs - disturbed).max() < 1e-2 * np.abs(disturbed).max()
+    soft = np.array([any(mode) for mode in guess.sequence])
+    assert not landed.inputs[soft][:, :, 2:].any()
+    assert not landed.inputs[~soft][:, :, :2].any()
+
+
+def test_landing_gives_up_on_a_goal_its_modes_cannot_reach() -> None:
+    problem = load_problem("paper-1")
+    still = roll_out(ROBOT, problem.start.configuration, (RIGID,), np.full((1, 4, 5), 1e-3))
+    assert land(still, problem.goal) is None
+
+
+def test_intervals_run_at_the_limit_of_a_wheel_or_a_unit() -> None:
+    _, guess, _ = set_up(random_problem(12), SEQUENCE)
+    durations = interval_durations(guess)
+    function = kinematics(ROBOT).wheel_matrix
+    for i, mode in enumerate(SEQUENCE):
+        for k in range(10):
+            if durations[i, k] == 0.0:
+                assert not guess.inputs[i, k].any()
+                continue
+            v = guess.inputs[i, k] / durations[i, k]
+            wheels = function(guess.states[i, k], mode).full() @ v
+            use = max(
+                np.abs(wheels).max() / ROBOT.limits.wheel_speed_rad_s,
+                np.abs(v[:2]).max() / ROBOT.limits.unit_speed_m_s,
+            )
+            assert use == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-3", "paper-5"])
+def test_multiple_shooting_confirms_that_the_guess_is_locally_optimal(name: str) -> None:
+    problem = load_problem(name)
+    sequence = SEQUENCE if name != "paper-5" else (RIGID, SOFT_2, SOFT_BOTH, RIGID)
+    network, guess, bound = set_up(problem, sequence)
+    first, polished = timed(guess, network, problem, 0), improve(guess, network, problem)
+    assert first is not None
+    assert polished is not None
+    assert polished.iterations > 0
+    assert bound <= polished.cost <= first.cost + 1e-3
+    assert np.abs(problem.goal.error(polished.motion.end.copy())).max() <= LANDED
+
+
+def test_multiple_shooting_improves_a_motion_that_is_not_optimal() -> None:
+    problem = load_problem("rigid-move")
+    network, guess, _ = set_up(problem, (RIGID,))
+    first, polished = timed(guess, network, problem, 0), improve(guess, network, problem)
+    assert first is not None
+    assert polished is not None
+    assert polished.cost < 0.95 * first.cost
+
+
+def test_a_goal_out_of_reach_of_the_modes_is_reported_as_no_motion() -> None:
+    problem = load_problem("paper-1")
+    network = transition_model(problem).network((RIGID,), RIGID)
+    guess = roll_out(ROBOT, problem.start.configuration, (RIGID,), np.full((1, 10, 5), 1e-3))
+    assert improve(guess, network, problem) is None
+
+
+def test_the_decision_vector_packs_and_unpacks() -> None:
+    program = transcribe(ROBOT, phases=3, intervals=4, steps=2)
+    rng = np.random.default_rng(0)
+    states, inputs = rng.standard_normal((3, 5, 5)), rng.standard_normal((3, 4, 5))
+    times = rng.uniform(0, 500, program.layout.count)
+    x = program.pack(states, inputs, times)
+    assert x.shape == (program.nlp["x"].numel(),)
+    for before, after in zip((states, inputs, times), program.unpack(x), strict=True):
+        np.testing.assert_allclose(after, before, rtol=1e-14)
+    assert max(rows.stop for rows in program.rows.values()) == program.nlp["g"].numel()
+
+
+@pytest.mark.parametrize("raw", [*IPOPT_STATUS, "Invalid_Number_Detected", "something new"])
+def test_every_solver_status_has_a_meaning(raw: str) -> None:
+    status = solve_status(raw)
+    expected = {
+        "Solve_Succeeded": SolveStatus.SOLVED,
+        "Solved_To_Acceptable_Level": SolveStatus.ACCEPTABLE,
+        "Feasible_Point_Found": SolveStatus.ACCEPTABLE,
+        "Search_Direction_Becomes_Too_Small": SolveStatus.ACCEPTABLE,
+        "Infeasible_Problem_Detected": SolveStatus.LOCALLY_INFEASIBLE,
+        "Maximum_Iterations_Exceeded": SolveStatus.LIMIT,
+        "Maximum_CpuTime_Exceeded": SolveStatus.LIMIT,
+        "Maximum_WallTime_Exceeded": SolveStatus.LIMIT,
+    }
+    assert status is expected.get(raw, SolveStatus.FAILED)
+
+
+def test_a_screw_motion_covers_any_rigid_pose_change() -> None:
+    for seed in range(5):
+        problem = random_problem(seed)
+        goal = problem.goal.model_copy(update={"kappa_per_m": None})
+        free = Problem(
+            robot=ROBOT, start=problem.start, goal=goal.model_validate(goal.model_dump())
+        )
+        _, guess, _ = set_up(free, (RIGID,))
+        assert np.abs(free.goal.error(guess.end.copy())).max() < 1e-9
+        assert abs(guess.inputs[0, :, 4].sum()) <= math.pi + 1e-9

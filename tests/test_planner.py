@@ -1,0 +1,265 @@
+"""plan(): the published problems, random ones, statuses, limits, and brute force as the judge."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from problems import ROBOT, faster_robot, random_problem
+
+import twosra_mpc.planner as planner_module
+from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+from twosra_mpc.planner import Progress, _SequenceSolver, bending_task
+from twosra_mpc.search.bounds import sequence_bound, unreachable_reason
+from twosra_mpc.timing import transition_model
+
+PAPER = [f"paper-{n}" for n in range(1, 6)]
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
+    result = plan(load_problem(name))
+    greedy = plan(load_problem(name, planner="greedy"))
+    assert result.status is Status.OPTIMAL
+    assert result.gap is not None
+    assert result.gap <= 0.015
+    assert result.verification is not None
+    assert result.verification.ok
+    assert max(map(abs, result.verification.goal_error)) <= 1e-6
+    assert greedy.status is Status.FEASIBLE
+    assert greedy.duration_s is not None
+    assert result.duration_s is not None
+    assert result.lower_bound is not None
+    assert result.lower_bound <= result.duration_s <= greedy.duration_s
+
+
+@pytest.mark.parametrize(
+    ("name", "transitions", "least"),
+    [("paper-1", 4, 335), ("paper-2", 2, 298), ("paper-3", 4, 335), ("paper-4", 2, 298)],
+)
+def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
+    name: str, transitions: int, least: float
+) -> None:
+    result = plan(load_problem(name))
+    assert result.cost is not None
+    assert result.cost.transitions == transitions
+    assert least < result.cost.time_s < least + 3
+
+
+@pytest.mark.parametrize("seed", range(100, 110))
+def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: int) -> None:
+    result = plan(random_problem(seed))
+    assert result.status is Status.OPTIMAL
+    greedy = plan(random_problem(seed, planner="greedy"))
+    assert result.duration_s is not None
+    if greedy.found and greedy.duration_s is not None:
+        assert result.duration_s <= greedy.duration_s + 1e-9
+
+
+@pytest.mark.parametrize("factor", [1.0, 100.0])
+def test_the_search_finds_what_solving_every_sequence_finds(factor: float) -> None:
+    problem = random_problem(21, robot=faster_robot(factor), gap=0.001, max_phases=4)
+    solver = _SequenceSolver(problem)
+    task, model = bending_task(problem), transition_model(problem)
+    best = math.inf
+    for n in (1, 2):
+        for soft in itertools.product((SOFT_1, SOFT_2, SOFT_BOTH), repeat=n):
+            sequence = (RIGID, *soft, RIGID)
+            if any(a == b for a, b in itertools.pairwise(soft)):
+                continue
+            if unreachable_reason(sequence, task):
+                continue
+            network = model.network(sequence, RIGID)
+            bound = sequence_bound(network, task, problem.weights)
+            if bound is not None and (found := solver(network, bound, target=0.0)) is not None:
+                best = min(best, found[0])
+    result = plan(problem)
+    assert result.cost is not None
+    assert math.isfinite(best)
+    assert result.cost.total <= best * 1.001 + 1e-9
+    assert result.lower_bound is not None
+    assert result.lower_bound <= best + 1e-9
+
+
+def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
+    problem = load_problem("paper-1")
+    q = problem.start.configuration
+    goal = Goal(x_m=q[0], y_m=q[1], phi_rad=q[2] + 2 * math.pi, kappa_per_m=q[3:])
+    result = plan(Problem(robot=ROBOT, start=problem.start, goal=goal))
+    assert result.status is Status.OPTIMAL
+    assert result.phases == ()
+    assert result.transitions == ()
+    assert result.duration_s == result.lower_bound == result.gap == 0.0
+    assert result.samples is not None
+    assert not result.samples.v.any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_pure_pose_change_melts_nothing_and_has_a_proved_gap(seed: int) -> None:
+    problem = random_problem(seed)
+    shape = problem.start.kappa_per_m
+    goal = problem.goal.model_copy(update={"kappa_per_m": shape})
+    result = plan(Problem(robot=ROBOT, start=problem.start, goal=goal.model_dump()))
+    assert result.found
+    assert result.transitions == ()
+    assert [phase.mode for phase in result.phases] == [RIGID]
+    assert result.gap is not None
+    assert result.gap < 0.05
+
+
+@pytest.mark.parametrize("segment", [0, 1])
+def test_a_shape_change_of_one_segment_never_melts_the_other(segment: int) -> None:
+    kappa = [0.0, 0.0]
+    kappa[segment] = 25.0
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
+    goal = Goal(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=kappa)
+    result = plan(Problem(robot=ROBOT, start=start, goal=goal))
+    assert result.status is Status.OPTIMAL
+    assert {item.segment for item in result.transitions} == {segment + 1}
+
+
+def test_what_the_metal_allows_is_found_and_not_coded() -> None:
+    """Heating runs while driving, the second melt waits for the first bend, one common freeze."""
+    result = plan(load_problem("move-and-shape"))
+    melts = sorted((t for t in result.transitions if t.to == "soft"), key=lambda t: t.onset_s)
+    freezes = [t for t in result.transitions if t.to == "rigid"]
+    drive = result.phases[0]
+    assert drive.mode == RIGID
+    assert melts[0].heater_s < drive.end_s <= melts[0].onset_s
+    assert melts[1].heater_s < melts[0].done_s < melts[1].onset_s
+    assert freezes[0].onset_s == pytest.approx(freezes[1].onset_s)
+
+
+def test_a_start_that_is_already_soft_is_used() -> None:
+    base = load_problem("paper-4")
+    start = Start(**{**base.start.model_dump(), "temperature_C": (25.0, 63.0)})
+    result = plan(load_problem("paper-4", start=start.model_dump()))
+    assert result.status is Status.OPTIMAL
+    assert result.duration_s is not None
+    assert result.duration_s < 250  # no melt: only the freeze, from 63 C, and the motion
+    assert [item.to for item in result.transitions] == ["rigid"]
+
+
+def test_a_goal_may_leave_a_segment_soft() -> None:
+    base = load_problem("paper-4")
+    goal = {**base.goal.model_dump(), "mode": (0, 1)}
+    result = plan(load_problem("paper-4", goal=goal))
+    assert result.status is Status.OPTIMAL
+    assert result.duration_s is not None
+    assert result.duration_s < 70
+    assert [item.to for item in result.transitions] == ["soft"]
+    assert result.samples is not None
+    assert result.samples.heater_setpoint_C[-1].tolist() == [25.0, 65.0]
+
+
+def test_free_coordinates_and_tolerances_never_cost_more() -> None:
+    full = load_problem("paper-1")
+    base = plan(full).duration_s
+    assert base is not None
+    free = plan(load_problem("paper-1", goal={"kappa_per_m": [-15.0, "free"]}))
+    assert free.status is Status.OPTIMAL
+    assert free.duration_s is not None
+    assert free.duration_s < 300 < base
+    loose = {**full.goal.model_dump(), "tolerance": {"kappa_per_m": (2.5, 2.5)}}
+    near = plan(load_problem("paper-1", goal=loose))
+    assert near.duration_s is not None
+    assert near.duration_s < 300  # [1,1] alone comes within 2 1/m of both curvatures
+
+
+def test_infeasible_is_proved_and_explained() -> None:
+    result = plan(load_problem("paper-1", modes=[RIGID, SOFT_BOTH]))
+    assert result.status is Status.INFEASIBLE
+    assert "must also be bent alone" in result.message
+    assert "kappa1 from -38 to -15" in result.message
+    assert result.cost is result.samples is result.gap is None
+    with pytest.raises(NoPlanError, match="infeasible") as error:
+        result.require()
+    assert error.value.reason == result.message
+
+
+def test_too_few_phases_is_not_called_infeasible() -> None:
+    result = plan(load_problem("paper-1", max_phases=3))
+    assert result.status is Status.FAILED
+    assert "raise max_phases" in result.message
+    assert result.lower_bound is not None
+    assert result.lower_bound <= plan(load_problem("paper-1")).duration_s
+
+
+def test_a_time_limit_stops_the_search_with_a_valid_bound() -> None:
+    result = plan(load_problem("paper-1", time_limit_s=1e-9))
+    assert result.status is Status.FAILED
+    assert result.stopped_early
+    assert "raise time_limit_s" in result.message
+    assert result.lower_bound is not None
+    assert result.lower_bound <= 336
+
+
+def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve = _SequenceSolver.__call__
+    calls = []
+
+    def interrupted(self: _SequenceSolver, *args: object) -> object:
+        calls.append(args)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        found = solve(self, *args)  # type: ignore[arg-type]
+        return found and (found[0] + 50.0, found[1])
+
+    monkeypatch.setattr(planner_module._SequenceSolver, "__call__", interrupted)
+    result = plan(load_problem("paper-1", gap=0.0))
+    assert len(calls) == 2
+    assert result.stopped_early
+    assert result.status is Status.FEASIBLE
+    assert "interrupted" in result.message
+    assert result.samples is not None
+
+
+def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:
+    result = plan(load_problem("rigid-move", gap=0.0))
+    assert result.status is Status.FEASIBLE
+    assert result.gap is not None
+    assert 0 < result.gap < 0.02
+    assert not result.stopped_early
+
+
+def test_progress_is_reported() -> None:
+    seen: list[Progress] = []
+    plan(load_problem("paper-3"), on_progress=seen.append)
+    assert seen
+    assert all(item.lower_bound <= 337 for item in seen)
+
+
+def test_the_authors_timing_waits_through_every_transition() -> None:
+    for name in PAPER:
+        result = plan(load_problem(name, timing="paper"))
+        greedy = plan(load_problem(name, timing="paper", planner="greedy"))
+        assert result.status is Status.OPTIMAL
+        assert result.duration_s is not None
+        assert greedy.duration_s is not None
+        assert result.duration_s <= greedy.duration_s
+    waits = {"paper-1": 1404.0, "paper-2": 400.0, "paper-4": 400.0}
+    for name, wait in waits.items():
+        greedy = plan(load_problem(name, timing="paper", planner="greedy"))
+        moving = sum(phase.end_s - phase.start_s for phase in greedy.phases)
+        assert greedy.duration_s == pytest.approx(wait + moving, abs=1e-6)
+
+
+def test_weights_enter_cost_and_bound() -> None:
+    weights = {"energy_s_per_J": 0.1, "transition_s": 5.0}
+    result = plan(load_problem("paper-1", weights=weights))
+    assert result.cost is not None
+    cost = result.cost
+    assert cost.total == pytest.approx(cost.time_s + 0.1 * cost.energy_J + 5.0 * cost.transitions)
+    assert result.lower_bound is not None
+    assert cost.time_s < result.lower_bound <= cost.total
+    assert result.status is Status.OPTIMAL
+
+
+def test_planning_is_reproducible() -> None:
+    first, second = plan(random_problem(40)), plan(random_problem(40))
+    assert first.samples is not None
+    assert second.samples is not None
+    np.testing.assert_array_equal(first.samples.q, second.samples.q)

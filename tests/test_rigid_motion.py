@@ -1,0 +1,102 @@
+"""The lower bound on rigid motions: below every motion there is, and tight where it is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import ROBOT
+
+from twosra_mpc import Goal, Problem, Start
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.modes import RIGID
+from twosra_mpc.planner import rigid_time
+from twosra_mpc.search.rigid_motion import least_time
+
+LIMIT = ROBOT.limits.wheel_speed_rad_s
+
+
+def wheel_matrix(kappa: tuple[float, float]) -> np.ndarray:
+    return kinematics(ROBOT).wheel_matrix([0, 0, 0, *kappa], RIGID).full()[:, 2:]
+
+
+def problem_between(start: np.ndarray, goal: np.ndarray, kappa: tuple[float, float]) -> Problem:
+    return Problem(
+        robot=ROBOT,
+        start=Start(x_m=start[0], y_m=start[1], phi_rad=start[2], kappa_per_m=kappa),
+        goal=Goal(x_m=goal[0], y_m=goal[1], phi_rad=goal[2], kappa_per_m=kappa),
+    )
+
+
+def drive(pose: np.ndarray, twist: np.ndarray, seconds: float) -> np.ndarray:
+    """Pose after a constant body twist (u, v, r), by many small exact turns."""
+    for _ in range(200):
+        middle = pose[2] + twist[2] * seconds / 400
+        c, s = math.cos(middle), math.sin(middle)
+        step = np.array([c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2]])
+        pose = pose + step * seconds / 200
+    return pose
+
+
+KAPPA = st.tuples(st.floats(-40, 40), st.floats(-40, 40))
+LEG = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1), st.floats(0.05, 2.0))
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(kappa=KAPPA, legs=st.lists(LEG, min_size=1, max_size=3), heading=st.floats(-3, 3))
+def test_no_admissible_motion_is_faster_than_the_bound(
+    kappa: tuple[float, float], legs: list[tuple[float, float, float, float]], heading: float
+) -> None:
+    matrix = wheel_matrix(kappa)
+    start = np.array([0.1, -0.2, heading])
+    pose, duration = start, 0.0
+    for u, v, r, seconds in legs:
+        twist = np.array([u, v, 10 * r])
+        size = np.abs(matrix @ twist).max()
+        if size < 1e-6:
+            continue
+        pose = drive(pose, twist * LIMIT / size, seconds)
+        duration += seconds
+    assert rigid_time(problem_between(start, pose, kappa)) <= duration + 1e-6
+
+
+def test_pure_rotation_is_bounded_exactly() -> None:
+    kappa = (10.0, -10.0)
+    rate = LIMIT / np.abs(wheel_matrix(kappa)[:, 2]).max()
+    bound = rigid_time(problem_between(np.zeros(3), np.array([0.0, 0.0, 1.0]), kappa))
+    # Turning while shifting to and fro may be faster than turning on the spot, never slower.
+    assert 0.8 / rate <= bound <= 1.0 / rate + 1e-9
+
+
+def test_the_bound_knows_that_headings_are_modulo_a_turn() -> None:
+    kappa = (0.0, 0.0)
+    near = rigid_time(problem_between(np.zeros(3), np.array([0.0, 0.0, 0.5]), kappa))
+    far = rigid_time(problem_between(np.zeros(3), np.array([0.0, 0.0, 0.5 + math.tau]), kappa))
+    other = rigid_time(problem_between(np.zeros(3), np.array([0.0, 0.0, math.tau - 0.5]), kappa))
+    assert near == pytest.approx(far) == pytest.approx(other)
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        Goal(x_m=0.2, kappa_per_m=(5.0, 5.0)),
+        Goal(x_m=0.2, y_m=0.1),
+        Goal(phi_rad=0.7),
+        Goal(x_m=0.2, y_m=0.1, phi_rad=0.7, tolerance={"x_m": 0.05, "phi_rad": 0.2}),
+    ],
+)
+def test_free_and_loose_goals_are_never_bounded_above_a_tight_one(goal: Goal) -> None:
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.3, kappa_per_m=(5.0, 5.0))
+    tight = Goal(x_m=0.2, y_m=0.1, phi_rad=0.7, kappa_per_m=(5.0, 5.0))
+    loose_bound = rigid_time(Problem(robot=ROBOT, start=start, goal=goal))
+    tight_bound = rigid_time(Problem(robot=ROBOT, start=start, goal=tight))
+    assert 0 < loose_bound <= tight_bound + 1e-9
+
+
+def test_wheels_that_cannot_hold_the_body_give_no_bound() -> None:
+    matrix = np.array([[1.0, 0.0, 0.1], [1.0, 0.0, 0.2], [1.0, 0.0, 0.3], [1.0, 0.0, 0.4]])
+    shift = np.array([1.0, 0.0])
+    assert least_time(matrix, 1.0, shift, np.zeros(2), (0.0, 0.0), True, known_s=9.0) == 0.0

@@ -1,0 +1,79 @@
+"""The seams of the architecture, read off the imports."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "twosra_mpc"
+MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
+
+# Library -> where in the package it may be imported.
+ALLOWED = {
+    "casadi": ("model/", "nlp/", "motion.py"),
+    "matplotlib": ("plotting.py",),
+    "osqp": (),
+    "click": ("cli.py",),
+    "rich": ("cli.py",),
+    "pydantic": ("validation.py", "robot.py", "problem.py"),
+    "pydantic_core": ("validation.py",),
+}
+# Stages in the direction of flow; a module may import from its own stage and from those before it.
+STAGES = [
+    ("version.py", "errors.py", "modes.py", "files.py", "validation.py"),
+    ("robot.py",),
+    ("problem.py",),
+    ("model/",),
+    ("timing.py", "heating.py"),
+    ("motion.py", "search/"),
+    ("nlp/",),
+    ("plan.py",),
+    ("setpoints.py", "verification.py"),
+    ("outcome.py",),
+    ("greedy/",),
+    ("planner.py",),
+    ("plotting.py",),
+    ("__init__.py",),
+    ("cli.py",),
+    ("__main__.py",),
+]
+
+
+def imports(module: str) -> Iterator[str]:
+    for node in ast.walk(ast.parse((PACKAGE / module).read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def stage(module: str) -> int:
+    found = [i for i, names in enumerate(STAGES) if any(module.startswith(n) for n in names)]
+    assert len(found) == 1, f"{module} belongs to no stage, or to several: {found}"
+    return found[0]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_libraries_stay_behind_their_seam(module: str) -> None:
+    for name in imports(module):
+        places = ALLOWED.get(name.split(".")[0])
+        assert places is None or module.startswith(places), f"{module} imports {name}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_the_flow_has_one_direction(module: str) -> None:
+    for name in imports(module):
+        if name.startswith("twosra_mpc."):
+            path = name.removeprefix("twosra_mpc.").replace(".", "/")
+            target = f"{path}.py" if (PACKAGE / f"{path}.py").exists() else f"{path}/"
+            assert stage(target) <= stage(module), f"{module} imports {name}"
+
+
+def test_search_and_nlp_meet_only_in_the_bounds_interface() -> None:
+    for module in MODULES:
+        names = set(imports(module))
+        if module.startswith("search/"):
+            assert not any(n.startswith(("twosra_mpc.nlp", "twosra_mpc.model")) for n in names)
