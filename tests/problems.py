@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc import Goal, Problem, Robot, Start, load_robot
+from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
 from twosra_mpc.robot import OverlappedTiming
+from twosra_mpc.shape import check_shapes
 
 ROBOT = load_robot("2sra-v1")
 
 
 def random_problem(seed: int, robot: Robot = ROBOT, **overrides: Any) -> Problem:
-    """abs(kappa) <= 60 1/m, positions within 0.25 m, any heading."""
+    """abs(kappa) <= 60 1/m, positions within 0.25 m, any heading, units apart at both ends."""
     rng = np.random.default_rng(seed)
 
     def draw() -> dict[str, Any]:
@@ -22,7 +23,14 @@ def random_problem(seed: int, robot: Robot = ROBOT, **overrides: Any) -> Problem
         return {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": rng.uniform(-60, 60, 2)}
 
     start, goal = draw(), draw()
-    return Problem(**{"robot": robot, "start": Start(**start), "goal": Goal(**goal), **overrides})
+    problem = Problem(
+        **{"robot": robot, "start": Start(**start), "goal": Goal(**goal), **overrides}
+    )
+    try:
+        check_shapes(problem)
+    except InputError:  # the units would overlap: draw again
+        return random_problem(seed + 10_000, robot, **overrides)
+    return problem
 
 
 def faster_robot(factor: float) -> Robot:
@@ -33,5 +41,6 @@ def faster_robot(factor: float) -> Robot:
         melt_changing_s=37.0 / factor,
         freeze_s=253.0 / factor,
         freeze_changing_s=235.0 / factor,
+        superheat_s=3.0 / factor,
     )
     return ROBOT.model_copy(update={"timing": {"nominal": timing}})

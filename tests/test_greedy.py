@@ -72,6 +72,6 @@ def test_a_path_beyond_the_curvature_limit_is_not_called_feasible() -> None:
     result = plan(random_problem(12, planner="greedy", robot=robot))
     assert result.status is Status.FAILED
     assert result.samples is None
-    assert "within the curvature limit of 50 1/m" in result.message
+    assert "leaves the curvature limit of 50 1/m" in result.message
     optimal = plan(random_problem(12, robot=robot))
     assert optimal.status is Status.OPTIMAL

@@ -27,7 +27,7 @@ STAGES = [
     ("robot.py",),
     ("problem.py",),
     ("model/",),
-    ("timing.py", "heating.py"),
+    ("shape.py", "timing.py", "heating.py"),
     ("motion.py", "search/"),
     ("nlp/",),
     ("plan.py",),

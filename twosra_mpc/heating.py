@@ -15,7 +15,6 @@ from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]
 
-_REHEAT_S = 5.0  # a liquid segment reaches its set-point about this long after melting
 _NEVER = np.inf
 
 
@@ -39,7 +38,8 @@ class SegmentHeating:
 
     def event_times(self) -> list[float]:
         """Times at which set-point, current or state change [s]."""
-        return [t for item in self.transitions for t in item[2:]]
+        changes = [t for item in self.transitions for t in item[2:]]
+        return changes + [molten + self._superheat_s for _, molten, _ in self._heated()]
 
     def _heated(self) -> list[tuple[float, float, float]]:
         """(heater on, molten, heater off) of every heating period [s]."""
@@ -65,9 +65,14 @@ class SegmentHeating:
         """Heater current from each time to the next: melt, then hold [A]."""
         value = np.zeros(t.shape)
         for on, molten, off in self._heated():
-            value[(t >= on) & (t < min(molten, off))] = self.heater.melt_current_A
-            value[(t >= molten) & (t < off)] = self.heater.hold_current_A
+            hot = molten + self._superheat_s if molten > on else molten
+            value[(t >= on) & (t < min(hot, off))] = self.heater.melt_current_A
+            value[(t >= hot) & (t < off)] = self.heater.hold_current_A
         return value
+
+    @property
+    def _superheat_s(self) -> float:
+        return self.times.superheat_s if isinstance(self.times, OverlappedTiming) else 0.0
 
     def soft(self, t: Array) -> NDArray[np.bool_]:
         """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
@@ -125,7 +130,8 @@ class SegmentHeating:
         lag = freeze.onset_s - freeze.heater_s
         above = span * lag / lead if lead > 0 else span
         peak = self.heater.melting_point_C + above
-        return [(min(since + _REHEAT_S, freeze.heater_s), peak), (freeze.heater_s, peak)]
+        hot = min(since + self.times.superheat_s, freeze.heater_s)
+        return [(hot, peak), (freeze.heater_s, peak)]
 
     def _cooling(self, knots: list[tuple[float, float]]) -> list[tuple[float, float, float]]:
         """(start, end, initial temperature) of the periods without heater."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from twosra_mpc.greedy.planner import plan_greedily
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, mode_name, sequence_name
+from twosra_mpc.modes import RIGID, mode_name, sequence_name
 from twosra_mpc.motion import interval_durations
 from twosra_mpc.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
 from twosra_mpc.nlp.guess import guess_motion
@@ -24,6 +24,7 @@ from twosra_mpc.search.bounds import BendingTask, SequenceBound
 from twosra_mpc.search.branch_and_bound import Ending, SearchResult, branch_and_bound
 from twosra_mpc.search.mode_tree import ModeTree
 from twosra_mpc.search.rigid_motion import least_time
+from twosra_mpc.shape import check_shapes, may_drive
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
@@ -46,7 +47,11 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
         on_progress: Called as the search proceeds.
+
+    Raises:
+        InputError: If the locomotion units would overlap at the start or at the goal.
     """
+    check_shapes(problem)
     if problem.planner == "greedy":
         return plan_greedily(problem)
     started = time.perf_counter()
@@ -96,6 +101,7 @@ class _SequenceSolver:
             bound.bends,
             bending(problem.robot).coordinate,
             INTERVALS,
+            may_drive(problem, network.sequence),
         )
         best = self._checked(timed(guess, network, problem, iterations=0), network)
         if best is None or best[0] > target:
@@ -119,6 +125,7 @@ def bending_task(problem: Problem) -> BendingTask:
     """What the plan must do to the bending coordinates, from start, goal and path model."""
     facts = bending(problem.robot)
     start, goal = problem.start.configuration[3:], problem.goal.configuration[3:]
+    width = problem.goal.half_width[3:].tolist()
     limit = problem.robot.limits.curvature_per_m
     change, room, words = [], [], []
     for j in (0, 1):
@@ -126,18 +133,22 @@ def bending_task(problem: Problem) -> BendingTask:
             low, high = -limit, limit
             words.append(f"kappa{j + 1} free")
         else:
-            box = problem.goal.half_width[3 + j]
-            low, high = max(goal[j] - box, -limit), min(goal[j] + box, limit)
+            low, high = max(goal[j] - width[j], -limit), min(goal[j] + width[j], limit)
             words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g} 1/m")
         here, most = facts.coordinate(float(start[j])), facts.coordinate(limit)
         change.append((facts.coordinate(float(low)) - here, facts.coordinate(float(high)) - here))
         room.append((-most - here, most - here))
-    rate = {
-        SOFT_1: facts.fastest_single,
-        SOFT_2: facts.fastest_single,
-        SOFT_BOTH: facts.fastest_both,
-    }
-    return BendingTask((change[0], change[1]), (room[0], room[1]), rate, ", ".join(words))
+    exact = [None if math.isnan(k) or w else k for k, w in zip(goal.tolist(), width, strict=True)]
+    return BendingTask(
+        change=(change[0], change[1]),
+        room=(room[0], room[1]),
+        start=(float(start[0]), float(start[1])),
+        goal=(exact[0], exact[1]),
+        rate=facts.fastest,
+        origin=(facts.coordinate(float(start[0])), facts.coordinate(float(start[1]))),
+        least_time=facts.least_time,
+        shape=", ".join(words),
+    )
 
 
 def rigid_time(problem: Problem) -> float:

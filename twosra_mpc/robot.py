@@ -7,25 +7,61 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 from __future__ import annotations
 
 import itertools
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
-from twosra_mpc.validation import Number, Positive, Triple, Value
+from twosra_mpc.validation import NonNegative, Number, Positive, Triple, Value, plain
+
+
+class Wheel(Value):
+    """A wheel in the frame of its fibre end: position, and direction it drives in."""
+
+    x_m: Number
+    y_m: Number
+    angle_rad: Number
 
 
 class Geometry(Value):
-    """Lengths of the fibre and the locomotion units, paper section II and eq. q_bC."""
+    """Lengths of the fibre and the locomotion units, paper section II and eq. q_bC.
+
+    ``wheels`` overrides where the four wheels sit and point (two of LU1, two of LU2); left out,
+    they follow from the lengths, with the paper's beta = pi/2, 0, -pi/2, pi.
+    """
 
     segment_length_m: Positive
-    middle_link_m: Positive
+    middle_link_m: NonNegative
     end_link_m: Positive
     unit_side_m: Positive
     wheel_thickness_m: Positive
     wheel_radius_m: Positive
+    wheels: Annotated[tuple[Wheel, ...], BeforeValidator(plain)] | None = None
+
+    @model_validator(mode="after")
+    def _four_distinct_wheels(self) -> Geometry:
+        if self.wheels is None:
+            return self
+        if len(self.wheels) != 4:
+            raise InputError("wheels", len(self.wheels), "four wheels: two of LU1, then two of LU2")
+        for first in (0, 2):
+            a, b = self.wheels[first : first + 2]
+            if math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) < self.wheel_radius_m:
+                allowed = f"at least wheel_radius_m from wheel {first + 1} of the same unit"
+                raise InputError(f"wheels.{first + 1}", (b.x_m, b.y_m), allowed)
+        return self
+
+    @property
+    def wheel_placement(self) -> tuple[tuple[float, float, float], ...]:
+        """(x [m], y [m], drive direction [rad]) of each wheel in the frame of its fibre end."""
+        if self.wheels is not None:
+            return tuple((wheel.x_m, wheel.y_m, wheel.angle_rad) for wheel in self.wheels)
+        h1, (h2, h3) = self.side_wheel_m, self.front_wheel_m
+        quarter = math.pi / 2
+        return (-h1, 0.0, quarter), (-h2, h3, 0.0), (h1, 0.0, -quarter), (h2, -h3, math.pi)
 
     @property
     def side_wheel_m(self) -> float:
@@ -42,9 +78,12 @@ class Geometry(Value):
 
 
 class LogSpiralPath(Value):
-    """The paper's path model: locomotion units trace logarithmic spirals I, II, III (Table I)."""
+    """The paper's path model: locomotion units trace logarithmic spirals I, II, III (Table I).
 
-    model: Literal["log_spiral"]
+    ``log_spiral_corrected`` takes row III at the spiral angle it was fitted for (erratum 1).
+    """
+
+    model: Literal["log_spiral", "log_spiral_corrected"]
     scale: Triple
     growth: Triple
     angle_ratio: Triple
@@ -58,12 +97,32 @@ class ArcPath(Value):
     speed_reference: Literal["fibre_end", "side_wheel"]
 
 
+class CardioidPath(Value):
+    """The follow-up robot's path model: cardioids r = 2 a (1 - cos phi) for cases I, II, III.
+
+    The polar angle is phi = ``phi_mid_rad`` + ``phi_per_alpha`` * bending angle, a = ``radius_m``.
+    """
+
+    model: Literal["cardioid"]
+    radius_m: Triple
+    phi_mid_rad: Triple
+    phi_per_alpha: Triple
+
+
 class MotionLimits(Value):
-    """Largest wheel speed, locomotion unit speed and absolute curvature."""
+    """Limits of motion and of shape.
+
+    ``unit_gap_m`` is the least distance between the two square locomotion units.
+    ``wheel_independence`` is the least singular value of the rigid wheel matrix with which the
+    robot may drive, wheel radius divided out and turning measured at 0.1 m; at zero some motion
+    needs no wheel to turn, and nothing would stop it.
+    """
 
     wheel_speed_rad_s: Positive
     unit_speed_m_s: Positive
     curvature_per_m: Positive
+    unit_gap_m: NonNegative = 0.0
+    wheel_independence: NonNegative = 0.05
 
 
 class Heater(Value):
@@ -107,6 +166,8 @@ class OverlappedTiming(Value):
     """Constant melt and freeze times; transitions may overlap each other and the motion.
 
     Only the last ``*_changing_s`` of a transition are spent on the plateau, where nothing may move.
+    Heating a molten segment for ``superheat_s`` more brings it to the set-point, from where cooling
+    to the plateau takes freeze_s - freeze_changing_s; a shorter heating, as much less.
     """
 
     overlap: Literal["full"]
@@ -114,6 +175,12 @@ class OverlappedTiming(Value):
     melt_changing_s: Positive
     freeze_s: Positive
     freeze_changing_s: Positive
+    superheat_s: Positive
+
+    @property
+    def superheat_share(self) -> float:
+        """Share of a short liquid period during which the heater must stay on."""
+        return self.superheat_s / (self.superheat_s + self.freeze_s - self.freeze_changing_s)
 
     @model_validator(mode="after")
     def _plateau_within(self) -> OverlappedTiming:
@@ -152,7 +219,7 @@ class Robot(Value):
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
     geometry: Geometry
-    path: Annotated[LogSpiralPath | ArcPath, Field(discriminator="model")]
+    path: Annotated[LogSpiralPath | ArcPath | CardioidPath, Field(discriminator="model")]
     limits: MotionLimits
     heater: Heater
     timing: Annotated[dict[str, Timing], Field(min_length=1)]
@@ -173,17 +240,3 @@ def load_robot(source: str | Path) -> Robot:
 def robot_names() -> list[str]:
     """Names of the built-in robots."""
     return built_in_names("robots")
-
-
-__all__ = [
-    "ArcPath",
-    "Geometry",
-    "Heater",
-    "LogSpiralPath",
-    "MotionLimits",
-    "OverlappedTiming",
-    "Robot",
-    "SequentialTiming",
-    "load_robot",
-    "robot_names",
-]

@@ -252,14 +252,19 @@ class Overlapped:
     ) -> list[Transition]:
         layout = EventLayout(len(sequence))
         found: list[Transition] = []
+        molten: list[float | None] = [None, None]
         for event in _events(sequence, self.first, last):
             onset = times[layout.onset(event.gap, event.segment)]
             done = onset + self._plateau(event.to)
             if event.to == "soft":
                 lead = self._first_lead(event.segment) if event.number == 0 else self._melt_lead
                 heater = onset - lead
+                molten[event.segment] = done
             else:
                 heater = times[layout.heater_off(event.gap, event.segment)]
+                since = molten[event.segment]
+                if since is not None:  # a short liquid period: the metal must store enough heat
+                    heater = max(heater, since + self.times.superheat_share * (onset - since))
             found.append(Transition(event.segment + 1, event.to, heater, onset, done))
         return sorted(found, key=lambda item: (item.heater_s, item.segment))
 

@@ -80,4 +80,4 @@ def _problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     return InputError(field, detail["input"], phrase)
 
 
-_UNION_TAGS = {"float", "none", "full", "log_spiral", "arc"}
+_UNION_TAGS = {"float", "none", "full", "log_spiral", "log_spiral_corrected", "arc", "cardioid"}

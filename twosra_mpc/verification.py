@@ -18,6 +18,7 @@ from twosra_mpc.modes import mode_name
 from twosra_mpc.plan import Phase, Samples, Verification
 from twosra_mpc.problem import COORDINATE_UNITS, COORDINATES, Problem
 from twosra_mpc.robot import OverlappedTiming, SequentialTiming
+from twosra_mpc.shape import shape_margins
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]
@@ -104,7 +105,13 @@ def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     for name, (value, limit) in used.items():
         margin = float(limit - value)
         margins[name] = 0.0 if abs(margin) <= RELATIVE_TOLERANCE * limit else margin
-    return margins
+    between = (samples.q[1:, 3:] + samples.q[:-1, 3:]) / 2
+    shapes = shape_margins(problem.robot, np.concatenate([samples.q[:, 3:], between]))
+    margins["unit_gap_m"] = float(shapes.unit_gap_m.min())
+    driving = (np.abs(samples.v[:, 2:]).max(axis=1) > 0).nonzero()
+    independence = shapes.wheel_independence[: len(samples)][driving]
+    margins["wheel_independence"] = float(independence.min(initial=np.inf))
+    return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
 
 
 def _stiffness_problems(
@@ -155,14 +162,18 @@ def _timing_problems(
                 yield f"{name}: before the transition before it is done"
             if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:
                 yield f"{name}: heater, onset and done are out of order"
-            yield from (f"{name}: {text}" for text in _duration_problems(problem, item, free == 0))
+            found = _duration_problems(problem, item, None if free == 0 else free)
+            yield from (f"{name}: {text}" for text in found)
             stiffness, free = int(item.to == "soft"), item.done_s
         if stiffness != problem.goal.mode[j]:
             wanted = "soft" if problem.goal.mode[j] else "rigid"
             yield f"segment {j + 1} does not end {wanted}"
 
 
-def _duration_problems(problem: Problem, item: Transition, first: bool) -> Iterator[str]:
+def _duration_problems(
+    problem: Problem, item: Transition, previous_s: float | None
+) -> Iterator[str]:
+    """``previous_s`` is when the transition before it was done, None for a segment's first one."""
     times, heater = problem.transition_times, problem.robot.heater
     lead, changing = item.onset_s - item.heater_s, item.done_s - item.onset_s
     match times:
@@ -173,13 +184,17 @@ def _duration_problems(problem: Problem, item: Transition, first: bool) -> Itera
                 yield f"on the plateau for {changing:.3f} s instead of {plateau:g} s"
             if soft:
                 least = times.melt_s - times.melt_changing_s
-                if first:
+                if previous_s is None:
                     now = problem.temperatures[item.segment - 1]
                     span = heater.melting_point_C - heater.ambient_C
                     least *= (heater.melting_point_C - now) / span
                 if lead < least - TIME_TOLERANCE_S:
                     yield f"heated for {lead:.3f} s before melting instead of {least:.3f} s"
-            elif lead > times.freeze_s - times.freeze_changing_s + TIME_TOLERANCE_S:
+                return
+            stored = 1.0
+            if previous_s is not None:
+                stored = min(1.0, (item.heater_s - previous_s) / times.superheat_s)
+            if lead > stored * (times.freeze_s - times.freeze_changing_s) + TIME_TOLERANCE_S:
                 yield f"liquid for {lead:.3f} s after its heater is off: it would freeze earlier"
         case SequentialTiming():
             least = times.heat_s if item.to == "soft" else times.freeze_s

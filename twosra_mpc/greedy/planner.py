@@ -115,8 +115,11 @@ def plan_greedily(problem: Problem) -> Plan:
     if outcome is None:
         reason = path.ending.value
         if path.ending is GreedyEnding.REACHED:
-            limit = problem.robot.limits.curvature_per_m
-            reason = f"its path cannot be landed within the curvature limit of {limit:g} 1/m"
+            limits = problem.robot.limits
+            reason = (
+                f"its path leaves the curvature limit of {limits.curvature_per_m:g} 1/m or brings "
+                f"the units closer than {1e3 * limits.unit_gap_m:g} mm"
+            )
         message = f"the greedy rule found no plan: {reason}"
         return finished(problem, "greedy", None, Status.FAILED, message, stats)
     check = outcome.verification

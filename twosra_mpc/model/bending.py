@@ -1,13 +1,13 @@
 """Facts about bending that planning needs as numbers: invariant coordinates and fastest rates.
 
 W(kappa) is the *bending coordinate* of a segment: the integral of 1 / g from 0 to kappa l, with g
-the path model's ``shared_rate``. In mode [1,1] both segments' W change by the same amount, so
+the path model's ``share``. In mode [1,1] both segments' W change by the same amount, so
 W(kappa1) - W(kappa2) is conserved; in a one-soft mode one W changes freely and the other rests.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,80 +15,127 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.path_models import Arc, LogSpiral, path_model
+from twosra_mpc.model.intervals import enclose
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.path_models import path_model
+from twosra_mpc.modes import SOFT_BOTH, Mode
 from twosra_mpc.robot import Robot
 
 Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
+_TABLE = 2001  # points of the table that inverts W
+_BOXES = {1: 200, 2: 40}  # boxes per curvature range, by number of unknown curvatures
+_CERTAIN_M = 1e-4  # overlap that the grid of the inverse (0.08 1/m) cannot feign
+_PIECES = 40  # pieces of a bend whose least time is proved
 
 
 @dataclass(frozen=True)
 class Bending:
-    """Bending coordinate of a robot and bounds on how fast it can change.
+    """Bending coordinate of a robot, and proved bounds on how fast it can change."""
 
-    Attributes:
-        coordinate: kappa [1/m] -> W, odd and increasing; unit [m] or [rad] after the path model.
-        fastest_single: Upper bound of abs(dW/dt) with one segment soft; inf if none is proved.
-        fastest_both: Upper bound of abs(dW/dt) with both soft; inf if none is proved.
-    """
+    robot: Robot
 
-    coordinate: Callable[[float], float]
-    fastest_single: float
-    fastest_both: float
+    def coordinate(self, kappa: float) -> float:
+        """W(kappa), odd and increasing; unit [m] for spirals and cardioids, [rad] for arcs."""
+        upper = abs(kappa) * self.robot.geometry.segment_length_m
+        edges = np.append(_PANELS[upper > _PANELS], upper)
+        half = np.diff(edges)[:, None] / 2
+        if half.size == 0:
+            return 0.0
+        points = edges[:-1, None] + half * (1 + _NODES)
+        values: Array = _density(self.robot)(points.reshape(1, -1)).full().reshape(points.shape)
+        return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values))
+
+    def fastest(self, mode: Mode, kappa: tuple[float | None, float | None]) -> float:
+        """Upper bound of abs(dW/dt) of a soft segment with both locomotion units at full speed.
+
+        ``kappa`` fixes a segment's curvature [1/m]; None lets it be anything within the limits.
+        """
+        return _fastest(self.robot, mode, kappa)
+
+    def least_time(self, mode: Mode, origin: tuple[float, float], bend: float) -> float:
+        """Lower bound on the time in which ``mode`` changes W by ``bend``, from (W_1, W_2) on.
+
+        Whatever the path, W passes every value in between, each at no more than the fastest rate
+        there; so the sum over pieces of abs(dW) / (enclosed rate) is a lower bound. It is infinite
+        if one of those shapes makes the locomotion units overlap.
+        """
+        pieces = bend * np.linspace(0.0, 1.0, _PIECES + 1)
+        edges = [self._curvature(origin[j] + mode[j] * pieces) for j in (0, 1)]
+        if self._collides(edges):
+            return np.inf
+        lower = np.array([np.minimum(edge[:-1, 0], edge[1:, 0]) for edge in edges])
+        upper = np.array([np.maximum(edge[:-1, 1], edge[1:, 1]) for edge in edges])
+        rates = _largest_rate(self.robot, mode, lower, upper)
+        return float(np.sum(abs(bend) / _PIECES / rates))
+
+    def _collides(self, edges: list[Array]) -> bool:
+        """Whether the locomotion units overlap in a shape the bend must pass, by over 0.1 mm."""
+        shapes = np.array([edge.mean(axis=1) for edge in edges])
+        gaps = kinematics(self.robot).shape_margins.map(shapes.shape[1])(shapes).full()[0]
+        return bool(gaps.min() < self.robot.limits.unit_gap_m - _CERTAIN_M)
+
+    def _curvature(self, coordinates: Array) -> Array:
+        """Curvatures between which W takes these values, (n, 2): grid neighbours of the inverse."""
+        kappa, table = _inverse_table(self.robot)
+        above = np.clip(np.searchsorted(table, coordinates), 1, _TABLE - 1)
+        return np.column_stack([kappa[above - 1], kappa[above]])
+
+
+def bending(robot: Robot) -> Bending:
+    """Describe how ``robot`` bends."""
+    return Bending(robot)
 
 
 @lru_cache(maxsize=32)
-def bending(robot: Robot) -> Bending:
-    """Work out the bending coordinate and the proved rate bounds of ``robot``."""
+def _density(robot: Robot) -> ca.Function:
     alpha = ca.SX.sym("alpha")
-    path = path_model(robot)
-    density = ca.Function("density", [alpha], [1 / path.shared_rate(alpha)])
-    length = robot.geometry.segment_length_m
-
-    def coordinate(kappa: float) -> float:
-        return float(np.sign(kappa) * _integral(density, abs(kappa) * length))
-
-    single, both = _fastest(robot)
-    return Bending(coordinate, single, both)
+    return ca.Function("density", [alpha], [1 / path_model(robot).share(alpha)])
 
 
-def _integral(density: ca.Function, upper: float) -> float:
-    """Integrate an even density from 0 to ``upper`` by Gauss-Legendre on graded panels."""
-    if upper == 0.0:
-        return 0.0
-    edges = np.append(_PANELS[upper > _PANELS], upper)
-    half = np.diff(edges)[:, None] / 2
-    points = edges[:-1, None] + half * (1 + _NODES)
-    values: Array = density(points.reshape(1, -1)).full().reshape(points.shape)
-    return float(np.sum(half * _WEIGHTS * values))
+@lru_cache(maxsize=32)
+def _inverse_table(robot: Robot) -> tuple[Array, Array]:
+    """A grid of curvatures a little beyond the limits, and W there."""
+    limit = 1.01 * robot.limits.curvature_per_m
+    half = np.linspace(0.0, limit, _TABLE // 2 + 1)
+    widths = np.diff(half) * robot.geometry.segment_length_m
+    points = half[:-1, None] * robot.geometry.segment_length_m + widths[:, None] / 2 * (1 + _NODES)
+    values = _density(robot)(points.reshape(1, -1)).full().reshape(points.shape)
+    cumulative = np.concatenate([[0.0], np.cumsum(values @ _WEIGHTS * widths / 2)])
+    kappa = np.concatenate([-half[:0:-1], half])
+    return kappa, np.concatenate([-cumulative[:0:-1], cumulative])
 
 
-def _fastest(robot: Robot) -> tuple[float, float]:
-    """Bound abs(dW/dt) with one and with both segments soft, all locomotion units at full speed.
-
-    Log spiral, both soft: dW = (v1 + v2) dt exactly. One soft: dW/dt = v (r_I + r_II) / r_III with
-    r_k = c_k exp(p_k s), s >= 0; as a sum of exponentials of s it is convex, so its maximum over
-    the curvature range lies at an end. Arc: no bound is proved yet.
-    """
-    match path_model(robot):
-        case LogSpiral() as spiral:
-            speed = _slowest_limit(robot)
-            ends = np.array([0.0, robot.limits.curvature_per_m * robot.geometry.segment_length_m])
-            alpha = ca.SX.sym("alpha")
-            ratio = (spiral.adjacent(alpha) + spiral.opposite(alpha, alpha)) / spiral.shared_rate(
-                alpha
-            )
-            values = ca.Function("ratio", [alpha], [ratio])(ends.reshape(1, -1)).full()
-            return float(speed * values.max()), 2 * speed
-        case Arc():
-            return np.inf, np.inf
-        case other:
-            raise TypeError(f"no bending bound for path model {type(other).__name__}")
+@lru_cache(maxsize=64)
+def _rates(robot: Robot, mode: Mode) -> ca.Function:
+    """(kappa1, kappa2) -> dW/ds of a soft segment per travel of LU1 and of LU2."""
+    kappa, path = ca.SX.sym("kappa", 2), path_model(robot)
+    alpha = kappa * robot.geometry.segment_length_m
+    if mode == SOFT_BOTH:
+        rates = ca.vertcat(path.both(alpha[0], alpha[1]), path.both(alpha[1], alpha[0]))
+    else:
+        soft, own = alpha[mode.index(1)], alpha[mode.index(0)]
+        rates = ca.vertcat(path.adjacent(soft), path.opposite(soft, own)) / path.share(soft)
+    return ca.Function("rates", [kappa], [ca.densify(rates)])
 
 
-def _slowest_limit(robot: Robot) -> float:
-    """Largest speed of a locomotion unit that both its own and its side wheel's limit allow."""
+def _largest_rate(robot: Robot, mode: Mode, lower: Array, upper: Array) -> Array:
+    """Enclosed maximum of abs(dW/dt) in each box of curvatures, both units at full speed."""
+    low, high = enclose(_rates(robot, mode), lower, upper)
+    per_travel: Array = np.maximum(np.abs(low), np.abs(high)).sum(axis=0)
     wheel = robot.limits.wheel_speed_rad_s * robot.geometry.wheel_radius_m
-    return min(robot.limits.unit_speed_m_s, wheel)
+    return per_travel * min(robot.limits.unit_speed_m_s, wheel)
+
+
+@lru_cache(maxsize=512)
+def _fastest(robot: Robot, mode: Mode, kappa: tuple[float | None, float | None]) -> float:
+    limit, boxes = robot.limits.curvature_per_m, _BOXES[sum(value is None for value in kappa)]
+    edges = [
+        np.linspace(-limit, limit, boxes + 1) if value is None else np.array([value, value])
+        for value in kappa
+    ]
+    lower = np.array(list(itertools.product(edges[0][:-1], edges[1][:-1]))).T
+    upper = np.array(list(itertools.product(edges[0][1:], edges[1][1:]))).T
+    return float(_largest_rate(robot, mode, lower, upper).max())

@@ -24,7 +24,7 @@ from twosra_mpc.robot import Geometry, Robot
 
 Array = NDArray[np.float64]
 
-WHEEL_ANGLE_RAD = (np.pi / 2, 0.0, -np.pi / 2, np.pi)  # beta, paper section III-A
+TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,15 @@ class Kinematics:
         jacobian: (q, sigma) -> J, 5x5.
         wheel_matrix: (q, sigma) -> V, 4x5, paper eq. config_matrix.
         wheel_poses: q -> 3x4, columns (x, y, psi) of the wheels in b0 (m, m, rad).
+        shape_margins: (kappa1, kappa2) -> (gap between the locomotion units [m], bound from below
+            on the wheel independence of ``MotionLimits``).
     """
 
     robot: Robot
     jacobian: ca.Function
     wheel_matrix: ca.Function
     wheel_poses: ca.Function
+    shape_margins: ca.Function
 
 
 class JacobianInPlace:
@@ -68,12 +71,16 @@ def kinematics(robot: Robot) -> Kinematics:
     path = path_model(robot)
     jacobian = hybrid_jacobian(robot.geometry, path, q, sigma)
     wheels = wheel_configuration(robot.geometry, q, sigma)
+    if path.wheel_map == "exact":
+        wheels = exact_wheel_map(robot.geometry, q) @ _body_rates(q, jacobian)
+    kappa = ca.SX.sym("kappa", 2)
     poses = wheel_pose_matrix(robot.geometry, q)
     return Kinematics(
         robot=robot,
         jacobian=ca.Function("J", [q, sigma], [ca.densify(jacobian)]),
         wheel_matrix=ca.Function("V", [q, sigma], [ca.densify(wheels)]),
         wheel_poses=ca.Function("wheel_poses", [q], [poses]),
+        shape_margins=ca.Function("margins", [kappa], [shape_margins(robot.geometry, kappa)]),
     )
 
 
@@ -94,16 +101,17 @@ def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX)
     both = sigma[0] * sigma[1]
     rigid = (1 - sigma[0]) * (1 - sigma[1])
     alpha = q[3:5] * geometry.segment_length_m
-    both_1, both_2 = path.both(alpha[0], alpha[1]), path.both(alpha[1], alpha[0])
+    share_1, share_2 = path.share(alpha[0]), path.share(alpha[1])
+    by_1 = both * path.both(alpha[0], alpha[1])
+    by_2 = both * path.both(alpha[1], alpha[0])
 
-    # Bending rate of each segment per speed of each LU: held_j is what turns b0.
-    adjacent = (path.adjacent(alpha[0]), path.adjacent(alpha[1]))
-    turn_by_1 = only_2 * path.opposite(alpha[1], alpha[0]) + both * both_1[1]
-    turn_by_2 = only_1 * path.opposite(alpha[0], alpha[1]) + both * both_2[1]
+    # Bending rate of each segment per speed of each LU; b0 turns with the one whose end is held.
+    turn_by_1 = only_2 * path.opposite(alpha[1], alpha[0]) + by_1 * share_2
+    turn_by_2 = only_1 * path.opposite(alpha[0], alpha[1]) + by_2 * share_1
     bend = ca.blockcat(
         [
-            [only_1 * adjacent[0] + both * both_1[0], turn_by_2],
-            [turn_by_1, only_2 * adjacent[1] + both * both_2[0]],
+            [only_1 * path.adjacent(alpha[0]) + by_1 * share_1, turn_by_2],
+            [turn_by_1, only_2 * path.adjacent(alpha[1]) + by_2 * share_2],
         ]
     )
     rotation = ca.blockcat([[ca.cos(q[2]), -ca.sin(q[2])], [ca.sin(q[2]), ca.cos(q[2])]])
@@ -129,18 +137,11 @@ def fibre_end_pose(geometry: Geometry, q: ca.SX, segment: int) -> ca.SX:
 
 def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
     """Poses of the four wheels in b0, 3x4: rows x, y [m], psi [rad] (eqs. q_bC, psi)."""
-    h1 = geometry.side_wheel_m
-    h2, h3 = geometry.front_wheel_m
-    in_end_frame = ((-h1, 0.0), (-h2, h3), (h1, 0.0), (h2, -h3))
     columns = []
-    for wheel, (x, y) in enumerate(in_end_frame):
+    for wheel, (x, y, beta) in enumerate(geometry.wheel_placement):
         end = fibre_end_pose(geometry, q, wheel // 2)
         c, s = ca.cos(end[2]), ca.sin(end[2])
-        columns.append(
-            ca.vertcat(
-                end[0] + c * x - s * y, end[1] + s * x + c * y, end[2] + WHEEL_ANGLE_RAD[wheel]
-            )
-        )
+        columns.append(ca.vertcat(end[0] + c * x - s * y, end[1] + s * x + c * y, end[2] + beta))
     return ca.horzcat(*columns)
 
 
@@ -155,3 +156,63 @@ def wheel_configuration(geometry: Geometry, q: ca.SX, sigma: ca.SX) -> ca.SX:
         soft = (1 - rigid) * ca.horzcat(from_v1, from_v2)
         rows.append(ca.horzcat(soft, rigid * ca.horzcat(c, s, x * s - y * c)))
     return ca.vertcat(*rows) / geometry.wheel_radius_m
+
+
+def exact_wheel_map(geometry: Geometry, q: ca.SX) -> ca.SX:
+    """W(kappa1, kappa2), 4x5: wheel speeds per body twist (u, v, r) and curvature rates.
+
+    Wheels that do not slip while the fibre bends: the rigid columns as in the paper, and for each
+    wheel how far its own fibre end moves along its drive direction when its segment bends.
+    """
+    poses = wheel_pose_matrix(geometry, q)
+    rows = []
+    for wheel in range(4):
+        segment = wheel // 2
+        x, y, psi = poses[0, wheel], poses[1, wheel], poses[2, wheel]
+        c, s = ca.cos(psi), ca.sin(psi)
+        moved = ca.jacobian(poses[:2, wheel], q[3 + segment])
+        bend = [ca.SX(0), ca.SX(0)]
+        bend[segment] = c * moved[0] + s * moved[1]
+        rows.append(ca.horzcat(c, s, x * s - y * c, *bend))
+    return ca.vertcat(*rows) / geometry.wheel_radius_m
+
+
+def _body_rates(q: ca.SX, jacobian: ca.SX) -> ca.SX:
+    """J with its first two rows turned into b0: (u, v, r, kappa1', kappa2') per input."""
+    c, s = ca.cos(q[2]), ca.sin(q[2])
+    to_body = ca.blockcat([[c, s], [-s, c]])
+    return ca.vertcat(to_body @ jacobian[:2, :], jacobian[2:, :])
+
+
+def shape_margins(geometry: Geometry, kappa: ca.SX) -> ca.SX:
+    """(gap between the units [m], lower bound of the wheel independence) of a shape, 2x1.
+
+    The gap is the largest separation along any side direction of the two squares (separating axis
+    theorem): positive when they are apart, minus the overlap otherwise. With G = V^T V, scaled, the
+    smallest singular value is at least 2 sqrt(det G) / tr G, because the other two eigenvalues have
+    a product of at most (tr G / 2)^2.
+    """
+    q = ca.vertcat(0, 0, 0, kappa)
+    wheels = wheel_configuration(geometry, q, ca.SX.zeros(2))[:, 2:] * geometry.wheel_radius_m
+    scaled = ca.horzcat(wheels[:, :2], wheels[:, 2] / TURNING_RADIUS_M)
+    gram = scaled.T @ scaled
+    independence = 2 * ca.sqrt(ca.fmax(ca.det(gram), 0)) / ca.trace(gram)
+    return ca.vertcat(_unit_gap(geometry, q), independence)
+
+
+def _unit_gap(geometry: Geometry, q: ca.SX) -> ca.SX:
+    half = geometry.unit_side_m / 2
+    outward = geometry.end_link_m + half
+    centres, axes = [], []
+    for segment, side in ((0, -1), (1, 1)):
+        end = fibre_end_pose(geometry, q, segment)
+        c, s = ca.cos(end[2]), ca.sin(end[2])
+        centres.append(ca.vertcat(end[0] + side * outward * c, end[1] + side * outward * s))
+        axes += [ca.vertcat(c, s), ca.vertcat(-s, c)]
+    between = centres[1] - centres[0]
+    gaps = []
+    for n, axis in enumerate(axes):
+        other = axes[2:] if n < 2 else axes[:2]
+        extent = half * (1 + sum(ca.fabs(ca.dot(axis, side)) for side in other))
+        gaps.append(ca.fabs(ca.dot(axis, between)) - extent)
+    return ca.fmax(ca.fmax(gaps[0], gaps[1]), ca.fmax(gaps[2], gaps[3]))

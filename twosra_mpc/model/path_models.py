@@ -7,18 +7,22 @@ model gives four things, and knows no other model:
                   across b0's x axis. The paper's spiral I (its rho term), or l A and l B exactly.
 ``adjacent``      d alpha / d s when the LU next to the only soft segment moves (case I) [rad/m].
 ``opposite``      d alpha / d s when the other LU moves (case II) [rad/m].
-``both``          d alpha / d s of both segments when one LU moves and both are soft (case III).
-``shared_rate``   g(alpha) such that, whoever moves, d alpha_1 / g(alpha_1) = d alpha_2 / g(alpha_2)
-                  in case III: the integral of 1 / g, taken for both segments, has a conserved
-                  difference.
+``share``         g(alpha): how case III (both soft) splits the bend between the segments: whoever
+                  moves, d alpha_1 / g(alpha_1) = d alpha_2 / g(alpha_2).
+``both``          that common value per travel of the moving LU, so that in case III
+                  d alpha_j / d s = both * g(alpha_j).
 
 In every model d phi / d s = -+ d alpha / d s: b0 turns with the segment whose end is held.
+
+``speed`` says what v_j measures, ``wheel_map`` which wheel speeds belong to it: the paper's V (a
+side wheel rolls v_j, the others rest) or the exact map.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import casadi as ca
 
@@ -28,11 +32,21 @@ from twosra_mpc.model.series import (
     versine_ratio,
     versine_ratio_squared,
 )
-from twosra_mpc.robot import ArcPath, LogSpiralPath, Robot
+from twosra_mpc.robot import ArcPath, CardioidPath, LogSpiralPath, Robot
+
+_BOTH = 2  # case III among I, II, III
 
 
 class PathModel(Protocol):
     """What the kinematics needs to know of a path; ``own`` is the segment next to the moving LU."""
+
+    @property
+    def speed(self) -> str:
+        """Which point's speed v_j is, in words."""
+
+    @property
+    def wheel_map(self) -> Literal["paper", "exact"]:
+        """Which wheel speeds belong to the model."""
 
     def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Displacement of b0 along and across its x axis per bending angle [m/rad]."""
@@ -43,11 +57,11 @@ class PathModel(Protocol):
     def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
         """Case II: d alpha / d s of the soft segment, the LU on the rigid ``own`` moving."""
 
-    def both(self, own: ca.SX, other: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Case III: d alpha / d s of the ``own`` and the ``other`` segment, both soft [rad/m]."""
+    def share(self, alpha: ca.SX) -> ca.SX:
+        """Case III: the factor g(alpha) of a segment's bend."""
 
-    def shared_rate(self, alpha: ca.SX) -> ca.SX:
-        """g(alpha): the factor by which case III splits the bend between the segments."""
+    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
+        """Case III: d alpha / d s of either segment, divided by its ``share``."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +76,20 @@ class LogSpiral:
     length_m: float
     path: LogSpiralPath
 
+    @property
+    def speed(self) -> str:
+        return "fibre end along its spiral (eq. kappa), taken as a side wheel's rolling speed"
+
+    @property
+    def wheel_map(self) -> Literal["paper", "exact"]:
+        return "paper"
+
     def _radius(self, k: int, alpha: ca.SX) -> ca.SX:
         eps = self.path.smoothing_rad
         size = ca.sqrt(alpha**2 + eps**2) - eps
         a, b, m = self.path.scale[k], self.path.growth[k], self.path.angle_ratio[k]
-        return a * self.length_m * ca.exp(-b * (size / m + ca.pi))
+        in_phase = k == _BOTH and self.path.model == "log_spiral_corrected"
+        return a * self.length_m * ca.exp(-b * (size / m + (0.0 if in_phase else math.pi)))
 
     def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
         return self.path.angle_ratio[k] / self._radius(k, alpha)
@@ -83,11 +106,55 @@ class LogSpiral:
     def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
         return self._rate(1, soft)
 
-    def both(self, own: ca.SX, other: ca.SX) -> tuple[ca.SX, ca.SX]:
-        return self._rate(2, own), self._rate(2, other)
-
-    def shared_rate(self, alpha: ca.SX) -> ca.SX:
+    def share(self, alpha: ca.SX) -> ca.SX:
         return self._rate(2, alpha)
+
+    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
+        return ca.SX(1)
+
+
+@dataclass(frozen=True)
+class Cardioid:
+    """The follow-up robot's cardioids r_k = 2 a_k (1 - cos phi_k), as meant.
+
+    d phi / d s = 1 / r leaves out the factor sin(phi / 2) of the true arc length; the displacement
+    is that of a point on cardioid I, derivative of r included.
+    """
+
+    path: CardioidPath
+
+    @property
+    def speed(self) -> str:
+        return "fibre end about the cusp of its cardioid, taken as a side wheel's rolling speed"
+
+    @property
+    def wheel_map(self) -> Literal["paper", "exact"]:
+        return "paper"
+
+    def _angle(self, k: int, alpha: ca.SX) -> ca.SX:
+        return self.path.phi_mid_rad[k] + self.path.phi_per_alpha[k] * alpha
+
+    def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
+        radius = 2 * self.path.radius_m[k] * (1 - ca.cos(self._angle(k, alpha)))
+        return 1 / (self.path.phi_per_alpha[k] * radius)
+
+    def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
+        phi = self._angle(0, alpha)
+        arm = self.path.phi_per_alpha[0] * 4 * self.path.radius_m[0] * ca.sin(phi / 2)
+        turn = alpha - 1.5 * (phi - math.pi)
+        return arm * ca.sin(turn), arm * ca.cos(turn)
+
+    def adjacent(self, soft: ca.SX) -> ca.SX:
+        return self._rate(0, soft)
+
+    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
+        return self._rate(1, soft)
+
+    def share(self, alpha: ca.SX) -> ca.SX:
+        return self._rate(2, alpha)
+
+    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
+        return ca.SX(1)
 
 
 @dataclass(frozen=True)
@@ -102,6 +169,16 @@ class Arc:
     length_m: float
     link_m: float
     reach_m: float | None
+
+    @property
+    def speed(self) -> str:
+        if self.reach_m is None:
+            return "fibre end along its exact path"
+        return "rolling speed of the side wheel, exact"
+
+    @property
+    def wheel_map(self) -> Literal["paper", "exact"]:
+        return "exact"
 
     def _rate(self, t: ca.SX, n: ca.SX, lever: float) -> ca.SX:
         if self.reach_m is None:
@@ -119,14 +196,13 @@ class Arc:
         along, across = self._far_end(soft, own)
         return self._rate(along, across, 1.0)
 
-    def both(self, own: ca.SX, other: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def share(self, alpha: ca.SX) -> ca.SX:
+        return ca.SX(1)
+
+    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
         along, across = self._far_end(other, own)
         own_along, own_across = self.displacement(own)
-        rate = self._rate(along + own_along, across + own_across, 2.0)
-        return rate, rate
-
-    def shared_rate(self, alpha: ca.SX) -> ca.SX:
-        return ca.SX(1)
+        return self._rate(along + own_along, across + own_across, 2.0)
 
     def _far_end(self, soft: ca.SX, own: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Displacement of the end beyond ``own`` per bend of ``soft``, in that end's frame."""
@@ -144,6 +220,8 @@ def path_model(robot: Robot) -> PathModel:
     match robot.path:
         case LogSpiralPath() as spiral:
             return LogSpiral(length, spiral)
+        case CardioidPath() as cardioid:
+            return Cardioid(cardioid)
         case ArcPath() as arc:
             reach = robot.geometry.side_wheel_m if arc.speed_reference == "side_wheel" else None
             return Arc(length, robot.geometry.middle_link_m, reach)

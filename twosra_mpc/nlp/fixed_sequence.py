@@ -9,11 +9,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.modes import RIGID
 from twosra_mpc.motion import Motion, interval_durations, roll_out
 from twosra_mpc.nlp.landing import available_inputs, land
 from twosra_mpc.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.problem import Problem
 from twosra_mpc.search.bounds import cost_coefficients, schedule
+from twosra_mpc.shape import may_drive, shape_margins
 from twosra_mpc.timing import TemporalNetwork
 
 Array = NDArray[np.float64]
@@ -75,18 +77,31 @@ def timed(
 ) -> Candidate | None:
     """Land a motion, run it as fast as the limits allow and schedule its transitions.
 
-    Returns None if it cannot be landed or leaves the curvature range.
+    Returns None if it cannot be landed or takes a shape that the limits forbid.
     """
     landed = land(motion, problem.goal)
-    if landed is None:
-        return None
-    limit = problem.robot.limits.curvature_per_m
-    if np.abs(landed.states[:, :, 3:]).max() > limit * (1 + 1e-9):
+    if landed is None or not _shapes_allowed(landed):
         return None
     durations = interval_durations(landed)
     times = schedule(network, durations.sum(axis=1), problem.weights)
     coefficients, constant = cost_coefficients(network, problem.weights)
     return Candidate(landed, durations, times, float(coefficients @ times) + constant, iterations)
+
+
+def _shapes_allowed(motion: Motion) -> bool:
+    """Whether the curvatures stay in range, the units apart, and the wheels independent."""
+    kappa = motion.states[:, :, 3:]
+    if np.abs(kappa).max() > motion.robot.limits.curvature_per_m * (1 + 1e-9):
+        return False
+    between = (kappa[:, 1:] + kappa[:, :-1]) / 2
+    visited = np.concatenate([kappa.reshape(-1, 2), between.reshape(-1, 2)])
+    drives = [
+        mode == RIGID and steps.any()
+        for mode, steps in zip(motion.sequence, motion.inputs, strict=True)
+    ]
+    apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= 0
+    driven = shape_margins(motion.robot, kappa[:, 0]).wheel_independence[drives]
+    return bool(apart and (driven >= 0).all())
 
 
 def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
@@ -132,6 +147,7 @@ def _decision_bounds(
     high[-1, -1, asked] = np.minimum(high[-1, -1, asked], (goal + box)[asked])
     inputs = np.zeros((n, m, 5))
     inputs[available_inputs(network.sequence, m).reshape(n, m, 5) > 0] = np.inf
+    inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
     used = np.zeros(program.layout.count)
     for u, v in network.least:
         used[[u, v]] = np.inf
@@ -145,6 +161,13 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
     lower, upper = np.full(size, -np.inf), np.zeros(size)
     for name in ("defects", "linkage"):
         lower[program.rows[name]] = 0.0
+    shapes, middle = program.rows["shape"], program.rows["independence"]
+    upper[shapes] = upper[middle] = np.inf
+    lower[shapes] = 0.0
+    lower[middle] = [
+        0.0 if mode == RIGID and 0 < i < program.phases - 1 else -np.inf
+        for i, mode in enumerate(network.sequence)
+    ]
     rows = program.rows["network"]
     upper[rows] = np.inf
     lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]

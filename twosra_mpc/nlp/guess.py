@@ -9,7 +9,7 @@ of the chain to the goal. Where this fits the limits it is a plan already.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ def guess_motion(
     bends: Array,
     coordinate: Callable[[float], float],
     intervals: int,
+    may_drive: Sequence[bool] | None = None,
 ) -> Motion:
     """Build a motion whose phases bend as ``bends`` says and which heads for the goal pose.
 
@@ -47,6 +48,7 @@ def guess_motion(
         bends: Change of the bending coordinate W in each phase, shape (phases,).
         coordinate: kappa -> W of ``model.bending``.
         intervals: Intervals per phase.
+        may_drive: Phases whose inputs may be used; all if left out.
     """
     travel = np.zeros((len(sequence), 5))
     q = start
@@ -56,8 +58,10 @@ def guess_motion(
             q = interval_flow(robot, _FLOW_STEPS)(q, travel[i], mode).full().ravel()
     inputs = np.repeat(travel[:, None, :] / intervals, intervals, axis=1)
     motion = roll_out(robot, start, sequence, inputs)
-    if RIGID in sequence:
-        inputs[sequence.index(RIGID)] = rigid_move(motion, goal) / intervals
+    usable = may_drive or [True] * len(sequence)
+    rigid = [i for i, mode in enumerate(sequence) if mode == RIGID and usable[i]]
+    if rigid:
+        inputs[rigid[0]] = rigid_move(motion, rigid[0], goal) / intervals
         motion = roll_out(robot, start, sequence, inputs)
     return motion
 
@@ -82,12 +86,11 @@ def bending_travel(
     return float(brentq(excess, 0.0, reach, xtol=1e-12))
 
 
-def rigid_move(motion: Motion, goal: Goal) -> Array:
-    """Input displacement (5,) of the first rigid phase that brings the motion's end to the goal.
+def rigid_move(motion: Motion, phase: int, goal: Goal) -> Array:
+    """Input displacement (5,) of a rigid phase that brings the motion's end to the goal.
 
     Free coordinates of the goal keep the value they have without the move.
     """
-    phase = motion.sequence.index(RIGID)
     here, end = motion.states[phase, 0, :3], motion.end[:3]
     wanted = np.where(np.isnan(goal.configuration[:3]), end, goal.configuration[:3])
     if goal.phi_modulo:

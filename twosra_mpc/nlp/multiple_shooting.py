@@ -10,7 +10,8 @@ displacements s_{i,k} = v h of the intervals, and the event times t of the tempo
     |V(q_{i,k}, \sigma_i) s_{i,k}| \le \omega_{max} h_i,\quad |s^{1,2}_{i,k}| \le v_{max} h_i,\quad
     h_i = (t_{end,i} - t_{start,i}) / N,\quad t_v - t_u \ge w_{uv},
 
-curvatures within limits, q at the end in the goal box. The mode sequence sigma, the network (w,
+curvatures within limits, locomotion units apart, wheels independent where the robot drives between
+soft phases, q at the end in the goal box. The mode sequence sigma, the network (w,
 -inf where it has no constraint), the cost c, start and goal are parameters or bounds, so one
 compiled program serves every sequence of as many phases. Using displacements instead of velocities
 keeps phases of zero length regular and makes the limits linear in s and t. The small rho picks the
@@ -28,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.kinematics import wheel_travel
+from twosra_mpc.model.kinematics import kinematics, wheel_travel
 from twosra_mpc.robot import Robot
 from twosra_mpc.timing import EventLayout
 
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 STATE_SCALE = np.array([0.1, 0.1, 1.0, 30.0, 30.0])  # m, m, rad, 1/m, 1/m
 INPUT_SCALE = np.array([0.03, 0.03, 0.1, 0.1, 1.0])  # m, m, m, m, rad
 TIME_SCALE = 100.0  # s
+GAP_SCALE = 0.1  # m
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Transcription:
         layout: Numbering of the events.
         intervals: Shooting intervals per phase.
         nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
-        rows: Slices of g by name: defects, linkage, wheel, unit, network.
+        rows: Slices of g by name: defects, linkage, wheel, unit, shape, independence, network.
     """
 
     robot: Robot
@@ -112,6 +114,7 @@ def transcribe(robot: Robot, phases: int, intervals: int, steps: int) -> Transcr
     rolled = wheel_travel(robot).map(phases * intervals)(q[:, before], s, mode_of)
     wheel_limit = robot.limits.wheel_speed_rad_s
     unit_limit = robot.limits.unit_speed_m_s
+    margins = kinematics(robot).shape_margins.map(phases * (intervals + 1))(q[3:, :])
     blocks = {
         "defects": (arrive - q[:, after]) / ca.DM(STATE_SCALE),
         "linkage": link,
@@ -123,6 +126,8 @@ def transcribe(robot: Robot, phases: int, intervals: int, steps: int) -> Transcr
             s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
             -s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
         ),
+        "shape": (margins[0, :] - robot.limits.unit_gap_m) / GAP_SCALE,
+        "independence": margins[1, nodes[:, 0].tolist()] - robot.limits.wheel_independence,
         "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
     }
     rows: dict[str, slice] = {}

@@ -10,15 +10,17 @@ the change of W in soft phase i,
     |d_i| \le R_{\sigma_i} (t_{end,i} - t_{start,i}), \quad
     \sum_{i: \sigma_{ij} = 1} d_i \in [\Delta W_j^-, \Delta W_j^+],
 
-and the partial sums after every phase within what the curvature limits allow. Every plan of the
-sequence satisfies these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while
-segment j is rigid; so the optimum of this linear program bounds its cost from
-below. A sequence that never melts anything is bounded by ``rigid_motion.least_time`` as well.
+and the partial sums after every phase within what the curvature limits allow. Where the sequence
+leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
+a bend that must pass a forbidden shape rules the sequence out. Every plan of the sequence satisfies
+these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j is rigid;
+so the optimum of this linear program bounds its cost from below. A sequence that never melts
+anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,13 +45,23 @@ class BendingTask:
     Attributes:
         change: ((low, high), (low, high)): required change of W_1 and W_2.
         room: ((low, high), (low, high)): change of W_1 and W_2 that the curvature limits allow.
-        rate: Mode -> upper bound of abs(dW/dt); inf where none is proved.
+        start: Curvatures at t = 0 [1/m].
+        goal: Curvatures at the end [1/m]; None where they are not given exactly.
+        rate: (mode, known curvatures) -> upper bound of abs(dW/dt), valid for every curvature
+            given as None.
+        origin: (W_1, W_2) at t = 0.
+        least_time: (mode, (W_1, W_2) before, change of W) -> lower bound on the time it takes;
+            inf if every such bend passes a shape that is forbidden.
         shape: The required curvature changes in words, for messages.
     """
 
     change: Interval2
     room: Interval2
-    rate: Mapping[Mode, float]
+    start: tuple[float, float]
+    goal: tuple[float | None, float | None]
+    rate: Callable[[Mode, tuple[float | None, float | None]], float]
+    origin: tuple[float, float]
+    least_time: Callable[[Mode, tuple[float, float], float], float]
     shape: str
 
 
@@ -109,8 +121,12 @@ def sequence_bound(
 
     for (u, v), least in network.least.items():
         at_least({v: 1.0, u: -1.0}, least)
+    for i, least in enumerate(_least_durations(network.sequence, task)):
+        if np.isinf(least):
+            return None
+        at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
     for i, mode in enumerate(network.sequence):
-        rate = task.rate.get(mode, np.inf)
+        rate = task.rate(mode, _known_curvatures(network.sequence, i, task)) if any(mode) else 0.0
         if any(mode) and np.isfinite(rate):
             for sign in (1.0, -1.0):
                 bend = layout.count + i
@@ -134,6 +150,42 @@ def sequence_bound(
         return None
     value, x = optimum
     return SequenceBound(value + constant, times=x[: layout.count], bends=x[layout.count :])
+
+
+def _least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
+    """Least durations of the phases where the task leaves no choice of bends, else zeros.
+
+    With at most two soft phases of different modes and a given shape at the end, the bends are the
+    unique solution of two linear equations, and with them the shapes before and after each phase.
+    """
+    soft = [i for i, mode in enumerate(sequence) if any(mode)]
+    incidence = np.array([[sequence[i][j] for i in soft] for j in (0, 1)], dtype=float)
+    given = all(low == high for low, high in task.change)
+    durations = [0.0] * len(sequence)
+    if not given or not soft or np.linalg.matrix_rank(incidence) < len(soft):
+        return durations
+    wanted = np.array([low for low, _ in task.change])
+    bends, *_ = np.linalg.lstsq(incidence, wanted, rcond=None)
+    here = np.array(task.origin)
+    for i, bend in zip(soft, bends.tolist(), strict=True):
+        durations[i] = task.least_time(sequence[i], (float(here[0]), float(here[1])), bend)
+        here = here + bend * np.array(sequence[i])
+    return durations
+
+
+def _known_curvatures(
+    sequence: ModeSequence, phase: int, task: BendingTask
+) -> tuple[float | None, float | None]:
+    """Curvatures of the rigid segments in a phase, where the sequence alone determines them."""
+
+    def known(j: int) -> float | None:
+        if sequence[phase][j]:
+            return None
+        if not any(mode[j] for mode in sequence[:phase]):
+            return task.start[j]
+        return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
+
+    return known(0), known(1)
 
 
 def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:

@@ -99,7 +99,9 @@ class ModeTree(Generic[Solution]):
             return math.inf
         bound = sequence_bound(self.timing.network(leaf, self.last), self.task, self.weights)
         if bound is None:
-            self.unreachable[leaf] = f"{sequence_name(leaf)} would leave the curvature limits"
+            self.unreachable[leaf] = (
+                f"{sequence_name(leaf)} cannot reach this shape within the shape limits"
+            )
             return math.inf
         self._bounds[leaf] = bound
         if not any(any(mode) for mode in leaf) and self.first == self.last == RIGID:
