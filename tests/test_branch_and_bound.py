@@ -45,10 +45,10 @@ class RandomTree:
     def leaf_bound(self, node: Path) -> float:
         return self.costs.get(node, math.inf) - self.slack.get(node, 0.0)
 
-    def solve(self, node: Path, target: float) -> tuple[float, Path] | None:
+    def solve(self, node: Path, target: float) -> list[tuple[float, Path]]:
         self.solved.append(node)
         value = self.found[node]
-        return None if value is None else (value, node)
+        return [] if value is None else [(value, node)]
 
 
 PATHS = st.lists(st.integers(0, 2), max_size=3).map(tuple)
@@ -144,7 +144,7 @@ def test_a_leaf_that_cannot_be_solved_keeps_its_bound() -> None:
 @pytest.mark.parametrize("leaves_before", [0, 1, 2])
 def test_an_interrupt_returns_the_best_so_far_and_a_valid_bound(leaves_before: int) -> None:
     class Interrupted(RandomTree):
-        def solve(self, node: Path, target: float) -> tuple[float, Path] | None:
+        def solve(self, node: Path, target: float) -> list[tuple[float, Path]]:
             if len(self.solved) == leaves_before:
                 raise KeyboardInterrupt
             return super().solve(node, target)

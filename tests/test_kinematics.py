@@ -53,8 +53,8 @@ each_mode = pytest.mark.parametrize("mode", MODES, ids=mode_name)
 each_soft_mode = pytest.mark.parametrize("mode", [SOFT_2, SOFT_1, SOFT_BOTH], ids=mode_name)
 each_unit = pytest.mark.parametrize("unit", [0, 1], ids=["LU1", "LU2"])
 
-for_all = settings(deadline=None, max_examples=60, derandomize=True)
-for_some = settings(deadline=None, max_examples=15, derandomize=True)
+for_all = settings(deadline=None, max_examples=40, derandomize=True)
+for_some = settings(deadline=None, max_examples=12, derandomize=True)
 
 
 def between(bound: float) -> st.SearchStrategy[float]:
@@ -85,7 +85,7 @@ def followed(robot: Robot, q: Array, travel: Array, mode: Mode) -> Array:
 
 def unit_input(unit: int, amount: float) -> Array:
     """Input displacement or velocity of one locomotion unit alone."""
-    return amount * np.eye(5)[unit]
+    return np.asarray(amount * np.eye(5)[unit])
 
 
 # --- an independent geometry ----------------------------------------------------------------
@@ -314,7 +314,7 @@ def test_the_unit_that_is_not_driven_stays_where_it_is(
 def test_the_driven_unit_travels_the_commanded_distance(
     robot: Robot, mode: Mode, unit: int, q: Array, travel: float
 ) -> None:
-    pieces = 128
+    pieces = 96
     step = unit_input(unit, travel / pieces)
     chain = interval_flow(robot, 2).mapaccum(pieces)
     steps, modes = np.tile(step[:, None], pieces), np.tile(np.array([mode]).T, pieces)
@@ -387,7 +387,7 @@ def test_the_rigid_mode_is_a_motion_of_the_plane(robot: Robot, q: Array, travel:
     expected = link_pose(q) @ screw
     end = link_pose(followed(robot, q, travel, RIGID))
     assert abs(end.position - expected.position) <= 1e-8
-    assert abs(end.angle - expected.angle) <= 1e-14
+    assert abs(end.angle - expected.angle) <= 1e-12
 
 
 @each_arc

@@ -12,7 +12,7 @@ from problems import ROBOT, faster_robot, random_problem
 import twosra_mpc.planner as planner_module
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
-from twosra_mpc.planner import Progress, _SequenceSolver, bending_task
+from twosra_mpc.planner import Progress, SequenceSolver, bending_task
 from twosra_mpc.search.bounds import sequence_bound, unreachable_reason
 from twosra_mpc.timing import transition_model
 
@@ -62,7 +62,7 @@ def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: in
 @pytest.mark.parametrize("factor", [1.0, 100.0])
 def test_the_search_finds_what_solving_every_sequence_finds(factor: float) -> None:
     problem = random_problem(21, robot=faster_robot(factor), gap=0.001, max_phases=4)
-    solver = _SequenceSolver(problem)
+    solver = SequenceSolver(problem)
     task, model = bending_task(problem), transition_model(problem)
     best = math.inf
     for n in (1, 2):
@@ -74,8 +74,9 @@ def test_the_search_finds_what_solving_every_sequence_finds(factor: float) -> No
                 continue
             network = model.network(sequence, RIGID)
             bound = sequence_bound(network, task, problem.weights)
-            if bound is not None and (found := solver(network, bound, target=0.0)) is not None:
-                best = min(best, found[0])
+            if bound is not None:
+                costs = [cost for cost, _ in solver(network, bound, target=0.0)]
+                best = min([best, *costs])
     result = plan(problem)
     assert result.cost is not None
     assert math.isfinite(best)
@@ -198,23 +199,17 @@ def test_a_time_limit_stops_the_search_with_a_valid_bound() -> None:
 
 
 def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    solve = _SequenceSolver.__call__
-    calls = []
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
 
-    def interrupted(self: _SequenceSolver, *args: object) -> object:
-        calls.append(args)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        found = solve(self, *args)  # type: ignore[arg-type]
-        return found and (found[0] + 50.0, found[1])
-
-    monkeypatch.setattr(planner_module._SequenceSolver, "__call__", interrupted)
-    result = plan(load_problem("paper-1", gap=0.0))
-    assert len(calls) == 2
+    monkeypatch.setattr(planner_module, "improve", interrupted)
+    result = plan(load_problem("rigid-move", gap=0.0))
     assert result.stopped_early
     assert result.status is Status.FEASIBLE
     assert "interrupted" in result.message
     assert result.samples is not None
+    assert result.gap is not None
+    assert 0 < result.gap < 0.2
 
 
 def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:

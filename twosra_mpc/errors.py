@@ -42,10 +42,9 @@ class InputError(TwosraError, ValueError):
 
     def within(self, parent: str, source: str | None = None) -> InputError:
         """Return the same error seen from the record that holds this one under ``parent``."""
-        inner = "" if self.field == parent else self.field
-        field = ".".join(part for part in (parent, inner) if part)
+        field = ".".join(part for part in (parent, self.field) if part)
         others = tuple(other.within(parent, source) for other in self.others)
-        return InputError(field, self.value, self.allowed, source or self.source, others)
+        return InputError(field, self.value, self.allowed, self.source or source, others)
 
     def among(self, others: Sequence[InputError]) -> InputError:
         """Return this error with further ones found at the same time."""

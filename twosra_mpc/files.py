@@ -41,17 +41,27 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
     raise InputError(field, str(source), f"{hint}a file that exists, or one of {', '.join(names)}")
 
 
+def read_text(path: Path, source: str) -> str:
+    """Read a UTF-8 text file.
+
+    Raises:
+        InputError: If the file cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+
+
 def read_document(path: Path, source: str) -> dict[str, Any]:
     """Read a TOML or (by its ending) JSON file into a dictionary.
 
     Raises:
         InputError: If the file cannot be read or parsed; the message carries line and column.
     """
+    text = read_text(path, source)
     try:
-        text = path.read_text(encoding="utf-8")
         document = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
     except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(
             "file", source, f"valid TOML, or JSON in a .json file ({error})"
@@ -69,6 +79,8 @@ def atomic_path(target: str | Path) -> Iterator[Path]:
         InputError: If the folder of ``target`` does not exist or cannot be written.
     """
     target = Path(target)
+    if target.is_dir():
+        raise InputError("output", str(target), "the path of a file, not of a folder")
     try:
         handle, name = tempfile.mkstemp(
             prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent

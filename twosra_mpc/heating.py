@@ -105,33 +105,53 @@ class SegmentHeating:
     def _knots(self) -> list[tuple[float, float]]:
         melting, setpoint = self.heater.melting_point_C, self.heater.soft_setpoint_C
         knots = [(0.0, self.temperature_C)]
+        sleeping = isinstance(self.times, SequentialTiming)
+        liquid = self.soft_at_start
         for item in self.transitions:
             since, before = knots[-1]
-            if item.to == "soft":
+            liquid = item.to == "soft"
+            if liquid:
                 warm = float(self._relaxed(before, np.array(item.heater_s - since)))
                 knots.append((item.heater_s, warm))
-                if isinstance(self.times, SequentialTiming):
+                if sleeping:
                     knots.append((item.done_s, setpoint))
                 else:
                     knots += [(item.onset_s, melting), (item.done_s, melting)]
-            elif isinstance(self.times, SequentialTiming):
-                cooled = float(self._relaxed(before, np.array(item.done_s - item.heater_s)))
-                knots += [(item.heater_s, before), (item.done_s, cooled)]
+            elif sleeping:
+                knots += self._liquid(setpoint, since, before, item.heater_s)
+                _, held = knots[-1]
+                cooled = float(self._relaxed(held, np.array(item.done_s - item.heater_s)))
+                knots.append((item.done_s, cooled))
             else:
-                knots += self._superheat(since, item)
+                knots += self._liquid(self._peak(item), since, before, item.heater_s)
                 knots += [(item.onset_s, melting), (item.done_s, melting)]
+        if liquid:
+            knots += self._liquid(setpoint, *knots[-1], until=_NEVER)
         return knots
 
-    def _superheat(self, since: float, freeze: Transition) -> list[tuple[float, float]]:
-        """Rise above the melting point by as much as the time from heater off to onset needs."""
+    def _peak(self, freeze: Transition) -> float:
+        """Temperature from which cooling to the plateau takes as long as the freeze says [C]."""
         assert isinstance(self.times, OverlappedTiming)
-        span = self.heater.soft_setpoint_C - self.heater.melting_point_C
+        melting, setpoint = self.heater.melting_point_C, self.heater.soft_setpoint_C
         lead = self.times.freeze_s - self.times.freeze_changing_s
         lag = freeze.onset_s - freeze.heater_s
-        above = span * lag / lead if lead > 0 else span
-        peak = self.heater.melting_point_C + above
-        hot = min(since + self.times.superheat_s, freeze.heater_s)
-        return [(hot, peak), (freeze.heater_s, peak)]
+        return melting + (setpoint - melting) * (min(1.0, lag / lead) if lead > 0 else 1.0)
+
+    def _liquid(
+        self, target: float, since: float, before: float, until: float
+    ) -> list[tuple[float, float]]:
+        """Heat or cool liquid metal to ``target`` and hold it there until its heater is off."""
+        if before <= target:
+            reached = min(since + self._superheat_s, until)
+            knots = [(reached, target)]
+        else:
+            above, over = before - self.heater.ambient_C, target - self.heater.ambient_C
+            cooling = self.heater.cooling_time_constant_s * float(np.log(above / over))
+            times = np.linspace(0.0, min(cooling, until - since), 9)
+            knots = [(since + float(t), float(self._relaxed(before, t))) for t in times[1:]]
+        if np.isfinite(until):
+            knots.append((until, knots[-1][1]))
+        return knots
 
     def _cooling(self, knots: list[tuple[float, float]]) -> list[tuple[float, float, float]]:
         """(start, end, initial temperature) of the periods without heater."""

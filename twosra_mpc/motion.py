@@ -20,7 +20,7 @@ from twosra_mpc.robot import Robot
 
 Array = NDArray[np.float64]
 
-FINE_STEPS = 32  # Runge-Kutta steps per interval; 10 intervals bend 57 1/m to within 1e-8 1/m
+FINE_STEPS = 64  # Runge-Kutta steps per interval; 10 intervals bend 155 1/m to within 5e-8 1/m
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError, NoPlanError
-from twosra_mpc.files import read_document, write_text
+from twosra_mpc.files import read_text, write_text
 from twosra_mpc.modes import Mode
 from twosra_mpc.problem import Problem
 from twosra_mpc.robot import Robot
@@ -76,8 +77,15 @@ class Samples:
     heater_current_A: Array
 
     def __post_init__(self) -> None:
+        width = {"q": 5, "v": 5, "wheel_rad_s": 4}
         for item in fields(self):
-            getattr(self, item.name).setflags(write=False)
+            array = getattr(self, item.name)
+            shape = (
+                (len(self.t_s),) if item.name == "t_s" else (len(self.t_s), width.get(item.name, 2))
+            )
+            if array.shape != shape:
+                raise InputError(f"samples.{item.name}", array.shape, f"an array of shape {shape}")
+            array.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -210,36 +218,77 @@ class Plan:
         write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")
 
 
+class _PlanDocument(BaseModel):
+    """The types of a plan file, for reading one back."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    format: Literal["twosra-plan"]
+    version: Literal[1]
+    package: str
+    robot: dict[str, Any]
+    scenario: dict[str, Any]
+    planner: Literal["optimal", "greedy"]
+    status: Status
+    message: str
+    duration_s: float | None
+    lower_bound_s: float | None
+    gap: float | None
+    cost: Cost | None
+    phases: tuple[Phase, ...]
+    transitions: tuple[Transition, ...]
+    samples: dict[str, list[float] | list[list[float]]] | None
+    verification: dict[str, Any] | None
+    stats: dict[str, int | float]
+    stopped_early: bool
+
+
 def load_plan(path: str | Path) -> Plan:
     """Read a plan file back.
 
     Raises:
         InputError: If the file is not a plan of a known version, or does not fit together.
     """
-    source = Path(path)
-    data = read_document(source.with_suffix(".json") if source.suffix == "" else source, str(path))
-    if data.get("format") != FORMAT or data.get("version") != FORMAT_VERSION:
-        found = (data.get("format"), data.get("version"))
-        raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", str(path))
+    source = str(path)
+    text = read_text(Path(path), source)
     try:
-        return _plan(data)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError("plan", str(error), "every key of the plan format", str(path)) from error
+        head = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError("file", source, f"a plan in JSON ({error})", source) from error
+    if not isinstance(head, dict):
+        raise InputError("file", source, "a table of keys at the top level", source)
+    if head.get("format") != FORMAT or head.get("version") != FORMAT_VERSION:
+        found = (head.get("format"), head.get("version"))
+        raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", source)
+    try:
+        return _plan(_PlanDocument.model_validate_json(text), source)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(["plan", *map(str, first["loc"])])
+        raise InputError(field, first["input"], first["msg"], source) from None
+    except InputError as error:
+        raise error.within("", source) from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError("plan", str(error), "values that fit together", source) from error
 
 
-def _plan(data: dict[str, Any]) -> Plan:
-    robot = Robot.parse(data["robot"], "plan.robot")
-    samples, checked = data["samples"], data["verification"]
+def _plan(data: _PlanDocument, source: str) -> Plan:
+    robot = Robot.parse(data.robot, f"{source} (robot)")
+    problem = Problem.parse({**data.scenario, "robot": robot}, f"{source} (scenario)")
+    checked = data.verification
+    arrays = {name: np.array(rows) for name, rows in (data.samples or {}).items()}
+    if "mode" in arrays:
+        arrays["mode"] = arrays["mode"].astype(np.int64)
     return Plan(
-        problem=Problem.parse({**data["scenario"], "robot": robot}, "plan.scenario"),
-        planner=data["planner"],
-        status=Status(data["status"]),
-        message=data["message"],
-        cost=Cost(**data["cost"]) if data["cost"] else None,
-        lower_bound=data["lower_bound_s"],
-        phases=tuple(Phase(tuple(p["mode"]), p["start_s"], p["end_s"]) for p in data["phases"]),
-        transitions=tuple(Transition(**item) for item in data["transitions"]),
-        samples=Samples(**{k: np.array(v) for k, v in samples.items()}) if samples else None,
+        problem=problem,
+        planner=data.planner,
+        status=data.status,
+        message=data.message,
+        cost=data.cost,
+        lower_bound=data.lower_bound_s,
+        phases=data.phases,
+        transitions=data.transitions,
+        samples=Samples(**arrays) if data.samples is not None else None,
         verification=Verification(
             **{
                 **checked,
@@ -249,8 +298,8 @@ def _plan(data: dict[str, Any]) -> Plan:
         )
         if checked
         else None,
-        stats=Stats(**data["stats"]),
-        stopped_early=data["stopped_early"],
+        stats=Stats(**data.stats),  # type: ignore[arg-type]  # counts are whole numbers in the file
+        stopped_early=data.stopped_early,
     )
 
 

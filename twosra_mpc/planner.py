@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +55,7 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     if problem.planner == "greedy":
         return plan_greedily(problem)
     started = time.perf_counter()
-    solver = _SequenceSolver(problem)
+    solver = SequenceSolver(problem)
     tree = ModeTree(
         first=problem.start_mode,
         last=problem.goal.mode,
@@ -82,8 +82,8 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     return _conclude(problem, result, tree, stats)
 
 
-class _SequenceSolver:
-    """Finds a verified plan of one mode sequence: the guess if it is good enough, else the NLP."""
+class SequenceSolver:
+    """Yields verified plans of one mode sequence: the guess and, if it is not enough, the NLP's."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -91,7 +91,8 @@ class _SequenceSolver:
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound, target: float
-    ) -> tuple[float, Verified] | None:
+    ) -> Iterator[tuple[float, Verified]]:
+        """Yield (cost, plan) of the sequence; stops once a plan costs ``target`` or less."""
         problem = self.problem
         guess = guess_motion(
             problem.robot,
@@ -103,22 +104,21 @@ class _SequenceSolver:
             INTERVALS,
             may_drive(problem, network.sequence),
         )
-        best = self._checked(timed(guess, network, problem, iterations=0), network)
-        if best is None or best[0] > target:
-            candidate = improve(guess, network, problem)
-            self.iterations += candidate.iterations if candidate else 0
-            better = self._checked(candidate, network)
-            if best is None or (better is not None and better[0] < best[0]):
-                best = better
-        return best
+        for found in self._checked(timed(guess, network, problem, iterations=0), network):
+            yield found
+            if found[0] <= target:
+                return
+        candidate = improve(guess, network, problem)
+        self.iterations += candidate.iterations if candidate else 0
+        yield from self._checked(candidate, network)
 
     def _checked(
         self, candidate: Candidate | None, network: TemporalNetwork
-    ) -> tuple[float, Verified] | None:
-        if candidate is None:
-            return None
-        checked = verified(self.problem, candidate, network)
-        return (checked.cost.total, checked) if checked.verification.ok else None
+    ) -> Iterator[tuple[float, Verified]]:
+        if candidate is not None:
+            checked = verified(self.problem, candidate, network)
+            if checked.verification.ok:
+                yield checked.cost.total, checked
 
 
 def bending_task(problem: Problem) -> BendingTask:

@@ -1,8 +1,7 @@
 """Figures of plans: the robot in the plane, the stiffness of its segments, everything over time.
 
 Motion phases last about a second, the holds between them minutes, so the time axis is stretched
-inside the phases (`TimeStretch`). The only module that imports matplotlib; it needs no display and
-leaves ``rcParams`` alone.
+inside the phases (`TimeStretch`). Needs no display and leaves ``rcParams`` alone.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-from twosra_mpc.errors import InputError, NoPlanError
-from twosra_mpc.files import atomic_path
+from twosra_mpc.errors import NoPlanError
+from twosra_mpc.figure_file import check_figure_path, save_figure
 from twosra_mpc.modes import Mode, mode_name
 from twosra_mpc.plan import Phase, Plan, Samples
 from twosra_mpc.robot import Geometry
@@ -76,9 +75,8 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
     """
     if plan.samples is None:
         raise NoPlanError(plan.status, plan.message)
-    endings = FigureCanvasAgg(Figure()).get_supported_filetypes()
-    if path is not None and Path(path).suffix[1:].lower() not in endings:
-        raise InputError("output", str(path), f"a file ending in .{', .'.join(sorted(endings))}")
+    if path is not None:
+        check_figure_path(path)
     with rc_context(STYLE):
         figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
@@ -89,8 +87,7 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
         for ax in figure.axes:
             ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
         if path is not None:
-            with atomic_path(path) as temporary:
-                figure.savefig(temporary, dpi=DPI)
+            save_figure(figure, path)
     return figure
 
 

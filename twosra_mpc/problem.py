@@ -6,6 +6,7 @@ Keys are those of the scenario file; a coordinate left out of the goal is free.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -127,41 +128,68 @@ class Problem(Value):
     goal: Goal
     weights: Weights = Weights()
     timing: str = "nominal"
-    modes: Annotated[tuple[ModeField, ...], Field(min_length=1), BeforeValidator(plain)] = MODES
-    max_phases: Annotated[int, Field(ge=1, le=12)] = 6
+    modes: Annotated[tuple[ModeField, ...], BeforeValidator(plain)] = MODES
+    max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 6
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     time_limit_s: Positive = 60.0
 
     @field_validator("robot", mode="before")
     @classmethod
     def _load_robot(cls, value: object) -> object:
-        return load_robot(value) if isinstance(value, str | Path) else value
+        if not isinstance(value, str | Path):
+            return value
+        try:
+            return load_robot(value)
+        except InputError as error:
+            if error.field == "robot":  # no such robot: the field is called that here already
+                raise InputError("", error.value, error.allowed) from None
+            raise
+
+    @field_validator("modes")
+    @classmethod
+    def _some_mode(cls, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
+        if not modes:
+            raise InputError("", modes, "at least one mode, e.g. [[0, 0], [1, 0]]")
+        return modes
 
     @model_validator(mode="after")
     def _consistent(self) -> Problem:
+        found = list(self._contradictions())
+        if found:
+            raise found[0].among(found[1:])
+        return self
+
+    def _contradictions(self) -> Iterator[InputError]:
+        """Yield every value that the robot does not allow."""
         robot, heater = self.robot, self.robot.heater
         if self.timing not in robot.timing:
             names = ", ".join(robot.timing)
-            raise InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
+            yield InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
+        limit, low, high = (
+            robot.limits.curvature_per_m,
+            heater.temperature_min_C,
+            heater.temperature_max_C,
+        )
         for j in (0, 1):
-            limit = robot.limits.curvature_per_m
             for where, q in (
                 ("start", self.start.configuration),
                 ("goal", self.goal.configuration),
             ):
                 if abs(q[3 + j]) > limit:
                     allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
-                    raise InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
-            low, high = heater.temperature_min_C, heater.temperature_max_C
-            if not low <= self.temperatures[j] <= high:
-                allowed = f"from {low:g} to {high:g} C (robot {robot.name})"
-                raise InputError(f"start.temperature_C.{j}", self.temperatures[j], allowed)
-            if self.temperatures[j] == heater.melting_point_C:
+                    yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
+            now, field = self.temperatures[j], f"start.temperature_C.{j}"
+            if not low <= now <= high:
+                yield InputError(field, now, f"from {low:g} to {high:g} C (robot {robot.name})")
+            if now == heater.melting_point_C:
                 allowed = (
                     f"not exactly the melting point {heater.melting_point_C:g} C: solid or liquid?"
                 )
-                raise InputError(f"start.temperature_C.{j}", self.temperatures[j], allowed)
-        return self
+                yield InputError(field, now, allowed)
+
+    def with_robot(self, robot: Robot) -> Problem:
+        """Return the same problem for another robot, validated anew."""
+        return Problem(**{**dict(self), "robot": robot})
 
     @property
     def temperatures(self) -> tuple[float, float]:

@@ -11,11 +11,11 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
-from twosra_mpc.validation import NonNegative, Number, Positive, Triple, Value, plain
+from twosra_mpc.validation import FrozenDict, NonNegative, Number, Positive, Triple, Value, plain
 
 
 class Wheel(Value):
@@ -89,6 +89,11 @@ class LogSpiralPath(Value):
     angle_ratio: Triple
     smoothing_rad: Positive
 
+    @property
+    def largest_bend_rad(self) -> float:
+        """Spiral III is defined up to half a circle per segment (eq. kappa_fit3)."""
+        return math.pi
+
 
 class ArcPath(Value):
     """Exact constant-curvature arcs; ``speed_reference`` says which point's speed v_j is."""
@@ -96,17 +101,26 @@ class ArcPath(Value):
     model: Literal["arc"]
     speed_reference: Literal["fibre_end", "side_wheel"]
 
+    @property
+    def largest_bend_rad(self) -> float:
+        """A full circle: the series of ``model.series`` are accurate so far."""
+        return math.tau
+
 
 class CardioidPath(Value):
     """The follow-up robot's path model: cardioids r = 2 a (1 - cos phi) for cases I, II, III.
 
-    The polar angle is phi = ``phi_mid_rad`` + ``phi_per_alpha`` * bending angle, a = ``radius_m``.
+    The polar angle is phi = pi + ``phi_per_alpha`` * bending angle, a = ``radius_m``.
     """
 
     model: Literal["cardioid"]
     radius_m: Triple
-    phi_mid_rad: Triple
     phi_per_alpha: Triple
+
+    @property
+    def largest_bend_rad(self) -> float:
+        """Where the first of the cardioids comes within half a radian of its cusp."""
+        return (math.pi - 0.5) / max(self.phi_per_alpha)
 
 
 class MotionLimits(Value):
@@ -222,7 +236,19 @@ class Robot(Value):
     path: Annotated[LogSpiralPath | ArcPath | CardioidPath, Field(discriminator="model")]
     limits: MotionLimits
     heater: Heater
-    timing: Annotated[dict[str, Timing], Field(min_length=1)]
+    timing: Annotated[dict[str, Timing], Field(min_length=1), AfterValidator(FrozenDict)]
+
+    @model_validator(mode="after")
+    def _curvature_within_the_path_model(self) -> Robot:
+        most = self.path.largest_bend_rad
+        bend = self.limits.curvature_per_m * self.geometry.segment_length_m
+        if bend > most:
+            allowed = (
+                f"at most {most / self.geometry.segment_length_m:.2f} 1/m, where path model "
+                f"{self.path.model} ends (a bending angle of {most:.3f} rad)"
+            )
+            raise InputError("limits.curvature_per_m", self.limits.curvature_per_m, allowed)
+        return self
 
     def __hash__(self) -> int:
         return hash(self.model_dump_json())

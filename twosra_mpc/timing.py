@@ -119,7 +119,7 @@ def earliest_times(network: TemporalNetwork) -> list[float]:
 class Transition(NamedTuple):
     """One melt or freeze of a segment (1 or 2), times in s."""
 
-    segment: int
+    segment: Literal[1, 2]
     to: Stiffness
     heater_s: float
     onset_s: float
@@ -265,7 +265,7 @@ class Overlapped:
                 since = molten[event.segment]
                 if since is not None:  # a short liquid period: the metal must store enough heat
                     heater = max(heater, since + self.times.superheat_share * (onset - since))
-            found.append(Transition(event.segment + 1, event.to, heater, onset, done))
+            found.append(Transition(_number(event.segment), event.to, heater, onset, done))
         return sorted(found, key=lambda item: (item.heater_s, item.segment))
 
 
@@ -321,12 +321,17 @@ class Sequential:
             heat_from = begin if before == RIGID else cooled
             for j in (0, 1):
                 if before[j]:
-                    found.append(Transition(j + 1, "rigid", begin, begin, cooled))
+                    found.append(Transition(_number(j), "rigid", begin, begin, cooled))
                 if after[j]:
-                    found.append(Transition(j + 1, "soft", heat_from, heat_from, begin + wait))
+                    found.append(Transition(_number(j), "soft", heat_from, heat_from, begin + wait))
         return sorted(found, key=lambda item: (item.heater_s, item.segment))
 
 
 def _power(heater: Heater, what: Literal["melt", "hold"]) -> float:
     current = heater.melt_current_A if what == "melt" else heater.hold_current_A
     return current**2 * heater.resistance_ohm
+
+
+def _number(segment: int) -> Literal[1, 2]:
+    """Segments are counted from 1 where people read them."""
+    return 2 if segment else 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -22,6 +22,9 @@ def plain(value: object) -> object:
         return tuple(plain(item) for item in value)
     return value
 
+
+Key = TypeVar("Key")
+Item = TypeVar("Item")
 
 Number = Annotated[float, BeforeValidator(plain)]
 Positive = Annotated[float, Field(gt=0.0), BeforeValidator(plain)]
@@ -44,7 +47,7 @@ class Value(BaseModel):
 
     if not TYPE_CHECKING:  # the generated signature is what editors should complete
 
-        def __init__(self, **data: Any) -> None:
+        def __init__(self, /, **data: Any) -> None:
             try:
                 super().__init__(**data)
             except ValidationError as error:
@@ -60,24 +63,53 @@ class Value(BaseModel):
             raise error.within("", source) from None
 
 
+class FrozenDict(dict[Key, Item]):
+    """A dictionary that cannot be changed after construction."""
+
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("this mapping is frozen; build a new record instead")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (dict(self),))
+
+
 def _problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     """Turn one of pydantic's error records into an error that names the key the user wrote."""
     location = [str(part) for part in detail["loc"]]
-    field = ".".join(location[:1] + [part for part in location[1:] if part not in _UNION_TAGS])
-    cause = detail.get("ctx", {}).get("error")
+    context = detail.get("ctx", {})
+    cause = context.get("error")
     if isinstance(cause, InputError):
-        return cause.within(field)
-    if detail["type"] == "missing":
-        return InputError(field, "missing", "this key is required")
-    if detail["type"] == "extra_forbidden":
-        known = list(model.model_fields)
-        close = difflib.get_close_matches(field, known, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        return InputError(field, detail["input"], f"{hint}known keys here are {', '.join(known)}")
+        if len(location) > 1 and location[-1] in _UNION_TAGS:
+            location.pop()  # the branch that was tried, not something the user wrote
+        return cause.within(".".join(location))
+    field, given = ".".join(location), detail["input"]
+    match detail["type"]:
+        case "missing":
+            return InputError(field, "missing", "this key is required")
+        case "extra_forbidden":
+            known = list(model.model_fields)
+            close = difflib.get_close_matches(field, known, n=1)
+            hint = f"did you mean {close[0]}? " if close else ""
+            return InputError(field, given, f"{hint}known keys here are {', '.join(known)}")
+        case "union_tag_not_found":
+            key = str(context["discriminator"]).strip("'")
+            return InputError(f"{field}.{key}", "missing", "this key is required")
+        case "union_tag_invalid":
+            key = str(context["discriminator"]).strip("'")
+            allowed = " or ".join(str(context["expected_tags"]).rsplit(", ", 1))
+            return InputError(f"{field}.{key}", context["tag"], allowed)
+        case "tuple_type":
+            return InputError(field, given, "a list of values")
+        case "too_long":
+            return InputError(field, given, f"a list of {context['max_length']} values")
+        case "model_type" | "dict_type" | "model_attributes_type":
+            return InputError(field, given, "a table of keys")
     phrase = str(detail["msg"])
     for prefix in ("Input should be ", "Value error, "):
         phrase = phrase.removeprefix(prefix)
-    return InputError(field, detail["input"], phrase)
+    return InputError(field, given, phrase)
 
 
-_UNION_TAGS = {"float", "none", "full", "log_spiral", "log_spiral_corrected", "arc", "cardioid"}
+_UNION_TAGS = {"none", "full", "log_spiral", "log_spiral_corrected", "arc", "cardioid"}

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.model.kinematics import JacobianInPlace
+from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travel
 from twosra_mpc.modes import mode_name
 from twosra_mpc.plan import Phase, Samples, Verification
 from twosra_mpc.problem import COORDINATE_UNITS, COORDINATES, Problem
@@ -27,6 +28,7 @@ GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 TIME_TOLERANCE_S = 1e-5
 RELATIVE_TOLERANCE = 1e-7  # of a limit
+WHEEL_TOLERANCE_RAD_S = 1e-6
 _RTOL, _ATOL = 1e-10, 1e-12
 
 
@@ -37,6 +39,9 @@ def verify(
     transitions: Sequence[Transition],
 ) -> Verification:
     """Re-integrate a plan and check limits, transitions and goal."""
+    unusable = list(_grid_problems(samples))
+    if unusable:  # nothing can be integrated on such a grid
+        return Verification(np.inf, (np.inf,) * 5, {}, ok=False, problems=tuple(unusable))
     reached = reintegrate(problem, samples)
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
@@ -45,10 +50,10 @@ def verify(
         *_motion_problems(defect, goal_error),
         *(f"limit {name} exceeded by {-m:.3g}" for name, m in limits.items() if m < 0),
         *_stiffness_problems(problem, samples, transitions),
+        *_coverage_problems(samples, phases, transitions),
+        *_command_problems(problem, samples, transitions),
         *_timing_problems(problem, phases, transitions),
     ]
-    if not problems and not np.isfinite(samples.q).all():
-        problems.append("a sample is not finite")
     return Verification(
         max_defect=defect,
         goal_error=tuple(float(error) for error in goal_error),
@@ -62,10 +67,18 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
     """Integrate q' = J(q, mode) v over the samples from the start configuration, (n, 5).
 
     Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-10, restarted where the input changes.
+    Rows are NaN from where a curvature runs away beyond twice its limit.
     """
+    beyond = 2 * problem.robot.limits.curvature_per_m
+
+    def runs_away(_t: float, at: Array) -> float:
+        return beyond - float(np.abs(at[3:]).max())
+
+    runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
     jacobian = JacobianInPlace(problem.robot)
     q = problem.start.configuration.copy()
-    reached = [q]
+    reached = np.full((len(samples), 5), np.nan)
+    reached[0] = q
     for i in range(len(samples) - 1):
         velocity = samples.v[i]
         if velocity.any():
@@ -77,10 +90,70 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
                 return velocity @ jacobian.columns
 
             span = (0.0, float(samples.t_s[i + 1] - samples.t_s[i]))
-            end = solve_ivp(rate, span, q, method="DOP853", rtol=_RTOL, atol=_ATOL)
+            end = solve_ivp(
+                rate, span, q, method="DOP853", rtol=_RTOL, atol=_ATOL, events=runs_away
+            )
+            if end.status != 0:
+                break
             q = end.y[:, -1]
-        reached.append(q)
-    return np.array(reached)
+        reached[i + 1] = q
+    return reached
+
+
+def _grid_problems(samples: Samples) -> Iterator[str]:
+    """The samples are numbers on a growing time axis."""
+    for item in fields(samples):
+        if not np.isfinite(getattr(samples, item.name)).all():
+            yield f"samples.{item.name} has a value that is not finite"
+    if not (np.diff(samples.t_s) > 0).all():
+        yield "the time of the samples does not grow"
+
+
+def _coverage_problems(
+    samples: Samples, phases: Sequence[Phase], transitions: Sequence[Transition]
+) -> Iterator[str]:
+    """The samples last as long as the plan, and move exactly in its phases, in their modes."""
+    last = max([0.0, *(p.end_s for p in phases), *(item.done_s for item in transitions)])
+    if samples.t_s[-1] < last - TIME_TOLERANCE_S:
+        yield f"the samples end at {samples.t_s[-1]:.3f} s, before the plan does at {last:.3f} s"
+    middle = (samples.t_s[1:] + samples.t_s[:-1]) / 2
+    moving = samples.v[:-1].any(axis=1)
+    inside = np.zeros(len(middle), dtype=bool)
+    for phase in phases:
+        here = (middle > phase.start_s) & (middle < phase.end_s)
+        inside |= here
+        if (samples.mode[:-1][here] != phase.mode).any():
+            yield f"the samples have another mode than the phase at {phase.start_s:.3f} s"
+    if (inside != moving).any():
+        when = middle[inside != moving][0]
+        yield f"at {when:.3f} s the samples move outside of a phase, or rest in one"
+
+
+def _command_problems(
+    problem: Problem, samples: Samples, transitions: Sequence[Transition]
+) -> Iterator[str]:
+    """Wheels turn as v asks, heaters are on from heater time to heater time and off otherwise."""
+    rolls = wheel_travel(problem.robot).map(len(samples))
+    wheels = rolls(samples.q.T, samples.v.T, samples.mode.T).full().T
+    moving = np.abs(samples.v).max(axis=1, keepdims=True) > 0
+    apart = np.abs(samples.wheel_rad_s - moving * wheels).max(axis=1)
+    if apart.max() > WHEEL_TOLERANCE_RAD_S:
+        worst = int(np.argmax(apart))
+        yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
+    heater = problem.robot.heater
+    just_after = samples.t_s[:-1] + 2 * TIME_TOLERANCE_S
+    for j in (0, 1):
+        on = np.full(len(just_after), bool(problem.start_mode[j]))
+        for item in (item for item in transitions if item.segment == j + 1):
+            on[just_after >= item.heater_s] = item.to == "soft"
+        wanted = np.where(on, heater.soft_setpoint_C, heater.rigid_setpoint_C)
+        wrong = (samples.heater_setpoint_C[:-1, j] != wanted) | (
+            (samples.heater_current_A[:-1, j] > 0) != on
+        )
+        close = np.diff(samples.t_s) < 4 * TIME_TOLERANCE_S
+        if (wrong & ~close).any():
+            when = samples.t_s[:-1][wrong & ~close][0]
+            yield f"at {when:.3f} s heater {j + 1} does not do what the transitions say"
 
 
 def _motion_problems(defect: float, goal_error: Array) -> Iterator[str]:
@@ -162,7 +235,8 @@ def _timing_problems(
                 yield f"{name}: before the transition before it is done"
             if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:
                 yield f"{name}: heater, onset and done are out of order"
-            found = _duration_problems(problem, item, None if free == 0 else free)
+            cooled = [other.done_s for other in transitions if other.to == "rigid"]
+            found = _duration_problems(problem, item, None if free == 0 else free, cooled)
             yield from (f"{name}: {text}" for text in found)
             stiffness, free = int(item.to == "soft"), item.done_s
         if stiffness != problem.goal.mode[j]:
@@ -171,32 +245,61 @@ def _timing_problems(
 
 
 def _duration_problems(
-    problem: Problem, item: Transition, previous_s: float | None
+    problem: Problem, item: Transition, previous_s: float | None, cooled: Sequence[float]
 ) -> Iterator[str]:
-    """``previous_s`` is when the transition before it was done, None for a segment's first one."""
-    times, heater = problem.transition_times, problem.robot.heater
-    lead, changing = item.onset_s - item.heater_s, item.done_s - item.onset_s
-    match times:
-        case OverlappedTiming():
-            soft = item.to == "soft"
-            plateau = times.melt_changing_s if soft else times.freeze_changing_s
-            if changing < plateau - TIME_TOLERANCE_S:
-                yield f"on the plateau for {changing:.3f} s instead of {plateau:g} s"
-            if soft:
-                least = times.melt_s - times.melt_changing_s
-                if previous_s is None:
-                    now = problem.temperatures[item.segment - 1]
-                    span = heater.melting_point_C - heater.ambient_C
-                    least *= (heater.melting_point_C - now) / span
-                if lead < least - TIME_TOLERANCE_S:
-                    yield f"heated for {lead:.3f} s before melting instead of {least:.3f} s"
-                return
-            stored = 1.0
-            if previous_s is not None:
-                stored = min(1.0, (item.heater_s - previous_s) / times.superheat_s)
-            if lead > stored * (times.freeze_s - times.freeze_changing_s) + TIME_TOLERANCE_S:
-                yield f"liquid for {lead:.3f} s after its heater is off: it would freeze earlier"
-        case SequentialTiming():
-            least = times.heat_s if item.to == "soft" else times.freeze_s
-            if lead + changing < min(least, times.reconfigure_cool_s) - TIME_TOLERANCE_S:
-                yield f"changes in {lead + changing:.3f} s instead of {least:g} s"
+    """``previous_s`` is when the transition before it was done, None for a segment's first one.
+
+    ``cooled`` are the times at which any segment was frozen: heating that begins at one of them may
+    be the second half of a reconfiguration.
+    """
+    match problem.transition_times:
+        case OverlappedTiming() as times if item.to == "soft":
+            yield from _melt_problems(problem, times, item, first=previous_s is None)
+        case OverlappedTiming() as times:
+            yield from _freeze_problems(problem, times, item, previous_s)
+        case SequentialTiming() as times:
+            if item.to == "rigid":
+                least = min(times.freeze_s, times.reconfigure_cool_s)
+            elif any(abs(item.heater_s - when) <= TIME_TOLERANCE_S for when in cooled):
+                least = min(times.heat_s, times.reconfigure_s - times.reconfigure_cool_s)
+            else:
+                least = times.heat_s
+            if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
+                yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
+
+
+def _melt_problems(
+    problem: Problem, times: OverlappedTiming, item: Transition, first: bool
+) -> Iterator[str]:
+    heater, least = problem.robot.heater, times.melt_s - times.melt_changing_s
+    if first:
+        now = problem.temperatures[item.segment - 1]
+        span = heater.melting_point_C - heater.ambient_C
+        least *= (heater.melting_point_C - now) / span
+    if item.onset_s - item.heater_s < least - TIME_TOLERANCE_S:
+        lead = item.onset_s - item.heater_s
+        yield f"heated for {lead:.3f} s before melting instead of {least:.3f} s"
+    yield from _plateau_problems(item, times.melt_changing_s)
+
+
+def _freeze_problems(
+    problem: Problem, times: OverlappedTiming, item: Transition, previous_s: float | None
+) -> Iterator[str]:
+    heater, whole = problem.robot.heater, times.freeze_s - times.freeze_changing_s
+    lag, stored = item.onset_s - item.heater_s, 1.0
+    if previous_s is not None:
+        stored = min(1.0, (item.heater_s - previous_s) / times.superheat_s)
+    if lag > stored * whole + TIME_TOLERANCE_S:
+        yield f"liquid for {lag:.3f} s after its heater is off: it would freeze earlier"
+    if previous_s is None:
+        above = problem.temperatures[item.segment - 1] - heater.melting_point_C
+        least = whole * above / (heater.soft_setpoint_C - heater.melting_point_C)
+        if item.onset_s < least - TIME_TOLERANCE_S:
+            yield f"freezes at {item.onset_s:.3f} s, but is still too hot until {least:.3f} s"
+    yield from _plateau_problems(item, times.freeze_changing_s)
+
+
+def _plateau_problems(item: Transition, least: float) -> Iterator[str]:
+    changing = item.done_s - item.onset_s
+    if changing < least - TIME_TOLERANCE_S:
+        yield f"on the plateau for {changing:.3f} s instead of {least:g} s"

@@ -36,6 +36,7 @@ _STAGNATION = 1e-9  # unweighted norm of (m, m, rad, 1/m, 1/m)
 _REACHED = 1e-8
 _RECORDED = 1e-5  # phases that move less than this are left out, as published
 _LONGEST_STEP_M = 0.003  # longer soft steps are split, so that the roll-out stays accurate
+_SHORTEST_STEP = 1e-5  # m or rad; shorter ones are joined to the step before
 _FLOW_STEPS = 4
 
 
@@ -136,8 +137,12 @@ def _phases(path: GreedyPath) -> list[tuple[Mode, list[Array]]]:
     for mode, step in zip(path.modes, path.steps, strict=True):
         if not phases or phases[-1][0] != mode:
             phases.append((mode, []))
+        steps = phases[-1][1]
+        if steps and np.abs(step).max() < _SHORTEST_STEP:
+            steps[-1] = steps[-1] + step
+            continue
         pieces = math.ceil(float(np.abs(step[:2]).max()) / _LONGEST_STEP_M) or 1
-        phases[-1][1].extend([step / pieces] * pieces)
+        steps.extend([step / pieces] * pieces)
     kept: list[tuple[Mode, list[Array]]] = []
     for mode, steps in phases:
         if sum(float(np.abs(step).sum()) for step in steps) <= _RECORDED:

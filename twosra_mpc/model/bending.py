@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
 _TABLE = 2001  # points of the table that inverts W
-_BOXES = {1: 200, 2: 40}  # boxes per curvature range, by number of unknown curvatures
+_BOXES = {0: 1, 1: 200, 2: 40}  # boxes per curvature range, by number of unknown curvatures
 _CERTAIN_M = 1e-4  # overlap that the grid of the inverse (0.08 1/m) cannot feign
 _PIECES = 40  # pieces of a bend whose least time is proved
 

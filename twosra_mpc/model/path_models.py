@@ -132,7 +132,7 @@ class Cardioid:
         return "paper"
 
     def _angle(self, k: int, alpha: ca.SX) -> ca.SX:
-        return self.path.phi_mid_rad[k] + self.path.phi_per_alpha[k] * alpha
+        return math.pi + self.path.phi_per_alpha[k] * alpha
 
     def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
         radius = 2 * self.path.radius_m[k] * (1 - ca.cos(self._angle(k, alpha)))

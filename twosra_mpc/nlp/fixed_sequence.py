@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 INTERVALS = 10
 _STEPS = 2
+_STILL = 1e-9  # m or rad an interval; landing may leave a resting phase with as little
 _MAX_ITERATIONS = 150
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
@@ -95,9 +96,9 @@ def _shapes_allowed(motion: Motion) -> bool:
         return False
     between = (kappa[:, 1:] + kappa[:, :-1]) / 2
     visited = np.concatenate([kappa.reshape(-1, 2), between.reshape(-1, 2)])
+    moved = np.abs(motion.inputs).max(axis=(1, 2))
     drives = [
-        mode == RIGID and steps.any()
-        for mode, steps in zip(motion.sequence, motion.inputs, strict=True)
+        mode == RIGID and far > _STILL for mode, far in zip(motion.sequence, moved, strict=True)
     ]
     apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= 0
     driven = shape_margins(motion.robot, kappa[:, 0]).wheel_independence[drives]

@@ -35,8 +35,8 @@ class Tree(Protocol[Node, Solution_co]):
     def leaf_bound(self, node: Node) -> float:
         """Lower bound on the cost of ``node`` itself as a leaf; inf if it is none or infeasible."""
 
-    def solve(self, node: Node, target: float) -> tuple[float, Solution_co] | None:
-        """Find a solution of the leaf ``node``; one that costs ``target`` or less is enough."""
+    def solve(self, node: Node, target: float) -> Iterable[tuple[float, Solution_co]]:
+        """Yield solutions of the leaf ``node`` as they are found; cost ``target`` is enough."""
 
 
 class Ending(enum.Enum):
@@ -128,12 +128,11 @@ def branch_and_bound(
                     bound = max(tree.bound(child), entry.bound)
                     heapq.heappush(queue, _Entry(bound, True, next(order), child))
             else:
-                found = tree.solve(entry.node, entry.bound / (1 - gap))
+                for found in tree.solve(entry.node, entry.bound / (1 - gap)):
+                    best = min(best, found, key=lambda one: one[0])
                 heapq.heappop(queue)
                 kept = min(kept, entry.bound)
                 solved += 1
-                if found is not None and found[0] < best[0]:
-                    best = found
     except KeyboardInterrupt:
         return result(Ending.INTERRUPTED)
     closed = best[0] - min(kept, best[0]) <= gap * best[0] < math.inf

@@ -8,7 +8,7 @@ nothing), and no phase repeats the mode before it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -23,7 +23,7 @@ from twosra_mpc.search.bounds import (
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
 
 Solution = TypeVar("Solution")
-SequenceSolver = Callable[[TemporalNetwork, SequenceBound, float], tuple[float, Solution] | None]
+SequenceSolver = Callable[[TemporalNetwork, SequenceBound, float], Iterable[tuple[float, Solution]]]
 
 
 @dataclass
@@ -39,7 +39,7 @@ class ModeTree(Generic[Solution]):
         task: What the bending coordinates must do.
         weights: Weights of the cost.
         rigid_time: Proved least duration of a plan that never melts anything [s].
-        solver: Finds a plan of one sequence, given its network, bound and a sufficient cost.
+        solver: Yields plans of one sequence, given its network, bound and a sufficient cost.
         unreachable: Filled by the search: why leaves were proved infeasible.
     """
 
@@ -108,9 +108,9 @@ class ModeTree(Generic[Solution]):
             return max(bound.cost, self.rigid_time())
         return bound.cost
 
-    def solve(self, node: ModeSequence, target: float) -> tuple[float, Solution] | None:
+    def solve(self, node: ModeSequence, target: float) -> Iterable[tuple[float, Solution]]:
         """Hand the complete sequence to the fixed-sequence solver."""
         leaf = self.leaf(node)
         if leaf is None:
-            return None
+            return ()
         return self.solver(self.timing.network(leaf, self.last), self._bounds[leaf], target)

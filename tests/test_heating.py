@@ -1,0 +1,415 @@
+"""Heater set-points, currents, temperatures and stiffness follow from the transitions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import Planned
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
+from twosra_mpc.heating import SegmentHeating, segment_heating
+from twosra_mpc.plan import Samples
+from twosra_mpc.robot import OverlappedTiming, SequentialTiming
+from twosra_mpc.timing import Transition
+
+Array = NDArray[np.float64]
+
+ROBOT = load_robot("2sra-v1")
+HEATER = ROBOT.heater
+TIMES = ROBOT.timing["nominal"]
+SLEEPS = ROBOT.timing["paper"]
+AMBIENT, MELTING, SOFT = 25.0, 61.0, 65.0  # C
+MELT_A, HOLD_A = 0.8, 0.307
+MELT_LEAD_S, MELT_PLATEAU_S = 26.0, 37.0  # of the 63 s of a melt
+FREEZE_LEAD_S, FREEZE_PLATEAU_S = 18.0, 235.0  # of the 253 s of a freeze
+SUPERHEAT_S = 3.0  # from molten to the set-point
+RAMP = (MELTING - AMBIENT) / MELT_LEAD_S  # C/s, as fast as the heater heats
+EVENT_S = 2e-6
+
+
+def samples_of(some: Plan) -> Samples:
+    """The samples of a plan that has some."""
+    assert some.samples is not None
+    return some.samples
+
+
+def of_segment(some: Plan, segment: int) -> list[Transition]:
+    """Transitions of a segment (1 or 2)."""
+    return [item for item in some.transitions if item.segment == segment]
+
+
+class Heated(NamedTuple):
+    """From ``on`` to ``off`` the heater is on; from ``hot`` the segment is at its set-point."""
+
+    on: float
+    hot: float
+    off: float
+
+
+def heated(
+    transitions: Sequence[Transition], *, liquid: bool, superheat_s: float = SUPERHEAT_S
+) -> list[Heated]:
+    """Periods between heater on and off, read off the transitions."""
+    ons = [(item.heater_s, item.done_s + superheat_s) for item in transitions if item.to == "soft"]
+    offs = [item.heater_s for item in transitions if item.to == "rigid"]
+    ons = [(-math.inf, -math.inf), *ons] if liquid else ons
+    offs += [math.inf] * (len(ons) - len(offs))
+    return [Heated(on, hot, off) for (on, hot), off in zip(ons, offs, strict=True)]
+
+
+def middles(t: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Times in the middle of every interval between samples, and the sample that starts it."""
+    index = np.flatnonzero(np.diff(t) > 2 * EVENT_S)
+    return (t[index] + t[index + 1]) / 2, index
+
+
+def liquid(transitions: Sequence[Transition], t: float, *, at_start: bool) -> bool:
+    """Whether a segment is liquid at a time: molten, and not yet freezing."""
+    state = at_start
+    for item in transitions:
+        if t >= (item.done_s if item.to == "soft" else item.onset_s):
+            state = item.to == "soft"
+    return state
+
+
+# --- set-points of whole plans -------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=[(70.0, 25.0), (25.0, 64.0), (63.0, 62.0)], ids=str)
+def warm_plan(request: pytest.FixtureRequest) -> Plan:
+    """A plan whose start is partly liquid."""
+    goal = {"x_m": 0.1, "y_m": 0.0, "phi_rad": 0.2, "kappa_per_m": (20.0, -15.0)}
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    return plan(
+        Problem(robot=ROBOT, goal=goal, start={**start, "temperature_C": request.param})
+    ).require()
+
+
+def assert_setpoints(some: Plan) -> None:
+    """Set-point 65 C exactly between heater on and off; melt, hold or no current."""
+    samples = samples_of(some)
+    times, index = middles(samples.t_s)
+    for j in (0, 1):
+        periods = heated(
+            of_segment(some, j + 1),
+            liquid=bool(some.problem.start_mode[j]),
+            superheat_s=SUPERHEAT_S if some.problem.timing == "nominal" else 0.0,
+        )
+        for t, i in zip(times, index, strict=True):
+            current = [MELT_A if t < p.hot else HOLD_A for p in periods if p.on <= t < p.off]
+            assert samples.heater_setpoint_C[i, j] == (SOFT if current else AMBIENT), t
+            assert samples.heater_current_A[i, j] == (current[0] if current else 0.0), t
+
+
+def assert_stiffness(some: Plan) -> None:
+    """The mode of a sample is liquid or not, as the transitions say; nothing moves in between."""
+    samples = samples_of(some)
+    times, index = middles(samples.t_s)
+    for j in (0, 1):
+        transitions = of_segment(some, j + 1)
+        at_start = bool(some.problem.start_mode[j])
+        for t, i in zip(times, index, strict=True):
+            assert samples.mode[i, j] == liquid(transitions, t, at_start=at_start), t
+            if samples.v[i].any():
+                assert not any(item.onset_s < t < item.done_s for item in transitions), t
+
+
+def test_the_heater_is_on_from_its_melt_to_its_freeze(any_plan: Plan) -> None:
+    assert any_plan.transitions
+    assert_setpoints(any_plan)
+
+
+def test_a_heater_that_starts_on_stays_on_until_its_freeze(warm_plan: Plan) -> None:
+    assert any(warm_plan.problem.start_mode)
+    assert_setpoints(warm_plan)
+
+
+def test_the_mode_is_what_the_transitions_made_of_the_metal(any_plan: Plan) -> None:
+    assert_stiffness(any_plan)
+
+
+def test_the_mode_is_right_from_a_liquid_start(warm_plan: Plan) -> None:
+    assert samples_of(warm_plan).mode[0].tolist() == list(warm_plan.problem.start_mode)
+    assert_stiffness(warm_plan)
+
+
+def test_the_temperature_starts_as_given(any_plan: Plan, warm_plan: Plan) -> None:
+    for some in (any_plan, warm_plan):
+        assert samples_of(some).temperature_C[0].tolist() == list(some.problem.temperatures)
+
+
+def test_the_temperature_stays_between_ambient_and_set_point(
+    any_plan: Plan, warm_plan: Plan
+) -> None:
+    for some in (any_plan, warm_plan):
+        hottest = max(SOFT, *some.problem.temperatures)
+        temperature = samples_of(some).temperature_C
+        assert temperature.min() >= AMBIENT - 1e-9
+        assert temperature.max() <= hottest + 1e-9
+
+
+@pytest.mark.parametrize("planner", ["optimal", "greedy"])
+def test_metal_melts_and_freezes_at_its_melting_point(planned: Planned, planner: str) -> None:
+    found = planned("paper-1", planner=planner)
+    samples = samples_of(found)
+    for item in found.transitions:
+        plateau = samples.t_s > item.onset_s - EVENT_S
+        plateau &= samples.t_s < item.done_s - EVENT_S
+        assert plateau.sum() >= 2
+        reached = samples.temperature_C[plateau, item.segment - 1]
+        assert reached == pytest.approx(np.full(reached.shape, MELTING), abs=1e-5)
+
+
+@pytest.mark.parametrize("planner", ["optimal", "greedy"])
+def test_sleeping_through_a_melt_ends_at_the_set_point(planned: Planned, planner: str) -> None:
+    found = planned("paper-1", planner=planner, timing="paper")
+    samples = samples_of(found)
+    for item in found.transitions:
+        done = np.abs(samples.t_s - item.done_s).argmin()
+        reached = samples.temperature_C[done, item.segment - 1]
+        if item.to == "soft":
+            assert reached == pytest.approx(SOFT, abs=1e-5)
+        else:
+            decay = math.exp(-(item.done_s - item.heater_s) / HEATER.cooling_time_constant_s)
+            assert reached == pytest.approx(AMBIENT + (SOFT - AMBIENT) * decay, abs=1e-5)
+            assert reached < MELTING
+
+
+def test_the_temperature_never_jumps(any_plan: Plan) -> None:
+    samples = samples_of(any_plan)
+    steps = np.abs(np.diff(samples.temperature_C, axis=0))
+    assert (steps <= RAMP * np.diff(samples.t_s)[:, None] + 1e-6).all()
+
+
+# --- one segment ---------------------------------------------------------------------------------
+
+
+class Cycle(NamedTuple):
+    """Waits of one melt and freeze [s]: before the heater, liquid with it, liquid without it."""
+
+    before: float
+    held: float
+    unheated: float
+
+
+def cycle(before: float, held: float, share: float) -> Cycle:
+    """Waits of a cycle that uses a share of the heat its liquid metal has stored."""
+    return Cycle(before, held, share * FREEZE_LEAD_S * min(1.0, held / SUPERHEAT_S))
+
+
+CYCLES = st.lists(
+    st.builds(cycle, st.floats(0.0, 300.0), st.floats(0.0, 100.0), st.floats(0.0, 1.0)),
+    min_size=1,
+    max_size=3,
+)
+SEGMENTS = st.sampled_from([1, 2])
+
+
+def cycles(waits: Sequence[Cycle], *, last_freeze: bool = True) -> tuple[Transition, ...]:
+    """Melts and freezes with these waits, with the constants of the nominal timing."""
+    found: list[Transition] = []
+    t = 0.0
+    for wait in waits:
+        on = t + wait.before
+        molten = on + MELT_LEAD_S + MELT_PLATEAU_S
+        off = molten + wait.held
+        t = off + wait.unheated + FREEZE_PLATEAU_S
+        found.append(Transition(1, "soft", on, on + MELT_LEAD_S, molten))
+        found.append(Transition(1, "rigid", off, off + wait.unheated, t))
+    return tuple(found if last_freeze else found[:-1])
+
+
+def overlapped(transitions: tuple[Transition, ...], start_C: float = AMBIENT) -> SegmentHeating:
+    """A segment with nominal times that starts at a temperature."""
+    assert isinstance(TIMES, OverlappedTiming)
+    return SegmentHeating(HEATER, TIMES, start_C > MELTING, start_C, transitions)
+
+
+def grid(transitions: Sequence[Transition], step_s: float = 0.25) -> Array:
+    """Fine times past the end of all transitions."""
+    return np.arange(0.0, transitions[-1].done_s + 2000.0, step_s)
+
+
+@given(CYCLES, st.floats(0.0, 60.9))
+def test_the_temperature_curve_is_continuous_and_between_its_extremes(
+    waits: list[Cycle], start_C: float
+) -> None:
+    transitions = cycles(waits)
+    if start_C != AMBIENT:  # the first melt takes longer from colder, shorter from warmer metal
+        first = transitions[0]
+        on = first.onset_s - MELT_LEAD_S * max(1.0, (MELTING - start_C) / (MELTING - AMBIENT))
+        shift = max(0.0, -on)
+        moved = [item._replace(**later(item, shift)) for item in transitions]
+        moved[0] = moved[0]._replace(heater_s=on + shift)
+        transitions = tuple(moved)
+    t = grid(transitions)
+    temperature = overlapped(transitions, start_C).temperature(t)
+    assert np.abs(np.diff(temperature)).max() <= RAMP * 0.25 + 1e-9
+    assert temperature.min() >= min(AMBIENT, start_C) - 1e-9
+    assert temperature.max() <= SOFT + 1e-9
+    assert temperature[0] == pytest.approx(start_C)
+
+
+def later(item: Transition, by_s: float) -> dict[str, float]:
+    """The times of a transition, ``by_s`` later."""
+    return {name: getattr(item, name) + by_s for name in ("heater_s", "onset_s", "done_s")}
+
+
+@given(CYCLES)
+def test_the_curve_rests_on_the_plateaus_and_decays_to_ambient(waits: list[Cycle]) -> None:
+    transitions = cycles(waits)
+    segment = overlapped(transitions)
+    for item in transitions:
+        plateau = np.linspace(item.onset_s, item.done_s, 20)
+        assert segment.temperature(plateau) == pytest.approx(np.full(20, MELTING), abs=1e-9)
+    done, tau = transitions[-1].done_s, HEATER.cooling_time_constant_s
+    after = done + np.array([0.0, tau, 10 * tau])
+    expected = AMBIENT + (MELTING - AMBIENT) * np.exp([0.0, -1.0, -10.0])
+    assert segment.temperature(after) == pytest.approx(expected, abs=1e-9)
+
+
+@given(CYCLES)
+def test_flags_set_points_and_currents_are_those_of_the_transitions(waits: list[Cycle]) -> None:
+    transitions = cycles(waits)
+    segment = overlapped(transitions)
+    edges = np.unique([0.0, *segment.event_times()])
+    assert set(edges) >= {time for item in transitions for time in item[2:]}
+    t = (edges[:-1] + edges[1:]) / 2
+    t = t[np.diff(edges) > 1e-6]
+    soft, changing = segment.soft(t), segment.changing(t)
+    assert not (soft & changing).any()
+    assert soft.tolist() == [liquid(transitions, time, at_start=False) for time in t]
+    assert changing.tolist() == [
+        any(item.onset_s < time < item.done_s for item in transitions) for time in t
+    ]
+    periods = heated(transitions, liquid=False)
+    on = np.array([any(p.on < time < p.off for p in periods) for time in t])
+    hot = np.array([any(p.hot < time < p.off for p in periods) for time in t])
+    assert segment.setpoint_C(t).tolist() == np.where(on, SOFT, AMBIENT).tolist()
+    assert segment.current_A(t).tolist() == np.where(on, np.where(hot, HOLD_A, MELT_A), 0).tolist()
+    assert (segment.temperature(t)[soft] >= MELTING - 1e-9).all()
+
+
+def test_at_an_event_the_new_value_is_in_force() -> None:
+    melt, freeze = cycles([Cycle(10.0, 20.0, 9.0)])
+    segment = overlapped((melt, freeze))
+    hot = melt.done_s + SUPERHEAT_S
+    at = np.array([melt.heater_s, melt.onset_s, melt.done_s, hot, *freeze[2:]])
+    assert segment.setpoint_C(at).tolist() == [SOFT] * 4 + [AMBIENT] * 3
+    assert segment.current_A(at).tolist() == [MELT_A] * 3 + [HOLD_A] + [0.0] * 3
+    assert segment.soft(at).tolist() == [False, False, True, True, True, False, False]
+    assert segment.changing(at).tolist() == [False, True, False, False, False, True, False]
+
+
+def test_the_longer_unheated_metal_stays_liquid_the_hotter_it_was() -> None:
+    for unheated, peak in ((18.0, 65.0), (9.0, 63.0), (0.0, 61.0)):
+        melt, freeze = cycles([Cycle(0.0, 60.0, unheated)])
+        segment = overlapped((melt, freeze))
+        assert segment.temperature(np.array([freeze.heater_s]))[0] == pytest.approx(peak)
+
+
+def test_a_segment_that_is_never_heated_relaxes_to_ambient() -> None:
+    segment = overlapped((), start_C=45.0)
+    t = np.array([0.0, 170.0, 5000.0])
+    expected = AMBIENT + 20.0 * np.exp(-t / 170.0)
+    assert segment.temperature(t) == pytest.approx(expected)
+    assert not segment.soft(t).any()
+    assert not segment.current_A(t).any()
+    assert segment.setpoint_C(t).tolist() == [AMBIENT] * 3
+    assert segment.event_times() == []
+
+
+def test_a_metal_still_warm_is_heated_from_where_it_is() -> None:
+    first, second = Cycle(0.0, 10.0, 5.0), Cycle(50.0, 10.0, 5.0)
+    transitions = cycles([first, second])
+    segment = overlapped(transitions)
+    done, on = transitions[1].done_s, transitions[2].heater_s
+    expected = AMBIENT + (MELTING - AMBIENT) * math.exp(-(on - done) / 170.0)
+    assert segment.temperature(np.array([on]))[0] == pytest.approx(expected)
+    just_before = segment.temperature(np.array([on - 1e-6]))[0]
+    assert just_before == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_liquid_start_is_held_until_its_freeze() -> None:
+    freeze = Transition(1, "rigid", 40.0, 58.0, 293.0)
+    segment = overlapped((freeze,), start_C=70.0)
+    t = np.array([0.0, 20.0, 39.9, 40.1, 57.9, 58.1, 292.9, 293.1])
+    soft = [True] * 5 + [False] * 3
+    assert segment.soft(t).tolist() == soft
+    assert segment.changing(t).tolist() == [False] * 5 + [True] * 2 + [False]
+    assert segment.setpoint_C(t).tolist() == [SOFT] * 3 + [AMBIENT] * 5
+    assert segment.current_A(t).tolist() == [HOLD_A] * 3 + [0.0] * 5
+    temperature = segment.temperature(np.arange(0.0, 600.0, 0.1))
+    assert temperature[0] == 70.0
+    assert temperature.max() == 70.0
+    assert (np.diff(temperature) <= 1e-9).all()
+    assert segment.temperature(np.array([58.0, 293.0])).tolist() == [MELTING, MELTING]
+
+
+@pytest.mark.parametrize("start_C", [70.0, 85.0])
+def test_hot_metal_cools_no_faster_than_without_its_heater(start_C: float) -> None:
+    freeze = Transition(1, "rigid", 90.0, 108.0, 343.0)
+    t = np.arange(0.0, 108.0, 0.1)
+    temperature = overlapped((freeze,), start_C).temperature(t)
+    fastest = (start_C - AMBIENT) / HEATER.cooling_time_constant_s
+    assert np.diff(temperature).min() >= -fastest * 0.1 - 1e-9
+
+
+@pytest.mark.parametrize("start_C", [25.0, 62.0])
+def test_metal_that_stays_liquid_reaches_its_set_point(start_C: float) -> None:
+    melt = cycles([Cycle(0.0, 10.0, 0.0)], last_freeze=False)
+    segment = overlapped(melt if start_C < MELTING else (), start_C)
+    late = np.array([1000.0])
+    assert segment.setpoint_C(late)[0] == SOFT
+    assert segment.temperature(late)[0] == pytest.approx(SOFT, abs=0.1)
+
+
+SLEEP_CYCLES = st.lists(
+    st.tuples(st.floats(0.0, 300.0), st.floats(0.0, 200.0)), min_size=1, max_size=3
+)
+
+
+@given(SLEEP_CYCLES)
+def test_sleeping_heats_on_a_line_and_cools_on_an_exponential(
+    waits: list[tuple[float, float]],
+) -> None:
+    assert isinstance(SLEEPS, SequentialTiming)
+    transitions: list[Transition] = []
+    t = 0.0
+    for before, held in waits:
+        on, off = t + before, t + before + SLEEPS.heat_s + held
+        t = off + SLEEPS.freeze_s
+        transitions.append(Transition(1, "soft", on, on, on + SLEEPS.heat_s))
+        transitions.append(Transition(1, "rigid", off, off, t))
+    segment = SegmentHeating(HEATER, SLEEPS, False, AMBIENT, tuple(transitions))
+    fine = grid(transitions)
+    temperature = segment.temperature(fine)
+    steepest = (SOFT - AMBIENT) / SLEEPS.heat_s
+    assert np.abs(np.diff(temperature)).max() <= steepest * 0.25 + 1e-9
+    assert temperature.min() >= AMBIENT - 1e-9
+    assert temperature.max() <= SOFT + 1e-9
+    assert temperature[-1] == pytest.approx(AMBIENT, abs=0.01)
+    for item in transitions:
+        if item.to == "soft":
+            assert segment.temperature(np.array([item.done_s]))[0] == pytest.approx(SOFT)
+            middle = np.array([item.heater_s, item.heater_s + SLEEPS.heat_s / 2, item.done_s])
+            low, half, high = segment.temperature(middle)
+            assert half == pytest.approx((low + high) / 2)
+
+
+@given(CYCLES, SEGMENTS)
+def test_each_segment_gets_its_own_transitions(waits: list[Cycle], segment: int) -> None:
+    problem = load_problem("paper-1")
+    mine = tuple(item._replace(segment=segment) for item in cycles(waits))
+    split = segment_heating(problem, mine)
+    assert split[segment - 1].transitions == mine
+    assert split[2 - segment].transitions == ()
+    assert all(item.temperature_C == AMBIENT for item in split)
+    assert not any(item.soft_at_start for item in split)

@@ -1,0 +1,145 @@
+"""Comparing path models, fitting them from the command line, and checking robots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twosra_mpc import InputError, Status, load_problem, load_robot
+from twosra_mpc.cli import main
+from twosra_mpc.model_comparison import ModelComparison, compare_models
+from twosra_mpc.path_choice import PATH_MODELS, with_path_model, write_fitted_robot
+from twosra_mpc.path_fitting import fit_spirals
+from twosra_mpc.robot import CardioidPath, LogSpiralPath
+
+
+@pytest.fixture(scope="module")
+def comparison() -> ModelComparison:
+    return compare_models(load_problem("paper-1"))
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_every_plan_ends_where_it_should_under_its_own_model(comparison: ModelComparison) -> None:
+    assert comparison.models == PATH_MODELS
+    for i, made in enumerate(comparison.plans):
+        assert made.status is Status.OPTIMAL
+        assert np.abs(comparison.end_errors[i, i]).max() < 1e-6
+
+
+def test_other_models_end_elsewhere_and_the_misphased_spiral_overbends(
+    comparison: ModelComparison,
+) -> None:
+    spiral, corrected, arc = (comparison.models.index(m) for m in PATH_MODELS[:3])
+    off = ~np.eye(4, dtype=bool)
+    assert (np.abs(comparison.end_errors[off][:, 3:]).max(axis=1) > 0.5).all()
+    # Planned with the printed row III, a robot that bends half as fast stops half way: kappa1 goes
+    # from -38 to about -25 instead of -15, kappa2 from -24 to about -14 instead of -5.
+    short = comparison.end_errors[spiral, corrected, 3:]
+    assert short[0] == pytest.approx(-10, abs=2)
+    assert short[1] == pytest.approx(-9, abs=2)
+    assert comparison.plans[arc].duration_s is not None
+    assert comparison.plans[spiral].duration_s is not None
+    assert comparison.plans[arc].duration_s > comparison.plans[spiral].duration_s
+
+
+def test_a_model_without_a_plan_has_no_end_error() -> None:
+    problem = load_problem("paper-1", time_limit_s=1e-9)
+    result = compare_models(problem, ["log_spiral", "arc"])
+    assert [made.status for made in result.plans] == [Status.FAILED, Status.FAILED]
+    assert np.isnan(result.end_errors).all()
+
+
+def test_compare_models_prints_both_tables(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("compare-models", "paper-2") == 0
+    out = capsys.readouterr().out
+    assert all(out.count(model) >= 3 for model in PATH_MODELS)
+    assert "0.0, 0.0, 0.0, 0.0" in out.replace("-0.0", "0.0")
+
+
+def test_compare_models_says_where_there_is_no_plan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = "robot = '2sra-v1'\nmodes = [[0,0]]\n"
+    text += "[start]\nx_m=0.0\ny_m=0.0\nphi_rad=0.0\nkappa_per_m=[0.0,0.0]\n"
+    text += "[goal]\nkappa_per_m=[10.0,0.0]\n"
+    (tmp_path / "stuck.toml").write_text(text)
+    assert run("compare-models", str(tmp_path / "stuck.toml")) == 0
+    out = capsys.readouterr().out
+    assert "infeasible" in out
+    assert "no plan" in out
+
+
+@pytest.mark.parametrize("model", ["log_spiral", "log_spiral_corrected", "cardioid"])
+def test_fit_paths_writes_a_robot_that_keeps_its_comments(model: str, tmp_path: Path) -> None:
+    target, figure = tmp_path / "fitted.toml", tmp_path / "paths.png"
+    arguments = ["fit-paths", "2sra-v1", "--out", str(target), "--model", model]
+    assert run(*arguments, "--plot", str(figure)) == 0
+    robot, original = load_robot(target), load_robot("2sra-v1")
+    assert robot.path.model == model
+    assert robot.geometry == original.geometry
+    assert robot.limits == original.limits
+    assert "# rho_w" in target.read_text()
+    assert figure.stat().st_size > 10_000
+
+
+def test_fit_paths_prints_fits_beside_the_built_in_numbers(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run("fit-paths", "2sra-v1") == 0
+    out = capsys.readouterr().out
+    for fit in fit_spirals(load_robot("2sra-v1").geometry):
+        assert f"{fit.scale:.4f}, {fit.growth:.4f}" in out
+    assert "2.3250, 0.3165" in out
+    assert run("fit-paths", "2sr-v2") == 0
+    assert "0.0490, 0.6048" in capsys.readouterr().out
+
+
+def test_fit_paths_refuses_json_and_unwritable_targets(tmp_path: Path) -> None:
+    robot = load_robot("2sra-v1")
+    source = tmp_path / "robot.json"
+    source.write_text(robot.model_dump_json())
+    with pytest.raises(InputError, match="a TOML file"):
+        write_fitted_robot(source, tmp_path / "out.toml", robot, "cardioid")
+    assert run("fit-paths", "2sra-v1", "--out", str(tmp_path / "no" / "out.toml")) == 2
+
+
+def test_path_models_are_kept_swapped_or_fitted() -> None:
+    robot = load_robot("2sra-v1")
+    assert with_path_model(robot, "log_spiral") is robot
+    swapped = with_path_model(robot, "log_spiral_corrected")
+    assert isinstance(swapped.path, LogSpiralPath)
+    assert isinstance(robot.path, LogSpiralPath)
+    assert swapped.path.scale == robot.path.scale
+    fitted = with_path_model(robot, "cardioid")
+    assert isinstance(fitted.path, CardioidPath)
+    spiral_again = with_path_model(fitted, "log_spiral_corrected")
+    assert isinstance(spiral_again.path, LogSpiralPath)
+    np.testing.assert_allclose(spiral_again.path.scale, robot.path.scale, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["2sra-v1", "2sra-v1-arc", "2sr-v2"])
+def test_check_robot_reports_singular_shapes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("check-robot", name) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    if name == "2sr-v2":
+        assert "nowhere within the curvature limits" in out
+    else:
+        assert "kappa = (39.6, 58.8) 1/m" in out
+        assert "units overlap" in out
+
+
+def test_the_path_model_can_be_chosen_on_the_command_line(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run("plan", "paper-4", "--path-model", "arc") == 0
+    assert "299.5 s" in capsys.readouterr().out
+    assert run("plan", "paper-4", "--path-model", "spline") == 2
+    assert "path.model" in capsys.readouterr().err

@@ -1,0 +1,631 @@
+"""Plan and set-point files: the contract, the zero-order hold, resampling and atomic writing."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Planned
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from twosra_mpc import (
+    InputError,
+    NoPlanError,
+    Plan,
+    Status,
+    __version__,
+    load_plan,
+    load_problem,
+    plan,
+    save_setpoints,
+)
+from twosra_mpc.files import atomic_path, write_text
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.plan import Cost, Samples
+from twosra_mpc.robot import Robot
+from twosra_mpc.setpoints import SAME_TIME_S, rows
+
+Array = NDArray[np.float64]
+
+DEFECT = 1e-6  # m, rad, 1/m
+EVENT_S = 2e-6  # inputs may change this much before or after their event
+
+
+@pytest.fixture(scope="module")
+def infeasible() -> Plan:
+    """Proved infeasible: [1,1] alone bends both segments by the same angle."""
+    goal = {"kappa_per_m": (20.0, -10.0)}
+    return plan(load_problem("shape-change", goal=goal, modes=((0, 0), (1, 1))))
+
+
+@pytest.fixture(scope="module")
+def empty(planned: Planned) -> Plan:
+    """The goal is where the robot is already."""
+    return plan(load_problem("rigid-move", goal={"x_m": 0.0}))
+
+
+def samples_of(some: Plan) -> Samples:
+    """The samples of a plan that has some."""
+    assert some.samples is not None
+    return some.samples
+
+
+# --- the JSON file -------------------------------------------------------------------------------
+
+CONTRACT = {
+    "": {
+        *("format", "version", "package", "robot", "scenario", "planner", "status", "message"),
+        *("duration_s", "lower_bound_s", "gap", "cost", "phases", "transitions", "samples"),
+        *("verification", "stats"),
+    },
+    "cost": {"total", "time_s", "energy_J", "transitions"},
+    "phases": {"mode", "start_s", "end_s"},
+    "transitions": {"segment", "to", "heater_s", "onset_s", "done_s"},
+    "samples": {
+        *("t_s", "q", "v", "mode", "wheel_rad_s", "temperature_C"),
+        *("heater_setpoint_C", "heater_current_A"),
+    },
+    "verification": {"max_defect", "goal_error", "limits", "ok"},
+    "stats": {"wall_s", "sequences_bounded", "sequences_solved", "nlp_iterations"},
+}
+EXTENSIONS = {"": {"stopped_early"}, "verification": {"problems"}}
+WIDTHS = {
+    **{"q": 5, "v": 5, "mode": 2, "wheel_rad_s": 4, "temperature_C": 2},
+    **{"heater_setpoint_C": 2, "heater_current_A": 2},
+}
+
+
+def table(document: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """The tables of the document under ``name``; the document itself under the empty name."""
+    inner = document[name] if name else document
+    return inner if isinstance(inner, list) else [inner]
+
+
+@pytest.mark.parametrize("name", CONTRACT)
+def test_the_keys_are_exactly_those_of_the_contract(any_plan: Plan, name: str) -> None:
+    tables = table(any_plan.to_dict(), name)
+    assert tables
+    for inner in tables:
+        assert set(inner) == CONTRACT[name] | EXTENSIONS.get(name, set())
+
+
+def test_the_values_have_the_types_of_the_contract(any_plan: Plan, tmp_path: Path) -> None:
+    any_plan.save(tmp_path / "plan.json")
+    text = (tmp_path / "plan.json").read_text(encoding="utf-8")
+    assert text.endswith("}\n")
+    data = json.loads(text)
+    assert (data["format"], data["version"], data["package"]) == ("twosra-plan", 1, __version__)
+    assert data["planner"] in ("optimal", "greedy")
+    assert data["status"] in ("optimal", "feasible", "infeasible", "failed")
+    assert type(data["message"]) is str
+    assert data["message"]
+    for number in (data["duration_s"], *list(data["cost"].values())[:3]):
+        assert type(number) is float
+    assert type(data["cost"]["transitions"]) is int
+    proved = data["planner"] == "optimal"
+    assert (data["lower_bound_s"] is None, data["gap"] is None) == (not proved, not proved)
+    for phase in data["phases"]:
+        assert [type(bit) for bit in phase["mode"]] == [int, int]
+        assert 0.0 <= phase["start_s"] < phase["end_s"] <= data["duration_s"] + 1e-9
+    for item in data["transitions"]:
+        assert item["segment"] in (1, 2)
+        assert item["to"] in ("soft", "rigid")
+        assert 0.0 <= item["heater_s"] <= item["onset_s"] <= item["done_s"]
+        assert item["done_s"] <= data["duration_s"] + 1e-9
+    assert data["verification"]["ok"] is True
+    assert data["verification"]["problems"] == []
+    assert len(data["verification"]["goal_error"]) == 5
+    assert all(type(margin) is float for margin in data["verification"]["limits"].values())
+    assert type(data["stats"]["sequences_bounded"]) is int
+    assert type(data["stopped_early"]) is bool
+
+
+def test_every_sample_list_has_one_row_a_sample(any_plan: Plan) -> None:
+    data = json.loads(json.dumps(any_plan.to_dict(), allow_nan=False))["samples"]
+    assert all(type(t) is float for t in data["t_s"])
+    assert len(any_plan.samples or ()) == len(data["t_s"])
+    for name, width in WIDTHS.items():
+        assert len(data[name]) == len(data["t_s"]), name
+        assert {len(row) for row in data[name]} == {width}, name
+        kind = int if name == "mode" else float
+        assert {type(item) for row in data[name] for item in row} == {kind}, name
+    assert {bit for row in data["mode"] for bit in row} <= {0, 1}
+
+
+def test_the_robot_and_the_scenario_in_the_file_are_complete(any_plan: Plan) -> None:
+    data = any_plan.to_dict()
+    assert Robot(**data["robot"]) == any_plan.robot == load_problem("paper-1").robot
+    assert data["scenario"] == any_plan.problem.scenario()
+    assert data["scenario"]["timing"] == any_plan.problem.timing
+
+
+def test_the_cost_is_the_time_and_energy_of_the_samples(any_plan: Plan) -> None:
+    samples, cost = samples_of(any_plan), any_plan.cost
+    assert cost is not None
+    held_s = np.diff(samples.t_s)
+    power_W = any_plan.robot.heater.resistance_ohm * samples.heater_current_A[:-1] ** 2
+    assert cost.time_s == any_plan.duration_s == samples.t_s[-1]
+    assert cost.energy_J == pytest.approx(float((held_s @ power_W).sum()))
+    assert cost.transitions == len(any_plan.transitions)
+    assert cost.total == pytest.approx(cost.time_s)  # the default weights count seconds
+
+
+def test_energy_and_transitions_count_by_their_weights() -> None:
+    weights = {"energy_s_per_J": 0.1, "transition_s": 7.0}
+    found = plan(load_problem("shape-change", weights=weights))
+    cost = found.cost
+    assert cost is not None
+    assert cost.transitions == 2
+    assert cost.energy_J > 100.0
+    assert cost.total == pytest.approx(cost.time_s + 0.1 * cost.energy_J + 7.0 * 2)
+    assert found.lower_bound is not None
+    assert found.lower_bound <= cost.total
+
+
+def test_a_bound_is_never_above_the_cost_it_bounds(any_plan: Plan) -> None:
+    assert any_plan.cost is not None
+    if any_plan.planner == "greedy":
+        assert any_plan.lower_bound is None
+        assert any_plan.gap is None
+        assert any_plan.status is Status.FEASIBLE
+    else:
+        assert any_plan.lower_bound is not None
+        assert any_plan.gap is not None
+        assert any_plan.lower_bound <= any_plan.cost.total
+        assert any_plan.gap == pytest.approx(1 - any_plan.lower_bound / any_plan.cost.total)
+        assert any_plan.gap <= any_plan.problem.gap
+        assert any_plan.status is Status.OPTIMAL
+
+
+def test_a_plan_file_reads_back_as_the_same_plan(any_plan: Plan, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    any_plan.save(path)
+    again = load_plan(path)
+    assert again.to_dict() == any_plan.to_dict()
+    assert again.problem == any_plan.problem
+    assert again.phases == any_plan.phases
+    assert again.transitions == any_plan.transitions
+    assert again.status is any_plan.status
+    assert not samples_of(again).q.flags.writeable
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_a_plan_that_was_not_found_reads_back_too(infeasible: Plan, tmp_path: Path) -> None:
+    infeasible.save(tmp_path / "plan.json")
+    data = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    for key in ("duration_s", "lower_bound_s", "gap", "cost", "samples", "verification"):
+        assert data[key] is None
+    assert data["phases"] == data["transitions"] == []
+    assert set(data) == CONTRACT[""] | EXTENSIONS[""]
+    assert load_plan(tmp_path / "plan.json").to_dict() == infeasible.to_dict()
+
+
+def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Plan, tmp_path: Path) -> None:
+    assert empty.found
+    assert (empty.duration_s, empty.gap, empty.phases) == (0.0, 0.0, ())
+    assert samples_of(empty).t_s.tolist() == [0.0]
+    empty.save(tmp_path / "plan.json")
+    assert load_plan(tmp_path / "plan.json").to_dict() == empty.to_dict()
+    _, resampled = rows(samples_of(empty), 10.0, empty.robot)
+    assert resampled.tolist() == rows(samples_of(empty), None, empty.robot)[1].tolist()
+
+
+def test_a_plan_is_found_under_the_name_it_was_saved_under(empty: Plan, tmp_path: Path) -> None:
+    empty.save(tmp_path / "noending")
+    assert load_plan(tmp_path / "noending").to_dict() == empty.to_dict()
+
+
+def test_only_verified_plans_pass_require(any_plan: Plan, infeasible: Plan) -> None:
+    assert any_plan.found
+    assert any_plan.require() is any_plan
+    assert not infeasible.found
+    with pytest.raises(NoPlanError, match="infeasible") as caught:
+        infeasible.require()
+    assert (caught.value.status, caught.value.reason) == ("infeasible", infeasible.message)
+    failed = replace(infeasible, status=Status.FAILED)
+    with pytest.raises(NoPlanError, match=r"no verified plan \(failed\)"):
+        failed.require()
+
+
+def test_there_is_a_gap_only_where_there_are_a_cost_and_a_bound(infeasible: Plan) -> None:
+    cost = Cost(total=200.0, time_s=200.0, energy_J=0.0, transitions=0)
+    assert replace(infeasible, cost=cost).gap is None
+    assert replace(infeasible, lower_bound=100.0).gap is None
+    assert replace(infeasible, cost=cost, lower_bound=100.0).gap == 0.5
+    assert replace(infeasible, cost=cost, lower_bound=201.0).gap == 0.0
+
+
+# --- bad plan files ------------------------------------------------------------------------------
+
+Edit = Callable[[dict[str, Any]], object]
+BAD_PLANS: dict[str, tuple[Edit, str]] = {
+    "another format": (lambda d: d.update(format="other"), "format"),
+    "a later version": (lambda d: d.update(version=2), "format"),
+    "no format": (lambda d: d.pop("format"), "format"),
+    "no robot": (lambda d: d.pop("robot"), "plan"),
+    "no status": (lambda d: d.pop("status"), "plan"),
+    "no samples": (lambda d: d.pop("samples"), "plan"),
+    "no stats": (lambda d: d.pop("stats"), "plan"),
+    "no goal errors": (lambda d: d["verification"].pop("goal_error"), "plan"),
+    "a list of samples missing": (lambda d: d["samples"].pop("q"), "plan"),
+    "an unknown list of samples": (lambda d: d["samples"].update(z=[]), "plan"),
+    "a phase without mode": (lambda d: d["phases"][0].pop("mode"), "plan"),
+    "a transition without onset": (lambda d: d["transitions"][0].pop("onset_s"), "plan"),
+    "an unknown key of the cost": (lambda d: d["cost"].update(money=1.0), "plan"),
+    "phases that are no list": (lambda d: d.update(phases=3), "plan"),
+    "samples that are a list": (lambda d: d.update(samples=[1, 2]), "plan"),
+    "a bad robot": (lambda d: d["robot"].update(name=3), "name"),
+    "a bad scenario": (lambda d: d["scenario"].update(gap=3.0), "gap"),
+}
+BAD_VALUES: dict[str, Edit] = {
+    "an unknown status": lambda d: d.update(status="great"),
+    "an unknown planner": lambda d: d.update(planner="lucky"),
+    "samples of different lengths": lambda d: d["samples"]["q"].pop(),
+    "a ragged list of samples": lambda d: d["samples"]["q"][0].pop(),
+    "samples of the wrong width": lambda d: d["samples"].update(
+        v=[row[:4] for row in d["samples"]["v"]]
+    ),
+    "a word among the samples": lambda d: d["samples"]["t_s"].append("later"),
+    "an unknown stiffness": lambda d: d["transitions"][0].update(to="warm"),
+    "a third segment": lambda d: d["transitions"][0].update(segment=3),
+    "a cost in words": lambda d: d["cost"].update(total="cheap"),
+    "a phase in words": lambda d: d["phases"][0].update(start_s="soon"),
+}
+
+
+def edited(some: Plan, edit: Edit, path: Path) -> Path:
+    """Save the plan with its document edited."""
+    data = json.loads(json.dumps(some.to_dict()))
+    edit(data)
+    path.write_text(json.dumps(data), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("mistake", BAD_PLANS)
+def test_a_file_that_is_no_plan_is_refused(planned: Planned, mistake: str, tmp_path: Path) -> None:
+    edit, field = BAD_PLANS[mistake]
+    path = edited(planned("shape-change"), edit, tmp_path / "plan.json")
+    with pytest.raises(InputError) as caught:
+        load_plan(path)
+    if field == "format":
+        assert "'twosra-plan' version 1" in caught.value.allowed
+    if field in ("format", "plan"):
+        assert caught.value.field.split(".")[0] == field
+        assert caught.value.source == str(path)
+
+
+@pytest.mark.parametrize("mistake", ["a bad robot", "a bad scenario"])
+def test_the_plan_file_with_a_bad_robot_or_scenario_is_named(
+    planned: Planned, mistake: str, tmp_path: Path
+) -> None:
+    path = edited(planned("shape-change"), BAD_PLANS[mistake][0], tmp_path / "plan.json")
+    with pytest.raises(InputError) as caught:
+        load_plan(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("mistake", BAD_VALUES)
+def test_a_plan_that_does_not_fit_together_is_refused(
+    planned: Planned, mistake: str, tmp_path: Path
+) -> None:
+    path = edited(planned("shape-change"), BAD_VALUES[mistake], tmp_path / "plan.json")
+    with pytest.raises(InputError) as caught:
+        load_plan(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"{", b"[]", b"\xff", None])
+def test_a_file_that_is_no_json_table_is_no_plan(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"plan\.json") as caught:
+        load_plan(path)
+    assert caught.value.field == "file"
+
+
+# --- samples -------------------------------------------------------------------------------------
+
+
+def follow(robot: Robot, q: Array, v: Array, mode: Array, duration_s: float) -> Array:
+    """Integrate q' = J(q, mode) v for some time."""
+    jacobian = kinematics(robot).jacobian
+    if duration_s <= 0.0 or not v.any():
+        return q
+    end = solve_ivp(
+        lambda _t, at: (jacobian(at, mode) @ v).full().ravel(),
+        (0.0, duration_s),
+        q,
+        rtol=1e-9,
+        atol=1e-11,
+    )
+    reached: Array = end.y[:, -1]
+    return reached
+
+
+def test_holding_the_inputs_of_each_sample_gives_the_configurations(any_plan: Plan) -> None:
+    samples = samples_of(any_plan)
+    q = any_plan.problem.start.configuration
+    for i in range(len(samples)):
+        assert np.abs(q - samples.q[i]).max() <= DEFECT, f"sample {i}"
+        if i + 1 < len(samples):
+            span = float(samples.t_s[i + 1] - samples.t_s[i])
+            q = follow(any_plan.robot, q, samples.v[i], samples.mode[i], span)
+    assert np.abs(any_plan.problem.goal.error(q)).max() <= DEFECT
+
+
+def test_time_runs_from_zero_and_never_stands_still(any_plan: Plan) -> None:
+    t = samples_of(any_plan).t_s
+    assert t[0] == 0.0
+    assert (np.diff(t) > 0.0).all()
+    assert t[-1] == any_plan.duration_s
+    events = [time for item in any_plan.transitions for time in item[2:]]
+    assert t[-1] == pytest.approx(max(*events, any_plan.phases[-1].end_s), abs=EVENT_S)
+
+
+@pytest.mark.parametrize(
+    "planner",
+    ["optimal", "greedy"],
+)
+def test_samples_are_further_apart_than_what_counts_as_one_time(
+    planned: Planned, planner: str
+) -> None:
+    samples = samples_of(planned("paper-1", planner=planner))
+    assert np.diff(samples.t_s).min() > SAME_TIME_S
+
+
+def test_the_robot_rests_at_the_end_and_between_phases(any_plan: Plan) -> None:
+    samples = samples_of(any_plan)
+    assert not samples.v[-1].any()
+    assert not samples.wheel_rad_s[-1].any()
+    middle = (samples.t_s[:-1] + samples.t_s[1:]) / 2
+    moving = samples.v.any(axis=1)
+    for t, moves, mode in zip(middle, moving[:-1], samples.mode[:-1], strict=True):
+        inside = [phase.mode for phase in any_plan.phases if phase.start_s < t < phase.end_s]
+        assert bool(inside) == moves
+        if moves:
+            assert inside == [tuple(mode)]
+    assert not samples.wheel_rad_s[~moving].any()
+
+
+def test_the_wheels_do_what_the_inputs_ask(any_plan: Plan) -> None:
+    samples = samples_of(any_plan)
+    wheels = kinematics(any_plan.robot).wheel_matrix
+    for q, v, mode, wheel in zip(
+        samples.q, samples.v, samples.mode, samples.wheel_rad_s, strict=True
+    ):
+        if v.any():
+            assert (wheels(q, mode) @ v).full().ravel() == pytest.approx(wheel, abs=1e-12)
+    assert np.abs(samples.wheel_rad_s).max() <= any_plan.robot.limits.wheel_speed_rad_s + 1e-6
+
+
+def test_holds_are_sampled_at_least_every_five_seconds(any_plan: Plan) -> None:
+    assert np.diff(samples_of(any_plan).t_s).max() <= 5.0 + EVENT_S
+
+
+def test_every_event_of_a_heater_is_a_sample(any_plan: Plan) -> None:
+    t = samples_of(any_plan).t_s
+    for item in any_plan.transitions:
+        for time in (item.heater_s, item.onset_s, item.done_s):
+            assert np.abs(t - time).min() <= EVENT_S
+
+
+def test_samples_cannot_be_changed(any_plan: Plan) -> None:
+    for name, array in vars(samples_of(any_plan)).items():
+        assert not array.flags.writeable, name
+
+
+# --- set-points ----------------------------------------------------------------------------------
+
+HEADER = (
+    "t_s,mode1,mode2,wheel1_rad_s,wheel2_rad_s,wheel3_rad_s,wheel4_rad_s,heater1_C,heater2_C,"
+    "current1_A,current2_A,x_m,y_m,phi_rad,kappa1_per_m,kappa2_per_m,temperature1_C,temperature2_C"
+)
+ORDER = [
+    *("t_s", "mode", "wheel_rad_s", "heater_setpoint_C", "heater_current_A", "q", "temperature_C"),
+]
+
+
+def test_the_csv_file_is_the_samples(any_plan: Plan, tmp_path: Path) -> None:
+    save_setpoints(any_plan, tmp_path / "points.csv")
+    raw = (tmp_path / "points.csv").read_bytes()
+    assert b"\r" not in raw
+    header, *lines = raw.decode("utf-8").splitlines()
+    assert header == HEADER
+    samples = samples_of(any_plan)
+    assert len(lines) == len(samples)
+    expected = np.column_stack([getattr(samples, name) for name in ORDER])
+    found = np.array([[float(item) for item in row] for row in csv.reader(lines)])
+    assert np.array_equal(found, expected)
+    assert {item for row in csv.reader(lines) for item in row[1:3]} <= {"0", "1"}
+
+
+def resampled(some: Plan, rate_Hz: float) -> dict[str, Array]:
+    """Columns of the resampled set-points by name of the samples' array."""
+    names, values = rows(samples_of(some), rate_Hz, some.robot)
+    assert ",".join(names) == HEADER
+    widths = [1 if name == "t_s" else WIDTHS[name] for name in ORDER]
+    parts = np.split(values, np.cumsum(widths)[:-1], axis=1)
+    columns = dict(zip(ORDER, parts, strict=True))
+    columns["t_s"] = columns["t_s"].ravel()
+    return columns
+
+
+@pytest.mark.parametrize("rate_Hz", [0.001, 0.3, 1.0, 2.0, 7.3])
+def test_resampled_rows_lie_on_a_regular_grid_and_end_at_the_end(
+    any_plan: Plan, rate_Hz: float
+) -> None:
+    t, end = resampled(any_plan, rate_Hz)["t_s"], samples_of(any_plan).t_s[-1]
+    assert t[0] == 0.0
+    assert t[-1] == pytest.approx(end, abs=EVENT_S)
+    assert t[:-1] == pytest.approx(np.arange(len(t) - 1) / rate_Hz, abs=1e-9)
+    assert 0.0 < t[-1] - t[-2] <= 1 / rate_Hz + EVENT_S
+
+
+@pytest.mark.parametrize("rate_Hz", [1.0, 7.3])
+def test_resampled_inputs_are_those_in_force(any_plan: Plan, rate_Hz: float) -> None:
+    points, samples = resampled(any_plan, rate_Hz), samples_of(any_plan)
+    clear = np.abs(points["t_s"][:, None] - samples.t_s).min(axis=1) > EVENT_S
+    clear |= np.isin(points["t_s"], samples.t_s)
+    assert clear.sum() > 100
+    in_force = np.searchsorted(samples.t_s, points["t_s"], side="right") - 1
+    for name in ("mode", "wheel_rad_s", "heater_setpoint_C", "heater_current_A"):
+        assert np.array_equal(points[name][clear], getattr(samples, name)[in_force][clear]), name
+
+
+@pytest.mark.parametrize("planner", ["optimal", "greedy"])
+@pytest.mark.parametrize(("timing", "rate_Hz"), [("nominal", 20.0), ("paper", 1.0)])
+def test_resampled_configurations_follow_the_path(
+    planned: Planned, planner: str, timing: str, rate_Hz: float
+) -> None:
+    found = planned("paper-1", planner=planner, timing=timing)
+    points, samples = resampled(found, rate_Hz), samples_of(found)
+    last = np.searchsorted(samples.t_s, points["t_s"], side="right") - 1
+    for t, q, i in zip(points["t_s"], points["q"], last, strict=True):
+        span = float(t - samples.t_s[i])
+        expected = follow(found.robot, samples.q[i], samples.v[i], samples.mode[i], span)
+        assert np.abs(q - expected).max() <= 10 * DEFECT, t  # events within 1e-6 s are one
+    assert np.abs(points["q"][-1] - samples.q[-1]).max() <= DEFECT
+
+
+def test_resampling_changes_nothing_at_common_times(any_plan: Plan) -> None:
+    points, samples = resampled(any_plan, 1.0), samples_of(any_plan)
+    common = np.isin(points["t_s"], samples.t_s)
+    assert common.sum() >= 60
+    at = np.searchsorted(samples.t_s, points["t_s"][common])
+    for name in ("q", "temperature_C", "mode", "wheel_rad_s", "heater_setpoint_C"):
+        difference = points[name][common] - getattr(samples, name)[at]
+        assert np.abs(difference).max() <= 1e-12, name
+
+
+def test_resampled_configurations_are_continuous(planned: Planned) -> None:
+    fine = planned("rigid-move")
+    points = resampled(fine, 1000.0)
+    speed = np.abs(np.diff(samples_of(fine).q, axis=0)) / np.diff(samples_of(fine).t_s)[:, None]
+    steps = np.abs(np.diff(points["q"], axis=0)) / np.diff(points["t_s"])[:, None]
+    assert (steps <= 1.1 * speed.max(axis=0) + 1e-9).all()
+
+
+@given(rate_Hz=st.floats(0.01, 40.0))
+def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -> None:
+    found = planned("rigid-move")
+    points, samples = resampled(found, rate_Hz), samples_of(found)
+    assert np.array_equal(points["q"][0], samples.q[0])
+    assert np.abs(points["q"][-1] - samples.q[-1]).max() <= DEFECT
+    assert (np.diff(points["t_s"]) > 0).all()
+    assert not points["wheel_rad_s"][-1].any()
+
+
+def test_the_rate_reaches_the_file(planned: Planned, tmp_path: Path) -> None:
+    found = planned("rigid-move")
+    save_setpoints(found, tmp_path / "points.csv", 10.0)
+    lines = (tmp_path / "points.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0] == HEADER
+    assert len(lines) - 1 == len(resampled(found, 10.0)["t_s"])
+
+
+@pytest.mark.parametrize("rate_Hz", [0.0, -1.0, math.nan, math.inf, -math.inf])
+def test_a_rate_that_is_not_positive_and_finite_is_refused(
+    planned: Planned, rate_Hz: float, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as caught:
+        save_setpoints(planned("rigid-move"), tmp_path / "points.csv", rate_Hz)
+    assert caught.value.field == "rate"
+    assert repr(caught.value.value) == repr(rate_Hz)
+    assert caught.value.allowed == "a finite number greater than 0 Hz"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_rate_of_more_than_a_million_rows_is_refused(planned: Planned) -> None:
+    found = planned("rigid-move")
+    with pytest.raises(InputError, match="a million rows") as caught:
+        rows(samples_of(found), 1e6, found.robot)
+    assert caught.value.field == "rate"
+    most = float(caught.value.allowed.split()[2])
+    assert most * found.duration_s == pytest.approx(1e6, rel=1e-5)
+
+
+def test_a_plan_without_samples_has_no_setpoints(infeasible: Plan, tmp_path: Path) -> None:
+    with pytest.raises(NoPlanError, match="proved infeasible"):
+        save_setpoints(infeasible, tmp_path / "points.csv")
+    assert not list(tmp_path.iterdir())
+
+
+# --- atomic writing ------------------------------------------------------------------------------
+
+
+def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    target = tmp_path / "some.txt"
+    write_text(target, "old")
+    with atomic_path(target) as temporary:
+        assert temporary.parent == target.parent
+        assert temporary.suffix == target.suffix  # matplotlib chooses the format by it
+        temporary.write_text("new", encoding="utf-8")
+        assert target.read_text(encoding="utf-8") == "old"
+    assert target.read_text(encoding="utf-8") == "new"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("before", ["old", None])
+def test_a_failure_while_writing_changes_nothing(
+    error: type[BaseException], before: str | None, tmp_path: Path
+) -> None:
+    target = tmp_path / "some.txt"
+    if before is not None:
+        target.write_text(before, encoding="utf-8")
+
+    def fail() -> None:
+        with atomic_path(target) as temporary:
+            temporary.write_text("half of the ne", encoding="utf-8")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert [path.read_text(encoding="utf-8") for path in tmp_path.iterdir()] == (
+        [before] if before is not None else []
+    )
+
+
+def test_written_files_may_be_read_as_the_umask_says(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        write_text(tmp_path / "some.txt", "x")
+        assert os.umask(0o027) == 0o027  # and the umask itself is left alone
+    finally:
+        os.umask(before)
+    assert (tmp_path / "some.txt").stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.parametrize("save", ["plan", "setpoints", "text"])
+def test_a_missing_folder_is_named(planned: Planned, save: str, tmp_path: Path) -> None:
+    found, target = planned("rigid-move"), tmp_path / "missing" / "file.json"
+    action = {
+        "plan": lambda: found.save(target),
+        "setpoints": lambda: save_setpoints(found, target),
+        "text": lambda: write_text(target, ""),
+    }[save]
+    with pytest.raises(InputError, match="folder that exists") as caught:
+        action()
+    assert (caught.value.field, caught.value.value) == ("output", str(target))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_is_no_file_to_write_to(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError) as caught:
+        write_text(tmp_path / "folder", "x")
+    assert caught.value.field == "output"
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]

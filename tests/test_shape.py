@@ -1,0 +1,173 @@
+"""Shapes: units apart, wheels independent, and the planner keeps to both."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from problems import ROBOT, random_problem
+
+from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, plan
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_BOTH
+from twosra_mpc.robot import Wheel
+from twosra_mpc.shape import (
+    check_shapes,
+    condition_number,
+    may_drive,
+    shape_margins,
+    singular_shapes,
+)
+
+KAPPA = st.tuples(st.floats(-78, 78), st.floats(-78, 78))
+
+
+def corners(kappa: tuple[float, float], segment: int) -> np.ndarray:
+    """Corners of a locomotion unit in b0, from arcs alone."""
+    g = ROBOT.geometry
+    alpha = kappa[segment] * g.segment_length_m
+    side = (-1, 1)[segment]
+    if abs(alpha) > 1e-9:
+        along = math.sin(alpha) / kappa[segment]
+        across = (1 - math.cos(alpha)) / kappa[segment]
+    else:
+        along, across = g.segment_length_m, 0.0
+    end = np.array([side * (g.middle_link_m / 2 + along), across])
+    x_axis = np.array([math.cos(side * alpha), math.sin(side * alpha)])
+    y_axis = np.array([-x_axis[1], x_axis[0]])
+    near, far = g.end_link_m, g.end_link_m + g.unit_side_m
+    half = g.unit_side_m / 2
+    return np.array(
+        [end + side * d * x_axis + h * y_axis for d in (near, far) for h in (-half, half)]
+    )
+
+
+@settings(deadline=None, derandomize=True, max_examples=150)
+@given(kappa=KAPPA)
+def test_units_are_apart_exactly_when_a_line_separates_their_corners(
+    kappa: tuple[float, float],
+) -> None:
+    first, second = corners(kappa, 0), corners(kappa, 1)
+    best = -math.inf
+    for points in (first, second):
+        for a, b in ((0, 1), (0, 2)):
+            axis = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
+            p, r = first @ axis, second @ axis
+            best = max(best, r.min() - p.max(), p.min() - r.max())
+    assert shape_margins(ROBOT, kappa).unit_gap_m[0] == pytest.approx(best, abs=1e-7)
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(kappa=KAPPA)
+def test_the_independence_margin_is_below_the_smallest_singular_value(
+    kappa: tuple[float, float],
+) -> None:
+    matrix = kinematics(ROBOT).wheel_matrix([0, 0, 0, *kappa], RIGID).full()[:, 2:]
+    scaled = matrix * ROBOT.geometry.wheel_radius_m * np.array([1, 1, 10.0])
+    smallest = np.linalg.svd(scaled, compute_uv=False)[-1]
+    bound = shape_margins(ROBOT, kappa).wheel_independence[0] + ROBOT.limits.wheel_independence
+    assert 0 <= bound <= smallest + 1e-6
+
+
+def test_condition_numbers_of_the_papers_geometry() -> None:
+    """Straight 1.40; at most 5.8 for abs(alpha) <= pi/2, turning measured at 0.1 m."""
+    assert condition_number(ROBOT, (0.0, 0.0)) == pytest.approx(1.40, abs=0.005)
+    grid = np.linspace(-1, 1, 61) * math.pi / 2 / 0.04
+    conditions = np.array([condition_number(ROBOT, (a, b)) for a in grid for b in grid])
+    assert conditions.max() == pytest.approx(5.8, abs=0.1)
+    assert np.median(conditions) == pytest.approx(1.62, abs=0.03)
+
+
+def test_the_papers_wheels_lose_control_only_where_the_units_overlap() -> None:
+    found = singular_shapes(ROBOT)
+    assert [(round(s.kappa1_per_m, 1), round(s.kappa2_per_m, 1)) for s in found] == [
+        (-58.8, -39.6),
+        (39.6, 58.8),
+    ]
+    assert [round(1e3 * s.unit_gap_m) for s in found] == [-22, -22]
+
+
+def robot_singular_when_straight() -> Robot:
+    """All four wheels drive across the straight fibre: it can slide along itself unnoticed."""
+    quarter = math.pi / 2
+    wheels = tuple(
+        Wheel(x_m=x, y_m=y, angle_rad=angle)
+        for x, y, angle in (
+            (-0.08, 0.0, quarter),
+            (-0.05, 0.03, quarter),
+            (0.08, 0.0, -quarter),
+            (0.05, -0.03, -quarter),
+        )
+    )
+    geometry = ROBOT.geometry.model_copy(update={"wheels": wheels})
+    return ROBOT.model_copy(update={"geometry": geometry})
+
+
+def test_a_singular_shape_inside_the_limits_is_found_and_not_driven_in() -> None:
+    robot = robot_singular_when_straight()
+    assert any(abs(s.kappa1_per_m + s.kappa2_per_m) < 0.1 for s in singular_shapes(robot))
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
+    goal = Goal(x_m=0.05, y_m=0.02, phi_rad=0.2, kappa_per_m=(20.0, 30.0))
+    problem = Problem(robot=robot, start=start, goal=goal)
+    sequence = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
+    assert may_drive(problem, sequence) == (False, True, True, True)
+    result = plan(problem)
+    assert result.found
+    assert result.phases[0].mode != RIGID
+    assert result.phases[-1].mode == RIGID
+    assert result.verification is not None
+    assert result.verification.limits["wheel_independence"] >= 0
+
+
+def test_overlapping_shapes_are_refused_by_name() -> None:
+    shape = {"kappa_per_m": (45.0, 55.0)}
+    base = load_problem("paper-1")
+    for where in ("start", "goal"):
+        changed = {**getattr(base, where).model_dump(), **shape}
+        problem = load_problem("paper-1", **{where: changed})
+        with pytest.raises(InputError, match="mm short") as error:
+            plan(problem)
+        assert error.value.field == f"{where}.kappa_per_m"
+        assert error.value.value == (45.0, 55.0)
+    check_shapes(base)
+
+
+@pytest.mark.parametrize("seed", range(70, 76))
+def test_plans_keep_the_units_apart_all_the_way(seed: int) -> None:
+    result = plan(random_problem(seed))
+    assert result.found
+    assert result.samples is not None
+    assert shape_margins(ROBOT, result.samples.q[:, 3:]).unit_gap_m.min() >= 0
+
+
+def test_a_plan_goes_round_the_shapes_that_overlap() -> None:
+    """From (60, -50) to (-40, 62): bending one segment first would bring the units together."""
+    problem = Problem(
+        robot=ROBOT,
+        start=Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(55.0, -20.0)),
+        goal=Goal(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(-10.0, 55.0)),
+    )
+    result = plan(problem)
+    assert result.found
+    assert result.samples is not None
+    assert shape_margins(ROBOT, result.samples.q[:, 3:]).unit_gap_m.min() >= 0
+
+
+@pytest.mark.parametrize(
+    ("wheels", "field"),
+    [
+        ([{"x_m": 0.0, "y_m": 0.0, "angle_rad": 0.0}] * 3, "geometry.wheels"),
+        ([{"x_m": 0.0, "y_m": 0.0, "angle_rad": 0.0}] * 4, "geometry.wheels.1"),
+    ],
+)
+def test_wheels_that_coincide_or_are_missing_are_refused(
+    wheels: list[dict[str, float]], field: str
+) -> None:
+    data = ROBOT.model_dump()
+    data["geometry"]["wheels"] = wheels
+    with pytest.raises(InputError) as error:
+        Robot(**data)
+    assert error.value.field == field

@@ -1,0 +1,653 @@
+"""The independent check: planner's plans pass it, and every way to spoil a plan is found."""
+
+from __future__ import annotations
+
+import re
+import signal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Planned
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
+from twosra_mpc.modes import MODES, Mode, mode_name
+from twosra_mpc.plan import Phase, Samples, Verification
+from twosra_mpc.problem import COORDINATES
+from twosra_mpc.robot import SequentialTiming
+from twosra_mpc.shape import shape_margins
+from twosra_mpc.timing import Transition
+from twosra_mpc.verification import reintegrate, verify
+
+Array = NDArray[np.float64]
+TIMINGS = ["nominal", "paper"]
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything the check looks at."""
+
+    problem: Problem
+    samples: Samples
+    phases: tuple[Phase, ...]
+    transitions: tuple[Transition, ...]
+
+    def check(self) -> Verification:
+        return verify(self.problem, self.samples, self.phases, self.transitions)
+
+    def first_moving(self, *, soft: bool) -> int:
+        """Row of the first sample that moves in a soft mode, or rigidly."""
+        moving = self.samples.v.any(axis=1) & (self.samples.mode.any(axis=1) == soft)
+        return int(np.flatnonzero(moving)[0])
+
+    def set(self, name: str, row: int, column: int, value: float) -> Case:
+        """The same with one number of the samples changed."""
+        array = getattr(self.samples, name).copy()
+        array[row, column] = value
+        return replace(self, samples=replace(self.samples, **{name: array}))
+
+    def scaled(self, name: str, factor: float) -> Case:
+        """The same with a list of samples scaled."""
+        array = getattr(self.samples, name) * factor
+        return replace(self, samples=replace(self.samples, **{name: array}))
+
+    def find(self, segment: int, to: str) -> int:
+        """Number of the first transition of a segment to a stiffness."""
+        return next(
+            i for i, item in enumerate(self.transitions) if (item.segment, item.to) == (segment, to)
+        )
+
+    def move(self, segment: int, to: str, **by_s: float) -> Case:
+        """The same with times of the first such transition shifted."""
+        i = self.find(segment, to)
+        item = self.transitions[i]
+        changed = item._replace(**{name: getattr(item, name) + s for name, s in by_s.items()})
+        return self.with_transitions([*self.transitions[:i], changed, *self.transitions[i + 1 :]])
+
+    def without(self, segment: int, to: str) -> Case:
+        """The same without the first such transition."""
+        i = self.find(segment, to)
+        return self.with_transitions([*self.transitions[:i], *self.transitions[i + 1 :]])
+
+    def with_transitions(self, transitions: Sequence[Transition]) -> Case:
+        return replace(self, transitions=tuple(transitions))
+
+    def with_robot(self, **update: Any) -> Case:
+        """The same checked against another robot."""
+        robot = self.problem.robot.model_copy(update=update)
+        return replace(self, problem=self.problem.model_copy(update={"robot": robot}))
+
+
+def case_of(some: Plan) -> Case:
+    """What the check looks at, of a plan."""
+    assert some.samples is not None
+    return Case(some.problem, some.samples, some.phases, some.transitions)
+
+
+@pytest.fixture(scope="module")
+def case(request: pytest.FixtureRequest, planned: Planned) -> Case:
+    """Optimal plan of paper-1: [0,0] > [1,0] > [1,1]; its timing is the parameter."""
+    return case_of(planned("paper-1", timing=request.param))
+
+
+both_timings = pytest.mark.parametrize("case", TIMINGS, indirect=True)
+nominal_only = pytest.mark.parametrize("case", ["nominal"], indirect=True)
+paper_only = pytest.mark.parametrize("case", ["paper"], indirect=True)
+
+
+def assert_found(spoilt: Case, *patterns: str) -> None:
+    """The check fails and says these things (patterns, in any order)."""
+    result = spoilt.check()
+    assert not result.ok
+    for pattern in patterns:
+        assert any(re.search(pattern, problem) for problem in result.problems), (
+            pattern,
+            result.problems,
+        )
+
+
+# --- plans that hold -----------------------------------------------------------------------------
+
+
+def test_plans_of_both_planners_hold_with_both_timings(any_plan: Plan) -> None:
+    result = case_of(any_plan).check()
+    assert result.ok
+    assert result.problems == ()
+    assert result.max_defect <= 1e-6
+    assert np.abs(result.goal_error).max() <= 1e-6
+    assert all(margin >= 0.0 for margin in result.limits.values())
+    assert result == any_plan.verification
+
+
+def test_reintegration_starts_at_the_start_and_ends_at_the_goal(any_plan: Plan) -> None:
+    assert any_plan.samples is not None
+    reached = reintegrate(any_plan.problem, any_plan.samples)
+    assert np.array_equal(reached[0], any_plan.problem.start.configuration)
+    assert reached[-1] == pytest.approx(any_plan.problem.goal.configuration, abs=1e-6)
+    assert reached == pytest.approx(any_plan.samples.q, abs=1e-6)
+
+
+def test_margins_are_the_distance_to_each_limit(any_plan: Plan) -> None:
+    samples, robot = any_plan.samples, any_plan.robot
+    assert samples is not None
+    assert any_plan.verification is not None
+    margins = any_plan.verification.limits
+    expected = {
+        "wheel_speed_rad_s": robot.limits.wheel_speed_rad_s - np.abs(samples.wheel_rad_s).max(),
+        "unit_speed_m_s": robot.limits.unit_speed_m_s - np.abs(samples.v[:, :2]).max(),
+        "curvature_per_m": robot.limits.curvature_per_m - np.abs(samples.q[:, 3:]).max(),
+        "temperature_max_C": robot.heater.temperature_max_C - samples.temperature_C.max(),
+        "heater_current_A": robot.heater.current_max_A - samples.heater_current_A.max(),
+    }
+    assert {name: margins[name] for name in expected} == pytest.approx(expected, abs=2e-6)
+    assert set(margins) - set(expected) == {"unit_gap_m", "wheel_independence"}
+    shapes = shape_margins(robot, samples.q[:, 3:])
+    assert margins["unit_gap_m"] <= shapes.unit_gap_m.min()
+    driving = samples.v[:, 2:].any(axis=1)
+    assert margins["wheel_independence"] == shapes.wheel_independence[driving].min()
+
+
+@both_timings
+def test_rounding_at_an_active_limit_is_no_violation(case: Case) -> None:
+    fastest = np.abs(case.samples.wheel_rad_s).max()
+    row, column = np.argwhere(np.abs(case.samples.wheel_rad_s) == fastest)[0]
+    at_limit = case.set("wheel_rad_s", row, column, 10.0 * (1 + 5e-8)).check()
+    assert at_limit.limits["wheel_speed_rad_s"] == 0.0
+    assert "exceeded" not in " ".join(at_limit.problems)
+
+
+# --- the motion ----------------------------------------------------------------------------------
+
+
+@both_timings
+@pytest.mark.parametrize("coordinate", range(5))
+@pytest.mark.parametrize("by", [2e-6, -1e-3])
+def test_a_shifted_configuration_is_found(case: Case, coordinate: int, by: float) -> None:
+    row = len(case.samples) // 2
+    before = case.samples.q[row, coordinate]
+    spoilt = case.set("q", row, coordinate, before + by)
+    assert_found(spoilt, "re-integration departs from the samples")
+    assert spoilt.check().max_defect == pytest.approx(abs(by), abs=1e-6)
+
+
+@both_timings
+def test_scaled_inputs_are_found(case: Case) -> None:
+    slower = case.scaled("v", 0.99)
+    departs = "re-integration departs from the samples"
+    assert_found(slower, departs, *(f"goal.{name} is missed by" for name in COORDINATES))
+
+
+@both_timings
+@pytest.mark.parametrize("column", range(5))
+def test_an_input_that_never_was_is_found(case: Case, column: int) -> None:
+    row = case.first_moving(soft=column < 2)
+    value = case.samples.v[row, column] * 0.9 + 1e-4
+    problems = case.set("v", row, column, value).check().problems
+    assert any("re-integration departs" in problem for problem in problems)
+
+
+@both_timings
+def test_an_input_that_the_mode_does_not_have_is_found(case: Case) -> None:
+    words = "an input acts that the mode does not have"
+    rigid, soft = case.first_moving(soft=False), case.first_moving(soft=True)
+    for column in (0, 1):
+        assert_found(case.set("v", rigid, column, 1e-3), words)
+    for column in (2, 3, 4):
+        assert_found(case.set("v", soft, column, 1e-3), words)
+
+
+@both_timings
+def test_a_last_sample_that_moves_is_found(case: Case) -> None:
+    for column in range(5):
+        assert_found(case.set("v", -1, column, 1e-3), "the last sample still moves")
+
+
+@both_timings
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    list(zip(COORDINATES, ("m", "m", "rad", "1/m", "1/m"), strict=True)),
+    ids=COORDINATES,
+)
+def test_a_goal_missed_in_any_coordinate_is_found(case: Case, name: str, unit: str) -> None:
+    key, _, entry = name.partition(".")
+    goal = case.problem.goal
+    value = getattr(goal, key)
+    if entry:
+        moved: object = tuple(k - 0.01 * (i == int(entry)) for i, k in enumerate(value))
+    else:
+        moved = value - 0.01
+    asked = goal.model_dump() | {key: moved}
+    problem = Problem(**{**dict(case.problem), "goal": asked})
+    assert_found(
+        replace(case, problem=problem), f"^{re.escape(f'goal.{name} is missed by 0.01 {unit}')}$"
+    )
+
+
+@both_timings
+def test_a_goal_box_forgives_what_lies_inside(case: Case) -> None:
+    goal = case.problem.goal.model_dump() | {"x_m": 0.245, "tolerance": {"x_m": 0.006}}
+    inside = Problem(**{**dict(case.problem), "goal": goal})
+    assert replace(case, problem=inside).check().ok
+    goal["tolerance"] = {"x_m": 0.004}
+    outside = Problem(**{**dict(case.problem), "goal": goal})
+    assert_found(replace(case, problem=outside), "goal.x_m is missed by -0.001 m")
+
+
+# --- limits --------------------------------------------------------------------------------------
+
+LIMITS = {
+    "wheel_speed_rad_s": ("wheel_rad_s", 10.0),
+    "unit_speed_m_s": ("v", 0.03),
+    "curvature_per_m": ("q", 78.5),
+    "temperature_max_C": ("temperature_C", 85.0),
+    "heater_current_A": ("heater_current_A", 0.9),
+}
+OTHER_WORDS = (  # of q and v
+    "re-integration departs|is missed by|an input acts|the last sample still moves|unit_gap_m|"
+    "the wheels do not turn as v asks"
+)
+
+
+@both_timings
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("limit", LIMITS)
+def test_a_sample_beyond_a_limit_is_found(case: Case, limit: str, sign: float) -> None:
+    name, most = LIMITS[limit]
+    if name in ("temperature_C", "heater_current_A"):
+        sign = 1.0
+    row = case.first_moving(soft=True)
+    column = 4 if name == "q" else 1
+    beyond = case.set(name, row, column, sign * most * 1.1)
+    result = beyond.check()
+    assert result.limits[limit] == pytest.approx(-0.1 * most)
+    words = f"limit {limit} exceeded by {0.1 * most:.3g}"
+    assert words in result.problems
+
+
+@both_timings
+@pytest.mark.parametrize("limit", ["wheel_speed_rad_s", "unit_speed_m_s", "curvature_per_m"])
+def test_a_robot_with_a_lower_limit_does_not_accept_the_plan(case: Case, limit: str) -> None:
+    used = LIMITS[limit][1] - case.check().limits[limit]
+    limits = case.problem.robot.limits.model_copy(update={limit: 0.9 * used})
+    assert_found(case.with_robot(limits=limits), f"^limit {limit} exceeded by {0.1 * used:.3g}$")
+
+
+@both_timings
+@pytest.mark.parametrize("limit", ["temperature_max_C", "heater_current_A"])
+def test_a_weaker_heater_does_not_accept_the_plan(case: Case, limit: str) -> None:
+    key = {"heater_current_A": "current_max_A"}.get(limit, limit)
+    used = LIMITS[limit][1] - case.check().limits[limit]
+    heater = case.problem.robot.heater.model_copy(update={key: 0.9 * used})
+    assert_found(case.with_robot(heater=heater), f"^limit {limit} exceeded by {0.1 * used:.3g}$")
+
+
+@both_timings
+@pytest.mark.parametrize("limit", ["unit_gap_m", "wheel_independence"])
+def test_shapes_too_close_to_what_the_limits_forbid_are_found(case: Case, limit: str) -> None:
+    before = getattr(case.problem.robot.limits, limit)
+    least = before + case.check().limits[limit] + 0.01
+    limits = case.problem.robot.limits.model_copy(update={limit: least})
+    assert_found(case.with_robot(limits=limits), f"^limit {limit} exceeded by 0.01$")
+
+
+# --- stiffness -----------------------------------------------------------------------------------
+
+
+@both_timings
+def test_moving_while_a_segment_is_changing_is_found(case: Case) -> None:
+    late = case.move(1, "soft", done_s=0.5)
+    words = "the robot moves at .* s while segment 1 is changing"
+    assert_found(late, words, "but segment 1 is not so yet")
+    early = case.move(1, "rigid", onset_s=-0.01)
+    assert "the robot moves at" in " ".join(early.check().problems)
+    assert "while segment 1 is changing" in " ".join(early.check().problems)
+
+
+@nominal_only
+def test_the_moment_of_the_clash_is_named(case: Case) -> None:
+    start = case.phases[1].start_s
+    assert_found(
+        case.move(1, "soft", done_s=0.01),
+        rf"^the robot moves at {start:.3f} s while segment 1 is changing$",
+        rf"^at {start:.3f} s the mode is \[1,0\] but segment 1 is not so yet$",
+    )
+
+
+@both_timings
+def test_bending_a_segment_that_never_melted_is_found(case: Case) -> None:
+    spoilt = case.without(2, "soft").without(2, "rigid")
+    assert_found(spoilt, r"^at .* s the mode is \[1,1\] but segment 2 is not so yet$")
+
+
+@both_timings
+@pytest.mark.parametrize("soft", [True, False])
+@pytest.mark.parametrize("mode", MODES, ids=mode_name)
+def test_a_mode_the_metal_does_not_have_is_found(case: Case, soft: bool, mode: Mode) -> None:
+    row = case.first_moving(soft=soft)
+    before = case.samples.mode[row].tolist()
+    spoilt = case.set("mode", row, 0, mode[0]).set("mode", row, 1, mode[1])
+    problems = spoilt.check().problems
+    said = [text for text in problems if "is not so yet" in text]
+    when = f"at {case.samples.t_s[row]:.3f} s the mode is {mode_name(mode)}"
+    wrong = [j for j in (0, 1) if mode[j] != before[j]]
+    assert said == [f"{when} but segment {j + 1} is not so yet" for j in wrong]
+
+
+@both_timings
+@pytest.mark.parametrize("segment", [1, 2])
+def test_a_segment_that_does_not_end_as_asked_is_found(case: Case, segment: int) -> None:
+    unfrozen = case
+    while any(item[:2] == (segment, "rigid") for item in unfrozen.transitions):
+        unfrozen = unfrozen.without(segment, "rigid")
+    assert f"segment {segment} does not end rigid" in unfrozen.check().problems
+    goal = case.problem.goal.model_copy(update={"mode": (int(segment == 1), int(segment == 2))})
+    problem = case.problem.model_copy(update={"goal": goal})
+    assert_found(replace(case, problem=problem), f"^segment {segment} does not end soft$")
+
+
+# --- transitions ---------------------------------------------------------------------------------
+
+
+@both_timings
+@pytest.mark.parametrize("segment", [1, 2])
+def test_a_transition_to_what_is_already_is_found(case: Case, segment: int) -> None:
+    for gone, left in (("soft", "rigid"), ("rigid", "soft")):
+        if gone == "rigid" and not any(
+            item[:2] == (segment, "soft")
+            for item in case.transitions[case.find(segment, "rigid") :]
+        ):
+            continue
+        words = rf"^segment {segment} to {left} at .* s: it is {left} already$"
+        problems = case.without(segment, gone).check().problems
+        assert any(re.search(words, problem) for problem in problems), problems
+
+
+@both_timings
+def test_freezing_what_never_melted_is_found(case: Case) -> None:
+    freeze = Transition(2, "rigid", 0.1, 0.1, 300.0)
+    spoilt = case.with_transitions([freeze, *case.transitions])
+    problems = spoilt.check().problems
+    assert "segment 2 to rigid at 0.100 s: it is rigid already" in problems
+
+
+@both_timings
+def test_a_transition_before_the_one_before_it_is_done_is_found(case: Case) -> None:
+    done = case.transitions[case.find(1, "soft")].done_s
+    freeze = case.transitions[case.find(1, "rigid")]
+    early = case.move(1, "rigid", heater_s=done - 1.0 - freeze.heater_s)
+    problems = early.check().problems
+    words = f"segment 1 to rigid at {done - 1.0:.3f} s: before the transition before it is done"
+    assert words in problems
+
+
+@both_timings
+def test_a_heater_on_before_the_start_is_found(case: Case) -> None:
+    first = case.transitions[0]
+    early = case.move(first.segment, first.to, heater_s=-1.0 - first.heater_s)
+    problems = early.check().problems
+    assert f"segment {first.segment} to soft at -1.000 s: before the transition before it" in (
+        " ".join(problems)
+    )
+
+
+@both_timings
+@pytest.mark.parametrize("to", ["soft", "rigid"])
+@pytest.mark.parametrize("name", ["onset_s", "done_s"])
+def test_times_out_of_order_are_found(case: Case, to: str, name: str) -> None:
+    item = case.transitions[case.find(2, to)]
+    before = {"onset_s": item.heater_s, "done_s": item.onset_s}[name] - 1.0
+    spoilt = case.move(2, to, **{name: before - getattr(item, name)})
+    words = f"segment 2 to {to} at {item.heater_s:.3f} s: heater, onset and done are out of order"
+    assert words in spoilt.check().problems
+
+
+@nominal_only
+@pytest.mark.parametrize(("to", "plateau"), [("soft", 37), ("rigid", 235)])
+def test_a_plateau_that_is_too_short_is_found(case: Case, to: str, plateau: int) -> None:
+    item = case.transitions[case.find(2, to)]
+    assert_found(
+        case.move(2, to, done_s=-1.0),
+        f"^segment 2 to {to} at {item.heater_s:.3f} s: on the plateau for {plateau - 1}.000 s "
+        f"instead of {plateau} s$",
+    )
+
+
+@nominal_only
+def test_a_melt_that_is_heated_too_short_is_found(case: Case) -> None:
+    on = case.transitions[case.find(2, "soft")].heater_s + 1.0
+    assert_found(
+        case.move(2, "soft", heater_s=1.0),
+        f"^segment 2 to soft at {on:.3f} s: heated for 25.000 s before melting instead of 26.000 s",
+    )
+
+
+@nominal_only
+@pytest.mark.parametrize(("start_C", "least_s"), [(43.0, 13.0), (7.0, 39.0), (25.0, 26.0)])
+def test_the_first_melt_takes_longer_from_colder_metal(
+    case: Case, start_C: float, least_s: float
+) -> None:
+    start = case.problem.start.model_copy(update={"temperature_C": (start_C, 25.0)})
+    problem = case.problem.model_copy(update={"start": start})
+    item = case.transitions[case.find(1, "soft")]
+    onset = item.onset_s
+    for lead, holds in ((least_s, True), (least_s - 0.01, False)):
+        shift = onset - lead - item.heater_s
+        result = replace(case.move(1, "soft", heater_s=shift), problem=problem).check()
+        complaints = [text for text in result.problems if "heated for" in text]
+        assert (not complaints) == holds
+        assert holds or f"instead of {least_s:.3f} s" in complaints[0]
+
+
+@nominal_only
+def test_metal_that_stays_liquid_too_long_without_heater_is_found(case: Case) -> None:
+    item = case.transitions[case.find(1, "rigid")]
+    lead = item.onset_s - item.heater_s
+    assert lead == pytest.approx(18.0)
+    assert_found(
+        case.move(1, "rigid", heater_s=-1.0),
+        f"^segment 1 to rigid at {item.heater_s - 1:.3f} s: liquid for 19.000 s after its heater "
+        "is off: it would freeze earlier$",
+    )
+
+
+@paper_only
+@pytest.mark.parametrize(("to", "sleep"), [("soft", 100), ("rigid", 300)])
+def test_a_sleep_that_is_too_short_is_found(case: Case, to: str, sleep: int) -> None:
+    item = case.transitions[case.find(2, to)]
+    spoilt = case.move(2, to, done_s=item.heater_s + sleep - 1.0 - item.done_s)
+    assert_found(
+        spoilt,
+        f"^segment 2 to {to} at {item.heater_s:.3f} s: changes in {sleep - 1}.000 s instead of "
+        f"{sleep} s$",
+    )
+
+
+@both_timings
+def test_phases_that_overlap_are_found(case: Case) -> None:
+    first, second, *rest = case.phases
+    moved = second._replace(start_s=first.end_s - 0.01)
+    assert_found(
+        replace(case, phases=(first, moved, *rest)),
+        f"^the phase at {moved.start_s:.3f} s starts before the one before it has ended$",
+    )
+
+
+def test_reconfigurations_are_slept_through(planned: Planned) -> None:
+    greedy = case_of(planned("paper-1", planner="greedy", timing="paper"))
+    cooled = [item for item in greedy.transitions if item.done_s - item.heater_s > 300.5]
+    assert cooled  # 400 s of cooling, then 102 s of heating
+    assert greedy.check().ok
+
+
+# --- spoiling at random --------------------------------------------------------------------------
+
+
+@given(
+    row=st.floats(0.0, 0.999),
+    column=st.integers(0, 4),
+    name=st.sampled_from(["q", "v"]),
+    by=st.floats(1e-3, 0.5),
+    sign=st.sampled_from([-1.0, 1.0]),
+)
+def test_no_change_of_motion_goes_unnoticed(
+    planned: Planned, row: float, column: int, name: str, by: float, sign: float
+) -> None:
+    case = case_of(planned("rigid-move"))
+    i = int(row * (len(case.samples) - (name == "v")))
+    before = getattr(case.samples, name)[i, column]
+    assert not case.set(name, i, column, before + sign * by).check().ok
+
+
+@given(
+    i=st.integers(0, 3),
+    name=st.sampled_from(["heater_s", "onset_s", "done_s"]),
+    by=st.floats(0.01, 500.0),
+    sign=st.sampled_from([-1.0, 1.0]),
+)
+def test_a_transition_moved_alone_either_waits_longer_or_is_found(
+    planned: Planned, i: int, name: str, by: float, sign: float
+) -> None:
+    case = case_of(planned("paper-1"))
+    item = case.transitions[i]
+    moved = item._replace(**{name: getattr(item, name) + sign * by})
+    result = replace(
+        case, transitions=(*case.transitions[:i], moved, *case.transitions[i + 1 :])
+    ).check()
+    if result.ok:
+        others = [other for other in case.transitions if other.segment == item.segment]
+        before = others[others.index(item) - 1].done_s if others.index(item) else 0.0
+        assert before - 1e-5 <= moved.heater_s <= moved.onset_s + 1e-5
+        plateau = moved.done_s - moved.onset_s
+        lead = moved.onset_s - moved.heater_s
+        if item.to == "soft":
+            assert plateau >= 37.0 - 1e-5
+            assert lead >= 26.0 - 1e-5
+        else:
+            assert plateau >= 235.0 - 1e-5
+            assert lead <= 18.0 + 1e-5
+
+
+# --- what the check should find too --------------------------------------------------------------
+
+
+def ended_early(case: Case) -> Case:
+    """The samples stop right after the motion, before the metal is frozen."""
+    rows = int(np.flatnonzero(case.samples.v.any(axis=1))[-1]) + 2
+    arrays = {name: array[:rows] for name, array in vars(case.samples).items()}
+    return replace(case, samples=replace(case.samples, **arrays))
+
+
+def never_moving(case: Case) -> Case:
+    return replace(case, phases=())
+
+
+def later_phase(case: Case) -> Case:
+    first, second, *rest = case.phases
+    shifted = second._replace(start_s=second.start_s + 5.0, end_s=second.end_s + 5.0)
+    return replace(case, phases=(first, shifted, *rest))
+
+
+def time_backwards(case: Case) -> Case:
+    t = case.samples.t_s.copy()
+    row = int(np.flatnonzero(~case.samples.v.any(axis=1))[1])  # a hold
+    t[row] = t[row + 1] + 1.0
+    return replace(case, samples=replace(case.samples, t_s=t))
+
+
+def not_a_number(name: str) -> Callable[[Case], Case]:
+    def spoil(case: Case) -> Case:
+        return case.set(name, 1, 0, np.nan)
+
+    return spoil
+
+
+SPOILT = {
+    "wheels that do not do what v says": lambda case: case.scaled("wheel_rad_s", 0.5),
+    "samples that end before the metal is frozen": ended_early,
+    "heaters that are never on": lambda case: case.scaled("heater_current_A", 0.0),
+    "set-points that are never reached": lambda case: case.scaled("heater_setpoint_C", 0.0),
+    "samples in motion outside of any phase": never_moving,
+    "a phase that is not where the samples move": later_phase,
+    "time that runs backwards": time_backwards,
+    "a wheel speed that is no number": not_a_number("wheel_rad_s"),
+    "a temperature that is no number": not_a_number("temperature_C"),
+    "a current that is no number": not_a_number("heater_current_A"),
+}
+
+
+@both_timings
+@pytest.mark.parametrize("how", SPOILT)
+def test_what_would_not_work_on_the_robot_is_found(case: Case, how: str) -> None:
+    assert not SPOILT[how](case).check().ok
+
+
+@both_timings
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_configurations_that_are_not_finite_are_found(case: Case, value: float) -> None:
+    spoilt = case.set("q", case.first_moving(soft=True), 0, value)
+    assert_found(spoilt, "samples.q has a value that is not finite")
+
+
+@nominal_only
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_inputs_that_are_not_finite_are_found(case: Case, value: float) -> None:
+    def give_up(*_: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.setitimer(signal.ITIMER_REAL, 1.0)
+    try:
+        assert not case.set("v", case.first_moving(soft=True), 0, value).check().ok
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_hot_metal_does_not_freeze_before_it_has_cooled() -> None:
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    problem = load_problem(
+        "shape-change",
+        start={**start, "temperature_C": (85.0, 25.0)},
+        goal={"kappa_per_m": (10.0, 0.0)},
+    )
+    case = case_of(plan(problem))
+    freeze = case.transitions[case.find(1, "rigid")]
+    assert freeze.onset_s >= 108.0 - 1e-5  # 24 C above the melting point, 4 C take 18 s
+    assert case.check().ok
+    by = 50.0 - freeze.onset_s
+    assert not case.move(1, "rigid", heater_s=by, onset_s=by, done_s=by).check().ok
+
+
+def test_a_reconfiguration_lasts_as_long_as_the_robot_says() -> None:
+    robot = load_robot("2sra-v1")
+    short = SequentialTiming(
+        overlap="none", heat_s=100.0, freeze_s=300.0, reconfigure_s=380.0, reconfigure_cool_s=300.0
+    )
+    found = planned_with(robot, short)
+    heating = [item.done_s - item.heater_s for item in found.transitions if item.to == "soft"]
+    assert min(heating) == pytest.approx(80.0)  # 380 s of which 300 s cool
+    assert found.verification is not None
+    assert found.verification.problems == ()
+
+
+def test_a_melt_is_never_excused_by_a_short_cooling() -> None:
+    robot = load_robot("2sra-v1")
+    quick = SequentialTiming(
+        overlap="none", heat_s=100.0, freeze_s=300.0, reconfigure_s=502.0, reconfigure_cool_s=10.0
+    )
+    case = case_of(planned_with(robot, quick))
+    item = case.transitions[case.find(1, "soft")]
+    assert item.done_s - item.heater_s == pytest.approx(100.0)
+    assert not case.move(1, "soft", heater_s=80.0, onset_s=80.0).check().ok
+
+
+def planned_with(robot: Robot, times: SequentialTiming) -> Plan:
+    """A greedy plan (melts one segment after the other) with other transition times."""
+    changed = robot.model_copy(update={"timing": {"nominal": times}})
+    goal = {"x_m": 0.1, "y_m": 0.0, "phi_rad": 0.2, "kappa_per_m": (20.0, -15.0)}
+    return plan(load_problem("shape-change", robot=changed, goal=goal, planner="greedy"))

@@ -1,0 +1,202 @@
+"""Figure of the paths of a locomotion unit: exact, and the spirals and cardioids fitted to them.
+
+After the paper's figure of section "LU Paths Estimation", for any robot. Needs no display and
+leaves ``rcParams`` alone.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from twosra_mpc.figure_file import check_figure_path, save_figure
+from twosra_mpc.modes import Mode
+from twosra_mpc.path_fitting import (
+    CARDIOID_BEND_RAD,
+    SPIRAL_BENDS_RAD,
+    Case,
+    PathCurves,
+    exact_path,
+    path_curves,
+)
+from twosra_mpc.plotting import (
+    DPI,
+    METAL_COLOUR,
+    RIGID_COLOUR,
+    SOFT_COLOUR,
+    STYLE,
+    UNIT_COLOUR,
+    robot_shape,
+)
+from twosra_mpc.robot import Geometry, Robot
+
+Array = NDArray[np.float64]
+
+SIZE_IN = (10.0, 4.7)
+POSES = 4  # bends the fibre is drawn at, evenly from straight on
+PALE = 0.55  # share of white in the colours of the fibre
+
+MODES: dict[Case, Mode] = {"I": (1, 0), "II": (0, 1), "III": (1, 1)}
+TITLES: dict[Case, str] = {
+    "I": "I: one segment soft, its own LU moves",
+    "II": "II: one segment soft, the opposite LU moves",
+    "III": "III: both segments soft",
+}
+CURVES: dict[str, dict[str, Any]] = {
+    "exact path": {"c": "#222222", "lw": 1.1, "ls": "-", "zorder": 4},
+    "logarithmic spiral": {"c": "#12997c", "lw": 2.0, "ls": (0, (4, 2)), "zorder": 5},
+    "cardioid": {"c": "#e07b00", "lw": 2.6, "ls": (0, (0.1, 1.6)), "zorder": 6},
+}
+CURVES["cardioid"]["dash_capstyle"] = "round"
+UNIT: dict[str, Any] = {
+    "ls": "",
+    "marker": "s",
+    "ms": 8.0,
+    "mfc": UNIT_COLOUR,
+    "mec": METAL_COLOUR,
+    "zorder": 7,
+}
+HELD: dict[str, Any] = {
+    "ls": "",
+    "marker": "o",
+    "ms": 5.0,
+    "mfc": "white",
+    "mec": "#222222",
+    "zorder": 8,
+}
+CENTRE: dict[str, Any] = {"ls": "", "marker": "+", "ms": 7.0, "mew": 1.6, "zorder": 9}
+
+
+def plot_paths(
+    robot: Robot, path: str | Path | None = None, alpha_max: float = CARDIOID_BEND_RAD
+) -> Figure:
+    """Draw the path of the moving fibre end and its fits, in the cases I, II and III.
+
+    Args:
+        robot: The robot; only its geometry counts.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+        alpha_max: Largest bending angle the cardioids are fitted to [rad].
+
+    Raises:
+        InputError: If a fit fails, matplotlib cannot write such a file, or the folder cannot be
+            written.
+    """
+    if path is not None:
+        check_figure_path(path)
+    curves = path_curves(robot.geometry, alpha_max)
+    with rc_context(STYLE):
+        figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(_title(robot), wrap=True)
+        for ax, case_curves in zip(figure.subplots(1, 3), curves, strict=True):
+            _draw_case(ax, robot.geometry, case_curves)
+        _legend(figure, alpha_max)
+        if path is not None:
+            save_figure(figure, path)
+    return figure
+
+
+def _title(robot: Robot) -> str:
+    length, link = robot.geometry.segment_length_m, robot.geometry.middle_link_m
+    lengths = f"$l$ = {1e3 * length:.3g} mm, $l_0$ = {1e3 * link:.3g} mm"
+    return f"Paths of a locomotion unit (LU): {robot.name}, {lengths}"
+
+
+def _draw_case(ax: Axes, geometry: Geometry, curves: PathCurves) -> None:
+    middle = (curves.exact.min(axis=0) + curves.exact.max(axis=0)) / 2
+    for alpha in np.linspace(SPIRAL_BENDS_RAD[curves.case][-1], 0.0, POSES + 1)[1:].tolist():
+        end = _draw_fibre(ax, geometry, curves.case, alpha)
+        text = f"{np.degrees(alpha):.0f}°" if alpha else r"$\alpha$ = 0°"
+        shift = 17 * (end - middle) / np.linalg.norm(end - middle) if alpha else (8.0, -12.0)
+        place: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
+        ax.annotate(text, (end[0], end[1]), shift, fontsize=8.5, **place)
+    drawn = (curves.exact, curves.spiral, curves.cardioid)
+    for points, style in zip(drawn, CURVES.values(), strict=True):
+        ax.plot(*points.T, **style)
+    cusp = np.array(curves.cardioid_fit.centre_m) / geometry.segment_length_m
+    ax.plot(0.0, 0.0, **HELD)
+    ax.plot(*curves.spiral_fit.centre, **CENTRE, mec=CURVES["logarithmic spiral"]["c"])
+    ax.plot(*cusp, **CENTRE, mec=CURVES["cardioid"]["c"])
+    lines = [TITLES[curves.case], *_residuals(curves, geometry)]
+    ax.set_title("\n".join(lines), fontsize=9, linespacing=1.35)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.15)
+    ax.set(xlabel="$x/l$", ylabel="$y/l$")
+    ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
+
+
+def _residuals(curves: PathCurves, geometry: Geometry) -> list[str]:
+    """A line a curve: root mean square of the radial residuals."""
+    length = geometry.segment_length_m
+    spiral, cardioid = curves.spiral_fit.rms_l * length, curves.cardioid_fit.rms_m
+    return [
+        f"{name}: {_digits(1e3 * rms)} mm rms ({_digits(100 * rms / length)} % of $l$)"
+        for name, rms in (("spiral", spiral), ("cardioid", cardioid))
+    ]
+
+
+def _digits(value: float) -> str:
+    """Two significant digits."""
+    return f"{value:#.2g}".rstrip(".")
+
+
+def held_pose(geometry: Geometry, case: Case, alpha: float) -> Array:
+    """Configuration q (5,) [m, m, rad, 1/m, 1/m] with the held end where the paths have it.
+
+    LU1 moves; the soft segments bend by ``alpha`` [rad]. In case I the middle link is held, with
+    segment 1's root at the origin; in II and III the end of segment 2 is, heading along x.
+    """
+    length, half_link = geometry.segment_length_m, geometry.middle_link_m / 2
+    kappa = np.array(MODES[case]) * alpha / length
+    if case == "I":
+        return np.array([half_link, 0.0, 0.0, *kappa])
+    reach, rise = exact_path("I", geometry, alpha)[0] * (-1, 1)
+    c, s = np.cos(alpha), np.sin(alpha)  # b0 is turned by -alpha
+    x, y = c * (half_link + reach) + s * rise, c * rise - s * (half_link + reach)
+    return np.array([-x, -y, -alpha, *kappa])
+
+
+def _draw_fibre(ax: Axes, geometry: Geometry, case: Case, alpha: float) -> Array:
+    """The fibre in pale colours and a mark for the moving LU, whose place (2,) is returned."""
+    shape = robot_shape(geometry, held_pose(geometry, case, alpha))
+    style: dict[str, Any] = {"solid_capstyle": "butt", "zorder": 2}
+    length = geometry.segment_length_m
+    ax.plot(*shape.links[0].T / length, lw=2.4, c=_pale(METAL_COLOUR), **style)
+    for arc, soft in zip(shape.segments / length, MODES[case], strict=True):
+        ax.plot(*arc.T, lw=3.2, c=_pale(SOFT_COLOUR if soft else RIGID_COLOUR), **style)
+    end: Array = shape.links[1, 0] / length
+    across, along = shape.links[1, 1] / length - end
+    ax.plot(*end, **UNIT | {"marker": (4, 0, 45 + np.degrees(np.arctan2(along, across)))})
+    return end
+
+
+def _pale(colour: str) -> tuple[float, ...]:
+    """Mix with white, so that fibres that cross do not darken each other."""
+    return tuple(PALE + (1 - PALE) * part for part in to_rgb(colour))
+
+
+def _legend(figure: Figure, alpha_max: float) -> None:
+    ranges = {"cardioid": rf"cardioid, $\alpha \leq {np.degrees(alpha_max):.3g}°$"}
+    entries = {ranges.get(name, name): Line2D([], [], **look) for name, look in CURVES.items()}
+    entries |= {
+        "soft segment": Line2D([], [], c=_pale(SOFT_COLOUR), lw=3.2),
+        "rigid segment": Line2D([], [], c=_pale(RIGID_COLOUR), lw=3.2),
+        "moving LU": Line2D([], [], **UNIT | {"ms": 6}),
+        "held end": Line2D([], [], **HELD),
+    }
+    colours = [CURVES[name]["c"] for name in ("logarithmic spiral", "cardioid")]
+    centres = tuple(Line2D([], [], **CENTRE, mec=colour) for colour in colours)
+    handles: list[Any] = [*entries.values(), centres]
+    names = [*entries, "centre of spiral, cusp of cardioid"]
+    style: dict[str, Any] = {"ncols": 4, "handler_map": {tuple: HandlerTuple(ndivide=None)}}
+    figure.legend(handles, names, loc="outside lower center", **style)
