@@ -66,7 +66,7 @@ def test_the_bound_includes_the_time_to_bend() -> None:
     assert bound is not None
     # 335 s of transitions, and at least abs(dW) / rate for what segment 2 must bend in [1,1].
     task = bending_task(problem)
-    least = abs(task.change[1][0]) / task.rate[SOFT_BOTH]
+    least = abs(task.change[1][0]) / task.rate(SOFT_BOTH, (None, None))
     assert least > 0.1
     assert bound.cost >= 335.0 + least - 1e-6
 

@@ -8,13 +8,14 @@ import math
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Planned
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
@@ -254,18 +255,18 @@ BAD_PLANS: dict[str, tuple[Edit, str]] = {
     "another format": (lambda d: d.update(format="other"), "format"),
     "a later version": (lambda d: d.update(version=2), "format"),
     "no format": (lambda d: d.pop("format"), "format"),
-    "no robot": (lambda d: d.pop("robot"), "plan"),
-    "no status": (lambda d: d.pop("status"), "plan"),
-    "no samples": (lambda d: d.pop("samples"), "plan"),
-    "no stats": (lambda d: d.pop("stats"), "plan"),
+    "no robot": (lambda d: d.pop("robot"), "plan.robot"),
+    "no status": (lambda d: d.pop("status"), "plan.status"),
+    "no samples": (lambda d: d.pop("samples"), "plan.samples"),
+    "no stats": (lambda d: d.pop("stats"), "plan.stats"),
     "no goal errors": (lambda d: d["verification"].pop("goal_error"), "plan"),
     "a list of samples missing": (lambda d: d["samples"].pop("q"), "plan"),
     "an unknown list of samples": (lambda d: d["samples"].update(z=[]), "plan"),
-    "a phase without mode": (lambda d: d["phases"][0].pop("mode"), "plan"),
-    "a transition without onset": (lambda d: d["transitions"][0].pop("onset_s"), "plan"),
-    "an unknown key of the cost": (lambda d: d["cost"].update(money=1.0), "plan"),
-    "phases that are no list": (lambda d: d.update(phases=3), "plan"),
-    "samples that are a list": (lambda d: d.update(samples=[1, 2]), "plan"),
+    "a phase without mode": (lambda d: d["phases"][0].pop("mode"), "plan.phases.0.mode"),
+    "no onset": (lambda d: d["transitions"][0].pop("onset_s"), "plan.transitions.0.onset_s"),
+    "an unknown key of the cost": (lambda d: d["cost"].update(money=1.0), "plan.cost.money"),
+    "phases that are no list": (lambda d: d.update(phases=3), "plan.phases"),
+    "samples that are a list": (lambda d: d.update(samples=[1, 2]), "plan.samples"),
     "a bad robot": (lambda d: d["robot"].update(name=3), "name"),
     "a bad scenario": (lambda d: d["scenario"].update(gap=3.0), "gap"),
 }
@@ -299,21 +300,11 @@ def test_a_file_that_is_no_plan_is_refused(planned: Planned, mistake: str, tmp_p
     path = edited(planned("shape-change"), edit, tmp_path / "plan.json")
     with pytest.raises(InputError) as caught:
         load_plan(path)
+    assert caught.value.field == field
+    assert str(path) in str(caught.value)
+    assert str(path) in (caught.value.source or "")
     if field == "format":
         assert "'twosra-plan' version 1" in caught.value.allowed
-    if field in ("format", "plan"):
-        assert caught.value.field.split(".")[0] == field
-        assert caught.value.source == str(path)
-
-
-@pytest.mark.parametrize("mistake", ["a bad robot", "a bad scenario"])
-def test_the_plan_file_with_a_bad_robot_or_scenario_is_named(
-    planned: Planned, mistake: str, tmp_path: Path
-) -> None:
-    path = edited(planned("shape-change"), BAD_PLANS[mistake][0], tmp_path / "plan.json")
-    with pytest.raises(InputError) as caught:
-        load_plan(path)
-    assert str(path) in str(caught.value)
 
 
 @pytest.mark.parametrize("mistake", BAD_VALUES)
@@ -377,7 +368,10 @@ def test_time_runs_from_zero_and_never_stands_still(any_plan: Plan) -> None:
 
 @pytest.mark.parametrize(
     "planner",
-    ["optimal", "greedy"],
+    [
+        "optimal",
+        "greedy",
+    ],
 )
 def test_samples_are_further_apart_than_what_counts_as_one_time(
     planned: Planned, planner: str
@@ -452,6 +446,7 @@ def test_the_csv_file_is_the_samples(any_plan: Plan, tmp_path: Path) -> None:
     assert {item for row in csv.reader(lines) for item in row[1:3]} <= {"0", "1"}
 
 
+@lru_cache(maxsize=64)
 def resampled(some: Plan, rate_Hz: float) -> dict[str, Array]:
     """Columns of the resampled set-points by name of the samples' array."""
     names, values = rows(samples_of(some), rate_Hz, some.robot)
@@ -463,7 +458,7 @@ def resampled(some: Plan, rate_Hz: float) -> dict[str, Array]:
     return columns
 
 
-@pytest.mark.parametrize("rate_Hz", [0.001, 0.3, 1.0, 2.0, 7.3])
+@pytest.mark.parametrize("rate_Hz", [0.001, 0.3, 1.0, 2.3])
 def test_resampled_rows_lie_on_a_regular_grid_and_end_at_the_end(
     any_plan: Plan, rate_Hz: float
 ) -> None:
@@ -474,7 +469,7 @@ def test_resampled_rows_lie_on_a_regular_grid_and_end_at_the_end(
     assert 0.0 < t[-1] - t[-2] <= 1 / rate_Hz + EVENT_S
 
 
-@pytest.mark.parametrize("rate_Hz", [1.0, 7.3])
+@pytest.mark.parametrize("rate_Hz", [1.0, 2.3])
 def test_resampled_inputs_are_those_in_force(any_plan: Plan, rate_Hz: float) -> None:
     points, samples = resampled(any_plan, rate_Hz), samples_of(any_plan)
     clear = np.abs(points["t_s"][:, None] - samples.t_s).min(axis=1) > EVENT_S
@@ -486,7 +481,7 @@ def test_resampled_inputs_are_those_in_force(any_plan: Plan, rate_Hz: float) -> 
 
 
 @pytest.mark.parametrize("planner", ["optimal", "greedy"])
-@pytest.mark.parametrize(("timing", "rate_Hz"), [("nominal", 20.0), ("paper", 1.0)])
+@pytest.mark.parametrize(("timing", "rate_Hz"), [("nominal", 7.3), ("paper", 1.0)])
 def test_resampled_configurations_follow_the_path(
     planned: Planned, planner: str, timing: str, rate_Hz: float
 ) -> None:
@@ -512,12 +507,13 @@ def test_resampling_changes_nothing_at_common_times(any_plan: Plan) -> None:
 
 def test_resampled_configurations_are_continuous(planned: Planned) -> None:
     fine = planned("rigid-move")
-    points = resampled(fine, 1000.0)
+    points = resampled(fine, 200.0)
     speed = np.abs(np.diff(samples_of(fine).q, axis=0)) / np.diff(samples_of(fine).t_s)[:, None]
     steps = np.abs(np.diff(points["q"], axis=0)) / np.diff(points["t_s"])[:, None]
     assert (steps <= 1.1 * speed.max(axis=0) + 1e-9).all()
 
 
+@settings(max_examples=40)
 @given(rate_Hz=st.floats(0.01, 40.0))
 def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -> None:
     found = planned("rigid-move")

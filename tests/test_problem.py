@@ -270,6 +270,7 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
     ("heater.ambient_C", math.nan, "heater.ambient_C", "finite"),
     ("path.scale", [1.0, 2.0, 3.0, 4.0], "path.scale", "3"),
     ("path.scale", 2.0, "path.scale", "."),
+    ("limits.curvature_per_m", 78.6, "limits.curvature_per_m", r"at most 78\.54 1/m.*log_spiral"),
     ("geometry.wheel_radius_m", 0.0, "geometry.wheel_radius_m", "greater than 0"),
     ("limits.wheel_speed_rad_s", -1.0, "limits.wheel_speed_rad_s", "greater than 0"),
     ("path.angle_ratio", [1.5, 1.0, 0.0], "path.angle_ratio.2", "greater than 0"),
@@ -777,6 +778,15 @@ def test_values_cannot_be_changed() -> None:
         assert array.dtype == np.float64
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+def test_robots_and_problems_survive_pickling_and_copying() -> None:
+    problem = load_problem("paper-1")
+    for again in (pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
+        assert again == problem
+        assert hash(again) == hash(problem)
+        assert again.robot.timing == problem.robot.timing
+        assert type(again.robot.timing) is type(problem.robot.timing)
 
 
 def test_the_transition_times_of_a_robot_cannot_be_changed() -> None:

@@ -30,7 +30,7 @@ def test_the_python_block_runs(tmp_path: Path) -> None:
         check=True,
     )
     assert "optimal" in done.stdout
-    assert {path.name for path in tmp_path.iterdir()} == {"plan.json", "setpoints.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.json", "plan.png", "setpoints.csv"}
 
 
 def test_the_main_command_runs_after_its_set_up(tmp_path: Path) -> None:

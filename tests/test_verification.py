@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Planned
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -487,6 +487,7 @@ def test_reconfigurations_are_slept_through(planned: Planned) -> None:
 # --- spoiling at random --------------------------------------------------------------------------
 
 
+@settings(max_examples=50)
 @given(
     row=st.floats(0.0, 0.999),
     column=st.integers(0, 4),
@@ -503,6 +504,7 @@ def test_no_change_of_motion_goes_unnoticed(
     assert not case.set(name, i, column, before + sign * by).check().ok
 
 
+@settings(max_examples=60)
 @given(
     i=st.integers(0, 3),
     name=st.sampled_from(["heater_s", "onset_s", "done_s"]),
@@ -532,7 +534,7 @@ def test_a_transition_moved_alone_either_waits_longer_or_is_found(
             assert lead <= 18.0 + 1e-5
 
 
-# --- what the check should find too --------------------------------------------------------------
+# --- what the robot would be sent ----------------------------------------------------------------
 
 
 def ended_early(case: Case) -> Case:
@@ -542,21 +544,27 @@ def ended_early(case: Case) -> Case:
     return replace(case, samples=replace(case.samples, **arrays))
 
 
-def never_moving(case: Case) -> Case:
-    return replace(case, phases=())
-
-
 def later_phase(case: Case) -> Case:
     first, second, *rest = case.phases
     shifted = second._replace(start_s=second.start_s + 5.0, end_s=second.end_s + 5.0)
     return replace(case, phases=(first, shifted, *rest))
 
 
-def time_backwards(case: Case) -> Case:
-    t = case.samples.t_s.copy()
-    row = int(np.flatnonzero(~case.samples.v.any(axis=1))[1])  # a hold
-    t[row] = t[row + 1] + 1.0
-    return replace(case, samples=replace(case.samples, t_s=t))
+def other_mode(case: Case) -> Case:
+    first, *rest = case.phases
+    return replace(case, phases=(first._replace(mode=(1, 1)), *rest))
+
+
+def at_time(change: Callable[[Array, int], float]) -> Callable[[Case], Case]:
+    """Change the time of a sample in the middle of a hold."""
+
+    def spoil(case: Case) -> Case:
+        row = int(np.flatnonzero(~case.samples.v.any(axis=1))[1])
+        t = case.samples.t_s.copy()
+        t[row] = change(t, row)
+        return replace(case, samples=replace(case.samples, t_s=t))
+
+    return spoil
 
 
 def not_a_number(name: str) -> Callable[[Case], Case]:
@@ -566,24 +574,82 @@ def not_a_number(name: str) -> Callable[[Case], Case]:
     return spoil
 
 
-SPOILT = {
-    "wheels that do not do what v says": lambda case: case.scaled("wheel_rad_s", 0.5),
-    "samples that end before the metal is frozen": ended_early,
-    "heaters that are never on": lambda case: case.scaled("heater_current_A", 0.0),
-    "set-points that are never reached": lambda case: case.scaled("heater_setpoint_C", 0.0),
-    "samples in motion outside of any phase": never_moving,
-    "a phase that is not where the samples move": later_phase,
-    "time that runs backwards": time_backwards,
-    "a wheel speed that is no number": not_a_number("wheel_rad_s"),
-    "a temperature that is no number": not_a_number("temperature_C"),
-    "a current that is no number": not_a_number("heater_current_A"),
+def first_heated(name: str, value: float) -> Callable[[Case], Case]:
+    """Change a command of heater 1 in the first sample after it is on."""
+
+    def spoil(case: Case) -> Case:
+        row = int(np.flatnonzero(case.samples.heater_current_A[:, 0] > 0)[1])
+        return case.set(name, row, 0, value)
+
+    return spoil
+
+
+NOT_FINITE = "^samples.{} has a value that is not finite$"
+HEATER = "^at .* s heater {} does not do what the transitions say$"
+OUTSIDE = "^at .* s the samples move outside of a phase, or rest in one$"
+SPOILT: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
+    "wheels slower than v says": (
+        lambda case: case.scaled("wheel_rad_s", 0.5),
+        ["^at .* s the wheels do not turn as v asks$"],
+    ),
+    "wheels that turn during a hold": (
+        lambda case: case.set("wheel_rad_s", -2, 3, 0.01),
+        ["^at .* s the wheels do not turn as v asks$"],
+    ),
+    "samples that end before the metal is frozen": (
+        ended_early,
+        ["^the samples end at .* s, before the plan does at .* s$"],
+    ),
+    "heaters without current": (
+        lambda case: case.scaled("heater_current_A", 0.0),
+        [HEATER.format(1), HEATER.format(2)],
+    ),
+    "set-points of zero": (
+        lambda case: case.scaled("heater_setpoint_C", 0.0),
+        [HEATER.format(1), HEATER.format(2)],
+    ),
+    "a heater that pauses": (first_heated("heater_current_A", 0.0), [HEATER.format(1)]),
+    "a set-point that is too low": (first_heated("heater_setpoint_C", 64.0), [HEATER.format(1)]),
+    "a heater that is on too early": (
+        lambda case: case.set("heater_current_A", 0, 1, 0.8),
+        [HEATER.format(2)],
+    ),
+    "motion outside of any phase": (lambda case: replace(case, phases=()), [OUTSIDE]),
+    "a phase that is not where the samples move": (later_phase, [OUTSIDE]),
+    "a phase in another mode": (
+        other_mode,
+        ["^the samples have another mode than the phase at 0.000 s$"],
+    ),
+    "time that runs backwards": (
+        at_time(lambda t, row: t[row + 1] + 1.0),
+        ["^the time of the samples does not grow$"],
+    ),
+    "time that stands still": (
+        at_time(lambda t, row: t[row + 1]),
+        ["^the time of the samples does not grow$"],
+    ),
+    **{
+        f"a {name} that is no number": (not_a_number(name), [NOT_FINITE.format(name)])
+        for name in ("wheel_rad_s", "temperature_C", "heater_current_A", "heater_setpoint_C")
+    },
+    "a curvature that runs away": (
+        lambda case: case.scaled("v", 1e3),
+        ["re-integration departs from the samples", "limit unit_speed_m_s", "the wheels do not"],
+    ),
 }
 
 
 @both_timings
 @pytest.mark.parametrize("how", SPOILT)
 def test_what_would_not_work_on_the_robot_is_found(case: Case, how: str) -> None:
-    assert not SPOILT[how](case).check().ok
+    spoil, words = SPOILT[how]
+    assert_found(spoil(case), *words)
+
+
+@both_timings
+def test_heaters_left_on_at_the_end_are_found(case: Case) -> None:
+    hot = case.set("heater_setpoint_C", -1, 0, 65.0).set("heater_current_A", -1, 0, 0.3)
+    assert_found(hot, HEATER.format(1))
 
 
 @both_timings
@@ -602,7 +668,8 @@ def test_inputs_that_are_not_finite_are_found(case: Case, value: float) -> None:
     before = signal.signal(signal.SIGALRM, give_up)
     signal.setitimer(signal.ITIMER_REAL, 1.0)
     try:
-        assert not case.set("v", case.first_moving(soft=True), 0, value).check().ok
+        spoilt = case.set("v", case.first_moving(soft=True), 0, value)
+        assert_found(spoilt, NOT_FINITE.format("v"))
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
@@ -620,7 +687,9 @@ def test_hot_metal_does_not_freeze_before_it_has_cooled() -> None:
     assert freeze.onset_s >= 108.0 - 1e-5  # 24 C above the melting point, 4 C take 18 s
     assert case.check().ok
     by = 50.0 - freeze.onset_s
-    assert not case.move(1, "rigid", heater_s=by, onset_s=by, done_s=by).check().ok
+    early = case.move(1, "rigid", heater_s=by, onset_s=by, done_s=by)
+    words = "freezes at 50.000 s, but is still too hot until 108.000 s"
+    assert any(words in problem for problem in early.check().problems)
 
 
 def test_a_reconfiguration_lasts_as_long_as_the_robot_says() -> None:
@@ -643,7 +712,9 @@ def test_a_melt_is_never_excused_by_a_short_cooling() -> None:
     case = case_of(planned_with(robot, quick))
     item = case.transitions[case.find(1, "soft")]
     assert item.done_s - item.heater_s == pytest.approx(100.0)
-    assert not case.move(1, "soft", heater_s=80.0, onset_s=80.0).check().ok
+    short = case.move(1, "soft", heater_s=80.0, onset_s=80.0)
+    words = "changes in 20.000 s instead of 100 s"
+    assert any(words in problem for problem in short.check().problems)
 
 
 def planned_with(robot: Robot, times: SequentialTiming) -> Plan:

@@ -6,7 +6,9 @@
 """
 
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
+from twosra_mpc.model_comparison import compare_models
 from twosra_mpc.modes import Mode
+from twosra_mpc.path_choice import with_path_model
 from twosra_mpc.plan import Plan, Status, load_plan
 from twosra_mpc.planner import Progress, plan
 from twosra_mpc.problem import (
@@ -37,6 +39,7 @@ __all__ = [
     "TwosraError",
     "Weights",
     "__version__",
+    "compare_models",
     "load_plan",
     "load_problem",
     "load_robot",
@@ -44,4 +47,5 @@ __all__ = [
     "robot_names",
     "save_setpoints",
     "scenario_names",
+    "with_path_model",
 ]

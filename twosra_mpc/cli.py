@@ -240,8 +240,13 @@ def _plan_with_progress(problem: Problem) -> Plan:
 
 def _check_writable(target: Path | None) -> None:
     """Refuse an output path before an hour of planning is lost to it."""
-    if target is not None and (target.is_dir() or not os.access(target.parent, os.W_OK)):
+    if target is not None and _cannot_be_written(target):
         raise InputError("output", str(target), "a file path in a folder that can be written")
+
+
+def _cannot_be_written(target: Path) -> bool:
+    folder = target.parent
+    return target.is_dir() or not (folder.is_dir() and os.access(folder, os.W_OK))
 
 
 def _print_summary(result: Plan) -> None:

@@ -141,18 +141,18 @@ def _command_problems(
         worst = int(np.argmax(apart))
         yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
     heater = problem.robot.heater
-    just_after = samples.t_s[:-1] + 2 * TIME_TOLERANCE_S
+    just_after = samples.t_s + 2 * TIME_TOLERANCE_S
+    lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
     for j in (0, 1):
         on = np.full(len(just_after), bool(problem.start_mode[j]))
         for item in (item for item in transitions if item.segment == j + 1):
             on[just_after >= item.heater_s] = item.to == "soft"
         wanted = np.where(on, heater.soft_setpoint_C, heater.rigid_setpoint_C)
-        wrong = (samples.heater_setpoint_C[:-1, j] != wanted) | (
-            (samples.heater_current_A[:-1, j] > 0) != on
+        wrong = (samples.heater_setpoint_C[:, j] != wanted) | (
+            (samples.heater_current_A[:, j] > 0) != on
         )
-        close = np.diff(samples.t_s) < 4 * TIME_TOLERANCE_S
-        if (wrong & ~close).any():
-            when = samples.t_s[:-1][wrong & ~close][0]
+        if (wrong & lasting).any():
+            when = samples.t_s[wrong & lasting][0]
             yield f"at {when:.3f} s heater {j + 1} does not do what the transitions say"
 
 

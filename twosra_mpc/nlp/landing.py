@@ -1,7 +1,7 @@
 """Landing: close the small error that the transcription's steps leave at the goal.
 
 Simplified Newton: the residual comes from the fine roll-out, the derivative from the coarse flow of
-the transcription, and among all corrections the least one (in each phase's own scale) is taken.
+the transcription, and among all corrections the least one, in each interval's own scale, is taken.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ def _least_correction(motion: Motion, error: Array) -> Array:
     flat = motion.inputs.reshape(-1, 5).T
     derivative = _terminal_jacobian(motion.robot, phases * intervals)
     gradient = derivative(motion.states[0, 0], flat, modes.T).full() / STATE_SCALE[:, None]
-    size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=(1, 2))
-    weight = np.repeat(size + 1e-9 * size.max() + 1e-15, intervals * 5)
+    size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=2)
+    resting = size.sum(axis=1) == 0.0  # used only as far as the moving phases cannot help
+    size[resting] = 1e-9 * max(float(size.max()), 1e-6)
+    weight = np.repeat(size.ravel(), 5)
     weight *= np.tile(INPUT_SCALE, phases * intervals) * available_inputs(
         motion.sequence, intervals
     )

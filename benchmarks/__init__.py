@@ -1,0 +1,1 @@
+"""Benchmarks: named problem sets, both planners, one Markdown report."""

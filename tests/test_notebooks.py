@@ -1,0 +1,67 @@
+"""The notebooks run from start to end without a warning, and say what they are saved with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError
+from nbformat import NotebookNode
+from nbformat.v4 import new_code_cell, new_notebook
+
+NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
+LARGEST_BYTES = 1_000_000
+TIMEOUT_S = 50  # of one cell
+
+each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def executed(notebook: NotebookNode, folder: Path) -> NotebookNode:
+    """Run a copy in a fresh kernel, warnings being errors, from an unrelated folder."""
+    strict = new_code_cell("import warnings\nwarnings.simplefilter('error')")
+    lenient = new_code_cell("warnings.simplefilter('default')")  # the kernel's own, as it ends
+    copy = new_notebook(cells=[strict, *notebook.cells, lenient], metadata=notebook.metadata)
+    resources = {"metadata": {"path": str(folder)}}
+    NotebookClient(copy, timeout=TIMEOUT_S, kernel_name="python3", resources=resources).execute()
+    copy.cells = copy.cells[1:-1]
+    return copy
+
+
+def texts(notebook: NotebookNode) -> list[str]:
+    """What the cells print and the tables they show, in order; figures are left out."""
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    shown = [
+        output.get("data", {}).get("text/markdown") or output.get("text") for output in outputs
+    ]
+    return [text for text in shown if text]
+
+
+def test_there_are_notebooks() -> None:
+    assert NOTEBOOKS
+
+
+@each_notebook
+def test_the_notebook_runs_and_says_what_it_is_saved_with(path: Path, tmp_path: Path) -> None:
+    saved = nbformat.read(path, as_version=4)
+    before = texts(saved)
+    assert texts(executed(saved, tmp_path)) == before, f"execute {path.name} again and save it"
+
+
+@each_notebook
+def test_the_notebook_is_saved_as_it_runs_from_start_to_end(path: Path) -> None:
+    saved = nbformat.read(path, as_version=4)
+    cells = [cell for cell in saved.cells if cell.cell_type == "code"]
+    assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell.outputs]
+    assert outputs
+    assert not any(output.output_type == "error" for output in outputs)
+    assert not any(output.get("name") == "stderr" for output in outputs)
+    assert path.stat().st_size < LARGEST_BYTES
+
+
+@pytest.mark.parametrize("code", ["import warnings\nwarnings.warn('told')", "assert False"])
+def test_a_warning_or_an_error_would_be_noticed(code: str, tmp_path: Path) -> None:
+    with pytest.raises(CellExecutionError):
+        executed(new_notebook(cells=[new_code_cell(code)]), tmp_path)
