@@ -513,3 +513,10 @@ def test_an_unknown_format_is_refused_before_planning(
     monkeypatch.setattr(cli, "plan", lambda *a, **k: planned.append(a) or before(*a, **k))
     assert_bad_input(run("plan", "rigid-move", "--plot", "a.xyz"), "output = 'a.xyz'")
     assert not planned
+
+
+@pytest.mark.xfail(reason="C5: the rows of --rate are counted only after --out is written")
+def test_a_rate_of_too_many_rows_writes_nothing(run: Run, tmp_path: Path) -> None:
+    outcome = run("plan", "rigid-move", "--rate", "1e9", "--out", "a.json", "--csv", "a.csv")
+    assert_bad_input(outcome, "rate", "a million rows")
+    assert not list(tmp_path.iterdir())

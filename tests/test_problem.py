@@ -805,7 +805,13 @@ def test_equal_problems_have_equal_hashes() -> None:
 
 @pytest.mark.parametrize(
     ("temperature", "mode"),
-    [(None, (0, 0)), ((60.9, 61.1), (0, 1)), ((85.0, 0.0), (1, 0)), ((70, 65), (1, 1))],
+    [
+        (None, (0, 0)),
+        ((60.9, 61.1), (0, 1)),
+        ((61.1, 60.9), (1, 0)),
+        ((85.0, 0.0), (1, 0)),
+        ((70, 65), (1, 1)),
+    ],
 )
 def test_a_segment_is_soft_above_its_melting_point(
     temperature: tuple[float, float] | None, mode: tuple[int, int]

@@ -455,6 +455,18 @@ def test_metal_that_stays_liquid_too_long_without_heater_is_found(case: Case) ->
     )
 
 
+@nominal_only
+def test_metal_heated_only_briefly_after_melting_stays_liquid_only_briefly(case: Case) -> None:
+    molten = case.transitions[case.find(2, "soft")].done_s
+    freeze = case.transitions[case.find(2, "rigid")]
+    liquid = freeze.onset_s - molten
+    for share, holds in ((3 / 21 + 1e-4, True), (3 / 21 - 1e-3, False)):  # 3 s of heat last 18 s
+        off = molten + share * liquid
+        problems = case.move(2, "rigid", heater_s=off - freeze.heater_s).check().problems
+        said = f"liquid for {freeze.onset_s - off:.3f} s after its heater is off"
+        assert any(said in problem for problem in problems) != holds
+
+
 @paper_only
 @pytest.mark.parametrize(("to", "sleep"), [("soft", 100), ("rigid", 300)])
 def test_a_sleep_that_is_too_short_is_found(case: Case, to: str, sleep: int) -> None:
@@ -675,6 +687,13 @@ def test_inputs_that_are_not_finite_are_found(case: Case, value: float) -> None:
         signal.signal(signal.SIGALRM, before)
 
 
+@nominal_only
+def test_a_motion_that_runs_away_does_not_claim_to_meet_the_goal(case: Case) -> None:
+    result = case.scaled("v", 1e3).check()
+    assert not np.abs(result.goal_error).max() <= 1e-6
+    assert any("goal" in problem for problem in result.problems)
+
+
 def test_hot_metal_does_not_freeze_before_it_has_cooled() -> None:
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
     problem = load_problem(
@@ -702,6 +721,11 @@ def test_a_reconfiguration_lasts_as_long_as_the_robot_says() -> None:
     assert min(heating) == pytest.approx(80.0)  # 380 s of which 300 s cool
     assert found.verification is not None
     assert found.verification.problems == ()
+    case = case_of(found)
+    first = case.transitions[case.find(1, "soft")]
+    assert first.heater_s < 1e-6  # a melt from the cold: no cooling before it
+    quicker = case.move(1, "soft", done_s=-10.0).check().problems
+    assert any("changes in 90.000 s instead of 100 s" in problem for problem in quicker)
 
 
 def test_a_melt_is_never_excused_by_a_short_cooling() -> None:

@@ -103,12 +103,15 @@ class Goal(Value):
         return _read_only([box.x_m, box.y_m, box.phi_rad, *box.kappa_per_m])
 
     def error(self, q: Array) -> Array:
-        """Signed distance of ``q`` to the goal box, shape (5,); 0 inside and where free."""
+        """Signed distance of ``q`` to the goal box, shape (5,); 0 inside and where free.
+
+        Not a number where ``q`` is not finite.
+        """
         difference = q - self.configuration
-        if self.phi_modulo:
+        if self.phi_modulo and math.isfinite(difference[2]):
             difference[2] = math.remainder(difference[2], math.tau)
         outside = np.sign(difference) * np.maximum(np.abs(difference) - self.half_width, 0.0)
-        return np.where(np.isnan(difference), 0.0, outside)
+        return np.where(np.isnan(self.configuration), 0.0, outside)
 
 
 class Weights(Value):
