@@ -221,7 +221,7 @@ def _end_error(error: Any) -> str:
 
 
 def _plan_with_progress(problem: Problem) -> Plan:
-    """Plan with one line of live progress on standard error, shown if it takes over a second."""
+    """Plan with one line of live progress on standard error, where that is a terminal."""
     from rich.console import Console
     from rich.status import Status as Spinner
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -19,6 +20,7 @@ from twosra_mpc.modes import Mode
 from twosra_mpc.problem import Problem
 from twosra_mpc.robot import Robot
 from twosra_mpc.timing import Transition
+from twosra_mpc.validation import named_problem
 from twosra_mpc.version import __version__
 
 Array = NDArray[np.float64]
@@ -218,6 +220,24 @@ class Plan:
         write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")
 
 
+class _PhaseDocument(NamedTuple):
+    mode: tuple[Literal[0, 1], Literal[0, 1]]
+    start_s: float
+    end_s: float
+
+
+class _VerificationDocument(BaseModel):
+    """The types of a plan file's verification; a number that is not finite is written as null."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    max_defect: float | None
+    goal_error: tuple[float | None, ...]
+    limits: dict[str, float]
+    ok: bool
+    problems: tuple[str, ...]
+
+
 class _PlanDocument(BaseModel):
     """The types of a plan file, for reading one back."""
 
@@ -235,10 +255,10 @@ class _PlanDocument(BaseModel):
     lower_bound_s: float | None
     gap: float | None
     cost: Cost | None
-    phases: tuple[Phase, ...]
+    phases: tuple[_PhaseDocument, ...]
     transitions: tuple[Transition, ...]
     samples: dict[str, list[float] | list[list[float]]] | None
-    verification: dict[str, Any] | None
+    verification: _VerificationDocument | None
     stats: dict[str, int | float]
     stopped_early: bool
 
@@ -263,9 +283,8 @@ def load_plan(path: str | Path) -> Plan:
     try:
         return _plan(_PlanDocument.model_validate_json(text), source)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(["plan", *map(str, first["loc"])])
-        raise InputError(field, first["input"], first["msg"], source) from None
+        first = named_problem(_PlanDocument, error.errors()[0])
+        raise first.within("plan", source) from None
     except InputError as error:
         raise error.within("", source) from None
     except (KeyError, TypeError, ValueError) as error:
@@ -278,7 +297,11 @@ def _plan(data: _PlanDocument, source: str) -> Plan:
     checked = data.verification
     arrays = {name: np.array(rows) for name, rows in (data.samples or {}).items()}
     if "mode" in arrays:
+        if not np.isin(arrays["mode"], (0, 1)).all():
+            raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")
         arrays["mode"] = arrays["mode"].astype(np.int64)
+    if "t_s" in arrays and not (np.diff(arrays["t_s"]) > 0).all():
+        raise InputError("plan.samples.t_s", "times that do not grow", "growing times")
     return Plan(
         problem=problem,
         planner=data.planner,
@@ -286,15 +309,15 @@ def _plan(data: _PlanDocument, source: str) -> Plan:
         message=data.message,
         cost=data.cost,
         lower_bound=data.lower_bound_s,
-        phases=data.phases,
+        phases=tuple(Phase(*phase) for phase in data.phases),
         transitions=data.transitions,
         samples=Samples(**arrays) if data.samples is not None else None,
         verification=Verification(
-            **{
-                **checked,
-                "goal_error": tuple(checked["goal_error"]),
-                "problems": tuple(checked["problems"]),
-            }
+            max_defect=math.nan if checked.max_defect is None else checked.max_defect,
+            goal_error=tuple(math.nan if e is None else e for e in checked.goal_error),
+            limits=checked.limits,
+            ok=checked.ok,
+            problems=checked.problems,
         )
         if checked
         else None,
@@ -312,4 +335,11 @@ def _samples_dict(samples: Samples | None) -> dict[str, Any] | None:
 def _verification_dict(verification: Verification | None) -> dict[str, Any] | None:
     if verification is None:
         return None
-    return {**vars(verification), "limits": dict(verification.limits)}
+    defect, errors = verification.max_defect, verification.goal_error
+    return {
+        **vars(verification),
+        "max_defect": defect if math.isfinite(defect) else None,
+        "goal_error": [error if math.isfinite(error) else None for error in errors],
+        "limits": dict(verification.limits),
+        "problems": list(verification.problems),
+    }

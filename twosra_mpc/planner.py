@@ -191,7 +191,9 @@ def _conclude(
         sequence = sequence_name([phase.mode for phase in result.solution.phases])
         message = f"{sequence}: {result.cost:.1f} s, proved within {100 * gap:.2g} % of the best"
         if status is not Status.OPTIMAL:
-            message += f"; {result.ending.value}: {_advice(result.ending)}"
+            message += f"; {result.ending.value}"
+            if result.ending is not Ending.EXHAUSTED:
+                message += f": {_advice(result.ending)}"
     elif lower is None and result.ending is Ending.EXHAUSTED:
         status = Status.INFEASIBLE
         reason = next(iter(tree.unreachable.values()), "no mode sequence is allowed")

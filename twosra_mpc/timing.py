@@ -258,7 +258,7 @@ class Overlapped:
             done = onset + self._plateau(event.to)
             if event.to == "soft":
                 lead = self._first_lead(event.segment) if event.number == 0 else self._melt_lead
-                heater = onset - lead
+                heater = max(0.0, onset - lead)  # not before the start by rounding
                 molten[event.segment] = done
             else:
                 heater = times[layout.heater_off(event.gap, event.segment)]

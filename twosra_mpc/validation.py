@@ -51,7 +51,7 @@ class Value(BaseModel):
             try:
                 super().__init__(**data)
             except ValidationError as error:
-                problems = [_problem(type(self), detail) for detail in error.errors()]
+                problems = [named_problem(type(self), detail) for detail in error.errors()]
                 raise problems[0].among(problems[1:]) from None
 
     @classmethod
@@ -75,7 +75,7 @@ class FrozenDict(dict[Key, Item]):
         return (type(self), (dict(self),))
 
 
-def _problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
+def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     """Turn one of pydantic's error records into an error that names the key the user wrote."""
     location = [str(part) for part in detail["loc"]]
     context = detail.get("ctx", {})

@@ -235,8 +235,12 @@ def _timing_problems(
                 yield f"{name}: before the transition before it is done"
             if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:
                 yield f"{name}: heater, onset and done are out of order"
-            cooled = [other.done_s for other in transitions if other.to == "rigid"]
-            found = _duration_problems(problem, item, None if free == 0 else free, cooled)
+            opposite = [
+                other.done_s if other.to == "rigid" else other.heater_s
+                for other in transitions
+                if other.to != item.to
+            ]
+            found = _duration_problems(problem, item, None if free == 0 else free, opposite)
             yield from (f"{name}: {text}" for text in found)
             stiffness, free = int(item.to == "soft"), item.done_s
         if stiffness != problem.goal.mode[j]:
@@ -245,12 +249,12 @@ def _timing_problems(
 
 
 def _duration_problems(
-    problem: Problem, item: Transition, previous_s: float | None, cooled: Sequence[float]
+    problem: Problem, item: Transition, previous_s: float | None, opposite: Sequence[float]
 ) -> Iterator[str]:
     """``previous_s`` is when the transition before it was done, None for a segment's first one.
 
-    ``cooled`` are the times at which any segment was frozen: heating that begins at one of them may
-    be the second half of a reconfiguration.
+    ``opposite`` are the ends of all freezes for a melt, the starts of all melts for a freeze: where
+    one joins the other they may be the halves of a reconfiguration.
     """
     match problem.transition_times:
         case OverlappedTiming() as times if item.to == "soft":
@@ -258,12 +262,14 @@ def _duration_problems(
         case OverlappedTiming() as times:
             yield from _freeze_problems(problem, times, item, previous_s)
         case SequentialTiming() as times:
-            if item.to == "rigid":
-                least = min(times.freeze_s, times.reconfigure_cool_s)
-            elif any(abs(item.heater_s - when) <= TIME_TOLERANCE_S for when in cooled):
-                least = min(times.heat_s, times.reconfigure_s - times.reconfigure_cool_s)
-            else:
-                least = times.heat_s
+            joint = item.done_s if item.to == "rigid" else item.heater_s
+            least, half = (
+                (times.freeze_s, times.reconfigure_cool_s)
+                if item.to == "rigid"
+                else (times.heat_s, times.reconfigure_s - times.reconfigure_cool_s)
+            )
+            if any(abs(joint - when) <= TIME_TOLERANCE_S for when in opposite):
+                least = min(least, half)
             if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
                 yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
 
