@@ -153,13 +153,13 @@ def fit_paths_command(robot: str, out: Path | None, model: str, plot: Path | Non
         from twosra_mpc.figure_file import check_figure_path
 
         check_figure_path(plot)
-    _print_fits(described)
     if out is not None:
         write_fitted_robot(robot, out, described, model)
     if plot is not None:
         from twosra_mpc.path_figure import plot_paths  # only now: importing matplotlib is slow
 
         plot_paths(described, plot)
+    _print_fits(described)
     return EXIT_PLANNED
 
 
