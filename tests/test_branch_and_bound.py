@@ -170,3 +170,16 @@ def test_the_search_reports_progress_with_a_bound_that_never_falls() -> None:
     lows = [low for _, low in seen]
     assert lows == sorted(lows)
     assert all(low <= 7.0 for low in lows)
+
+
+def test_an_interrupt_while_branching_loses_no_bound() -> None:
+    class Interrupted(RandomTree):
+        def bound(self, node: Path) -> float:
+            if node == (1,):
+                raise KeyboardInterrupt
+            return super().bound(node)
+
+    costs = {(0,): 50.0, (1,): 10.0}
+    result = search(Interrupted(costs, {(): 1.0}, dict(costs), 3))
+    assert result.ending is Ending.INTERRUPTED
+    assert result.lower_bound <= 10.0

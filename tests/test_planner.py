@@ -258,3 +258,67 @@ def test_planning_is_reproducible() -> None:
     assert first.samples is not None
     assert second.samples is not None
     np.testing.assert_array_equal(first.samples.q, second.samples.q)
+
+
+@pytest.mark.parametrize("modes", [[RIGID], [RIGID, SOFT_2], [RIGID, SOFT_1, SOFT_2, SOFT_BOTH]])
+@pytest.mark.parametrize("temperatures", [(64.0, 64.0), (64.0, 25.0), (25.0, 64.0)])
+def test_a_soft_start_may_always_freeze_and_drive(
+    modes: list[tuple[int, int]], temperatures: tuple[float, float]
+) -> None:
+    start = Start(
+        x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(5.0, -5.0), temperature_C=temperatures
+    )
+    result = plan(Problem(robot=ROBOT, start=start, goal=Goal(x_m=0.05), modes=modes))
+    assert result.found
+    assert result.duration_s is not None
+    assert result.duration_s < 252  # cool from 64 C, freeze, drive
+
+
+def test_resting_needs_no_mode() -> None:
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(5.0, -5.0))
+    goal = Goal(x_m=0.0, kappa_per_m=(5.0, -5.0))
+    result = plan(Problem(robot=ROBOT, start=start, goal=goal, modes=[SOFT_1]))
+    assert (result.status, result.duration_s, result.gap) == (Status.OPTIMAL, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("timing", ["nominal", "paper"])
+@pytest.mark.parametrize("temperatures", [(25.0, 25.0), (60.0, 60.0), (64.0, 30.0), (70.0, 64.0)])
+@pytest.mark.parametrize("last", [RIGID, SOFT_1])
+def test_no_plan_costs_less_than_its_bound_with_weights_and_warm_starts(
+    timing: str, temperatures: tuple[float, float], last: tuple[int, int]
+) -> None:
+    base = random_problem(90)
+    start = Start(**{**base.start.model_dump(), "temperature_C": temperatures})
+    goal = Goal(**{**base.goal.model_dump(), "mode": last})
+    weights = {"energy_s_per_J": 1.0, "transition_s": 3.0}
+    problem = Problem(robot=ROBOT, start=start, goal=goal, weights=weights, timing=timing)
+    solver, task = SequenceSolver(problem), bending_task(problem)
+    found = 0
+    for sequence in ((RIGID, SOFT_1, SOFT_2, RIGID), (RIGID, SOFT_2, SOFT_1), (SOFT_BOTH, SOFT_1)):
+        network = transition_model(problem).network(sequence, last)
+        bound = sequence_bound(network, task, problem.weights)
+        if bound is None:
+            continue
+        for cost, _ in solver(network, bound, target=math.inf):
+            found += 1
+            assert bound.cost <= cost + 1e-6
+    assert found > 0
+
+
+def test_a_goal_that_just_touches_is_not_called_impossible() -> None:
+    """Units 0.01 mm apart at the end: legal, and found."""
+    first, second = -40.228444641262875, -75.8745170032458
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(first, second))
+    goal = Goal(kappa_per_m=(first + 5.0, second))
+    result = plan(Problem(robot=ROBOT, start=start, goal=goal, modes=[SOFT_1]))
+    assert result.found
+
+
+def test_a_deadline_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planner_module, "improve", lambda *_: pytest.fail("begun too late"))
+    problem = load_problem("rigid-move", gap=0.0)
+    task = bending_task(problem)
+    network = transition_model(problem).network((RIGID,), RIGID)
+    bound = sequence_bound(network, task, problem.weights)
+    assert bound is not None
+    assert len(list(SequenceSolver(problem, deadline=0.0)(network, bound, target=0.0))) == 1

@@ -69,15 +69,18 @@ def _chain(robot: Robot, intervals: int) -> ca.Function:
 def interval_durations(motion: Motion) -> Array:
     """Least time of each interval within wheel and locomotion unit speeds, (phases, intervals) [s].
 
-    Wheel speeds are those of the start of an interval, where the set-point is given.
+    Wheel speeds are taken at the start, in the middle and at the end of an interval.
     """
     limits = motion.robot.limits
     phases, intervals, _ = motion.inputs.shape
-    q = motion.states[:, :-1].reshape(-1, 5).T
+    before = motion.states[:, :-1].reshape(-1, 5).T
+    after = motion.states[:, 1:].reshape(-1, 5).T
     s = motion.inputs.reshape(-1, 5).T
     modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0).T
-    rolled = wheel_travel(motion.robot).map(phases * intervals)(q, s, modes).full()
-    by_wheel = np.abs(rolled).max(axis=0) / limits.wheel_speed_rad_s
+    travel = wheel_travel(motion.robot).map(phases * intervals)
+    places = (before, (before + after) / 2, after)
+    rolled = np.array([np.abs(travel(q, s, modes).full()).max(axis=0) for q in places])
+    by_wheel = rolled.max(axis=0) / limits.wheel_speed_rad_s
     by_unit = np.abs(s[:2]).max(axis=0) / limits.unit_speed_m_s
     durations: Array = np.maximum(by_wheel, by_unit).reshape(phases, intervals)
     return durations

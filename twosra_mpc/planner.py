@@ -14,7 +14,7 @@ from twosra_mpc.greedy.planner import plan_greedily
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.modes import RIGID, mode_name, sequence_name
-from twosra_mpc.motion import interval_durations
+from twosra_mpc.motion import interval_durations, roll_out
 from twosra_mpc.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
 from twosra_mpc.nlp.guess import guess_motion
 from twosra_mpc.outcome import Verified, finished, verified
@@ -55,7 +55,9 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     if problem.planner == "greedy":
         return plan_greedily(problem)
     started = time.perf_counter()
-    solver = SequenceSolver(problem)
+    if (resting := _rest(problem)) is not None:
+        return resting
+    solver = SequenceSolver(problem, started + problem.time_limit_s)
     tree = ModeTree(
         first=problem.start_mode,
         last=problem.goal.mode,
@@ -82,11 +84,28 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     return _conclude(problem, result, tree, stats)
 
 
+def _rest(problem: Problem) -> Plan | None:
+    """The empty plan, where the start is the goal already."""
+    start = problem.start.configuration
+    if problem.goal.error(start.copy()).any() or problem.start_mode != problem.goal.mode:
+        return None
+    sequence = (problem.start_mode,)
+    network = transition_model(problem).network(sequence, problem.goal.mode)
+    motion = roll_out(problem.robot, start, sequence, np.zeros((1, 1, 5)))
+    candidate = timed(motion, network, problem, iterations=0)
+    assert candidate is not None, "a robot that rests is where it should be"
+    done = verified(problem, candidate, network)
+    message = "the start is the goal: nothing to do"
+    stats = Stats(0.0, 0, 0, 0)
+    return finished(problem, "optimal", done, Status.OPTIMAL, message, stats, lower_bound=0.0)
+
+
 class SequenceSolver:
     """Yields verified plans of one mode sequence: the guess and, if it is not enough, the NLP's."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
         self.problem = problem
+        self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
         self.iterations = 0
 
     def __call__(
@@ -108,6 +127,8 @@ class SequenceSolver:
             yield found
             if found[0] <= target:
                 return
+        if time.perf_counter() > self.deadline:
+            return
         candidate = improve(guess, network, problem)
         self.iterations += candidate.iterations if candidate else 0
         yield from self._checked(candidate, network)
@@ -196,12 +217,15 @@ def _conclude(
                 message += f": {_advice(result.ending)}"
     elif lower is None and result.ending is Ending.EXHAUSTED:
         status = Status.INFEASIBLE
-        reason = next(iter(tree.unreachable.values()), "no mode sequence is allowed")
+        reasons = [tree.unreachable.get(tree.root()), *tree.unreachable.values()]
+        reason = next(filter(None, reasons), "no mode sequence is allowed")
         modes = ", ".join(mode_name(mode) for mode in problem.modes)
         message = f"proved infeasible: {reason}; allowed modes are {modes}"
     else:
         status = Status.FAILED
-        message = f"no plan found ({result.ending.value}): {_advice(result.ending)}"
+        tried = f"{result.solved} mode sequences tried"
+        why = tried if result.ending is Ending.EXHAUSTED else result.ending.value
+        message = f"no plan found ({why}): {_advice(result.ending)}"
     early = result.ending in (Ending.LIMIT, Ending.INTERRUPTED)
     return finished(
         problem, "optimal", result.solution, status, message, stats, lower, stopped_early=early

@@ -153,7 +153,7 @@ class Problem(Value):
     def _some_mode(cls, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
         if not modes:
             raise InputError("", modes, "at least one mode, e.g. [[0, 0], [1, 0]]")
-        return modes
+        return tuple(dict.fromkeys(modes))  # a mode given twice is one mode
 
     @model_validator(mode="after")
     def _consistent(self) -> Problem:

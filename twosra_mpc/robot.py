@@ -173,6 +173,9 @@ class Heater(Value):
             current = float(getattr(self, name))
             if current > self.current_max_A:
                 raise InputError(name, current, f"at most current_max_A ({self.current_max_A:g} A)")
+        if self.hold_current_A > self.melt_current_A:
+            allowed = f"at most melt_current_A ({self.melt_current_A:g} A)"
+            raise InputError("hold_current_A", self.hold_current_A, allowed)
         return self
 
 
@@ -251,7 +254,7 @@ class Robot(Value):
         return self
 
     def __hash__(self) -> int:
-        return hash(self.model_dump_json())
+        return hash((self.name, self.geometry.segment_length_m, self.path.model))
 
 
 def load_robot(source: str | Path) -> Robot:

@@ -74,7 +74,8 @@ def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
         before = all(mode == RIGID for mode in sequence[:phase])
         after = all(mode == RIGID for mode in sequence[phase:])
         shape = problem.start.configuration if before else problem.goal.configuration
-        if not (before or after) or np.isnan(shape[3:]).any():
+        loose = not before and bool(problem.goal.half_width[3:].any())
+        if not (before or after) or loose or np.isnan(shape[3:]).any():
             return True
         return bool(shape_margins(problem.robot, shape[3:]).wheel_independence[0] >= 0)
 

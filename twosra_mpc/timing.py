@@ -215,6 +215,7 @@ class Overlapped:
         least = _phase_order(layout)
         holds: list[tuple[int, int, float]] = []
         melts = freezes = 0
+        heated = 0.0
         previous = layout.origin
         for event in _events(sequence, self.first, last):
             onset = layout.onset(event.gap, event.segment)
@@ -226,6 +227,8 @@ class Overlapped:
                 least[previous, onset] = self.times.freeze_changing_s + self._melt_lead
             if event.to == "soft":
                 melts += 1
+                lead = self._first_lead(event.segment) if event.number == 0 else self._melt_lead
+                heated += lead + self.times.melt_changing_s
             else:
                 freezes += 1
                 off = layout.heater_off(event.gap, event.segment)
@@ -243,7 +246,7 @@ class Overlapped:
             holds=tuple(holds),
             melts=melts,
             freezes=freezes,
-            melt_energy_J=melts * self.times.melt_s * _power(self.heater, "melt"),
+            melt_energy_J=heated * _power(self.heater, "melt"),
             hold_power_W=_power(self.heater, "hold"),
         )
 
@@ -291,11 +294,14 @@ class Sequential:
         layout = EventLayout(len(sequence))
         least = _phase_order(layout)
         melts = freezes = 0
+        heated = 0.0
+        reheat = self.times.reconfigure_s - self.times.reconfigure_cool_s
         for gap, (before, after) in enumerate(self._gaps(sequence, last)):
             least[layout.end(gap - 1), layout.start(gap)] = self._wait(before, after)
             if before != after:
                 freezes += sum(before)
                 melts += sum(after)
+                heated += sum(after) * (self.times.heat_s if before == RIGID else reheat)
         return TemporalNetwork(
             sequence=sequence,
             layout=layout,
@@ -303,7 +309,7 @@ class Sequential:
             holds=(),
             melts=melts,
             freezes=freezes,
-            melt_energy_J=melts * self.times.heat_s * _power(self.heater, "melt"),
+            melt_energy_J=heated * _power(self.heater, "melt"),
             hold_power_W=_power(self.heater, "hold"),
         )
 

@@ -27,7 +27,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = {0: 1, 1: 200, 2: 40}  # boxes per curvature range, by number of unknown curvatures
-_CERTAIN_M = 1e-4  # overlap that the grid of the inverse (0.08 1/m) cannot feign
+_CERTAIN_M = 1e-4  # overlap that interpolating the inverse (below 1e-6 m) cannot feign
 _PIECES = 40  # pieces of a bend whose least time is proved
 
 
@@ -64,16 +64,17 @@ class Bending:
         """
         pieces = bend * np.linspace(0.0, 1.0, _PIECES + 1)
         edges = [self._curvature(origin[j] + mode[j] * pieces) for j in (0, 1)]
-        if self._collides(edges):
+        if self._collides([origin[j] + mode[j] * pieces for j in (0, 1)]):
             return np.inf
         lower = np.array([np.minimum(edge[:-1, 0], edge[1:, 0]) for edge in edges])
         upper = np.array([np.maximum(edge[:-1, 1], edge[1:, 1]) for edge in edges])
         rates = _largest_rate(self.robot, mode, lower, upper)
         return float(np.sum(abs(bend) / _PIECES / rates))
 
-    def _collides(self, edges: list[Array]) -> bool:
-        """Whether the locomotion units overlap in a shape the bend must pass, by over 0.1 mm."""
-        shapes = np.array([edge.mean(axis=1) for edge in edges])
+    def _collides(self, coordinates: list[Array]) -> bool:
+        """Whether the units overlap by over 0.1 mm in one of the shapes with these W."""
+        kappa, table = _inverse_table(self.robot)
+        shapes = np.array([np.interp(w, table, kappa) for w in coordinates])
         gaps = kinematics(self.robot).shape_margins.map(shapes.shape[1])(shapes).full()[0]
         return bool(gaps.min() < self.robot.limits.unit_gap_m - _CERTAIN_M)
 
@@ -125,8 +126,11 @@ def _largest_rate(robot: Robot, mode: Mode, lower: Array, upper: Array) -> Array
     """Enclosed maximum of abs(dW/dt) in each box of curvatures, both units at full speed."""
     low, high = enclose(_rates(robot, mode), lower, upper)
     per_travel: Array = np.maximum(np.abs(low), np.abs(high)).sum(axis=0)
-    wheel = robot.limits.wheel_speed_rad_s * robot.geometry.wheel_radius_m
-    return per_travel * min(robot.limits.unit_speed_m_s, wheel)
+    speed = robot.limits.unit_speed_m_s
+    if path_model(robot).wheel_map == "paper":  # there a side wheel rolls as far as its unit goes
+        wheel = robot.limits.wheel_speed_rad_s * robot.geometry.wheel_radius_m
+        speed = min(speed, wheel)
+    return np.where(np.isnan(per_travel), np.inf, per_travel) * speed
 
 
 @lru_cache(maxsize=512)

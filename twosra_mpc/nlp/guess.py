@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 
 _FLOW_STEPS = 64
 _TRAVEL_LIMIT_M = 10.0
-_CURVATURE_SEARCHED = 200.0  # 1/m; no fibre bends so far
 
 
 def guess_motion(
@@ -72,17 +71,20 @@ def bending_travel(
     """Travel of each locomotion unit [m], both at equal speed, that changes W by ``bend``."""
     flow = interval_flow(robot, _FLOW_STEPS)
     segment = mode.index(1)
+    beyond = 2 * robot.limits.curvature_per_m
     target = coordinate(q[3 + segment]) + bend
 
     def excess(travel: float) -> float:
         end = float(flow(q, [travel, travel, 0.0, 0.0, 0.0], mode).full()[3 + segment, 0])
-        if not abs(end) <= _CURVATURE_SEARCHED:  # spirals bend ever faster; also when not a number
+        if not abs(end) <= beyond:  # spirals bend ever faster; also when not a number
             return math.copysign(1.0, travel)
         return coordinate(end) - target
 
     reach = math.copysign(0.01, bend)
     while abs(reach) < _TRAVEL_LIMIT_M and excess(reach) * bend < 0:
         reach *= 2
+    if excess(0.0) * excess(reach) > 0:  # out of reach: a guess may be wrong
+        return reach
     return float(brentq(excess, 0.0, reach, xtol=1e-12))
 
 

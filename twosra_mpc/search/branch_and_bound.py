@@ -114,19 +114,22 @@ def branch_and_bound(
             if out_of_time():
                 return result(Ending.LIMIT)
             entry = queue[0]
-            if entry.branch:
+            if entry.branch:  # the entry stays in the queue until all that follows it is known
+                opened: list[_Entry[Node]] = []
                 children = tree.children(entry.node)
                 leaf_bound = tree.leaf_bound(entry.node)
-                heapq.heappop(queue)
-                bounded += math.isfinite(leaf_bound)
                 if math.isfinite(leaf_bound):
-                    leaf_bound = max(leaf_bound, entry.bound)
-                    heapq.heappush(queue, _Entry(leaf_bound, False, next(order), entry.node))
-                if children is None:
-                    kept = min(kept, entry.bound)
+                    bounded += 1
+                    bound = max(leaf_bound, entry.bound)
+                    opened.append(_Entry(bound, False, next(order), entry.node))
                 for child in children or ():
                     bound = max(tree.bound(child), entry.bound)
-                    heapq.heappush(queue, _Entry(bound, True, next(order), child))
+                    opened.append(_Entry(bound, True, next(order), child))
+                for one in opened:
+                    heapq.heappush(queue, one)
+                kept = min(kept, entry.bound) if children is None else kept
+                queue.remove(entry)
+                heapq.heapify(queue)
             else:
                 for found in tree.solve(entry.node, entry.bound / (1 - gap)):
                     best = min(best, found, key=lambda one: one[0])

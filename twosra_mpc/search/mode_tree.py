@@ -61,8 +61,9 @@ class ModeTree(Generic[Solution]):
 
     def leaf(self, node: ModeSequence) -> ModeSequence | None:
         """The complete sequence a node stands for, or None if another node stands for it."""
-        if self.last == RIGID and RIGID in self.modes and node != self.root():
-            return None if node[-1] == RIGID else (*node, RIGID)
+        opening = node == (RIGID,) and self.first == RIGID
+        if self.last == RIGID and RIGID in self.modes and not opening:
+            return None if node and node[-1] == RIGID else (*node, RIGID)
         return node or None
 
     def bound(self, node: ModeSequence) -> float:

@@ -91,9 +91,13 @@ def _bound_to(
 ) -> float:
     """Best bound of the form above for one interval of goal headings, relative to the start's."""
     near = min(max(0.0, goal[0]), goal[1])  # what must be turned in any case
+    # A faster motion turns by less than reach in all: away from the way to ``near`` and back by
+    # half of what is left, or on into the goal's interval and no further.
     spare = max(0.0, (reach - abs(near)) / 2)
-    low, high = min(0.0, near) - spare, max(0.0, near) + spare
-    edges = _panels([low, min(0.0, near), max(0.0, near), high])
+    low = min(min(0.0, near) - spare, max(goal[0], -reach))
+    high = max(max(0.0, near) + spare, min(goal[1], reach))
+    marks = {low, min(0.0, near), max(0.0, near), high, *np.clip(goal, low, high).tolist()}
+    edges = _panels(sorted(marks))
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     between = (middle > min(0.0, near)) & (middle < max(0.0, near))
     uncertain = (middle > goal[0]) & (middle < goal[1])
