@@ -130,20 +130,25 @@ def transcribe(robot: Robot, phases: int, intervals: int, steps: int) -> Transcr
         "independence": margins[1, nodes[:, 0].tolist()] - robot.limits.wheel_independence,
         "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
     }
-    rows: dict[str, slice] = {}
-    g: list[ca.MX] = []
-    for name, block in blocks.items():
-        first = sum(part.numel() for part in g)
-        g.append(ca.vec(block))
-        rows[name] = slice(first, first + block.numel())
+    g, rows = _stacked(blocks)
     objective = ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs)
     nlp = {
         "x": ca.vertcat(ca.vec(states), ca.vec(inputs), times),
         "p": ca.vertcat(ca.vec(modes), cost, rho),
         "f": objective,
-        "g": ca.vertcat(*g),
+        "g": g,
     }
     return Transcription(robot, layout, intervals, nlp, rows)
+
+
+def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:
+    """Stack named blocks of constraints into one vector; where each of them lies."""
+    rows: dict[str, slice] = {}
+    first = 0
+    for name, block in blocks.items():
+        rows[name] = slice(first, first + block.numel())
+        first += block.numel()
+    return ca.vertcat(*[ca.vec(block) for block in blocks.values()]), rows
 
 
 @lru_cache(maxsize=32)
