@@ -21,6 +21,7 @@ side wheel rolls v_j, the others rest) or the exact map.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -64,8 +65,35 @@ class PathModel(Protocol):
         """Case III: d alpha / d s of either segment, divided by its ``share``."""
 
 
+class FittedCurves(ABC):
+    """Path models that replace the paths of cases I, II and III by fitted curves.
+
+    Each segment bends at a rate of its own curvature alone, whatever the other one does.
+    """
+
+    @abstractmethod
+    def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
+        """Bending angle per travel on the curve of case I, II or III (k = 0, 1, 2) [rad/m]."""
+
+    @property
+    def wheel_map(self) -> Literal["paper", "exact"]:
+        return "paper"
+
+    def adjacent(self, soft: ca.SX) -> ca.SX:
+        return self._rate(0, soft)
+
+    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
+        return self._rate(1, soft)
+
+    def share(self, alpha: ca.SX) -> ca.SX:
+        return self._rate(2, alpha)
+
+    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
+        return ca.SX(1)
+
+
 @dataclass(frozen=True)
-class LogSpiral:
+class LogSpiral(FittedCurves):
     """The paper's spirals in autonomous form: q_0 of its Algorithm 1 is the current q.
 
     rho_k = a_k exp(-b_k (abs(alpha) / m_k + pi)), d alpha / d s = m_k / rho_k (eq. kappa). The
@@ -79,10 +107,6 @@ class LogSpiral:
     @property
     def speed(self) -> str:
         return "fibre end along its spiral (eq. kappa), taken as a side wheel's rolling speed"
-
-    @property
-    def wheel_map(self) -> Literal["paper", "exact"]:
-        return "paper"
 
     def _radius(self, k: int, alpha: ca.SX) -> ca.SX:
         eps = self.path.smoothing_rad
@@ -100,21 +124,9 @@ class LogSpiral:
         turn = alpha - alpha / m
         return arm * ca.sin(turn), arm * ca.cos(turn)
 
-    def adjacent(self, soft: ca.SX) -> ca.SX:
-        return self._rate(0, soft)
-
-    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
-        return self._rate(1, soft)
-
-    def share(self, alpha: ca.SX) -> ca.SX:
-        return self._rate(2, alpha)
-
-    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
-        return ca.SX(1)
-
 
 @dataclass(frozen=True)
-class Cardioid:
+class Cardioid(FittedCurves):
     """The follow-up robot's cardioids r_k = 2 a_k (1 - cos phi_k), as meant.
 
     d phi / d s = 1 / r leaves out the factor sin(phi / 2) of the true arc length; the displacement
@@ -126,10 +138,6 @@ class Cardioid:
     @property
     def speed(self) -> str:
         return "fibre end about the cusp of its cardioid, taken as a side wheel's rolling speed"
-
-    @property
-    def wheel_map(self) -> Literal["paper", "exact"]:
-        return "paper"
 
     def _angle(self, k: int, alpha: ca.SX) -> ca.SX:
         return math.pi + self.path.phi_per_alpha[k] * alpha
@@ -143,18 +151,6 @@ class Cardioid:
         arm = self.path.phi_per_alpha[0] * 4 * self.path.radius_m[0] * ca.sin(phi / 2)
         turn = alpha - 1.5 * (phi - math.pi)
         return arm * ca.sin(turn), arm * ca.cos(turn)
-
-    def adjacent(self, soft: ca.SX) -> ca.SX:
-        return self._rate(0, soft)
-
-    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
-        return self._rate(1, soft)
-
-    def share(self, alpha: ca.SX) -> ca.SX:
-        return self._rate(2, alpha)
-
-    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
-        return ca.SX(1)
 
 
 @dataclass(frozen=True)
