@@ -217,7 +217,7 @@ def test_the_path_model_overrides_that_of_the_robot(
         asked.append(problem)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "plan", stop)
+    monkeypatch.setattr(planning, "plan", stop)
     assert run("plan", "rigid-move", "--path-model", "arc").code == 4
     (problem,) = asked
     expected = load_problem("rigid-move")
@@ -295,7 +295,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_planning(
     run: Run, option: str, target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    monkeypatch.setattr(cli, "plan", lambda *_, **__: pytest.fail("planned in vain"))
+    monkeypatch.setattr(planning, "plan", lambda *_, **__: pytest.fail("planned in vain"))
     outcome = run("plan", "rigid-move", option, target)
     assert_bad_input(outcome, f"twosra: output = '{target}'", "a folder that can be written")
 
@@ -303,8 +303,8 @@ def test_an_output_that_cannot_be_written_is_refused_before_planning(
 def test_a_folder_without_permission_is_refused_before_planning(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cli.os, "access", lambda *_: False)
-    monkeypatch.setattr(cli, "plan", lambda *_, **__: pytest.fail("planned in vain"))
+    monkeypatch.setattr(output.os, "access", lambda *_: False)
+    monkeypatch.setattr(planning, "plan", lambda *_, **__: pytest.fail("planned in vain"))
     assert_bad_input(run("plan", "rigid-move", "--out", "a.json"), "output = 'a.json'")
 
 
@@ -432,14 +432,14 @@ def test_an_interrupt_outside_the_search_has_no_plan(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "plan", interrupt)
+    monkeypatch.setattr(planning, "plan", interrupt)
     code, out, err = run("plan", "paper-1")
     assert (code, out) == (4, "")
     assert err == "twosra: interrupted before there was a plan"
 
 
 def test_a_termination_is_an_interrupt(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cli, "plan", lambda *_, **__: signal.raise_signal(signal.SIGTERM))
+    monkeypatch.setattr(planning, "plan", lambda *_, **__: signal.raise_signal(signal.SIGTERM))
     code, _, err = run("plan", "paper-1")
     assert code == 4
     assert "interrupted" in err
@@ -512,8 +512,8 @@ def test_an_unknown_format_is_refused_before_planning(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     planned: list[object] = []
-    before = cli.plan
-    monkeypatch.setattr(cli, "plan", lambda *a, **k: planned.append(a) or before(*a, **k))
+    before = planning.plan
+    monkeypatch.setattr(planning, "plan", lambda *a, **k: planned.append(a) or before(*a, **k))
     assert_bad_input(run("plan", "rigid-move", "--plot", "a.xyz"), "output = 'a.xyz'")
     assert not planned
 

@@ -4,27 +4,103 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.modes import Mode
 from twosra_mpc.problem import Problem
-from twosra_mpc.robot import Heater, OverlappedTiming, SequentialTiming
+from twosra_mpc.robot import Heater, OverlappedTiming, SequentialTiming, ThermalTiming
+from twosra_mpc.thermal.course import Course
 from twosra_mpc.timing import Transition
+from twosra_mpc.timing.choice import thermal_transitions
 
 Array = NDArray[np.float64]
 
 _NEVER = np.inf
 
 
+class SegmentHeating(Protocol):
+    """One segment's heater and state over time; times in s, arrays of the times' shape."""
+
+    def event_times(self) -> list[float]:
+        """Times at which set-point, current or state change [s]."""
+
+    def setpoint_C(self, t: Array) -> Array:
+        """Temperature set-point from each time to the next [C]."""
+
+    def current_A(self, t: Array) -> Array:
+        """Heater current from each time to the next [A]."""
+
+    def temperature(self, t: Array) -> Array:
+        """Expected temperature [C]."""
+
+    def melt_fraction(self, t: Array) -> Array:
+        """Expected melt fraction, from 0 (solid) to 1 (liquid)."""
+
+    def soft(self, t: Array) -> NDArray[np.bool_]:
+        """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
+
+    def energy_J(self, until_s: float) -> float:
+        """Heater energy from t = 0."""
+
+
 @dataclass(frozen=True)
-class SegmentHeating:
-    """One segment's heater and state over time.
+class ThermalHeating:
+    """Heater and state by the thermal model.
+
+    Attributes:
+        course: Heater and state, piece by piece.
+        soft_at_start: Whether the segment is liquid at t = 0.
+        transitions: The segment's transitions in order.
+    """
+
+    course: Course
+    soft_at_start: bool
+    transitions: tuple[Transition, ...]
+
+    def event_times(self) -> list[float]:
+        times = [t for item in self.transitions for t in item[2:]]
+        return times + [t for t in self.course.event_times() if t > 0]
+
+    def setpoint_C(self, t: Array) -> Array:
+        return self.course.setpoint_C(t)
+
+    def current_A(self, t: Array) -> Array:
+        return self.course.current_A(t)
+
+    def temperature(self, t: Array) -> Array:
+        return self.course.temperature_C(t)
+
+    def melt_fraction(self, t: Array) -> Array:
+        return self.course.melt_fraction(t)
+
+    def soft(self, t: Array) -> NDArray[np.bool_]:
+        return soft_over_time(self.transitions, self.soft_at_start, t)
+
+    def energy_J(self, until_s: float) -> float:
+        return self.course.energy_J(until_s)
+
+
+def soft_over_time(
+    transitions: Sequence[Transition], soft_at_start: bool, t: Array
+) -> NDArray[np.bool_]:
+    """Whether a segment with these transitions is liquid, at each time."""
+    value = np.full(t.shape, soft_at_start)
+    for item in transitions:
+        value[t >= (item.done_s if item.to == "soft" else item.onset_s)] = item.to == "soft"
+    return value
+
+
+@dataclass(frozen=True)
+class ConstantHeating:
+    """Heater and state for constant transition times: a curve drawn through their events.
 
     Attributes:
         heater: Heater description.
         times: Transition times of the robot, which shape the temperature curve.
+        ambient_C: Temperature of the air.
         soft_at_start: Whether the segment is liquid at t = 0.
         temperature_C: Temperature at t = 0.
         transitions: The segment's transitions in order.
@@ -32,12 +108,12 @@ class SegmentHeating:
 
     heater: Heater
     times: OverlappedTiming | SequentialTiming
+    ambient_C: float
     soft_at_start: bool
     temperature_C: float
     transitions: tuple[Transition, ...]
 
     def event_times(self) -> list[float]:
-        """Times at which set-point, current or state change [s]."""
         changes = [t for item in self.transitions for t in item[2:]]
         return changes + [molten + self._superheat_s for _, molten, _ in self._heated()]
 
@@ -55,14 +131,12 @@ class SegmentHeating:
         return periods
 
     def setpoint_C(self, t: Array) -> Array:
-        """Temperature set-point from each time to the next [C]."""
         value = np.full(t.shape, self.heater.rigid_setpoint_C)
         for on, _, off in self._heated():
             value[(t >= on) & (t < off)] = self.heater.soft_setpoint_C
         return value
 
     def current_A(self, t: Array) -> Array:
-        """Heater current from each time to the next: melt, then hold [A]."""
         value = np.zeros(t.shape)
         for on, molten, off in self._heated():
             hot = molten + self._superheat_s if molten > on else molten
@@ -75,18 +149,20 @@ class SegmentHeating:
         return self.times.superheat_s if isinstance(self.times, OverlappedTiming) else 0.0
 
     def soft(self, t: Array) -> NDArray[np.bool_]:
-        """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
-        value = np.full(t.shape, self.soft_at_start)
+        return soft_over_time(self.transitions, self.soft_at_start, t)
+
+    def melt_fraction(self, t: Array) -> Array:
+        knots = [(0.0, float(self.soft_at_start))]
         for item in self.transitions:
-            value[t >= (item.done_s if item.to == "soft" else item.onset_s)] = item.to == "soft"
+            soft = float(item.to == "soft")
+            knots += [(item.onset_s, 1.0 - soft), (item.done_s, soft)]
+        value: Array = np.interp(t, [k[0] for k in knots], [k[1] for k in knots])
         return value
 
-    def changing(self, t: Array) -> NDArray[np.bool_]:
-        """Whether the segment is between the onset and the end of a transition."""
-        value = np.zeros(t.shape, dtype=bool)
-        for item in self.transitions:
-            value |= (t >= item.onset_s) & (t < item.done_s)
-        return value
+    def energy_J(self, until_s: float) -> float:
+        times = np.unique([0.0, until_s, *(t for t in self.event_times() if 0 < t < until_s)])
+        squared = self.current_A(times[:-1]) ** 2
+        return float(self.heater.resistance_ohm * (squared @ np.diff(times)))
 
     def temperature(self, t: Array) -> Array:
         """Expected temperature [C]: through the events of the transitions, relaxing in between."""
@@ -98,7 +174,7 @@ class SegmentHeating:
         return value
 
     def _relaxed(self, initial: float, elapsed: Array) -> Array:
-        ambient = self.heater.ambient_C
+        ambient = self.ambient_C
         decay: Array = np.exp(-elapsed / self.heater.cooling_time_constant_s)
         return ambient + (initial - ambient) * decay
 
@@ -145,7 +221,7 @@ class SegmentHeating:
             reached = min(since + self._superheat_s, until)
             knots = [(reached, target)]
         else:
-            above, over = before - self.heater.ambient_C, target - self.heater.ambient_C
+            above, over = before - self.ambient_C, target - self.ambient_C
             cooling = self.heater.cooling_time_constant_s * float(np.log(above / over))
             times = np.linspace(0.0, min(cooling, until - since), 9)
             knots = [(since + float(t), float(self._relaxed(before, t))) for t in times[1:]]
@@ -173,10 +249,23 @@ def segment_heating(
 ) -> tuple[SegmentHeating, SegmentHeating]:
     """Split a plan's transitions by segment."""
     start: Mode = problem.start_mode
+    times = problem.transition_times
+    if isinstance(times, ThermalTiming):
+        model = thermal_transitions(problem)
+        one, two = (
+            ThermalHeating(
+                course=model.course(j, transitions),
+                soft_at_start=bool(start[j]),
+                transitions=tuple(item for item in transitions if item.segment == j + 1),
+            )
+            for j in (0, 1)
+        )
+        return one, two
     first, second = (
-        SegmentHeating(
+        ConstantHeating(
             heater=problem.robot.heater,
-            times=problem.transition_times,
+            times=times,
+            ambient_C=problem.ambient,
             soft_at_start=bool(start[j]),
             temperature_C=problem.temperatures[j],
             transitions=tuple(item for item in transitions if item.segment == j + 1),

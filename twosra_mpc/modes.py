@@ -6,9 +6,11 @@ A mode is the pair sigma = (s1, s2); s_j = 1 when segment j is soft (liquid), 0 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 Mode = tuple[int, int]
 ModeSequence = tuple[Mode, ...]
+Stiffness = Literal["soft", "rigid"]
 
 RIGID: Mode = (0, 0)
 SOFT_2: Mode = (0, 1)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from twosra_mpc.heating import segment_heating
 from twosra_mpc.nlp.fixed_sequence import Candidate
 from twosra_mpc.plan import Cost, Phase, Plan, Samples, Stats, Status, Verification
 from twosra_mpc.problem import Problem
@@ -30,7 +30,7 @@ def verified(problem: Problem, candidate: Candidate, network: TemporalNetwork) -
     layout, times = network.layout, [float(t) for t in candidate.times]
     sequence, durations = network.sequence, candidate.durations
     model = transition_model(problem)
-    transitions = tuple(model.transitions(sequence, problem.goal.mode, times))
+    transitions = tuple(model.transitions(network, times))
     starts = [times[layout.start(i)] for i in range(layout.phases)]
     phases = tuple(
         Phase(mode, start, start + float(length))
@@ -43,19 +43,19 @@ def verified(problem: Problem, candidate: Candidate, network: TemporalNetwork) -
         phases=phases,
         transitions=transitions,
         samples=samples,
-        cost=_cost(problem, samples, len(transitions)),
+        cost=_cost(problem, samples, transitions),
         verification=verify(problem, samples, phases, transitions),
     )
 
 
-def _cost(problem: Problem, samples: Samples, transitions: int) -> Cost:
-    """Cost of what will be executed, from the samples themselves."""
-    seconds = float(samples.t_s[-1])
-    squared = (samples.heater_current_A[:-1] ** 2).sum(axis=1)
-    energy = float(problem.robot.heater.resistance_ohm * (squared @ np.diff(samples.t_s)))
-    weights = problem.weights
-    total = seconds + weights.energy_s_per_J * energy + weights.transition_s * transitions
-    return Cost(total, seconds, energy, transitions)
+def _cost(problem: Problem, samples: Samples, transitions: Sequence[Transition]) -> Cost:
+    """Cost of what will be executed."""
+    seconds, count = float(samples.t_s[-1]), len(transitions)
+    heating = segment_heating(problem, transitions)
+    energy = sum(item.energy_J(seconds) for item in heating)
+    weights = problem.cost_weights
+    total = seconds + weights.energy_s_per_J * energy + weights.transition_s * count
+    return Cost(total, seconds, energy, count)
 
 
 def finished(

@@ -65,6 +65,7 @@ class Samples:
         mode: 1 where a segment is liquid, (n, 2).
         wheel_rad_s: Wheel speeds, (n, 4).
         temperature_C: Expected temperature of the segments, (n, 2).
+        melt_fraction: Expected melt fraction of the segments, 0 solid, 1 liquid, (n, 2).
         heater_setpoint_C: Temperature set-points, (n, 2).
         heater_current_A: Feed-forward heater currents, (n, 2).
     """
@@ -75,6 +76,7 @@ class Samples:
     mode: NDArray[np.int64]
     wheel_rad_s: Array
     temperature_C: Array
+    melt_fraction: Array
     heater_setpoint_C: Array
     heater_current_A: Array
 
@@ -177,6 +179,11 @@ class Plan:
         if self.cost.total == 0.0:
             return 0.0
         return max(0.0, (self.cost.total - self.lower_bound) / self.cost.total)
+
+    @property
+    def moving_s(self) -> float:
+        """Time spent in motion phases."""
+        return sum(phase.end_s - phase.start_s for phase in self.phases)
 
     def require(self) -> Plan:
         """Return this plan if it is verified.

@@ -65,7 +65,7 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
         max_phases=problem.max_phases,
         timing=transition_model(problem),
         task=bending_task(problem),
-        weights=problem.weights,
+        weights=problem.cost_weights,
         rigid_time=lambda: rigid_time(problem),
         solver=solver,
     )
@@ -90,7 +90,7 @@ def _rest(problem: Problem) -> Plan | None:
     if problem.goal.error(start.copy()).any() or problem.start_mode != problem.goal.mode:
         return None
     sequence = (problem.start_mode,)
-    network = transition_model(problem).network(sequence, problem.goal.mode)
+    network = transition_model(problem).network(sequence, problem.goal.mode, [0.0])
     motion = roll_out(problem.robot, start, sequence, np.zeros((1, 1, 5)))
     candidate = timed(motion, network, problem, iterations=0)
     assert candidate is not None, "a robot that rests is where it should be"

@@ -16,8 +16,16 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
-from twosra_mpc.modes import MODES, RIGID, Mode
-from twosra_mpc.robot import OverlappedTiming, Robot, SequentialTiming, load_robot
+from twosra_mpc.modes import MODES, RIGID, SOFT_BOTH, Mode
+from twosra_mpc.robot import (
+    OverlappedTiming,
+    Robot,
+    SequentialTiming,
+    ThermalTiming,
+    load_robot,
+)
+from twosra_mpc.segment import TwoNodeSegment
+from twosra_mpc.thermal.model import segment_model
 from twosra_mpc.validation import ModeField, NonNegative, Number, Pair, Positive, Value, plain
 
 Array = NDArray[np.float64]
@@ -114,6 +122,9 @@ class Goal(Value):
         return np.where(np.isnan(self.configuration), 0.0, outside)
 
 
+_LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's duration
+
+
 class Weights(Value):
     """Weights of the cost, which is in seconds: duration counts 1."""
 
@@ -122,7 +133,15 @@ class Weights(Value):
 
 
 class Problem(Value):
-    """A complete planning problem (``planner`` chooses the optimal or the greedy planner)."""
+    """A complete planning problem (``planner`` chooses the optimal or the greedy planner).
+
+    ``ambient_C`` is the temperature of the air, the robot file's unless told otherwise. The heaters
+    always start as late as the plan allows. ``heating`` says what counts beyond that: "fastest",
+    time and the given weights; "least_energy", heater energy first and time second; "keep_warm" as
+    fastest, and solid segments are kept warm between soft phases where that costs less. At most
+    ``heaters_at_once`` heaters are on at a time. ``transition_quantile`` reserves windows that hold
+    this share of early and of late transitions, given the ranges of the robot's parameters.
+    """
 
     description: str = ""
     robot: Robot
@@ -131,6 +150,10 @@ class Problem(Value):
     goal: Goal
     weights: Weights = Weights()
     timing: str = "nominal"
+    ambient_C: Number | None = None
+    heating: Literal["fastest", "least_energy", "keep_warm"] = "fastest"
+    heaters_at_once: Annotated[int, Field(ge=1, le=2), BeforeValidator(plain)] = 2
+    transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
     modes: Annotated[tuple[ModeField, ...], BeforeValidator(plain)] = MODES
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 6
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
@@ -164,15 +187,11 @@ class Problem(Value):
 
     def _contradictions(self) -> Iterator[InputError]:
         """Yield every value that the robot does not allow."""
-        robot, heater = self.robot, self.robot.heater
+        robot = self.robot
         if self.timing not in robot.timing:
             names = ", ".join(robot.timing)
             yield InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
-        limit, low, high = (
-            robot.limits.curvature_per_m,
-            heater.temperature_min_C,
-            heater.temperature_max_C,
-        )
+        limit = robot.limits.curvature_per_m
         for j in (0, 1):
             for where, q in (
                 ("start", self.start.configuration),
@@ -181,34 +200,91 @@ class Problem(Value):
                 if abs(q[3 + j]) > limit:
                     allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
-            now, field = self.temperatures[j], f"start.temperature_C.{j}"
+        yield from self._impossible_temperatures()
+        if self.heaters_at_once == 1 and self.start_mode == SOFT_BOTH:
+            yield InputError("heaters_at_once", 1, "2: both segments are liquid at the start")
+        if self._thermal:
+            yield from self._too_weak_a_heater()
+        elif self.timing in robot.timing:
+            constant = f"only with a thermal timing; {self.timing} has constant times"
+            if self.heating == "keep_warm":
+                yield InputError("heating", self.heating, constant)
+            if self.transition_quantile is not None:
+                yield InputError("transition_quantile", self.transition_quantile, constant)
+
+    def _impossible_temperatures(self) -> Iterator[InputError]:
+        heater, name = self.robot.heater, self.robot.name
+        low, high = heater.temperature_min_C, heater.temperature_max_C
+        solid, liquid = self.stiffness_thresholds_C
+        if not low <= self.ambient < solid:
+            allowed = f"from {low:g} to below {solid:g} C, where the metal of {name} melts"
+            yield InputError("ambient_C", self.ambient, allowed)
+            return
+        for j, now in enumerate(self.temperatures):
+            field = f"start.temperature_C.{j}"
             if not low <= now <= high:
-                yield InputError(field, now, f"from {low:g} to {high:g} C (robot {robot.name})")
-            if now == heater.melting_point_C:
-                allowed = (
-                    f"not exactly the melting point {heater.melting_point_C:g} C: solid or liquid?"
-                )
+                yield InputError(field, now, f"from {low:g} to {high:g} C (robot {name})")
+            elif solid < now < liquid:
+                allowed = f"at most {solid:g} C (solid) or at least {liquid:g} C (liquid)"
                 yield InputError(field, now, allowed)
+            elif now == heater.melting_point_C == solid:
+                allowed = f"not exactly the melting point {solid:g} C: solid or liquid?"
+                yield InputError(field, now, allowed)
+
+    def _too_weak_a_heater(self) -> Iterator[InputError]:
+        heater, model = self.robot.heater, segment_model(self.robot, self.ambient)
+        setpoint = model.level_at(heater.soft_setpoint_C)
+        coldest = model.initial(min(self.ambient, *self.temperatures))
+        if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
+            allowed = (
+                f"a current that heats to the set-point {heater.soft_setpoint_C:g} C "
+                f"in air of {self.ambient:g} C"
+            )
+            yield InputError("robot.heater.melt_current_A", heater.melt_current_A, allowed)
 
     def with_robot(self, robot: Robot) -> Problem:
         """Return the same problem for another robot, validated anew."""
         return Problem(**{**dict(self), "robot": robot})
 
     @property
+    def _thermal(self) -> bool:
+        return isinstance(self.robot.timing.get(self.timing), ThermalTiming)
+
+    @property
+    def ambient(self) -> float:
+        """Temperature of the air [C]."""
+        return self.robot.heater.ambient_C if self.ambient_C is None else self.ambient_C
+
+    @property
     def temperatures(self) -> tuple[float, float]:
         """Temperatures of the two segments at t = 0 [C]."""
-        ambient = self.robot.heater.ambient_C
-        return self.start.temperature_C or (ambient, ambient)
+        return self.start.temperature_C or (self.ambient, self.ambient)
+
+    @property
+    def stiffness_thresholds_C(self) -> tuple[float, float]:
+        """Temperatures up to which a segment is solid, and from which on it is liquid [C]."""
+        segment = self.robot.segment
+        if self._thermal and isinstance(segment, TwoNodeSegment):
+            return segment.solid_below_C, segment.liquid_above_C
+        return self.robot.heater.melting_point_C, self.robot.heater.melting_point_C
 
     @property
     def start_mode(self) -> Mode:
         """Stiffness at t = 0: a segment above its melting point is soft."""
-        melting = self.robot.heater.melting_point_C
+        solid, liquid = self.stiffness_thresholds_C
         first, second = self.temperatures
-        return int(first > melting), int(second > melting)
+        return int(first > solid and first >= liquid), int(second > solid and second >= liquid)
 
     @property
-    def transition_times(self) -> OverlappedTiming | SequentialTiming:
+    def cost_weights(self) -> Weights:
+        """The weights, with energy before time where ``heating`` asks for it."""
+        if self.heating != "least_energy":
+            return self.weights
+        energy = max(self.weights.energy_s_per_J, _LEAST_ENERGY_S_PER_J)
+        return self.weights.model_copy(update={"energy_s_per_J": energy})
+
+    @property
+    def transition_times(self) -> OverlappedTiming | SequentialTiming | ThermalTiming:
         """The set of transition times that ``timing`` names."""
         return self.robot.timing[self.timing]
 

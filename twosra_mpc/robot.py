@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.segment import Segment
 from twosra_mpc.validation import FrozenDict, NonNegative, Number, Positive, Triple, Value, plain
 
 
@@ -227,11 +228,22 @@ class SequentialTiming(Value):
         return self
 
 
-Timing = Annotated[OverlappedTiming | SequentialTiming, Field(discriminator="overlap")]
+class ThermalTiming(Value):
+    """Times from the thermal model of the segments; transitions may overlap, as in "full"."""
+
+    overlap: Literal["thermal"]
+
+
+Timing = Annotated[
+    OverlappedTiming | SequentialTiming | ThermalTiming, Field(discriminator="overlap")
+]
 
 
 class Robot(Value):
-    """A complete robot description. ``timing`` maps a name to a set of transition times."""
+    """A complete robot description. ``timing`` maps a name to a set of transition times.
+
+    ``segment`` describes how both segments warm and cool; timing "thermal" needs it.
+    """
 
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
@@ -239,6 +251,7 @@ class Robot(Value):
     path: Annotated[LogSpiralPath | ArcPath | CardioidPath, Field(discriminator="model")]
     limits: MotionLimits
     heater: Heater
+    segment: Segment | None = None
     timing: Annotated[dict[str, Timing], Field(min_length=1), AfterValidator(FrozenDict)]
 
     @model_validator(mode="after")
@@ -251,6 +264,14 @@ class Robot(Value):
                 f"{self.path.model} ends (a bending angle of {most:.3f} rad)"
             )
             raise InputError("limits.curvature_per_m", self.limits.curvature_per_m, allowed)
+        return self
+
+    @model_validator(mode="after")
+    def _thermal_timing_has_a_segment(self) -> Robot:
+        thermal = [name for name, t in self.timing.items() if isinstance(t, ThermalTiming)]
+        if thermal and self.segment is None:
+            needed = f"a table of keys: timing {thermal[0]} takes its times from it"
+            raise InputError("segment", "missing", needed)
         return self
 
     def __hash__(self) -> int:

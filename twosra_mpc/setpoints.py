@@ -36,6 +36,7 @@ COLUMNS = [
     *("heater1_C", "heater2_C", "current1_A", "current2_A"),
     *("x_m", "y_m", "phi_rad", "kappa1_per_m", "kappa2_per_m"),
     *("temperature1_C", "temperature2_C"),
+    *("melt_fraction1", "melt_fraction2"),
 ]
 
 
@@ -85,6 +86,7 @@ def sample(
         mode=mode,
         wheel_rad_s=_wheel_speeds(motion.robot, q, v, mode),
         temperature_C=np.column_stack([item.temperature(t) for item in heating]),
+        melt_fraction=np.column_stack([item.melt_fraction(t) for item in heating]),
         heater_setpoint_C=np.column_stack([item.setpoint_C(just_after) for item in heating]),
         heater_current_A=np.column_stack([item.current_A(just_after) for item in heating]),
     )
@@ -153,6 +155,7 @@ def rows(samples: Samples, rate_Hz: float | None, robot: Robot) -> tuple[list[st
             samples.heater_current_A,
             samples.q,
             samples.temperature_C,
+            samples.melt_fraction,
         ]
     )
     return COLUMNS.copy(), table
@@ -183,6 +186,7 @@ def _resampled(samples: Samples, rate_Hz: float, robot: Robot) -> Samples:
         modes = samples.mode[at][moving]
         q[moving] = flow(q[moving].T, travel[moving].T, modes.T).full().T
     temperature = [np.interp(t, samples.t_s, samples.temperature_C[:, j]) for j in (0, 1)]
+    fraction = [np.interp(t, samples.t_s, samples.melt_fraction[:, j]) for j in (0, 1)]
     return Samples(
         t_s=t,
         q=q,
@@ -190,6 +194,7 @@ def _resampled(samples: Samples, rate_Hz: float, robot: Robot) -> Samples:
         mode=samples.mode[at],
         wheel_rad_s=samples.wheel_rad_s[at],
         temperature_C=np.column_stack(temperature),
+        melt_fraction=np.column_stack(fraction),
         heater_setpoint_C=samples.heater_setpoint_C[at],
         heater_current_A=samples.heater_current_A[at],
     )

@@ -112,4 +112,8 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     return InputError(field, given, phrase)
 
 
-_UNION_TAGS = {"none", "full", "log_spiral", "log_spiral_corrected", "arc", "cardioid"}
+_UNION_TAGS = {
+    *("none", "full", "thermal"),
+    *("log_spiral", "log_spiral_corrected", "arc", "cardioid"),
+    *("lumped", "two_node"),
+}

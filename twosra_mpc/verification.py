@@ -6,7 +6,6 @@ as they will be written to the file, the kinematics, and the robot description.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
@@ -18,15 +17,15 @@ from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travel
 from twosra_mpc.modes import mode_name
 from twosra_mpc.plan import Phase, Samples, Verification
 from twosra_mpc.problem import COORDINATE_UNITS, COORDINATES, Problem
-from twosra_mpc.robot import OverlappedTiming, SequentialTiming
+from twosra_mpc.robot import ThermalTiming
 from twosra_mpc.shape import shape_margins
 from twosra_mpc.timing import Transition
+from twosra_mpc.transition_check import TIME_TOLERANCE_S, transition_problems
 
 Array = NDArray[np.float64]
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
-TIME_TOLERANCE_S = 1e-5
 RELATIVE_TOLERANCE = 1e-7  # of a limit
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
@@ -52,7 +51,7 @@ def verify(
         *_stiffness_problems(problem, samples, transitions),
         *_coverage_problems(samples, phases, transitions),
         *_command_problems(problem, samples, transitions),
-        *_timing_problems(problem, phases, transitions),
+        *transition_problems(problem, samples, phases, transitions),
     ]
     return Verification(
         max_defect=defect,
@@ -140,20 +139,23 @@ def _command_problems(
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
         yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
-    heater = problem.robot.heater
+    heater, (solid_below_C, _) = problem.robot.heater, problem.stiffness_thresholds_C
     just_after = samples.t_s + 2 * TIME_TOLERANCE_S
     lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
     for j in (0, 1):
         on = np.full(len(just_after), bool(problem.start_mode[j]))
         for item in (item for item in transitions if item.segment == j + 1):
             on[just_after >= item.heater_s] = item.to == "soft"
-        wanted = np.where(on, heater.soft_setpoint_C, heater.rigid_setpoint_C)
-        wrong = (samples.heater_setpoint_C[:, j] != wanted) | (
-            (samples.heater_current_A[:, j] > 0) != on
-        )
+        setpoint = samples.heater_setpoint_C[:, j]
+        wrong = np.where(on, setpoint != heater.soft_setpoint_C, setpoint > solid_below_C)
+        if not isinstance(problem.transition_times, ThermalTiming):  # else replaying them will tell
+            wrong |= (samples.heater_current_A[:, j] > 0) != on
         if (wrong & lasting).any():
             when = samples.t_s[wrong & lasting][0]
             yield f"at {when:.3f} s heater {j + 1} does not do what the transitions say"
+    both = (samples.heater_current_A > 0).all(axis=1) & lasting
+    if problem.heaters_at_once == 1 and both.any():
+        yield f"at {samples.t_s[both][0]:.3f} s both heaters are on"
 
 
 def _motion_problems(defect: float, goal_error: Array) -> Iterator[str]:
@@ -216,96 +218,3 @@ def _stiffness_problems(
     rigid = samples.mode[moving].max(axis=1, initial=0) == 0
     if samples.v[moving][rigid][:, :2].any() or samples.v[moving][~rigid][:, 2:].any():
         yield "an input acts that the mode does not have"
-
-
-def _timing_problems(
-    problem: Problem, phases: Sequence[Phase], transitions: Sequence[Transition]
-) -> Iterator[str]:
-    """Order and duration of the transitions of each segment, and the stiffness at the end."""
-    for before, after in itertools.pairwise(phases):
-        if after.start_s < before.end_s - TIME_TOLERANCE_S:
-            yield f"the phase at {after.start_s:.3f} s starts before the one before it has ended"
-    for j in (0, 1):
-        stiffness, free = problem.start_mode[j], 0.0
-        for item in (item for item in transitions if item.segment == j + 1):
-            name = f"segment {j + 1} to {item.to} at {item.heater_s:.3f} s"
-            if (item.to == "soft") == bool(stiffness):
-                yield f"{name}: it is {item.to} already"
-            if item.heater_s < free - TIME_TOLERANCE_S:
-                yield f"{name}: before the transition before it is done"
-            if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:
-                yield f"{name}: heater, onset and done are out of order"
-            opposite = [
-                other.done_s if other.to == "rigid" else other.heater_s
-                for other in transitions
-                if other.to != item.to
-            ]
-            found = _duration_problems(problem, item, None if free == 0 else free, opposite)
-            yield from (f"{name}: {text}" for text in found)
-            stiffness, free = int(item.to == "soft"), item.done_s
-        if stiffness != problem.goal.mode[j]:
-            wanted = "soft" if problem.goal.mode[j] else "rigid"
-            yield f"segment {j + 1} does not end {wanted}"
-
-
-def _duration_problems(
-    problem: Problem, item: Transition, previous_s: float | None, opposite: Sequence[float]
-) -> Iterator[str]:
-    """``previous_s`` is when the transition before it was done, None for a segment's first one.
-
-    ``opposite`` are the ends of all freezes for a melt, the starts of all melts for a freeze: where
-    one joins the other they may be the halves of a reconfiguration.
-    """
-    match problem.transition_times:
-        case OverlappedTiming() as times if item.to == "soft":
-            yield from _melt_problems(problem, times, item, first=previous_s is None)
-        case OverlappedTiming() as times:
-            yield from _freeze_problems(problem, times, item, previous_s)
-        case SequentialTiming() as times:
-            joint = item.done_s if item.to == "rigid" else item.heater_s
-            least, half = (
-                (times.freeze_s, times.reconfigure_cool_s)
-                if item.to == "rigid"
-                else (times.heat_s, times.reconfigure_s - times.reconfigure_cool_s)
-            )
-            if any(abs(joint - when) <= TIME_TOLERANCE_S for when in opposite):
-                least = min(least, half)
-            if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
-                yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
-
-
-def _melt_problems(
-    problem: Problem, times: OverlappedTiming, item: Transition, first: bool
-) -> Iterator[str]:
-    heater, least = problem.robot.heater, times.melt_s - times.melt_changing_s
-    if first:
-        now = problem.temperatures[item.segment - 1]
-        span = heater.melting_point_C - heater.ambient_C
-        least *= (heater.melting_point_C - now) / span
-    if item.onset_s - item.heater_s < least - TIME_TOLERANCE_S:
-        lead = item.onset_s - item.heater_s
-        yield f"heated for {lead:.3f} s before melting instead of {least:.3f} s"
-    yield from _plateau_problems(item, times.melt_changing_s)
-
-
-def _freeze_problems(
-    problem: Problem, times: OverlappedTiming, item: Transition, previous_s: float | None
-) -> Iterator[str]:
-    heater, whole = problem.robot.heater, times.freeze_s - times.freeze_changing_s
-    lag, stored = item.onset_s - item.heater_s, 1.0
-    if previous_s is not None:
-        stored = min(1.0, (item.heater_s - previous_s) / times.superheat_s)
-    if lag > stored * whole + TIME_TOLERANCE_S:
-        yield f"liquid for {lag:.3f} s after its heater is off: it would freeze earlier"
-    if previous_s is None:
-        above = problem.temperatures[item.segment - 1] - heater.melting_point_C
-        least = whole * above / (heater.soft_setpoint_C - heater.melting_point_C)
-        if item.onset_s < least - TIME_TOLERANCE_S:
-            yield f"freezes at {item.onset_s:.3f} s, but is still too hot until {least:.3f} s"
-    yield from _plateau_problems(item, times.freeze_changing_s)
-
-
-def _plateau_problems(item: Transition, least: float) -> Iterator[str]:
-    changing = item.done_s - item.onset_s
-    if changing < least - TIME_TOLERANCE_S:
-        yield f"on the plateau for {changing:.3f} s instead of {least:g} s"

@@ -103,19 +103,23 @@ def plan_greedily(problem: Problem) -> Plan:
     phases = _phases(path) or [(problem.start_mode, [np.zeros(5)])]
     sequence = tuple(mode for mode, _ in phases)
     outcome: Verified | None = None
-    if path.ending is GreedyEnding.REACHED:
+    timing = transition_model(problem)
+    refusal = timing.refusal(sequence, problem.goal.mode)
+    if path.ending is GreedyEnding.REACHED and refusal is None:
         longest = max((len(steps) for _, steps in phases), default=1)
         inputs = np.zeros((len(phases), longest, 5))
         for i, (_, steps) in enumerate(phases):
             inputs[i, : len(steps)] = steps
         motion = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
-        network = transition_model(problem).network(sequence, problem.goal.mode)
+        network = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
         candidate = timed(motion, network, problem, iterations=0)
         outcome = verified(problem, candidate, network) if candidate else None
     stats = Stats(time.perf_counter() - started, 0, 0, 0)
     if outcome is None:
         reason = path.ending.value
-        if path.ending is GreedyEnding.REACHED:
+        if refusal is not None:
+            reason = refusal
+        elif path.ending is GreedyEnding.REACHED:
             limits = problem.robot.limits
             reason = (
                 f"its path leaves the curvature limit of {limits.curvature_per_m:g} 1/m or brings "

@@ -16,12 +16,13 @@ from twosra_mpc.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.problem import Problem
 from twosra_mpc.search.bounds import cost_coefficients, schedule
 from twosra_mpc.shape import may_drive, shape_margins
-from twosra_mpc.timing import TemporalNetwork
+from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
 
 INTERVALS = 10
 _STEPS = 2
+_SETTLING_ROUNDS = 60
 _STILL = 1e-9  # m or rad an interval; landing may leave a resting phase with as little
 _MAX_ITERATIONS = 150
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
@@ -62,14 +63,12 @@ class Candidate:
         motion: The landed motion.
         durations: Least time of each interval, (phases, intervals) [s].
         times: Event times of the temporal network [s].
-        cost: Cost in s.
         iterations: Iterations of the nonlinear program spent on it.
     """
 
     motion: Motion
     durations: Array
     times: Array
-    cost: float
     iterations: int
 
 
@@ -84,9 +83,24 @@ def timed(
     if landed is None or not _shapes_allowed(landed):
         return None
     durations = interval_durations(landed)
-    times = schedule(network, durations.sum(axis=1), problem.weights)
-    coefficients, constant = cost_coefficients(network, problem.weights)
-    return Candidate(landed, durations, times, float(coefficients @ times) + constant, iterations)
+    times = _settled_schedule(network, durations.sum(axis=1), problem)
+    if times is None:
+        return None
+    return Candidate(landed, durations, times, iterations)
+
+
+def _settled_schedule(network: TemporalNetwork, durations: Array, problem: Problem) -> Array | None:
+    """Event times that what happens before each transition allows; None if none are found."""
+    model = transition_model(problem)
+    for _ in range(_SETTLING_ROUNDS):
+        times = schedule(network, durations, problem.cost_weights)
+        if times is None:
+            return None
+        settled = model.settle(network, times.tolist())
+        if settled is None:
+            return times
+        network = settled
+    return None
 
 
 def _shapes_allowed(motion: Motion) -> bool:
@@ -110,8 +124,10 @@ def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candid
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     program, solver = ipopt(robot, phases, intervals, _STEPS, _MAX_ITERATIONS)
     durations = interval_durations(guess).max(axis=1) * intervals
-    times = schedule(network, durations, problem.weights)
-    cost, _ = cost_coefficients(network, problem.weights)
+    times = schedule(network, durations, problem.cost_weights)
+    if times is None:
+        return None
+    cost, _ = cost_coefficients(network, problem.cost_weights)
     lower, upper = _decision_bounds(program, network, problem, guess)
     g_lower, g_upper = _constraint_bounds(program, network)
     solution = solver(

@@ -20,7 +20,7 @@ anything is bounded by ``rigid_motion.least_time`` as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +64,17 @@ class BendingTask:
     least_time: Callable[[Mode, tuple[float, float], float], float]
     shape: str
 
+    def must_bend(self, segment: int) -> bool:
+        """Whether the goal asks for another curvature of ``segment`` (0 or 1)."""
+        low, high = self.change[segment]
+        return not low - self.slack <= 0 <= high + self.slack
+
+    @property
+    def slack(self) -> float:
+        """Change of W too small to need a soft phase."""
+        scale = max(abs(value) for pair in self.change for value in pair)
+        return REACH_TOLERANCE * max(scale, 1e-6)
+
 
 @dataclass(frozen=True)
 class SequenceBound:
@@ -86,16 +97,13 @@ def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
     The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and mode
     [1,1] changes W_1 and W_2 by the same amount.
     """
-    scale = max(abs(value) for pair in task.change for value in pair)
-    slack = REACH_TOLERANCE * max(scale, 1e-6)
     soft = {mode for mode in sequence if any(mode)}
     for j in (0, 1):
-        low, high = task.change[j]
-        if not any(mode[j] for mode in soft) and not low - slack <= 0 <= high + slack:
+        if not any(mode[j] for mode in soft) and task.must_bend(j):
             return f"segment {j + 1} must bend ({task.shape}) but is rigid in every phase"
     if soft == {SOFT_BOTH}:
         (low_1, high_1), (low_2, high_2) = task.change
-        if max(low_1, low_2) > min(high_1, high_2) + slack:
+        if max(low_1, low_2) > min(high_1, high_2) + task.slack:
             return (
                 f"mode {mode_name(SOFT_BOTH)} alone bends both segments together and cannot reach "
                 f"this shape ({task.shape}): segment 1 or 2 must also be bent alone"
@@ -104,7 +112,10 @@ def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
 
 
 def sequence_bound(
-    network: TemporalNetwork, task: BendingTask, weights: Weights
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    least_durations: Sequence[float],
 ) -> SequenceBound | None:
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
     layout, n = network.layout, network.layout.phases
@@ -121,9 +132,7 @@ def sequence_bound(
 
     for (u, v), least in network.least.items():
         at_least({v: 1.0, u: -1.0}, least)
-    for i, least in enumerate(_least_durations(network.sequence, task)):
-        if np.isinf(least):
-            return None
+    for i, least in enumerate(least_durations):
         at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
     for i, mode in enumerate(network.sequence):
         rate = task.rate(mode, _known_curvatures(network.sequence, i, task)) if any(mode) else 0.0
@@ -152,8 +161,8 @@ def sequence_bound(
     return SequenceBound(value + constant, times=x[: layout.count], bends=x[layout.count :])
 
 
-def _least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
-    """Least durations of the phases where the task leaves no choice of bends, else zeros.
+def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
+    """Least durations of the phases where the task leaves no choice of bends, else zeros [s].
 
     With at most two soft phases of different modes and a given shape at the end, the bends are the
     unique solution of two linear equations, and with them the shapes before and after each phase.
@@ -192,21 +201,19 @@ def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array
     """Cost of a sequence as a linear function of its event times: (coefficients, constant)."""
     objective = np.zeros(network.layout.count)
     objective[network.layout.finish] = 1.0
-    hold = weights.energy_s_per_J * network.hold_power_W
     constant = weights.energy_s_per_J * network.melt_energy_J
     constant += weights.transition_s * (network.melts + network.freezes)
-    for u, off, shift in network.holds:
-        objective[off] += hold
-        objective[u] -= hold
-        constant -= hold * shift
+    for since, until, power in network.holds:
+        objective[until] += weights.energy_s_per_J * power
+        objective[since] -= weights.energy_s_per_J * power
     return objective, constant
 
 
-def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Array:
+def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Array | None:
     """Event times of least cost for given phase durations [s], shape (events,).
 
     Among equally good schedules: segments are held liquid for the shortest time (heat as late as
-    the motion allows), then phases start early.
+    the motion allows), then phases start early. None if the constraints contradict each other.
     """
     least = dict(network.least)
     for i, duration in enumerate(durations):
@@ -217,13 +224,12 @@ def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Ar
         matrix[row, u] += 1.0
         matrix[row, v] -= 1.0
     objective, _ = cost_coefficients(network, weights)
-    for u, off, _shift in network.holds:
-        objective[off] += 1e-5
-        objective[u] -= 1e-5
+    for since, until, _power in network.holds:
+        objective[until] += 1e-5
+        objective[since] -= 1e-5
     for i in range(network.layout.phases):
         objective[network.layout.start(i)] += 1e-7
         objective[network.layout.end(i)] += 1e-7
     bounds = [*[(0.0, None)] * (network.layout.count - 1), (0.0, 0.0)]
     optimum = minimise(objective, matrix, -np.array(list(least.values())), bounds)
-    assert optimum is not None, "a temporal network without cycles always has a schedule"
-    return optimum[1]
+    return None if optimum is None else optimum[1]

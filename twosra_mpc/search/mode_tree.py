@@ -17,6 +17,7 @@ from twosra_mpc.problem import Weights
 from twosra_mpc.search.bounds import (
     BendingTask,
     SequenceBound,
+    least_durations,
     sequence_bound,
     unreachable_reason,
 )
@@ -74,13 +75,45 @@ class ModeTree(Generic[Solution]):
             return math.inf
         if not node:
             return 0.0
-        settled = self.last if self.last == RIGID else node[-1]
-        network = self.timing.network(node, settled)
-        return earliest_times(network)[network.layout.finish] + self._fixed_cost(network)
+        if (reason := self.timing.refusal(node, node[-1])) is not None:
+            self.unreachable[node] = reason
+            return math.inf
+        missing = [j for j in (0, 1) if self._must_still_soften(node, j)]
+        least = self._least_time(node)
+        for j in missing:
+            first = [self._least_time((*node, mode)) for mode in self.modes if mode[j]]
+            least = max(least, min(first, default=math.inf))
+        return least + self._least_fixed_cost(node, missing)
 
-    def _fixed_cost(self, network: TemporalNetwork) -> float:
-        energy = self.weights.energy_s_per_J * network.melt_energy_J
-        return energy + self.weights.transition_s * (network.melts + network.freezes)
+    def _must_still_soften(self, node: ModeSequence, segment: int) -> bool:
+        """Whether every completion of ``node`` melts a segment that was solid all the time."""
+        solid = not self.first[segment] and not any(mode[segment] for mode in node)
+        return solid and self.task.must_bend(segment)
+
+    def _network(self, sequence: ModeSequence) -> TemporalNetwork:
+        settled = self.last if self.last == RIGID else sequence[-1]
+        return self.timing.network(sequence, settled, [0.0] * len(sequence))
+
+    def _least_time(self, sequence: ModeSequence) -> float:
+        """Duration of the transitions of ``sequence``, which every completion has to make too.
+
+        Phases put in between add transitions, or spread those of one gap over several; they take
+        none away.
+        """
+        if self.timing.refusal(sequence, sequence[-1]) is not None:
+            return math.inf
+        network = self._network(sequence)
+        return earliest_times(network)[network.layout.finish]
+
+    def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
+        """Cost of the melts and freezes of ``node`` and of those that must still follow."""
+        network = self._network(node)
+        energy, count = network.melt_energy_J, network.melts + network.freezes
+        for j in missing:
+            mode = (1 - j, j)
+            energy += self.timing.network((mode,), mode, [0.0]).melt_energy_J
+            count += 1 + (self.last[j] == 0)
+        return self.weights.energy_s_per_J * energy + self.weights.transition_s * count
 
     def children(self, node: ModeSequence) -> list[ModeSequence] | None:
         """Append every other allowed mode; None when that would exceed ``max_phases``."""
@@ -98,7 +131,14 @@ class ModeTree(Generic[Solution]):
         if (reason := unreachable_reason(leaf, self.task)) is not None:
             self.unreachable[leaf] = reason
             return math.inf
-        bound = sequence_bound(self.timing.network(leaf, self.last), self.task, self.weights)
+        if (reason := self.timing.refusal(leaf, self.last)) is not None:
+            self.unreachable[leaf] = reason
+            return math.inf
+        durations = least_durations(leaf, self.task)
+        bound = None
+        if all(map(math.isfinite, durations)):
+            network = self.timing.network(leaf, self.last, durations)
+            bound = sequence_bound(network, self.task, self.weights, durations)
         if bound is None:
             self.unreachable[leaf] = (
                 f"{sequence_name(leaf)} cannot reach this shape within the shape limits"
@@ -114,4 +154,5 @@ class ModeTree(Generic[Solution]):
         leaf = self.leaf(node)
         if leaf is None:
             return ()
-        return self.solver(self.timing.network(leaf, self.last), self._bounds[leaf], target)
+        network = self.timing.network(leaf, self.last, [0.0] * len(leaf))
+        return self.solver(network, self._bounds[leaf], target)

@@ -1,0 +1,1 @@
+"""Melting and freezing of one segment: models, uncertainty, sensor, controller. Plain numbers."""

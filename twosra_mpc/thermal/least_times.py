@@ -1,0 +1,186 @@
+"""What no heating of a segment can undercut, whatever happened to it before.
+
+The proofs rest on comparison: of two states of a segment, the one that is nowhere colder stays
+nowhere colder under equal current, so it reaches a warmer level no later, and a colder one no
+earlier. Until it is first heated a segment that is solid at t = 0 stays between the colder and the
+warmer of its start temperature and ambient.
+
+* First melt: heating at once from the state at t = 0 reaches the plateau as early as possible.
+  When it does, the rest of the segment is no warmer than after heating the warmest start for as
+  long as the coldest start needs, and the plateau takes least from there.
+* First freeze: switching off at once reaches the plateau, and its end, as early as possible.
+* Further melts begin when the freeze before them is done, at best with no heating needed, and with
+  the rest of the segment as warm as the hottest soft state can make it.
+* Freezes: with the rest as cold as the shortest melt from the coldest start leaves it, warmed
+  by metal at its threshold for no longer than the phases in between must take. Where a window is
+  reserved, metal that melts when expected is heated on until the window ends; as much of the
+  coasting as that surely brings widens the window of the freeze.
+* Energy: that of the fastest melt; while liquid, the loss at the threshold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from twosra_mpc.thermal.heating_plan import HeatingPlan
+from twosra_mpc.thermal.model import SegmentModel, State
+
+_FOR_EVER_S = 1e9
+
+
+@dataclass(frozen=True)
+class LeastTimes:
+    """Proved least times, powers and energies of one segment.
+
+    Attributes:
+        heating: How it is heated.
+        temperature_C: Its temperature at t = 0.
+    """
+
+    heating: HeatingPlan
+    temperature_C: float
+
+    @property
+    def _model(self) -> SegmentModel:
+        return self.heating.model
+
+    @property
+    def _start(self) -> State:
+        return self._model.initial(self.temperature_C)
+
+    @property
+    def _coldest(self) -> State:
+        return self._model.initial(min(self.temperature_C, self._model.ambient_C))
+
+    @property
+    def _warmest(self) -> State:
+        return self._model.initial(max(self.temperature_C, self._model.ambient_C))
+
+    @property
+    def _hottest(self) -> State:
+        """Nowhere colder than any state of the segment."""
+        model = self._model
+        held = model.hold(model.initial(self.heating.soft_setpoint_C), _FOR_EVER_S)
+        return tuple(map(max, held, self._start))
+
+    def _heating_s(self, state: State, level: float) -> float:
+        return self._model.time_until(state, self.heating.melt_current_A, level)
+
+    def _plateau_s(self, state: State) -> float:
+        """Time through the plateau, the rest of the segment being as in ``state``."""
+        onset = self._model.at_level(state, self._model.solid_level)
+        return self._heating_s(onset, self._model.liquid_level)
+
+    @cached_property
+    def first_lead_s(self) -> float:
+        """Heater on at t = 0 to the onset of melting."""
+        return self.heating.lead_s(self._start)
+
+    @cached_property
+    def warmest_lead_s(self) -> float:
+        """Heater on to the onset of a first melt, whenever it is switched on."""
+        return self.heating.lead_s(self._warmest)
+
+    @cached_property
+    def _first_onset(self) -> State:
+        """Nowhere colder than any state at the onset of the first melt, but for the core."""
+        longest = self._heating_s(self._coldest, self._model.solid_level)
+        return self._model.propagate(self._warmest, self.heating.melt_current_A, longest)
+
+    @cached_property
+    def first_melting_s(self) -> float:
+        """Onset to end of a first melt."""
+        windows = self.heating.windows
+        spread = windows.melt_late * self._heating_s(self._warmest, self._model.solid_level)
+        spread -= self.warmest_lead_s
+        return windows.melt_late * self._plateau_s(self._first_onset) + spread
+
+    @cached_property
+    def melting_s(self) -> float:
+        """Onset to end of any further melt."""
+        return self.heating.windows.melt_late * self._plateau_s(self._hottest)
+
+    @cached_property
+    def first_energy_J(self) -> float:
+        """Heater energy of a first melt."""
+        lead = self._heating_s(self._warmest, self._model.solid_level)
+        current = self.heating.melt_current_A
+        return self._model.energy_J(self._warmest, current, lead) + self._plateau_J(
+            self._first_onset
+        )
+
+    @cached_property
+    def energy_J(self) -> float:
+        """Heater energy of any further melt."""
+        return self._plateau_J(self._hottest)
+
+    def _plateau_J(self, state: State) -> float:
+        onset = self._model.at_level(state, self._model.solid_level)
+        return self._model.energy_J(onset, self.heating.melt_current_A, self._plateau_s(state))
+
+    @cached_property
+    def liquid_power_W(self) -> float:
+        """Mean heater power from the end of a melt to the onset of the next freeze."""
+        return self._model.least_power_while_liquid_W(
+            max(self.heating.soft_setpoint_C, self.temperature_C)
+        )
+
+    @cached_property
+    def first_coasting_s(self) -> float:
+        """Heater off at t = 0 to the onset of freezing."""
+        return self.heating.coasting_s(self._start)
+
+    @cached_property
+    def first_freezing_s(self) -> float:
+        """Heater off at t = 0 to the end of freezing."""
+        return self.heating.freezing_s(self._start)
+
+    @cached_property
+    def longest_coasting_s(self) -> float:
+        """Longest time from heater off to the onset of freezing."""
+        return self.heating.coasting_s(self._hottest)
+
+    def freezing_s(self, number: int, held_s: float) -> float:
+        """Onset to end of a freeze, after the segment was liquid for ``held_s`` at least.
+
+        Args:
+            number: How many transitions the segment made before.
+            held_s: Least time since the melt before it was done; 0 if it was liquid at t = 0.
+        """
+        model, windows = self._model, self.heating.windows
+        if number == 0:
+            start = model.at_level(self._start, model.liquid_level)
+            onset = tuple(map(min, start, model.hold(start, _FOR_EVER_S)))
+        else:
+            onset = model.hold(self._molten(number), held_s)
+        freezing = model.time_until(onset, 0.0, model.solid_level)
+        spread = (windows.freeze_late - windows.freeze_early) * self._coasting_s(number)
+        return windows.freeze_late * freezing + spread
+
+    def coasting_s(self, number: int) -> float:
+        """End of a melt to the earliest onset of the freeze after it."""
+        return self.heating.windows.freeze_early * self._coasting_s(number)
+
+    def _melting_s(self, number: int) -> float:
+        """Least time from heater on to the end of the melt before transition ``number``."""
+        if number == 1:
+            return self._heating_s(self._warmest, self._model.liquid_level)
+        return self._plateau_s(self._hottest)
+
+    def _molten(self, number: int) -> State:
+        """State at the liquid threshold, nowhere warmer than any at the end of that melt."""
+        current = self.heating.melt_current_A
+        molten = self._model.propagate(self._coldest, current, self._melting_s(number))
+        return self._model.at_level(molten, self._model.liquid_level)
+
+    def _coasting_s(self, number: int) -> float:
+        """Least time to freezing without heat, once the window of the melt has ended."""
+        beyond = self.heating.windows.melt_late - 1
+        if number == 0 or beyond == 0:
+            return 0.0
+        model, current, molten = self._model, self.heating.melt_current_A, self._molten(number)
+        setpoint = model.level_at(self.heating.soft_setpoint_C)
+        heated = beyond * self._melting_s(number)
+        heated = min(heated, model.time_until(molten, current, setpoint))
+        return model.time_until(model.propagate(molten, current, heated), 0.0, model.liquid_level)

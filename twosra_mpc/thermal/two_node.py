@@ -1,0 +1,181 @@
+r"""The two-node model: a heated core and a slower body around it, fitted to a robot's own log.
+
+With duty u = (I / I_full)^2 of the full heater power,
+
+.. math::
+    \dot T_c = p\,u - a (T_c - T_b), \qquad
+    \dot T_b = (a / \beta) (T_c - T_b) - b (T_b - T_a).
+
+Linear in the state, so a constant current is propagated by the closed-form exponential of a real
+2 x 2 matrix. The time to a core temperature is the root of a sum of two exponentials.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from scipy.optimize import brentq
+
+State = tuple[float, ...]
+
+_HORIZON_S = 1e5  # a threshold not passed in a day is never passed
+
+
+@dataclass(frozen=True)
+class TwoNode:
+    """One segment, its heater and the air around it. A state is (T_c, T_b) [C].
+
+    Attributes:
+        power_K_per_s: p, full heater power per heat capacity of the core.
+        coupling_per_s: a, conductance from core to body per heat capacity of the core.
+        body_ratio: beta, heat capacity of the body over that of the core.
+        body_loss_per_s: b, conductance to the air per heat capacity of the body.
+        core_heat_J_per_K: Heat capacity of the core.
+        full_current_A: Current of full power.
+        solid_level: Core temperature up to which the segment is solid [C].
+        liquid_level: Core temperature from which on it is liquid [C].
+        ambient_C: T_a.
+    """
+
+    power_K_per_s: float
+    coupling_per_s: float
+    body_ratio: float
+    body_loss_per_s: float
+    core_heat_J_per_K: float
+    full_current_A: float
+    solid_level: float
+    liquid_level: float
+    ambient_C: float
+
+    def level(self, state: State) -> float:
+        """Return what rises and falls through the thresholds: the core temperature [C]."""
+        return state[0]
+
+    def level_at(self, temperature_C: float) -> float:
+        """Level at a core temperature: itself [C]."""
+        return temperature_C
+
+    def initial(self, temperature_C: float) -> State:
+        """State of a segment that has this temperature throughout."""
+        return (temperature_C, temperature_C)
+
+    def at_level(self, state: State, level: float) -> State:
+        """State with the core at this temperature and the body as in ``state``."""
+        return (level, state[1])
+
+    def temperature_C(self, state: State) -> float:
+        """Temperature of the core [C]."""
+        return state[0]
+
+    def melt_fraction(self, state: State) -> float:
+        """How far between the two thresholds the core is, from 0 (solid) to 1 (liquid)."""
+        share = (state[0] - self.solid_level) / (self.liquid_level - self.solid_level)
+        return min(1.0, max(0.0, share))
+
+    def power_W(self, current_A: float, temperature_C: float) -> float:
+        """Heater power at this current; its coil is taken to keep its resistance."""
+        del temperature_C
+        return self.core_heat_J_per_K * self._heating(current_A)
+
+    def propagate(self, state: State, current_A: float, duration_s: float) -> State:
+        """State after a constant current, exactly."""
+        core, body = self._steady(current_A)
+        c, b = self._decayed(state[0] - core, state[1] - body, duration_s)
+        return (core + c, body + b)
+
+    def hold(self, state: State, duration_s: float) -> State:
+        """State after the core has been held at its temperature by an ideal controller."""
+        core, body = state
+        leave = self.coupling_per_s / self.body_ratio
+        settled = (leave * core + self.body_loss_per_s * self.ambient_C) / (
+            leave + self.body_loss_per_s
+        )
+        decay = math.exp(-(leave + self.body_loss_per_s) * duration_s)
+        return (core, settled + (body - settled) * decay)
+
+    def holding_current_A(self, state: State) -> float:
+        """Current that keeps the core at its temperature now."""
+        needed = max(0.0, self.coupling_per_s * (state[0] - state[1]))
+        return self.full_current_A * math.sqrt(needed / self.power_K_per_s)
+
+    def holding_energy_J(self, state: State, duration_s: float) -> float:
+        """Heat that holding the core at its temperature takes, while the body warms up."""
+        body = self.hold(state, duration_s)[1]
+        leave, loss = self.coupling_per_s / self.body_ratio, self.body_loss_per_s
+        # Integral of T_b' = leave (T_c - T_b) - loss (T_b - T_a) over the time held.
+        gained = (loss * (state[0] - self.ambient_C) * duration_s + body - state[1]) / (
+            leave + loss
+        )
+        return max(0.0, self.core_heat_J_per_K * self.coupling_per_s * gained)
+
+    def least_power_while_liquid_W(self, hottest_C: float) -> float:
+        """Heater power without which the core cools: with the body as warm as it can get.
+
+        The body is never warmer than after holding the core at ``hottest_C`` for ever.
+        """
+        body = self.hold((hottest_C, self.ambient_C), _HORIZON_S)[1]
+        coldest = max(0.0, self.liquid_level - body)
+        return self.core_heat_J_per_K * self.coupling_per_s * coldest
+
+    def time_until(self, state: State, current_A: float, level: float) -> float:
+        """Time at constant current until the core first reaches ``level`` [s]; inf if never."""
+        away = state[0] - level
+        if away == 0.0:
+            return 0.0
+
+        def excess(duration: float) -> float:
+            return (self.propagate(state, current_A, duration)[0] - level) * math.copysign(1, away)
+
+        turn = self._turning_time(state, current_A)
+        for low, high in ((0.0, turn), (turn, _HORIZON_S)):
+            if excess(low) <= 0:  # by rounding
+                return low
+            if high > low and excess(high) <= 0:
+                return float(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
+        return math.inf
+
+    def energy_J(self, state: State, current_A: float, duration_s: float) -> float:
+        """Heat the coil gives off at constant current."""
+        return self.power_W(current_A, state[0]) * duration_s
+
+    def _heating(self, current_A: float) -> float:
+        return self.power_K_per_s * (current_A / self.full_current_A) ** 2
+
+    def _steady(self, current_A: float) -> State:
+        """Where a constant current leads to in the end."""
+        heating = self._heating(current_A)
+        body = self.ambient_C + heating / (self.body_ratio * self.body_loss_per_s)
+        return (body + heating / self.coupling_per_s, body)
+
+    def _eigenvalues(self) -> tuple[float, float]:
+        """Fast and slow rate (both negative) of the free system."""
+        a, leave = self.coupling_per_s, self.coupling_per_s / self.body_ratio
+        middle = -(a + leave + self.body_loss_per_s) / 2
+        root = math.sqrt(middle**2 - a * self.body_loss_per_s)
+        return middle - root, middle + root
+
+    def _modes(self, core: float, body: float) -> tuple[float, float]:
+        """(fast, slow) parts of the core's deviation from the steady state."""
+        fast, slow = self._eigenvalues()
+        a = self.coupling_per_s
+        rate = -a * core + a * body
+        return (rate - slow * core) / (fast - slow), (fast * core - rate) / (fast - slow)
+
+    def _decayed(self, core: float, body: float, duration_s: float) -> tuple[float, float]:
+        fast, slow = self._eigenvalues()
+        c_fast, c_slow = self._modes(core, body)
+        c_fast *= math.exp(fast * duration_s)
+        c_slow *= math.exp(slow * duration_s)
+        a = self.coupling_per_s
+        return c_fast + c_slow, c_fast * (1 + fast / a) + c_slow * (1 + slow / a)
+
+    def _turning_time(self, state: State, current_A: float) -> float:
+        """When the core temperature turns round, 0 if it never does."""
+        fast, slow = self._eigenvalues()
+        core, body = self._steady(current_A)
+        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
+        if c_slow == 0 or -fast * c_fast / (slow * c_slow) <= 0:
+            return 0.0
+        when = math.log(-fast * c_fast / (slow * c_slow)) / (slow - fast)
+        return max(0.0, when)
