@@ -33,11 +33,8 @@ class SegmentHeating(Protocol):
     def current_A(self, t: Array) -> Array:
         """Heater current from each time to the next [A]."""
 
-    def temperature(self, t: Array) -> Array:
-        """Expected temperature [C]."""
-
-    def melt_fraction(self, t: Array) -> Array:
-        """Expected melt fraction, from 0 (solid) to 1 (liquid)."""
+    def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
+        """Expected temperature [C] and melt fraction, from 0 (solid) to 1 (liquid)."""
 
     def soft(self, t: Array) -> NDArray[np.bool_]:
         """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
@@ -70,11 +67,8 @@ class ThermalHeating:
     def current_A(self, t: Array) -> Array:
         return self.course.current_A(t)
 
-    def temperature(self, t: Array) -> Array:
-        return self.course.temperature_C(t)
-
-    def melt_fraction(self, t: Array) -> Array:
-        return self.course.melt_fraction(t)
+    def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
+        return self.course.temperature_and_melt_fraction(t)
 
     def soft(self, t: Array) -> NDArray[np.bool_]:
         return soft_over_time(self.transitions, self.soft_at_start, t)
@@ -151,7 +145,10 @@ class ConstantHeating:
     def soft(self, t: Array) -> NDArray[np.bool_]:
         return soft_over_time(self.transitions, self.soft_at_start, t)
 
-    def melt_fraction(self, t: Array) -> Array:
+    def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
+        return self.temperature(t), self._melt_fraction(t)
+
+    def _melt_fraction(self, t: Array) -> Array:
         knots = [(0.0, float(self.soft_at_start))]
         for item in self.transitions:
             soft = float(item.to == "soft")

@@ -6,6 +6,7 @@ A motion has no clock. Because the kinematics is driftless, a path may be travel
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,14 +14,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.modes import ModeSequence
+from twosra_mpc.model.flow import drive, interval_flow
+from twosra_mpc.model.kinematics import wheel_travels
+from twosra_mpc.modes import RIGID, ModeSequence
 from twosra_mpc.robot import Robot
 
 Array = NDArray[np.float64]
 
-FINE_STEPS = 64  # Runge-Kutta steps per interval; 10 intervals bend 155 1/m to within 5e-8 1/m
+FINE_STEPS = 64  # most Runge-Kutta steps per interval
+STEP_TRAVEL_M = 4e-4  # of both locomotion units in a step; bends 155 1/m to within 5e-8 1/m
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,21 +51,35 @@ class Motion:
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:
     """Follow input displacements (phases, intervals, 5) from ``start`` with fine steps."""
     phases, intervals, _ = inputs.shape
-    modes = np.repeat(np.array(sequence, dtype=float), intervals, axis=0)
-    chain = _chain(robot, phases * intervals)
-    reached: Array = chain(start, inputs.reshape(-1, 5).T, modes.T).full().T
-    nodes = np.vstack([start, reached])
-    index = np.arange(phases)[:, None] * intervals + np.arange(intervals + 1)
-    states = nodes[index]
+    states = np.empty((phases, intervals + 1, 5))
+    here = np.asarray(start, dtype=float)
+    for i, mode in enumerate(sequence):
+        states[i, 0] = here
+        if not inputs[i].any():
+            states[i, 1:] = here
+        elif mode == RIGID:
+            states[i, 1:] = drive(here, inputs[i, :, 2:])
+        else:
+            chain = _chain(robot, intervals, steps_for(inputs[i]))
+            modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
+            states[i, 1:] = chain(here, inputs[i].T, modes.T).full().T
+        here = states[i, -1]
     fixed = inputs.copy()
     states.setflags(write=False)
     fixed.setflags(write=False)
     return Motion(robot, sequence, fixed, states)
 
 
+def steps_for(s: Array) -> int:
+    """Runge-Kutta steps per interval for input displacements (n, 5): a power of two."""
+    travel = float(np.abs(s[:, :2]).sum(axis=1).max())
+    doublings = max(1, math.ceil(math.log2(max(travel / STEP_TRAVEL_M, 1.0))))
+    return min(FINE_STEPS, int(2**doublings))
+
+
 @lru_cache(maxsize=64)
-def _chain(robot: Robot, intervals: int) -> ca.Function:
-    return interval_flow(robot, FINE_STEPS).mapaccum(intervals)
+def _chain(robot: Robot, intervals: int, steps: int) -> ca.Function:
+    return interval_flow(robot, steps).mapaccum(intervals)
 
 
 def interval_durations(motion: Motion) -> Array:
@@ -77,7 +93,7 @@ def interval_durations(motion: Motion) -> Array:
     after = motion.states[:, 1:].reshape(-1, 5).T
     s = motion.inputs.reshape(-1, 5).T
     modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0).T
-    travel = wheel_travel(motion.robot).map(phases * intervals)
+    travel = wheel_travels(motion.robot, phases * intervals)
     places = (before, (before + after) / 2, after)
     rolled = np.array([np.abs(travel(q, s, modes).full()).max(axis=0) for q in places])
     by_wheel = rolled.max(axis=0) / limits.wheel_speed_rad_s

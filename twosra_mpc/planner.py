@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from twosra_mpc.greedy.planner import plan_greedily
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID, mode_name, sequence_name
+from twosra_mpc.modes import RIGID, ModeSequence, mode_name, sequence_name
 from twosra_mpc.motion import interval_durations, roll_out
 from twosra_mpc.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
 from twosra_mpc.nlp.guess import guess_motion
@@ -54,6 +54,16 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     check_shapes(problem)
     if problem.planner == "greedy":
         return plan_greedily(problem)
+    return plan_without(problem, frozenset(), on_progress=on_progress)
+
+
+def plan_without(
+    problem: Problem,
+    excluded: frozenset[ModeSequence],
+    *,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Plan:
+    """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
     started = time.perf_counter()
     if (resting := _rest(problem)) is not None:
         return resting
@@ -68,6 +78,7 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
         weights=problem.cost_weights,
         rigid_time=lambda: rigid_time(problem),
         solver=solver,
+        excluded=excluded,
     )
     result = branch_and_bound(
         tree,
@@ -119,7 +130,6 @@ class SequenceSolver:
             problem.goal,
             network.sequence,
             bound.bends,
-            bending(problem.robot).coordinate,
             INTERVALS,
             may_drive(problem, network.sequence),
         )
@@ -175,9 +185,7 @@ def bending_task(problem: Problem) -> BendingTask:
 def rigid_time(problem: Problem) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
     start, goal = problem.start.configuration, problem.goal.configuration
-    guess = guess_motion(
-        problem.robot, start, problem.goal, (RIGID,), np.zeros(1), lambda kappa: kappa, 1
-    )
+    guess = guess_motion(problem.robot, start, problem.goal, (RIGID,), np.zeros(1), 1)
     matrix = kinematics(problem.robot).wheel_matrix(start, RIGID).full()[:, 2:]
     c, s = math.cos(start[2]), math.sin(start[2])
     shift, box = goal[:2] - start[:2], problem.goal.half_width

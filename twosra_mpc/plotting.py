@@ -325,7 +325,7 @@ class TimeStretch(NamedTuple):
 
 
 def _draw_timeline(figure: SubFigure, plan: Plan, samples: Samples) -> None:
-    axes = figure.subplots(4, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0, 1.0))
+    axes = figure.subplots(5, 1, sharex=True, height_ratios=(1.25, 1.0, 1.0, 1.0, 0.6))
     stretch = TimeStretch.of(plan.phases, float(samples.t_s[-1]) or 1.0)
     ticks, end_s = stretch.ticks(), stretch.knots_s[-1]
     axes[-1].set_xscale("function", functions=(stretch.forward, stretch.inverse))
@@ -337,6 +337,7 @@ def _draw_timeline(figure: SubFigure, plan: Plan, samples: Samples) -> None:
     _draw_curvatures(axes[1], samples)
     _draw_wheel_speeds(axes[2], samples)
     _draw_temperatures(axes[3], plan, samples)
+    _draw_melt_fractions(axes[4], samples)
     for ax in axes[1:]:
         ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
         ax.legend(**BESIDE)
@@ -387,10 +388,19 @@ def _draw_wheel_speeds(ax: Axes, samples: Samples) -> None:
 
 
 def _draw_temperatures(ax: Axes, plan: Plan, samples: Samples) -> None:
-    melting = plan.robot.heater.melting_point_C
-    ax.axhline(melting, color="0.5", lw=1, ls=":", label=f"melting, {melting:g} °C")
+    solid, liquid = plan.problem.stiffness_thresholds_C
+    melting = f"{solid:g} °C" if solid == liquid else f"{solid:g} to {liquid:g} °C"
+    ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.5, label=f"changing, {melting}")
     for j, colour in enumerate(SEGMENT_COLOURS):
         style: dict[str, Any] = {"c": colour, "lw": 1, "ls": "--", "label": f"set-point {j + 1}"}
         ax.plot(samples.t_s, samples.temperature_C[:, j], color=colour, label=f"segment {j + 1}")
         ax.step(samples.t_s, samples.heater_setpoint_C[:, j], where="post", **style)
     ax.set(ymargin=0.12, ylabel="temperature\n[°C]")
+
+
+def _draw_melt_fractions(ax: Axes, samples: Samples) -> None:
+    for j, colour in enumerate(SEGMENT_COLOURS):
+        liquid = samples.melt_fraction[:, j]
+        ax.plot(samples.t_s, liquid, color=colour, label=f"segment {j + 1}")
+        ax.fill_between(samples.t_s, liquid, color=colour, alpha=0.15, lw=0)
+    ax.set(ylim=(0.0, 1.12), ylabel="melt\nfraction")

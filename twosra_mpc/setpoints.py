@@ -16,7 +16,7 @@ from twosra_mpc.errors import InputError, NoPlanError
 from twosra_mpc.files import write_text
 from twosra_mpc.heating import segment_heating
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.kinematics import wheel_travel
+from twosra_mpc.model.kinematics import wheel_travels
 from twosra_mpc.modes import Mode
 from twosra_mpc.motion import FINE_STEPS, Motion
 from twosra_mpc.plan import Plan, Samples
@@ -75,6 +75,7 @@ def sample(
     q = np.array([knot.q for knot in knots])
     v = np.array([knot.v for knot in knots])
     just_after = t + 2 * SAME_TIME_S
+    metal = [item.temperature_and_melt_fraction(t) for item in heating]
     mode = np.column_stack([item.soft(just_after) for item in heating]).astype(np.int64)
     for row, knot in enumerate(knots):
         if knot.mode is not None:
@@ -85,8 +86,8 @@ def sample(
         v=v,
         mode=mode,
         wheel_rad_s=_wheel_speeds(motion.robot, q, v, mode),
-        temperature_C=np.column_stack([item.temperature(t) for item in heating]),
-        melt_fraction=np.column_stack([item.melt_fraction(t) for item in heating]),
+        temperature_C=np.column_stack([temperature for temperature, _ in metal]),
+        melt_fraction=np.column_stack([fraction for _, fraction in metal]),
         heater_setpoint_C=np.column_stack([item.setpoint_C(just_after) for item in heating]),
         heater_current_A=np.column_stack([item.current_A(just_after) for item in heating]),
     )
@@ -132,7 +133,7 @@ def _with_times(knots: list[_Knot], times: Sequence[float], motion: Motion) -> l
 
 
 def _wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> Array:
-    speeds: Array = wheel_travel(robot).map(len(q))(q.T, v.T, mode.T).full().T
+    speeds: Array = wheel_travels(robot, len(q))(q.T, v.T, mode.T).full().T
     return np.where(np.abs(v).max(axis=1, keepdims=True) > 0, speeds, 0.0)
 
 

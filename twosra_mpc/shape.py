@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.kinematics import TURNING_RADIUS_M, kinematics
+from twosra_mpc.model.kinematics import TURNING_RADIUS_M, kinematics, shape_margins_of
 from twosra_mpc.modes import RIGID, ModeSequence
 from twosra_mpc.problem import Problem
 from twosra_mpc.robot import Robot
@@ -37,7 +37,7 @@ def shape_margins(robot: Robot, kappa: ArrayLike) -> ShapeMargins:
         kappa: Curvatures, (n, 2) or (2,) [1/m].
     """
     pairs = np.atleast_2d(np.asarray(kappa, dtype=float))
-    values = kinematics(robot).shape_margins.map(len(pairs))(pairs.T).full()
+    values = shape_margins_of(robot, len(pairs))(pairs.T).full()
     gap = values[0] - robot.limits.unit_gap_m + _TOUCHING_M
     return ShapeMargins(gap, values[1] - robot.limits.wheel_independence)
 

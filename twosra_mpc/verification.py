@@ -6,6 +6,7 @@ as they will be written to the file, the kinematics, and the robot description.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travel
+from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
 from twosra_mpc.modes import mode_name
 from twosra_mpc.plan import Phase, Samples, Verification
 from twosra_mpc.problem import COORDINATE_UNITS, COORDINATES, Problem
@@ -28,6 +29,7 @@ GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 RELATIVE_TOLERANCE = 1e-7  # of a limit
 WHEEL_TOLERANCE_RAD_S = 1e-6
+_SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
 
 
@@ -65,38 +67,61 @@ def verify(
 def reintegrate(problem: Problem, samples: Samples) -> Array:
     """Integrate q' = J(q, mode) v over the samples from the start configuration, (n, 5).
 
-    Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the input changes.
+    Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the direction of the
+    input or the mode changes; in between only the speed does, which does not change the path.
     Rows are NaN from where a curvature runs away beyond twice its limit.
     """
     beyond = 2 * problem.robot.limits.curvature_per_m
 
-    def runs_away(_t: float, at: Array) -> float:
+    def runs_away(_s: float, at: Array) -> float:
         return beyond - float(np.abs(at[3:]).max())
 
     runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
     jacobian = JacobianInPlace(problem.robot)
-    q = problem.start.configuration.copy()
     reached = np.full((len(samples), 5), np.nan)
-    reached[0] = q
-    for i in range(len(samples) - 1):
-        velocity = samples.v[i]
-        if velocity.any():
-            jacobian.sigma[:] = samples.mode[i]
+    reached[0] = problem.start.configuration
+    for first, last, direction, lengths in _paths(samples):
+        if not direction.any():
+            reached[first + 1 : last + 1] = reached[first]
+            continue
+        jacobian.sigma[:] = samples.mode[first]
 
-            def rate(_t: float, at: Array, velocity: Array = velocity) -> Array:
-                jacobian.q[:] = at
-                jacobian.evaluate()
-                return velocity @ jacobian.columns
+        def rate(_s: float, at: Array, direction: Array = direction) -> Array:
+            jacobian.q[:] = at
+            jacobian.evaluate()
+            return direction @ jacobian.columns
 
-            span = (0.0, float(samples.t_s[i + 1] - samples.t_s[i]))
-            end = solve_ivp(
-                rate, span, q, method="DOP853", rtol=_RTOL, atol=_ATOL, events=runs_away
-            )
-            if end.status != 0:
-                break
-            q = end.y[:, -1]
-        reached[i + 1] = q
+        marks = np.cumsum(lengths)
+        end = solve_ivp(
+            rate,
+            (0.0, float(marks[-1])),
+            reached[first],
+            method="DOP853",
+            t_eval=marks,
+            rtol=_RTOL,
+            atol=_ATOL,
+            events=runs_away,
+        )
+        reached[first + 1 : first + 1 + end.y.shape[1]] = end.y.T
+        if end.status != 0:
+            break
     return reached
+
+
+def _paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
+    """Runs of samples with one mode and one direction of v: (first, last, direction, lengths).
+
+    Lengths are |v| dt of each sample, direction is v / |v|, zero at rest.
+    """
+    speed = np.linalg.norm(samples.v, axis=1)
+    direction = samples.v / np.where(speed > 0, speed, 1.0)[:, None]
+    lengths = speed[:-1] * np.diff(samples.t_s)
+    turned = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION
+    turned |= np.diff(samples.mode, axis=0).any(axis=1)
+    starts = [0, *(np.flatnonzero(turned[:-1]) + 1).tolist(), len(lengths)]
+    for first, last in itertools.pairwise(starts):
+        if last > first:
+            yield first, last, direction[first], lengths[first:last]
 
 
 def _grid_problems(samples: Samples) -> Iterator[str]:
@@ -132,7 +157,7 @@ def _command_problems(
     problem: Problem, samples: Samples, transitions: Sequence[Transition]
 ) -> Iterator[str]:
     """Wheels turn as v asks, heaters are on from heater time to heater time and off otherwise."""
-    rolls = wheel_travel(problem.robot).map(len(samples))
+    rolls = wheel_travels(problem.robot, len(samples))
     wheels = rolls(samples.q.T, samples.v.T, samples.mode.T).full().T
     moving = np.abs(samples.v).max(axis=1, keepdims=True) > 0
     apart = np.abs(samples.wheel_rad_s - moving * wheels).max(axis=1)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.intervals import enclose
-from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.kinematics import shape_margins_of
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.modes import SOFT_BOTH, Mode
 from twosra_mpc.robot import Robot
@@ -39,14 +39,12 @@ class Bending:
 
     def coordinate(self, kappa: float) -> float:
         """W(kappa), odd and increasing; unit [m] for spirals and cardioids, [rad] for arcs."""
-        upper = abs(kappa) * self.robot.geometry.segment_length_m
-        edges = np.append(_PANELS[upper > _PANELS], upper)
-        half = np.diff(edges)[:, None] / 2
-        if half.size == 0:
-            return 0.0
-        points = edges[:-1, None] + half * (1 + _NODES)
-        values: Array = _density(self.robot)(points.reshape(1, -1)).full().reshape(points.shape)
-        return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values))
+        return _coordinate(self.robot, kappa)
+
+    def curvature(self, coordinates: Array) -> Array:
+        """Inverse of ``coordinate``, interpolated to 1e-6 rad; clipped just beyond the limits."""
+        kappa, table = _inverse_table(self.robot)
+        return np.interp(coordinates, table, kappa)
 
     def fastest(self, mode: Mode, kappa: tuple[float | None, float | None]) -> float:
         """Upper bound of abs(dW/dt) of a soft segment with both locomotion units at full speed.
@@ -73,9 +71,8 @@ class Bending:
 
     def _collides(self, coordinates: list[Array]) -> bool:
         """Whether the units overlap by over 0.1 mm in one of the shapes with these W."""
-        kappa, table = _inverse_table(self.robot)
-        shapes = np.array([np.interp(w, table, kappa) for w in coordinates])
-        gaps = kinematics(self.robot).shape_margins.map(shapes.shape[1])(shapes).full()[0]
+        shapes = np.array([self.curvature(w) for w in coordinates])
+        gaps = shape_margins_of(self.robot, shapes.shape[1])(shapes).full()[0]
         return bool(gaps.min() < self.robot.limits.unit_gap_m - _CERTAIN_M)
 
     def _curvature(self, coordinates: Array) -> Array:
@@ -88,6 +85,18 @@ class Bending:
 def bending(robot: Robot) -> Bending:
     """Describe how ``robot`` bends."""
     return Bending(robot)
+
+
+@lru_cache(maxsize=1024)
+def _coordinate(robot: Robot, kappa: float) -> float:
+    upper = abs(kappa) * robot.geometry.segment_length_m
+    edges = np.append(_PANELS[upper > _PANELS], upper)
+    half = np.diff(edges)[:, None] / 2
+    if half.size == 0:
+        return 0.0
+    points = edges[:-1, None] + half * (1 + _NODES)
+    values: Array = _density(robot)(points.reshape(1, -1)).full().reshape(points.shape)
+    return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values))
 
 
 @lru_cache(maxsize=32)

@@ -7,7 +7,9 @@ tightens it. Rounding is covered by a relative widening of the result.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -36,15 +38,13 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> Interval:
     shape = (function.numel_out(0), lower.shape[1])
     low, high = np.zeros(shape), np.zeros(shape)
     work: dict[int, Interval] = {}
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        operands, results = function.instruction_input(k), function.instruction_output(k)
+    for operation, operands, results, constant in _tape(function):
         if operation == ca.OP_OUTPUT:
             low[results[1]], high[results[1]] = work[operands[0]]
         elif operation == ca.OP_INPUT:
             work[results[0]] = (lower[operands[1]], upper[operands[1]])
         elif operation == ca.OP_CONST:
-            value = np.full(shape[1], function.instruction_constant(k))
+            value = np.full(shape[1], constant)
             work[results[0]] = (value, value)
         else:
             rule = _RULES.get(operation)
@@ -53,6 +53,22 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> Interval:
             work[results[0]] = rule(*(work[operand] for operand in operands))
     size = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     return low - size, high + size
+
+
+@lru_cache(maxsize=64)
+def _tape(function: ca.Function) -> list[tuple[int, list[int], list[int], float]]:
+    """(operation, operands, results, constant) of every instruction."""
+    return [
+        (
+            function.instruction_id(k),
+            function.instruction_input(k),
+            function.instruction_output(k),
+            function.instruction_constant(k)
+            if function.instruction_id(k) == ca.OP_CONST
+            else math.nan,
+        )
+        for k in range(function.n_instructions())
+    ]
 
 
 def _add(a: Interval, b: Interval) -> Interval:

@@ -92,6 +92,18 @@ def wheel_travel(robot: Robot) -> ca.Function:
     return ca.Function("wheel_travel", [q, s, sigma], [matrix @ s])
 
 
+@lru_cache(maxsize=256)
+def wheel_travels(robot: Robot, count: int) -> ca.Function:
+    """``wheel_travel`` of ``count`` intervals at once, one per column."""
+    return wheel_travel(robot).map(count)
+
+
+@lru_cache(maxsize=256)
+def shape_margins_of(robot: Robot, count: int) -> ca.Function:
+    """``Kinematics.shape_margins`` of ``count`` shapes at once, one per column."""
+    return kinematics(robot).shape_margins.map(count)
+
+
 def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:
     """J(q, sigma), 5x5, columns (v1, v2, u0, v0, r0); sigma may be a symbol.
 

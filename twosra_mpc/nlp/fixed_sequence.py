@@ -14,7 +14,7 @@ from twosra_mpc.motion import Motion, interval_durations, roll_out
 from twosra_mpc.nlp.landing import available_inputs, land
 from twosra_mpc.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.problem import Problem
-from twosra_mpc.search.bounds import cost_coefficients, schedule
+from twosra_mpc.search.schedule import cost_coefficients, schedule
 from twosra_mpc.shape import may_drive, shape_margins
 from twosra_mpc.timing import TemporalNetwork, transition_model
 

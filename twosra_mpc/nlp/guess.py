@@ -9,13 +9,15 @@ of the chain to the goal. Where this fits the limits it is a plan already.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
-from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.flow import bending_flow
 from twosra_mpc.modes import RIGID, Mode, ModeSequence
 from twosra_mpc.motion import Motion, roll_out
 from twosra_mpc.problem import Goal
@@ -23,8 +25,8 @@ from twosra_mpc.robot import Robot
 
 Array = NDArray[np.float64]
 
-_FLOW_STEPS = 64
-_TRAVEL_LIMIT_M = 10.0
+_STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
+_MOST_STEPS = 64
 
 
 def guess_motion(
@@ -33,7 +35,6 @@ def guess_motion(
     goal: Goal,
     sequence: ModeSequence,
     bends: Array,
-    coordinate: Callable[[float], float],
     intervals: int,
     may_drive: Sequence[bool] | None = None,
 ) -> Motion:
@@ -45,61 +46,53 @@ def guess_motion(
         goal: The goal.
         sequence: Mode of each phase.
         bends: Change of the bending coordinate W in each phase, shape (phases,).
-        coordinate: kappa -> W of ``model.bending``.
         intervals: Intervals per phase.
         may_drive: Phases whose inputs may be used; all if left out.
     """
-    travel = np.zeros((len(sequence), 5))
-    q = start
+    inputs = np.zeros((len(sequence), intervals, 5))
+    q, states = start, np.empty((len(sequence), 5))
     for i, mode in enumerate(sequence):
+        states[i] = q
         if any(mode) and bends[i] != 0.0:
-            travel[i, :2] = bending_travel(robot, q, mode, bends[i], coordinate)
-            q = interval_flow(robot, _FLOW_STEPS)(q, travel[i], mode).full().ravel()
-    inputs = np.repeat(travel[:, None, :] / intervals, intervals, axis=1)
-    motion = roll_out(robot, start, sequence, inputs)
+            q, travel = _bent(robot, q, mode, float(bends[i]), intervals)
+            inputs[i, :, :2] = travel[:, None]
     usable = may_drive or [True] * len(sequence)
     rigid = [i for i, mode in enumerate(sequence) if mode == RIGID and usable[i]]
     if rigid:
-        inputs[rigid[0]] = rigid_move(motion, rigid[0], goal) / intervals
-        motion = roll_out(robot, start, sequence, inputs)
-    return motion
+        inputs[rigid[0]] = rigid_move(states[rigid[0]], q, goal) / intervals
+    return roll_out(robot, start, sequence, inputs)
 
 
-def bending_travel(
-    robot: Robot, q: Array, mode: Mode, bend: float, coordinate: Callable[[float], float]
-) -> float:
-    """Travel of each locomotion unit [m], both at equal speed, that changes W by ``bend``."""
-    flow = interval_flow(robot, _FLOW_STEPS)
-    segment = mode.index(1)
-    beyond = 2 * robot.limits.curvature_per_m
-    target = coordinate(q[3 + segment]) + bend
-
-    def excess(travel: float) -> float:
-        end = float(flow(q, [travel, travel, 0.0, 0.0, 0.0], mode).full()[3 + segment, 0])
-        if not abs(end) <= beyond:  # spirals bend ever faster; also when not a number
-            return math.copysign(1.0, travel)
-        return coordinate(end) - target
-
-    reach = math.copysign(0.01, bend)
-    while abs(reach) < _TRAVEL_LIMIT_M and excess(reach) * bend < 0:
-        reach *= 2
-    if excess(0.0) * excess(reach) > 0:  # out of reach: a guess may be wrong
-        return reach
-    return float(brentq(excess, 0.0, reach, xtol=1e-12))
+def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tuple[Array, Array]:
+    """(q after the bend, travel of each locomotion unit in each interval [m])."""
+    facts, segment = bending(robot), mode.index(1)
+    passed = facts.coordinate(float(q[3 + segment])) + bend * np.linspace(0, 1, intervals + 1)
+    turned = np.abs(np.diff(facts.curvature(passed))) * robot.geometry.segment_length_m
+    doublings = math.ceil(math.log2(max(float(turned.max()) / _STEP_RAD, 1.0)))
+    chain = _bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
+    modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
+    states, travel = chain(q, np.full((1, intervals), bend / intervals), modes.T)
+    return states.full()[:, -1], travel.full().ravel()
 
 
-def rigid_move(motion: Motion, phase: int, goal: Goal) -> Array:
+@lru_cache(maxsize=64)
+def _bending_chain(robot: Robot, intervals: int, steps: int) -> ca.Function:
+    return bending_flow(robot, steps).mapaccum(intervals)
+
+
+def rigid_move(before: Array, after: Array, goal: Goal) -> Array:
     """Input displacement (5,) of a rigid phase that brings the motion's end to the goal.
 
-    Free coordinates of the goal keep the value they have without the move.
+    ``before`` is q at the phase, ``after`` q at the end of the motion without the move. Free
+    coordinates of the goal keep the value they have without it.
     """
-    here, end = motion.states[phase, 0, :3], motion.end[:3]
+    here, end = before[:3], after[:3]
     wanted = np.where(np.isnan(goal.configuration[:3]), end, goal.configuration[:3])
     if goal.phi_modulo:
         wanted[2] = end[2] + math.remainder(wanted[2] - end[2], math.tau)
-    before, after = _matrix(here), np.linalg.solve(_matrix(here), _matrix(end))
+    onward = np.linalg.solve(_matrix(here), _matrix(end))
     turn = float(wanted[2] - end[2])
-    move = np.linalg.solve(before, _matrix(wanted)) @ np.linalg.inv(after)
+    move = np.linalg.solve(_matrix(here), _matrix(wanted)) @ np.linalg.inv(onward)
     return np.array([0.0, 0.0, *_screw(float(move[0, 2]), float(move[1, 2]), turn)])
 
 

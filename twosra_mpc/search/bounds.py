@@ -20,6 +20,7 @@ anything is bounded by ``rigid_motion.least_time`` as well.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -29,7 +30,8 @@ from numpy.typing import NDArray
 from twosra_mpc.modes import SOFT_BOTH, Mode, ModeSequence, mode_name
 from twosra_mpc.problem import Weights
 from twosra_mpc.search.linear_program import minimise
-from twosra_mpc.timing import TemporalNetwork
+from twosra_mpc.search.schedule import cost_coefficients, with_durations
+from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 Array = NDArray[np.float64]
 
@@ -63,6 +65,12 @@ class BendingTask:
     origin: tuple[float, float]
     least_time: Callable[[Mode, tuple[float, float], float], float]
     shape: str
+
+    def within(self, segment: int, coordinate: float) -> bool:
+        """Whether the curvature limits allow this W of ``segment`` (0 or 1)."""
+        change = coordinate - self.origin[segment]
+        low, high = self.room[segment]
+        return low - self.slack <= change <= high + self.slack
 
     def must_bend(self, segment: int) -> bool:
         """Whether the goal asks for another curvature of ``segment`` (0 or 1)."""
@@ -118,6 +126,28 @@ def sequence_bound(
     least_durations: Sequence[float],
 ) -> SequenceBound | None:
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
+    bends = determined_bends(network.sequence, task)
+    if bends is not None and weights.energy_s_per_J == 0:
+        return _longest_path_bound(network, bends, weights, least_durations)
+    return _linear_program_bound(network, task, weights, least_durations)
+
+
+def _longest_path_bound(
+    network: TemporalNetwork, bends: Array, weights: Weights, least_durations: Sequence[float]
+) -> SequenceBound | None:
+    """With the bends known and energy free of charge, the earliest finish is a longest path."""
+    if not all(map(math.isfinite, least_durations)):
+        return None
+    times = earliest_times(with_durations(network, least_durations))
+    if times is None:
+        return None
+    coefficients, constant = cost_coefficients(network, weights)
+    return SequenceBound(float(coefficients @ times) + constant, np.array(times), bends)
+
+
+def _linear_program_bound(
+    network: TemporalNetwork, task: BendingTask, weights: Weights, least_durations: Sequence[float]
+) -> SequenceBound | None:
     layout, n = network.layout, network.layout.phases
     width = layout.count + n
     rows: list[Array] = []
@@ -161,24 +191,44 @@ def sequence_bound(
     return SequenceBound(value + constant, times=x[: layout.count], bends=x[layout.count :])
 
 
+def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
+    """Change of W in each phase where the task leaves no choice, else None.
+
+    With at most two soft phases of different modes and a given shape at the end, the bends are the
+    unique solution of two linear equations. None also where they are no solution.
+    """
+    soft = [i for i, mode in enumerate(sequence) if any(mode)]
+    bends = np.zeros(len(sequence))
+    if any(low != high for low, high in task.change):
+        return None
+    if soft:
+        incidence = np.array([[sequence[i][j] for i in soft] for j in (0, 1)], dtype=float)
+        if np.linalg.matrix_rank(incidence) < len(soft):
+            return None
+        wanted = np.array([low for low, _ in task.change])
+        bends[soft], *_ = np.linalg.lstsq(incidence, wanted, rcond=None)
+        if np.abs(incidence @ bends[soft] - wanted).max() > task.slack:
+            return None
+    return bends
+
+
 def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
     """Least durations of the phases where the task leaves no choice of bends, else zeros [s].
 
-    With at most two soft phases of different modes and a given shape at the end, the bends are the
-    unique solution of two linear equations, and with them the shapes before and after each phase.
+    Infinite where a bend must pass a shape that is forbidden.
     """
-    soft = [i for i, mode in enumerate(sequence) if any(mode)]
-    incidence = np.array([[sequence[i][j] for i in soft] for j in (0, 1)], dtype=float)
-    given = all(low == high for low, high in task.change)
+    bends = determined_bends(sequence, task)
     durations = [0.0] * len(sequence)
-    if not given or not soft or np.linalg.matrix_rank(incidence) < len(soft):
+    if bends is None:
         return durations
-    wanted = np.array([low for low, _ in task.change])
-    bends, *_ = np.linalg.lstsq(incidence, wanted, rcond=None)
     here = np.array(task.origin)
-    for i, bend in zip(soft, bends.tolist(), strict=True):
-        durations[i] = task.least_time(sequence[i], (float(here[0]), float(here[1])), bend)
-        here = here + bend * np.array(sequence[i])
+    for i, mode in enumerate(sequence):
+        if any(mode):
+            before = (float(here[0]), float(here[1]))
+            durations[i] = task.least_time(mode, before, float(bends[i]))
+            here = here + bends[i] * np.array(mode)
+            if not all(task.within(j, float(here[j])) for j in (0, 1)):
+                durations[i] = np.inf
     return durations
 
 
@@ -195,41 +245,3 @@ def _known_curvatures(
         return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
 
     return known(0), known(1)
-
-
-def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
-    """Cost of a sequence as a linear function of its event times: (coefficients, constant)."""
-    objective = np.zeros(network.layout.count)
-    objective[network.layout.finish] = 1.0
-    constant = weights.energy_s_per_J * network.melt_energy_J
-    constant += weights.transition_s * (network.melts + network.freezes)
-    for since, until, power in network.holds:
-        objective[until] += weights.energy_s_per_J * power
-        objective[since] -= weights.energy_s_per_J * power
-    return objective, constant
-
-
-def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Array | None:
-    """Event times of least cost for given phase durations [s], shape (events,).
-
-    Among equally good schedules: segments are held liquid for the shortest time (heat as late as
-    the motion allows), then phases start early. None if the constraints contradict each other.
-    """
-    least = dict(network.least)
-    for i, duration in enumerate(durations):
-        least[network.layout.start(i), network.layout.end(i)] = float(duration)
-    pairs = list(least)
-    matrix = np.zeros((len(pairs), network.layout.count))
-    for row, (u, v) in enumerate(pairs):
-        matrix[row, u] += 1.0
-        matrix[row, v] -= 1.0
-    objective, _ = cost_coefficients(network, weights)
-    for since, until, _power in network.holds:
-        objective[until] += 1e-5
-        objective[since] -= 1e-5
-    for i in range(network.layout.phases):
-        objective[network.layout.start(i)] += 1e-7
-        objective[network.layout.end(i)] += 1e-7
-    bounds = [*[(0.0, None)] * (network.layout.count - 1), (0.0, 0.0)]
-    optimum = minimise(objective, matrix, -np.array(list(least.values())), bounds)
-    return None if optimum is None else optimum[1]

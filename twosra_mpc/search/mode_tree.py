@@ -41,6 +41,7 @@ class ModeTree(Generic[Solution]):
         weights: Weights of the cost.
         rigid_time: Proved least duration of a plan that never melts anything [s].
         solver: Yields plans of one sequence, given its network, bound and a sufficient cost.
+        excluded: Complete sequences that are not to be used.
         unreachable: Filled by the search: why leaves were proved infeasible.
     """
 
@@ -53,6 +54,7 @@ class ModeTree(Generic[Solution]):
     weights: Weights
     rigid_time: Callable[[], float]
     solver: SequenceSolver[Solution]
+    excluded: frozenset[ModeSequence] = frozenset()
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
     _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
 
@@ -103,12 +105,13 @@ class ModeTree(Generic[Solution]):
         if self.timing.refusal(sequence, sequence[-1]) is not None:
             return math.inf
         network = self._network(sequence)
-        return earliest_times(network)[network.layout.finish]
+        times = earliest_times(network)
+        return math.inf if times is None else times[network.layout.finish]
 
     def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
         """Cost of the melts and freezes of ``node`` and of those that must still follow."""
         network = self._network(node)
-        energy, count = network.melt_energy_J, network.melts + network.freezes
+        energy, count = network.melt_energy_J, network.transitions
         for j in missing:
             mode = (1 - j, j)
             energy += self.timing.network((mode,), mode, [0.0]).melt_energy_J
@@ -126,7 +129,7 @@ class ModeTree(Generic[Solution]):
     def leaf_bound(self, node: ModeSequence) -> float:
         """Optimum of the relaxation of the complete sequence."""
         leaf = self.leaf(node)
-        if leaf is None or len(leaf) > self.max_phases:
+        if leaf is None or len(leaf) > self.max_phases or leaf in self.excluded:
             return math.inf
         if (reason := unreachable_reason(leaf, self.task)) is not None:
             self.unreachable[leaf] = reason

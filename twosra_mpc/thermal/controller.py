@@ -18,12 +18,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.modes import Stiffness
 from twosra_mpc.robot import Robot
 from twosra_mpc.segment import TwoNodeSegment
 from twosra_mpc.thermal.stiffness import (
     Knowledge,
-    Setpoint,
-    Stiffness,
+    KnownStiffness,
     StiffnessRule,
     stiffness_rule,
 )
@@ -70,7 +70,7 @@ class Event:
 
     time_s: float
     kind: EventKind
-    stiffness: Stiffness
+    stiffness: KnownStiffness
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class ControllerState:
     stuck_C: float
 
     @property
-    def stiffness(self) -> Stiffness:
+    def stiffness(self) -> KnownStiffness:
         """What the segment is known to be."""
         return self.known.stiffness
 
@@ -152,7 +152,7 @@ class StiffnessController:
         return ControllerState(0.0, 0.0, 0.0, "none", known, (here, here), 0.0, here)
 
     def step(
-        self, state: ControllerState, setpoint: Setpoint, measured_C: float, dt_s: float
+        self, state: ControllerState, setpoint: Stiffness, measured_C: float, dt_s: float
     ) -> tuple[ControllerState, tuple[Event, ...]]:
         """Take one reading and decide on the current until the next.
 
@@ -209,7 +209,7 @@ class StiffnessController:
         return self.full_current_A * math.sqrt(output)
 
     def _regulate(
-        self, state: ControllerState, setpoint: Setpoint, raw_C: float, dt_s: float
+        self, state: ControllerState, setpoint: Stiffness, raw_C: float, dt_s: float
     ) -> ControllerState:
         here_C = sorted((*state.recent_C, raw_C))[1]  # logs have single readings that are far off
         stuck_s, stuck_C = self._stuck(state, here_C, dt_s)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import enum
+import itertools
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,22 +57,20 @@ class Course:
         piece = self.pieces[self._index(time_s)]
         return self._advanced(piece, max(0.0, time_s - piece.start_s))
 
-    def temperature_C(self, t: Array) -> Array:
-        """Temperature at each time [C]."""
-        return np.array([self.model.temperature_C(self.state_at(float(time))) for time in t])
-
-    def melt_fraction(self, t: Array) -> Array:
-        """Melt fraction at each time."""
-        return np.array([self.model.melt_fraction(self.state_at(float(time))) for time in t])
+    def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
+        """Temperature [C] and melt fraction at each time."""
+        states = [self.state_at(time) for time in t.tolist()]
+        temperature = [self.model.temperature_C(state) for state in states]
+        return np.array(temperature), np.array([self.model.melt_fraction(s) for s in states])
 
     def setpoint_C(self, t: Array) -> Array:
         """Temperature set-point from each time to the next [C]."""
-        return np.array([self.pieces[self._index(float(time))].setpoint_C for time in t])
+        return np.array([self.pieces[self._index(time)].setpoint_C for time in t.tolist()])
 
     def current_A(self, t: Array) -> Array:
         """Heater current from each time to the next, of the right energy where it varies [A]."""
-        nexts = np.append(t[1:], np.inf)
-        return np.array([self._mean_current(float(a), float(b)) for a, b in zip(t, nexts)])  # noqa: B905
+        pairs = itertools.pairwise([*t.tolist(), np.inf])
+        return np.array([self._mean_current(a, b) for a, b in pairs])
 
     def event_times(self) -> list[float]:
         """Times at which set-point or current change [s]."""
@@ -93,9 +93,12 @@ class Course:
                     pass
         return total
 
+    @cached_property
+    def _starts(self) -> list[float]:
+        return self.event_times()
+
     def _index(self, time_s: float) -> int:
-        starts = [piece.start_s for piece in self.pieces]
-        return max(0, bisect_right(starts, time_s) - 1)
+        return max(0, bisect_right(self._starts, time_s) - 1)
 
     def _advanced(self, piece: Piece, duration_s: float) -> State:
         match piece.heating:

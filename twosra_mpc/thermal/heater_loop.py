@@ -6,22 +6,26 @@ the model that the controller was built for.
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.thermal.controller import ControllerState, Event, StiffnessController
+from twosra_mpc.files import write_text
+from twosra_mpc.modes import Stiffness
+from twosra_mpc.thermal.controller import Event, StiffnessController
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.thermal.stiffness import Setpoint, Stiffness
 from twosra_mpc.thermal.thermistor import TemperatureSensor
 
 Array = NDArray[np.float64]
-Profile = Sequence[tuple[float, Setpoint]]
+Profile = Sequence[tuple[float, Stiffness]]
 
 SETTLED_K = 2.0  # settled: this close to the set-point from then on
 LONGEST_STEP_S = 0.2
@@ -83,7 +87,7 @@ class Stretch:
         heat_J: Heat of the coil.
     """
 
-    setpoint: Setpoint
+    setpoint: Stiffness
     start_s: float
     end_s: float
     changed_s: float
@@ -117,82 +121,78 @@ def simulate_heater(
         seed: Of the sensor's noise.
 
     Raises:
-        InputError: On an empty profile, times that do not increase from 0, or such a step.
+        InputError: On an empty profile, times that do not increase from 0, a step that is too
+            long, or a start outside the sensor's range.
     """
     check_profile(profile, duration_s)
     if not 0 < step_s <= LONGEST_STEP_S:
         raise InputError("step_s", step_s, f"more than 0, at most {LONGEST_STEP_S} s")
     start_C = plant.ambient_C if start_temperature_C is None else start_temperature_C
+    coldest, hottest = sensor.assumed.range_C
+    if not coldest <= start_C <= hottest:
+        allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
+        raise InputError("start_temperature_C", start_C, allowed)
     steps = math.ceil(round(duration_s / step_s, 9))
+    times = np.arange(steps + 1, dtype=np.float64) * np.float64(step_s)
+    setpoints = [setpoint_at(profile, time) for time in times.tolist()]
     noise = np.random.default_rng(seed).normal(0.0, sensor.noise_C, steps + 1).tolist()
     state, lag, heat_J = plant.initial(start_C), sensor.settled(start_C), 0.0
     reading = sensor.read_C(lag, noise[0])
     memory = controller.start(reading)
-    record = _Record(plant, controller)
-    record.add(0.0, state, reading, memory, setpoint_at(profile, 0.0), heat_J)
-    for step in range(1, steps + 1):
-        time, before = step * step_s, state
+    rows = [(state, reading, memory, heat_J)]
+    events: list[Event] = []
+    for setpoint, error_C in zip(setpoints[1:], noise[1:], strict=True):
         heat_J += plant.energy_J(state, memory.current_A, step_s)
-        state = plant.propagate(state, memory.current_A, step_s)
-        here, there = plant.temperature_C(before), plant.temperature_C(state)
-        lag = sensor.follow(lag, here, there, step_s)
-        reading, setpoint = sensor.read_C(lag, noise[step]), setpoint_at(profile, time)
-        memory, events = controller.step(memory, setpoint, reading, step_s)
-        record.add(time, state, reading, memory, setpoint, heat_J)
-        record.events.extend(events)
-    return record.run()
+        after = plant.propagate(state, memory.current_A, step_s)
+        lag = sensor.follow(lag, plant.temperature_C(state), plant.temperature_C(after), step_s)
+        state, reading = after, sensor.read_C(lag, error_C)
+        memory, news = controller.step(memory, setpoint, reading, step_s)
+        rows.append((state, reading, memory, heat_J))
+        events.extend(news)
+    states, readings, memories, heats = zip(*rows, strict=True)
+    return HeaterRun(
+        time_s=times,
+        temperature_C=np.array([plant.temperature_C(state) for state in states]),
+        melt_fraction=np.array([plant.melt_fraction(state) for state in states]),
+        measured_C=np.array([controller.segment_C(reading) for reading in readings]),
+        estimated_melt_fraction=np.array([controller.melt_fraction(m) for m in memories]),
+        current_A=np.array([memory.current_A for memory in memories]),
+        soft_setpoint=np.array(setpoints) == "soft",
+        integrator=np.array([memory.integrator for memory in memories]),
+        heat_J=np.array(heats),
+        stiffness=np.array([memory.stiffness for memory in memories]),
+        events=tuple(events),
+    )
 
 
-class _Record:
-    """Rows of a run while it is made."""
+def save_run(run: HeaterRun, path: str | Path) -> None:
+    """Write a run as CSV, a row a sample; ``event`` names what the controller told then.
 
-    def __init__(self, plant: SegmentModel, controller: StiffnessController) -> None:
-        self.plant, self.controller = plant, controller
-        self.rows: list[tuple[float, ...]] = []
-        self.soft: list[bool] = []
-        self.stiffness: list[Stiffness] = []
-        self.events: list[Event] = []
-
-    def add(
-        self,
-        time_s: float,
-        state: tuple[float, ...],
-        reading_C: float,
-        memory: ControllerState,
-        setpoint: Setpoint,
-        heat_J: float,
-    ) -> None:
-        plant, controller = self.plant, self.controller
-        self.rows.append(
-            (
-                time_s,
-                plant.temperature_C(state),
-                plant.melt_fraction(state),
-                controller.segment_C(reading_C),
-                controller.melt_fraction(memory),
-                memory.current_A,
-                memory.integrator,
-                heat_J,
-            )
-        )
-        self.soft.append(setpoint == "soft")
-        self.stiffness.append(memory.stiffness)
-
-    def run(self) -> HeaterRun:
-        time, true, melted, measured, estimated, current, integrator, heat = np.array(self.rows).T
-        return HeaterRun(
-            time_s=time,
-            temperature_C=true,
-            melt_fraction=melted,
-            measured_C=measured,
-            estimated_melt_fraction=estimated,
-            current_A=current,
-            soft_setpoint=np.array(self.soft),
-            integrator=integrator,
-            heat_J=heat,
-            stiffness=np.array(self.stiffness),
-            events=tuple(self.events),
-        )
+    Raises:
+        InputError: If the folder cannot be written.
+    """
+    told: dict[float, str] = {}
+    for event in run.events:
+        time = round(event.time_s, 6)
+        told[time] = f"{told[time]} {event.kind}" if time in told else event.kind
+    columns: dict[str, Sequence[object]] = {
+        "time_s": (times := [round(time, 6) for time in run.time_s.tolist()]),
+        "setpoint": ["soft" if soft else "rigid" for soft in run.soft_setpoint],
+        "temperature_C": run.temperature_C.tolist(),
+        "measured_C": run.measured_C.tolist(),
+        "melt_fraction": run.melt_fraction.tolist(),
+        "estimated_melt_fraction": run.estimated_melt_fraction.tolist(),
+        "current_A": run.current_A.tolist(),
+        "integrator": run.integrator.tolist(),
+        "heat_J": run.heat_J.tolist(),
+        "stiffness": run.stiffness.tolist(),
+        "event": [told.get(time, "") for time in times],
+    }
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    write_text(path, text.getvalue())
 
 
 def check_profile(profile: Profile, duration_s: float) -> None:
@@ -209,7 +209,7 @@ def check_profile(profile: Profile, duration_s: float) -> None:
             raise InputError(f"profile.{entry + 1}", then, f"a time after {here:g} s")
 
 
-def setpoint_at(profile: Profile, time_s: float) -> Setpoint:
+def setpoint_at(profile: Profile, time_s: float) -> Stiffness:
     """Set-point of a profile at a time; at a change, the new one."""
     return next(what for when, what in reversed(profile) if when <= time_s + 1e-9)
 
@@ -226,7 +226,7 @@ def _stretch(run: HeaterRun, low: int, high: int, soft_setpoint_C: float) -> Str
     inside = slice(low, high + 1)
     since = run.time_s[inside] - run.time_s[low]
     soft = bool(run.soft_setpoint[low])
-    setpoint: Setpoint = "soft" if soft else "rigid"
+    setpoint: Stiffness = "soft" if soft else "rigid"
     melted, off = run.melt_fraction[inside], run.temperature_C[inside] - soft_setpoint_C
     return Stretch(
         setpoint=setpoint,

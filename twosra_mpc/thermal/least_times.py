@@ -141,6 +141,10 @@ class LeastTimes:
         """Longest time from heater off to the onset of freezing."""
         return self.heating.coasting_s(self._hottest)
 
+    @cached_property
+    def _known(self) -> dict[tuple[int, float], float]:
+        return {}
+
     def freezing_s(self, number: int, held_s: float) -> float:
         """Onset to end of a freeze, after the segment was liquid for ``held_s`` at least.
 
@@ -148,6 +152,11 @@ class LeastTimes:
             number: How many transitions the segment made before.
             held_s: Least time since the melt before it was done; 0 if it was liquid at t = 0.
         """
+        if (number, held_s) not in self._known:
+            self._known[number, held_s] = self._freezing_s(number, held_s)
+        return self._known[number, held_s]
+
+    def _freezing_s(self, number: int, held_s: float) -> float:
         model, windows = self._model, self.heating.windows
         if number == 0:
             start = model.at_level(self._start, model.liquid_level)

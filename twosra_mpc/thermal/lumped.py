@@ -118,11 +118,11 @@ class Lumped:
         left = duration_s
         while left > 0:
             edge = self._next_edge(h, current_A)
-            needed = self._time_within_regime(h, edge, current_A) if edge is not None else math.inf
-            if needed >= left:
-                return (self._within_regime(h, current_A, left, edge),)
-            assert edge is not None
-            h, left = edge, left - needed
+            after = self._within_regime(h, current_A, left, edge)
+            if edge is None or (after < edge) == (h < edge):
+                return (after,)
+            left -= self._time_within_regime(h, edge, current_A)
+            h = edge
         return (h,)
 
     def time_until(self, state: State, current_A: float, level: float) -> float:

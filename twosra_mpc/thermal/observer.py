@@ -9,15 +9,16 @@ temperature. And metal is all liquid only if a reading clearly above the plateau
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
+from twosra_mpc.modes import Stiffness
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.thermistor import Lag, follow
 from twosra_mpc.thermal.two_node import TwoNode
 
 State = tuple[float, ...]
 
-_CORRECTION_PER_S = 0.05  # an eighth of where it would ring, with lags of 4 s and 4 s
+_CORRECTION_PER_S = 0.05  # a tenth of where it turns unstable, with lags of 4 s and 4 s
 
 
 class Estimate(NamedTuple):
@@ -43,7 +44,7 @@ class MeltObserver(Protocol):
     def correct(self, estimate: Estimate, measured_C: float, duration_s: float) -> Estimate:
         """Pull the estimate towards a reading that stands for the last ``duration_s``."""
 
-    def found(self, stiffness: Literal["soft", "rigid"], estimate: Estimate) -> Estimate:
+    def found(self, stiffness: Stiffness, estimate: Estimate) -> Estimate:
         """Estimate once the segment is known to be all liquid, or all solid."""
 
 
@@ -84,7 +85,7 @@ class LumpedObserver:
             h = min(h, model.latent_J)
         return Estimate((h,), estimate.lag)
 
-    def found(self, stiffness: Literal["soft", "rigid"], estimate: Estimate) -> Estimate:
+    def found(self, stiffness: Stiffness, estimate: Estimate) -> Estimate:
         """Move the heat to that end of the plateau, unless it is beyond."""
         (h,) = estimate.state
         h = max(h, self.model.latent_J) if stiffness == "soft" else min(h, 0.0)
@@ -117,7 +118,7 @@ class TwoNodeObserver:
         pull_K = _CORRECTION_PER_S * duration_s * (measured_C - estimate.lag[1])
         return Estimate((core + pull_K, body), estimate.lag)
 
-    def found(self, stiffness: Literal["soft", "rigid"], estimate: Estimate) -> Estimate:
+    def found(self, stiffness: Stiffness, estimate: Estimate) -> Estimate:
         """Move the core to that threshold, unless it is beyond."""
         (core, body), model = estimate.state, self.model
         soft = stiffness == "soft"

@@ -15,13 +15,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.modes import Stiffness
 from twosra_mpc.robot import Robot
 from twosra_mpc.segment import LumpedSegment, TwoNodeSegment
+from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.model import lumped, two_node
 from twosra_mpc.thermal.observer import Estimate, LumpedObserver, MeltObserver, TwoNodeObserver
+from twosra_mpc.thermal.two_node import TwoNode
 
-Setpoint = Literal["soft", "rigid"]
-Stiffness = Literal["soft", "rigid", "changing"]
+KnownStiffness = Stiffness | Literal["changing"]
 
 # Distances from the melting point. It is uncertain by 1 K; a thermistor with parts of 1 % by 1 K.
 CLEARLY_LIQUID_K = 2.2
@@ -42,7 +44,7 @@ class Knowledge:
         evident_s: For how long the sensor has shown the segment as the set-point wants it.
     """
 
-    stiffness: Stiffness
+    stiffness: KnownStiffness
     estimate: Estimate
     lowest_C: float
     off_s: float = 0.0
@@ -76,7 +78,7 @@ class StiffnessRule:
 
     def start(self, measured_C: float) -> Knowledge:
         """Knowledge about a segment that has rested, its heater off, at this temperature."""
-        stiffness: Stiffness = "changing"
+        stiffness: KnownStiffness = "changing"
         if measured_C < self.solid_below_C:
             stiffness = "rigid"
         elif measured_C > self.liquid_above_C:
@@ -86,7 +88,7 @@ class StiffnessRule:
     def step(
         self,
         known: Knowledge,
-        setpoint: Setpoint,
+        setpoint: Stiffness,
         measured_C: float,
         current_A: float,
         dt_s: float,
@@ -117,7 +119,9 @@ class StiffnessRule:
         stiffness = self._still(known.stiffness, setpoint, estimate)
         return Knowledge(stiffness, estimate, lowest_C, off_s, evident_s)
 
-    def _still(self, before: Stiffness, setpoint: Setpoint, estimate: Estimate) -> Stiffness:
+    def _still(
+        self, before: KnownStiffness, setpoint: Stiffness, estimate: Estimate
+    ) -> KnownStiffness:
         """Stiffness without news from the sensor."""
         model = self.observer.model
         level, here_C = model.level(estimate.state), model.temperature_C(estimate.state)
@@ -136,28 +140,37 @@ def stiffness_rule(
     """Build the rule for a robot's segments: about its melting point, or between its thresholds.
 
     Raises:
-        InputError: If the robot file has no ``[segment]``.
+        InputError: If the robot file has no ``[segment]``, or nothing would freeze in this air.
     """
     match robot.segment:
         case LumpedSegment() as made:
-            model = lumped(made, robot, ambient_C)
-            melting_C = model.melting_point_C
-            liquid_above_C = melting_C + CLEARLY_LIQUID_K
-            return StiffnessRule(
-                observer=LumpedObserver(model, sensor_lags_s, liquid_above_C),
-                liquid_above_C=liquid_above_C,
-                solid_below_C=melting_C - CLEARLY_SOLID_K,
-                soft_until_C=melting_C + SURELY_LIQUID_K,
-                rigid_until_C=melting_C - SURELY_SOLID_K,
-            )
+            rule = _about_the_melting_point(lumped(made, robot, ambient_C), sensor_lags_s)
         case TwoNodeSegment() as fitted:
-            core = two_node(fitted, robot, ambient_C)
-            return StiffnessRule(
-                observer=TwoNodeObserver(core, sensor_lags_s),
-                liquid_above_C=core.liquid_level,
-                solid_below_C=core.solid_level,
-                soft_until_C=core.liquid_level,
-                rigid_until_C=core.solid_level,
-            )
+            rule = _between_thresholds(two_node(fitted, robot, ambient_C), sensor_lags_s)
         case None:
             raise InputError("segment", None, f"a thermal description in robot {robot.name}")
+    if not ambient_C < rule.solid_below_C:
+        allowed = f"less than {rule.solid_below_C:g} C, below which the segment is rigid"
+        raise InputError("ambient_C", ambient_C, allowed)
+    return rule
+
+
+def _about_the_melting_point(model: Lumped, sensor_lags_s: tuple[float, float]) -> StiffnessRule:
+    liquid_above_C = model.melting_point_C + CLEARLY_LIQUID_K
+    return StiffnessRule(
+        observer=LumpedObserver(model, sensor_lags_s, liquid_above_C),
+        liquid_above_C=liquid_above_C,
+        solid_below_C=model.melting_point_C - CLEARLY_SOLID_K,
+        soft_until_C=model.melting_point_C + SURELY_LIQUID_K,
+        rigid_until_C=model.melting_point_C - SURELY_SOLID_K,
+    )
+
+
+def _between_thresholds(model: TwoNode, sensor_lags_s: tuple[float, float]) -> StiffnessRule:
+    return StiffnessRule(
+        observer=TwoNodeObserver(model, sensor_lags_s),
+        liquid_above_C=model.liquid_level,
+        solid_below_C=model.solid_level,
+        soft_until_C=model.liquid_level,
+        rigid_until_C=model.solid_level,
+    )

@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.robot import Robot
 from twosra_mpc.segment import TwoNodeSegment
 
@@ -239,8 +240,15 @@ def temperature_sensor(
         robot: The robot.
         ambient_C: Temperature of the air.
         part: Circuit, which the firmware knows; default: the thermistor in its divider.
+
+    Raises:
+        InputError: If the air is not within the circuit's range.
     """
-    circuit = NtcDivider() if part is None else part
+    circuit: Characteristic = NtcDivider() if part is None else part
+    coldest, hottest = circuit.range_C
+    if not coldest <= ambient_C <= hottest:
+        allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
+        raise InputError("ambient_C", ambient_C, allowed)
     sensor = TemperatureSensor(ambient_C, circuit, circuit)
     match robot.segment:
         case TwoNodeSegment() as fitted:

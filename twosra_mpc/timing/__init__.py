@@ -1,7 +1,7 @@
 """Transition timing: the events of a mode sequence, and how far apart they must be."""
 
 from twosra_mpc.timing.choice import transition_model
-from twosra_mpc.timing.network import EventLayout, TemporalNetwork, earliest_times
+from twosra_mpc.timing.network import EventLayout, TemporalNetwork, earliest_times, latest_times
 from twosra_mpc.timing.transitions import Transition, TransitionModel
 
 __all__ = [
@@ -10,5 +10,6 @@ __all__ = [
     "Transition",
     "TransitionModel",
     "earliest_times",
+    "latest_times",
     "transition_model",
 ]

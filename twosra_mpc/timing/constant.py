@@ -78,7 +78,8 @@ class Overlapped:
         layout = EventLayout(len(sequence))
         least = phase_order(layout)
         holds: list[Hold] = []
-        melts = freezes = 0
+        melts: list[int] = []
+        freezes: list[int] = []
         heated = 0.0
         previous = layout.origin
         for event in events_of(sequence, self.first, last):
@@ -92,13 +93,11 @@ class Overlapped:
             else:
                 least[previous, onset] = self.times.melt_changing_s
             if event.to == "soft":
-                melts += 1
+                melts.append(onset)
                 heated += self._lead(event.segment, event.number) + self.times.melt_changing_s
             else:
-                freezes += 1
-                if event.number == 0:
-                    holds.append(Hold(layout.origin, onset, 0.0))
-                else:
+                freezes.append(onset)
+                if event.number:
                     heated -= self._power * self.times.melt_changing_s / self._melt_power
                     holds.append(Hold(previous, onset, self._power))
             previous = onset
@@ -110,8 +109,9 @@ class Overlapped:
             layout=layout,
             least=least,
             holds=tuple(holds),
-            melts=melts,
-            freezes=freezes,
+            melt_onsets=tuple(melts),
+            freeze_onsets=tuple(freezes),
+            transitions=len(melts) + len(freezes),
             melt_energy_J=heated * self._melt_power,
         )
 
@@ -209,14 +209,13 @@ class Sequential:
         del least_durations
         layout = EventLayout(len(sequence))
         least = phase_order(layout)
-        melts = freezes = 0
+        transitions = 0
         heated = 0.0
         reheat = self.times.reconfigure_s - self.times.reconfigure_cool_s
         for gap, (before, after) in enumerate(self._gaps(sequence, last)):
             least[layout.end(gap - 1), layout.start(gap)] = self._wait(before, after)
             if before != after:
-                freezes += sum(before)
-                melts += sum(after)
+                transitions += sum(before) + sum(after)
                 heated += sum(after) * (self.times.heat_s if before == RIGID else reheat)
         return TemporalNetwork(
             sequence=sequence,
@@ -224,8 +223,9 @@ class Sequential:
             layout=layout,
             least=least,
             holds=(),
-            melts=melts,
-            freezes=freezes,
+            melt_onsets=(),
+            freeze_onsets=(),
+            transitions=transitions,
             melt_energy_J=heated * _power(self.heater, "melt"),
         )
 

@@ -11,7 +11,8 @@ lower bound.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -88,8 +89,9 @@ class TemporalNetwork:
         layout: Numbering of the events.
         least: {(u, v): w} meaning t[v] - t[u] >= w [s].
         holds: Heater power while segments are liquid.
-        melts: Number of melts.
-        freezes: Number of freezes.
+        melt_onsets: Events at which melts begin that heaters may delay.
+        freeze_onsets: Events at which freezes begin.
+        transitions: Number of melts and freezes.
         melt_energy_J: Least heater energy of all melts.
     """
 
@@ -98,21 +100,45 @@ class TemporalNetwork:
     layout: EventLayout
     least: dict[tuple[int, int], float]
     holds: tuple[Hold, ...]
-    melts: int
-    freezes: int
+    melt_onsets: tuple[int, ...]
+    freeze_onsets: tuple[int, ...]
+    transitions: int
     melt_energy_J: float
 
 
-def earliest_times(network: TemporalNetwork) -> list[float]:
-    """Earliest time of every event if motion took no time: longest paths from the origin [s]."""
+def earliest_times(network: TemporalNetwork) -> list[float] | None:
+    """Earliest time of every event: longest paths from the origin [s].
+
+    None if the constraints contradict each other.
+    """
     times = [0.0] * network.layout.count
+    constraints = [(u, v, least) for (u, v), least in network.least.items()]
+    for _ in range(network.layout.count + 1):
+        changed = False
+        for u, v, least in constraints:
+            if times[u] + least > times[v]:
+                times[v] = times[u] + least
+                changed = True
+        if not changed:
+            return times
+    return None
+
+
+def latest_times(network: TemporalNetwork, at_most: Mapping[int, float]) -> list[float]:
+    """Latest time of every event with some events not later than given [s]; inf where free.
+
+    The constraints must not contradict each other, nor the times given.
+    """
+    times = [math.inf] * network.layout.count
+    for event, time in at_most.items():
+        times[event] = time
     constraints = [(u, v, least) for (u, v), least in network.least.items()]
     changed = True
     while changed:
         changed = False
         for u, v, least in constraints:
-            if times[u] + least > times[v]:
-                times[v] = times[u] + least
+            if times[v] - least < times[u]:
+                times[u] = times[v] - least
                 changed = True
     return times
 

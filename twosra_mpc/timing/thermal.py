@@ -57,7 +57,8 @@ class Thermal:
         layout = EventLayout(len(sequence))
         least = phase_order(layout)
         holds: list[Hold] = []
-        melts = freezes = 0
+        melts: list[int] = []
+        freezes: list[int] = []
         energy, molten = 0.0, 0
         previous = layout.origin
         before: float | None = None  # least time from the onset of the transition before
@@ -68,16 +69,14 @@ class Thermal:
             if event.number == 0:
                 previous, before = layout.origin, None
             if event.to == "soft":
-                melts += 1
+                melts.append(onset)
                 energy += history.first_energy_J if before is None else history.energy_J
-                holds.append(Hold(onset, begin, 0.0))
                 least[previous, onset] = history.first_lead_s if before is None else before
                 before = history.first_melting_s if before is None else history.melting_s
             else:
-                freezes += 1
-                since = previous if event.number == 0 else layout.start(molten)
-                power = history.liquid_power_W if event.number else 0.0
-                holds.append(Hold(since, onset, power))
+                freezes.append(onset)
+                if event.number:
+                    holds.append(Hold(layout.start(molten), onset, history.liquid_power_W))
                 if before is None:
                     least[previous, onset] = history.first_coasting_s
                     least[previous, begin] = history.first_freezing_s
@@ -89,7 +88,17 @@ class Thermal:
             previous, molten = onset, event.gap
         if self.heaters_at_once == 1:
             least |= self._least_handovers(sequence, last, least, layout)
-        return TemporalNetwork(sequence, last, layout, least, tuple(holds), melts, freezes, energy)
+        return TemporalNetwork(
+            sequence=sequence,
+            last=last,
+            layout=layout,
+            least=least,
+            holds=tuple(holds),
+            melt_onsets=tuple(melts),
+            freeze_onsets=tuple(freezes),
+            transitions=len(melts) + len(freezes),
+            melt_energy_J=energy,
+        )
 
     def _least_handovers(
         self,

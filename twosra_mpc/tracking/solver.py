@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import enum
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
-import osqp
+import osqp  # type: ignore[import-untyped]  # it has no stubs
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -17,9 +19,18 @@ from twosra_mpc.tracking.settings import SolverSettings
 
 Array = NDArray[np.float64]
 
-STEP_SIZE = 1.0  # rho of ADMM; rows and cost are scaled so that one suits every robot and weight
+USABLE = 0.03  # residuals up to which a point that did not converge is still worth sending
+STEP_SIZE = 2.0  # rho of ADMM; rows and cost are scaled so that one suits every robot and weight
+SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
 CHECK_EVERY = 5  # iterations between tests for convergence
-SOLVED = (osqp.SolverStatus.OSQP_SOLVED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
+
+
+class Quality(enum.Enum):
+    """How well a program was solved."""
+
+    CONVERGED = enum.auto()
+    ROUGH = enum.auto()  # iterations ran out with residuals small enough to use the point
+    UNUSABLE = enum.auto()
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +109,6 @@ class ProgramInPlace:
         numbers = [self._values, self._lower, self._upper, changing, self._guess]
         self._linearise = _InPlace(program.linearise, arguments, numbers)
         self._first_command = _InPlace(program.command, arguments, [self.v, self.command])
-        self._stage_rows = program.stage_rows
-        self._kept = program.stage_rows * (setup.horizon - 1)
         self.forget()
         self._linearise.evaluate()
         self._solver = self._set_up(settings)
@@ -135,27 +144,33 @@ class ProgramInPlace:
         if self.program.setup.outputs.bending:
             self._y[-1] = -self._cost[-1]  # the multiplier of a slack that is zero
 
-    def solve(self) -> bool:
-        """Linearise, solve, and find ``v`` and ``command``; False if OSQP did not converge."""
+    def solve(self) -> Quality:
+        """Linearise, solve, and find ``v`` and ``command``; these mean nothing if unusable."""
         solver = self._solver
         self._linearise.evaluate()
         solver.update_data_vec(q=self._cost, l=self._lower, u=self._upper)
         solver.update_data_mat(P_x=None, P_i=None, A_x=self._values, A_i=None)
         solver.warm_start(self._guess, self._y)
         solver.solve()
-        if solver.info.status_val not in SOLVED:
-            return False
-        solution, stage = solver.solution, self._stage_rows
+        info, solution = solver.info, solver.solution
         self._x[:] = solution.x
-        self._y[:] = solution.y
-        self._y[: self._kept] = self._y[stage : stage + self._kept]
+        solution.y.take(self.program.next_rows, out=self._y)
         self._first_command.evaluate()
-        return True
+        if not math.isfinite(sum(self.v.tolist())):
+            self.forget()
+            return Quality.UNUSABLE
+        if info.status_val == SOLVED:
+            return Quality.CONVERGED
+        residual = max(info.prim_res, info.dual_res)
+        return Quality.ROUGH if residual <= USABLE else Quality.UNUSABLE
 
-    @property
-    def status(self) -> str:
+    def describe(self) -> str:
         """What OSQP says of the last solve."""
-        return str(self._solver.info.status)
+        info = self._solver.info
+        return (
+            f"{info.status} after {info.iter} iterations, "
+            f"residuals {info.prim_res:.2g} and {info.dual_res:.2g}"
+        )
 
     def quadratic_program(self) -> QuadraticProgram:
         """The program of the last step and OSQP's point, as a value of its own."""
@@ -180,7 +195,9 @@ class ProgramInPlace:
 class _InPlace:
     """A CasADi function that reads from and writes to fixed arrays."""
 
-    def __init__(self, function: ca.Function, reads: Sequence[Array], writes: Sequence[Array]) -> None:
+    def __init__(
+        self, function: ca.Function, reads: Sequence[Array], writes: Sequence[Array]
+    ) -> None:
         buffer: Any = function.buffer()  # its type stub describes the C++ call, not this one
         self._memory, self.evaluate = buffer  # the memory must live as long as evaluate is used
         self._arrays = (*reads, *writes)

@@ -22,8 +22,8 @@ from twosra_mpc.robot import Robot
 from twosra_mpc.tracking.linearisation import tracking_program
 from twosra_mpc.tracking.reference import SAME_TIME_S, PhaseReference
 from twosra_mpc.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
-from twosra_mpc.tracking.solver import ProgramInPlace, QuadraticProgram
-from twosra_mpc.tracking.stage import Setup
+from twosra_mpc.tracking.setup import Setup
+from twosra_mpc.tracking.solver import ProgramInPlace, QuadraticProgram, Quality
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,8 @@ class Measurement:
             raise InputError("measurement.time_s", self.time_s, "a number of seconds") from None
         if not math.isfinite(self.time_s):
             raise InputError("measurement.time_s", self.time_s, "a finite number of seconds")
+        if self.phase is not None and not isinstance(self.phase, int | np.integer):
+            raise InputError("measurement.phase", self.phase, "a whole number, or None")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -130,7 +132,7 @@ class Tracker:
         Raises:
             InputError: If a value is out of its range.
         """
-        if not (isinstance(horizon, int) and 2 <= horizon <= LONGEST_HORIZON):
+        if not isinstance(horizon, int | np.integer) or not 2 <= horizon <= LONGEST_HORIZON:
             raise InputError("horizon", horizon, f"from 2 to {LONGEST_HORIZON} steps")
         if not 0 < rate_Hz <= HIGHEST_RATE_HZ:
             raise InputError("rate_Hz", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:g} Hz")
@@ -182,7 +184,7 @@ class Tracker:
             phases.append(_TrackedPhase(program, path))
         self._phases, self._phase = phases, None
         self._times = samples.t_s.tolist()
-        self._heaters = list(samples.heater_setpoint_C)
+        self._heaters: list[Array] = list(samples.heater_setpoint_C)
 
     def step(self, measurement: Measurement) -> Command:
         """Find what to send to the robot for the coming period.
@@ -194,7 +196,9 @@ class Tracker:
             raise InputError("plan", None, "a plan, given to reset")
         phase = measurement.phase
         if phase is None:
-            return self._hold(measurement.time_s)
+            self._phase = None
+            heaters = self._heater_setpoint(measurement.time_s)
+            return self._stop(CommandStatus.HELD, heaters, "between phases")
         if not 0 <= phase < len(self._phases):
             allowed = f"None, or a phase of the plan (0 to {len(self._phases) - 1})"
             raise InputError("measurement.phase", phase, allowed)
@@ -206,13 +210,19 @@ class Tracker:
         program.wheels[:] = self._last_command.wheel_rad_s
         path.write(measurement.time_s, program.reference)
         self._solved_last = program
-        if not program.solve():
-            return self._fail(program)
+        quality = program.solve()
+        if quality is Quality.UNUSABLE:
+            return self._stop(
+                CommandStatus.FAILED,
+                self._last_command.heater_setpoint_C,
+                f"wheels stopped, the quadratic program was not solved: {program.describe()}",
+            )
         self._last_command = Command(
             _read_only(program.command.copy()),
             _read_only(program.v.copy()),
             self._heater_setpoint(measurement.time_s),
             CommandStatus.SOLVED,
+            "" if quality is Quality.CONVERGED else program.describe(),
         )
         return self._last_command
 
@@ -225,9 +235,7 @@ class Tracker:
 
     def _program(self, mode: Mode) -> ProgramInPlace:
         if mode not in self._programs:
-            setup = Setup(
-                self.robot, mode, self.horizon, self.period_s, self.weights, self.limits
-            )
+            setup = Setup(self.robot, mode, self.horizon, self.period_s, self.weights, self.limits)
             self._programs[mode] = ProgramInPlace(tracking_program(setup), self.solver)
         return self._programs[mode]
 
@@ -236,21 +244,8 @@ class Tracker:
         place = bisect_right(self._times, time_s + SAME_TIME_S) - 1
         return self._heaters[max(place, 0)]
 
-    def _hold(self, time_s: float) -> Command:
-        self._phase = None
-        heaters = self._heater_setpoint(time_s)
-        self._last_command = Command(
-            _NO_WHEELS, _NO_INPUT, heaters, CommandStatus.HELD, "between phases"
-        )
-        return self._last_command
-
-    def _fail(self, program: ProgramInPlace) -> Command:
-        self._phase = None
-        message = f"the quadratic program was not solved ({program.status}): wheels stopped"
-        heaters = self._last_command.heater_setpoint_C
-        self._last_command = Command(
-            _NO_WHEELS, _NO_INPUT, heaters, CommandStatus.FAILED, message
-        )
+    def _stop(self, status: CommandStatus, heaters: Array, message: str) -> Command:
+        self._last_command = Command(_NO_WHEELS, _NO_INPUT, heaters, status, message)
         return self._last_command
 
 

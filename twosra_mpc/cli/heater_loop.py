@@ -1,0 +1,170 @@
+"""``twosra simulate-heater``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import click
+
+from twosra_mpc.cli.output import EXIT_PLANNED, check_writable, print_table
+from twosra_mpc.errors import InputError
+from twosra_mpc.modes import Stiffness
+from twosra_mpc.robot import load_robot
+from twosra_mpc.thermal.controller import stiffness_controller
+from twosra_mpc.thermal.heater_loop import (
+    HeaterRun,
+    Stretch,
+    save_run,
+    simulate_heater,
+    stretches,
+)
+from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.thermal.thermistor import (
+    Characteristic,
+    LinearMap,
+    NtcDivider,
+    temperature_sensor,
+)
+
+_SENSORS: dict[str, Characteristic] = {"ntc": NtcDivider(), "linear": LinearMap()}
+
+
+_HELP = """Simulate one segment's heater in closed loop: when does it melt, when is it rigid again?
+
+The loop is segment, thermistor and stiffness controller. The controller reports when the segment
+has truly become soft or rigid, which is what a robot should wait for.
+
+\b
+Melt the paper's segment and let it freeze, with a figure:
+  twosra simulate-heater --plot heater.png
+The follow-up robot, softened twice:
+  twosra simulate-heater --robot 2sr-v2 --profile soft:90,rigid:60,soft:60,rigid:120
+Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or solid after":
+  twosra simulate-heater --start-temperature 55
+"""
+
+
+@click.command("simulate-heater", help=_HELP)
+@click.option("--robot", default="2sra-v1", show_default=True, help="A built-in name or a file.")
+@click.option(
+    "--profile",
+    default="soft:120,rigid:400",
+    show_default=True,
+    help="Set-points and how long each lasts [s].",
+)
+@click.option("--ambient", type=float, help="Air [C]; default: the robot's.")
+@click.option("--start-temperature", type=float, help="Segment at the start [C]; default: the air.")
+@click.option(
+    "--sensor",
+    type=click.Choice(list(_SENSORS)),
+    default="ntc",
+    show_default=True,
+    help="Thermistor in a divider, or the paper's straight line.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the sensor's noise.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write every sample as CSV.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the run (png, pdf, svg).")
+def simulate_heater_command(
+    robot: str,
+    profile: str,
+    ambient: float | None,
+    start_temperature: float | None,
+    sensor: str,
+    seed: int,
+    out: Path | None,
+    plot: Path | None,
+) -> int:
+    """Run the loop; see ``_HELP``."""
+    described = load_robot(robot)
+    targets, duration_s = parse_profile(profile)
+    for target in (out, plot):
+        check_writable(target)
+    if plot is not None:
+        from twosra_mpc.figure_file import check_figure_path  # matplotlib takes a second
+
+        check_figure_path(plot)
+    air_C = described.heater.ambient_C if ambient is None else ambient
+    controller = stiffness_controller(described, air_C)
+    run = simulate_heater(
+        segment_model(described, air_C),
+        temperature_sensor(described, air_C, _SENSORS[sensor]),
+        controller,
+        targets,
+        duration_s,
+        start_temperature_C=start_temperature,
+        seed=seed,
+    )
+    if out is not None:
+        save_run(run, out)
+    if plot is not None:
+        from twosra_mpc.heater_figure import plot_heater
+
+        plot_heater(run, controller, described.name, plot)
+    _print_stretches(stretches(run, controller.soft_setpoint_C))
+    _print_events(run)
+    return EXIT_PLANNED
+
+
+def parse_profile(text: str) -> tuple[list[tuple[float, Stiffness]], float]:
+    """Turn ``soft:120,rigid:400`` into start times with set-points, and the whole duration [s].
+
+    Raises:
+        InputError: Naming the entry that is wrong.
+    """
+    targets: list[tuple[float, Stiffness]] = []
+    time = 0.0
+    for number, entry in enumerate(text.split(",")):
+        name, _, lasts = entry.strip().partition(":")
+        setpoint: Stiffness
+        match name:
+            case "soft" | "rigid":
+                setpoint = name
+            case _:
+                raise InputError(f"profile.{number}", entry, "soft:SECONDS or rigid:SECONDS")
+        targets.append((time, setpoint))
+        time += _seconds(lasts, f"profile.{number}")
+    return targets, time
+
+
+def _seconds(text: str, field: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise InputError(field, text, "a positive number of seconds after the colon")
+    return value
+
+
+def _print_stretches(summed_up: tuple[Stretch, ...]) -> None:
+    rows = [
+        (
+            each.setpoint,
+            f"{each.start_s:.0f} s to {each.end_s:.0f} s",
+            _after(each.changed_s, "already liquid" if each.setpoint == "soft" else "still solid"),
+            _after(each.told_s, "as before"),
+            "" if each.setpoint == "rigid" else _after(each.settled_s, "at once"),
+            f"{each.peak_C:.1f} C",
+            f"{each.heat_J:.0f} J",
+        )
+        for each in summed_up
+    ]
+    header = ("set-point", "time", "liquid or solid after", "reported after")
+    print_table((*header, "settled after", "peak", "heat"), rows)
+
+
+def _after(time_s: float, at_once: str) -> str:
+    if math.isnan(time_s):
+        return "not reached"
+    return at_once if time_s == 0.0 else f"{time_s:.1f} s"
+
+
+def _print_events(run: HeaterRun) -> None:
+    rows = []
+    for event in run.events:
+        i = abs(run.time_s - event.time_s).argmin()
+        molten = f"{100 * run.melt_fraction[i]:.0f} %"
+        temperatures = (f"{run.temperature_C[i]:.1f} C", f"{run.measured_C[i]:.1f} C")
+        rows.append((f"{event.time_s:.1f} s", event.kind, *temperatures, molten))
+    print_table(("reported at", "event", "temperature", "by the sensor", "molten"), rows)

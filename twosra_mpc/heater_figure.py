@@ -1,0 +1,133 @@
+"""Figure of a heater in closed loop: what was asked and reported, temperature, melt, current.
+
+Needs no display and leaves ``rcParams`` alone.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import PercentFormatter
+from numpy.typing import NDArray
+
+from twosra_mpc.figure_file import check_figure_path, save_figure
+from twosra_mpc.plotting import BESIDE, CHANGING_COLOUR, DPI, RIGID_COLOUR, SOFT_COLOUR, STYLE
+from twosra_mpc.thermal.controller import StiffnessController
+from twosra_mpc.thermal.heater_loop import HeaterRun
+from twosra_mpc.thermal.lumped import Lumped
+
+SIZE_IN = (10.0, 6.6)
+TRUE_COLOUR, MEASURED_COLOUR, CURRENT_COLOUR = "#222222", "#12997c", "#5d4037"
+BARS: dict[str, dict[str, Any]] = {
+    "soft": {"fc": SOFT_COLOUR, "lw": 0},
+    "changing": {"fc": CHANGING_COLOUR, "ec": "white", "lw": 0, "hatch": "////"},
+    "rigid": {"fc": RIGID_COLOUR, "lw": 0},
+}
+
+
+def plot_heater(
+    run: HeaterRun, controller: StiffnessController, name: str, path: str | Path | None = None
+) -> Figure:
+    """Draw a run over time.
+
+    Args:
+        run: The run.
+        controller: The controller that made it, for its thresholds.
+        name: Name of the robot.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+
+    Raises:
+        InputError: If matplotlib cannot write such a file, or the folder cannot be written.
+    """
+    if path is not None:
+        check_figure_path(path)
+    with rc_context(STYLE):
+        figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(f"Heater of one segment in closed loop: {name}")
+        axes = figure.subplots(4, 1, sharex=True, height_ratios=(0.42, 1.9, 0.75, 0.75))
+        _draw_stiffness(axes[0], run)
+        _draw_temperature(axes[1], run, controller)
+        _draw_melt_fraction(axes[2], run)
+        _draw_current(axes[3], run, controller)
+        for event in run.events:
+            for ax in axes[1:]:
+                ax.axvline(event.time_s, color="0.85", lw=0.8, zorder=0)
+        axes[-1].set(xlim=(0.0, run.time_s[-1]), xlabel="time [s]")
+        for ax in axes:
+            ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
+        figure.align_ylabels(axes)
+        if path is not None:
+            save_figure(figure, path)
+    return figure
+
+
+def _draw_stiffness(ax: Axes, run: HeaterRun) -> None:
+    """A bar for the set-point, and one for what the controller reports."""
+    asked = np.where(run.soft_setpoint, "soft", "rigid")
+    for row, states in ((1.0, asked), (0.0, run.stiffness)):
+        for low, high, state in _spans(run.time_s, states):
+            ax.barh(row, high - low, 0.62, low, **BARS[state])
+    ax.set(ylim=(-0.5, 1.5), yticks=(0, 1), yticklabels=("reported", "set-point"))
+    ax.tick_params(axis="y", length=0)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(axis="x", length=0)
+    ax.legend(handles=[Patch(label=state, **look) for state, look in BARS.items()], **BESIDE)
+
+
+def _spans(time_s: NDArray[np.float64], states: NDArray[np.str_]) -> list[tuple[float, float, str]]:
+    """(from, to, state) of every run of equal states [s]."""
+    changes = np.flatnonzero(states[1:] != states[:-1]) + 1
+    edges = [0, *changes.tolist(), len(states) - 1]
+    return [(float(time_s[i]), float(time_s[j]), str(states[i])) for i, j in pairwise(edges)]
+
+
+def _draw_temperature(ax: Axes, run: HeaterRun, controller: StiffnessController) -> None:
+    rule = controller.rule
+    above, below, hold = rule.liquid_above_C, rule.solid_below_C, controller.soft_setpoint_C
+    ax.axhspan(below, above, color=CHANGING_COLOUR, alpha=0.25, lw=0, label="melting, freezing")
+    if isinstance(rule.observer.model, Lumped):
+        melting = rule.observer.model.melting_point_C
+        ax.axhline(melting, c="0.45", lw=0.8, label=f"melting point {melting:.0f} °C")
+    style: dict[str, Any] = {"lw": 1.0, "ls": "--"}
+    ax.axhline(below, c=RIGID_COLOUR, label=f"rigid below {below:.1f} °C", **style)
+    ax.axhline(above, c=SOFT_COLOUR, label=f"soft above {above:.1f} °C", **style)
+    setpoint = np.where(run.soft_setpoint, hold, np.nan)
+    ax.plot(run.time_s, setpoint, c="0.45", lw=1.2, ls=":", label=f"set-point {hold:.0f} °C")
+    ax.plot(run.time_s, run.measured_C, c=MEASURED_COLOUR, lw=1.2, label="by the sensor")
+    ax.plot(run.time_s, run.temperature_C, c=TRUE_COLOUR, lw=1.6, label="segment")
+    ax.set(ylabel="temperature\n[°C]", ymargin=0.06)
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(handles[::-1], labels[::-1], **BESIDE)
+
+
+def _draw_melt_fraction(ax: Axes, run: HeaterRun) -> None:
+    ax.plot(run.time_s, run.melt_fraction, c=TRUE_COLOUR, lw=1.6, label="segment")
+    ax.plot(
+        run.time_s,
+        run.estimated_melt_fraction,
+        c=MEASURED_COLOUR,
+        lw=1.2,
+        ls="--",
+        label="estimate",
+    )
+    ax.yaxis.set_major_formatter(PercentFormatter(1.0))
+    ax.set(ylabel="molten", ylim=(-0.06, 1.06), yticks=(0.0, 0.5, 1.0))
+    ax.legend(**BESIDE)
+
+
+def _draw_current(ax: Axes, run: HeaterRun, controller: StiffnessController) -> None:
+    limit = controller.full_current_A
+    ax.fill_between(run.time_s, run.current_A, step="post", fc=CURRENT_COLOUR, alpha=0.25, lw=0)
+    ax.step(run.time_s, run.current_A, c=CURRENT_COLOUR, where="post", lw=1.2, label="current")
+    ax.axhline(limit, c="0.45", lw=1.0, ls=":", label=f"limit {limit:g} A")
+    ax.set(ylabel="current\n[A]", ylim=(0.0, 1.12 * limit))
+    ax.legend(**BESIDE)

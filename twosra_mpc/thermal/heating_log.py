@@ -1,0 +1,264 @@
+"""Logs of heating and cooling: reading, checking, and putting on an even grid without spikes.
+
+A log is a CSV file with the columns ``time_s``, ``temp_C`` (the raw sensor) and ``mode``:
+
+- heating: the heater melts the segment, as hard as its firmware lets it;
+- hold (or flexible, the word of the follow-up robot's logs): the firmware keeps it soft;
+- cooling: the heater is off.
+
+A cycle starts with each heating. Other columns are ignored.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import read_text
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Mode = Literal["heating", "hold", "cooling"]
+
+MODES: tuple[Mode, ...] = get_args(Mode)
+SYNONYMS: dict[str, Mode] = {"flexible": "hold"}
+COLUMNS = ("time_s", "temp_C", "mode")
+
+LEAST_SAMPLES = 20  # of heating, and of cooling
+LEAST_RISE_K = 5.0  # less says nothing about a segment
+LONGEST_STEP_S = 5.0  # slower samples miss the sensor's lag
+COLDER_THAN_AIR_K = 1.0  # noise and drift of the room
+
+_STEPS_S = (0.5, 1.0)  # finest and coarsest grid: the sensor lags by seconds
+_SHORTEST_HOLD_S = 10.0  # in a shorter hold the readings do not show the core; it counts as heating
+_SPIKE_K = 0.5  # a reading this far from its neighbours', and farther than they can have moved
+_FASTEST_K_PER_S = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class HeatingLog:
+    """A checked log; arrays (n,), read-only.
+
+    Attributes:
+        source: Name of the file.
+        time_s: Times of the samples, increasing.
+        sensor_C: Raw readings.
+        mode: A word of ``MODES`` for each sample.
+        ambient_C: Temperature of the air.
+
+    Raises:
+        InputError: Naming the column, the row (from 1, below the heading) and what is allowed.
+    """
+
+    source: str
+    time_s: Array
+    sensor_C: Array
+    mode: NDArray[np.str_]
+    ambient_C: float
+
+    def __post_init__(self) -> None:
+        freeze(self)
+        self._check_samples()
+        self._check_course()
+
+    @property
+    def step_s(self) -> float:
+        """Median time between samples."""
+        return float(np.median(np.diff(self.time_s)))
+
+    @cached_property
+    def cycle(self) -> NDArray[np.int_]:
+        """Number of the cycle of each sample, from 0 (which also holds what came before)."""
+        heating = self.mode == "heating"
+        starts = heating & ~np.append(False, heating[:-1])
+        return np.maximum(np.cumsum(starts) - 1, 0)
+
+    @cached_property
+    def spikes(self) -> Flags:
+        """Readings that no segment can have between their neighbours."""
+        off = np.abs(self.sensor_C - _running_median(self.sensor_C, 5))
+        return off > _SPIKE_K + _FASTEST_K_PER_S * self.step_s
+
+    @cached_property
+    def despiked_C(self) -> Array:
+        """Readings, spikes replaced by the median of their neighbours."""
+        return np.where(self.spikes, _running_median(self.sensor_C, 5), self.sensor_C)
+
+    def _refuse(self, field: str, value: object, allowed: str) -> InputError:
+        return InputError(field, value, allowed, self.source)
+
+    def _check_samples(self) -> None:
+        for column, values in (("time_s", self.time_s), ("temp_C", self.sensor_C)):
+            bad = np.flatnonzero(~np.isfinite(values))
+            if len(bad):
+                raise self._refuse(f"{column}, row {bad[0] + 1}", values[bad[0]], "a finite number")
+        for i, word in enumerate(self.mode.tolist()):
+            if word not in MODES:
+                allowed = f"{', '.join(MODES)} or {', '.join(SYNONYMS)}"
+                raise self._refuse(f"mode, row {i + 1}", word, allowed)
+        late = np.flatnonzero(np.diff(self.time_s) <= 0)
+        if len(late):
+            before, value = self.time_s[late[0] : late[0] + 2].tolist()
+            allowed = f"later than the row before it ({before:g} s)"
+            raise self._refuse(f"time_s, row {late[0] + 2}", value, allowed)
+
+    def _check_course(self) -> None:
+        for word in ("heating", "cooling"):
+            count = int(np.sum(self.mode == word))
+            if count < LEAST_SAMPLES:
+                allowed = f"at least {LEAST_SAMPLES} rows of {word} (heating and cooling are fitted)"
+                raise self._refuse("mode", f"{count} rows of {word}", allowed)
+        if self.mode[0] == "hold":
+            allowed = "heating or cooling: before a hold, the segment's warmth has to be known"
+            raise self._refuse("mode, row 1", "hold", allowed)
+        if self.step_s > LONGEST_STEP_S:
+            allowed = f"at most {LONGEST_STEP_S:g} s between rows, as a median"
+            raise self._refuse("time_s", self.step_s, allowed)
+        if not math.isfinite(self.ambient_C):
+            raise self._refuse("ambient_C", self.ambient_C, "a finite number")
+        coldest, hottest = float(self.despiked_C.min()), float(self.despiked_C.max())
+        if coldest < self.ambient_C - COLDER_THAN_AIR_K:
+            allowed = f"at most the coldest reading ({coldest:g} C); give it if the log starts warm"
+            raise self._refuse("ambient_C", self.ambient_C, allowed)
+        if hottest < self.ambient_C + LEAST_RISE_K:
+            allowed = f"readings that rise {LEAST_RISE_K:g} K above the air ({self.ambient_C:g} C)"
+            raise self._refuse("temp_C", hottest, allowed)
+
+
+@dataclass(frozen=True, eq=False)
+class EvenLog:
+    """A log on an even grid of n points, spikes removed; arrays read-only.
+
+    Attributes:
+        step_s: Time between points.
+        time_s: Their times, (n,).
+        sensor_C: Readings there, (n,).
+        held: Whether the point is in a hold, where the heater's power is unknown, (n,).
+        scored: Whether there is a reading of a heating or cooling segment at the point, (n,).
+        heating: Whether the point is in a heating, (n,).
+        heating_share: Share of the step from each point on in which the heater heats, (n - 1,).
+        cycle: Number of the point's cycle, from 0, (n,).
+        ambient_C: Temperature of the air.
+    """
+
+    step_s: float
+    time_s: Array
+    sensor_C: Array
+    held: Flags
+    scored: Flags
+    heating: Flags
+    heating_share: Array
+    cycle: NDArray[np.int_]
+    ambient_C: float
+
+    def __post_init__(self) -> None:
+        freeze(self)
+
+    def scoring(self, chosen: Flags) -> EvenLog:
+        """Return the same log scored only where ``chosen`` (n,)."""
+        return replace(self, scored=self.scored & chosen)
+
+
+def freeze(record: HeatingLog | EvenLog) -> None:
+    """Make the arrays of a record read-only."""
+    for each in fields(record):
+        value = getattr(record, each.name)
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
+
+
+def read_heating_log(path: str | Path, ambient_C: float | None = None) -> HeatingLog:
+    """Read a CSV file.
+
+    Args:
+        path: The file.
+        ambient_C: Temperature of the air; default: the first reading.
+
+    Raises:
+        InputError: If the file cannot be read, lacks a column, or is no such log.
+    """
+    source = str(path)
+    rows = csv.DictReader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
+    names = [name.strip() for name in rows.fieldnames or ()]
+    rows.fieldnames = names
+    missing = [column for column in COLUMNS if column not in names]
+    if missing:
+        allowed = f"a CSV file with a heading of at least {', '.join(COLUMNS)}"
+        raise InputError(f"column {missing[0]}", "missing", allowed, source)
+    times, readings, words = [], [], []
+    for number, row in enumerate(rows, 1):
+        times.append(_number(row, "time_s", number, source))
+        readings.append(_number(row, "temp_C", number, source))
+        word = (row["mode"] or "").strip()
+        words.append(SYNONYMS.get(word, word))
+    if not times:
+        raise InputError("rows", 0, "at least one row below the heading", source)
+    sensor = np.array(readings)
+    air = float(_running_median(sensor, 5)[0]) if ambient_C is None else ambient_C
+    return HeatingLog(source, np.array(times), sensor, np.array(words), air)
+
+
+def resample(log: HeatingLog) -> EvenLog:
+    """Put a log on an even grid.
+
+    Samples that are closer than the grid are smoothed by a running median as long as its step;
+    gaps in between are bridged, but not scored.
+    """
+    step = min(max(log.step_s, _STEPS_S[0]), _STEPS_S[1])
+    count = int((log.time_s[-1] - log.time_s[0]) / step + 1e-6) + 1
+    time = log.time_s[0] + step * np.arange(count)
+    smooth = _running_median(log.despiked_C, 2 * round(step / log.step_s / 2) + 1)
+    middles = (log.time_s[1:] + log.time_s[:-1]) / 2
+    nearest = np.searchsorted(middles, time)
+    mode, held = log.mode[nearest], _long_holds(log)
+    there = np.abs(log.time_s[nearest] - time) <= step / 2 + 1e-9
+    # Time spent heating until each sample's end, where the next one is nearer.
+    edges = np.concatenate([log.time_s[:1], middles, log.time_s[-1:]])
+    heated = np.append(0.0, np.cumsum(np.diff(edges) * ((log.mode != "cooling") & ~held)))
+    return EvenLog(
+        step_s=step,
+        time_s=time,
+        sensor_C=np.interp(time, log.time_s, smooth),
+        held=held[nearest],
+        scored=there & (mode != "hold"),
+        heating=mode == "heating",
+        heating_share=np.diff(np.interp(time, edges, heated)) / step,
+        cycle=log.cycle[nearest],
+        ambient_C=log.ambient_C,
+    )
+
+
+def _long_holds(log: HeatingLog) -> Flags:
+    """Samples in holds that are long enough to tell the core from the readings."""
+    held = log.mode == "hold"
+    for first, end in runs(held):
+        held[first:end] = log.time_s[end - 1] - log.time_s[first] >= _SHORTEST_HOLD_S
+    return held
+
+
+def runs(flags: Flags) -> list[tuple[int, int]]:
+    """(first, end) of each unbroken run of true flags."""
+    changes = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in zip(changes[::2], changes[1::2], strict=True)]
+
+
+def _running_median(values: Array, width: int) -> Array:
+    filtered: Array = median_filter(values, min(width, len(values)), mode="mirror")
+    return filtered
+
+
+def _number(row: dict[str, str], column: str, number: int, source: str) -> float:
+    text = row[column]
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        raise InputError(f"{column}, row {number}", text, "a finite number", source) from None

@@ -1,0 +1,143 @@
+"""Segments that follow a log step by step: two nodes, and one node with latent heat to compare.
+
+A state is (core, other), K above the air; what the other is, is the model's own matter. Duties are
+shares of full power, constant over a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.thermal.two_node import TwoNode
+
+Array = NDArray[np.float64]
+State = tuple[float, float]
+
+
+class Plant(Protocol):
+    """A heated segment, in steps of equal length."""
+
+    def resting(self, core_K: float) -> State:
+        """State with this core that has cooled for a long time."""
+
+    def driven(self, start: State, duty: Array) -> Array:
+        """States (n + 1, 2) from ``start`` on under the duties (n,) of n steps."""
+
+    def led(self, other: float, core_K: Array) -> Array:
+        """States (n, 2) whose core is given (n,), from another state ``other`` on."""
+
+
+@dataclass(frozen=True)
+class TwoNodePlant:
+    """Core and body; the other state is the body's temperature. Exact over a step.
+
+    Attributes:
+        model: The segment, with 1 A as full current and air of 0 C.
+        step_s: Length of a step.
+    """
+
+    model: TwoNode
+    step_s: float
+
+    @classmethod
+    def of(
+        cls, power_K_per_s: float, coupling_per_s: float, ratio: float, loss: float, step_s: float
+    ) -> TwoNodePlant:
+        """Build it from the fields of a ``TwoNodeSegment``."""
+        unused = {"core_heat_J_per_K": 1.0, "solid_level": 0.0, "liquid_level": 1.0}
+        model = TwoNode(
+            power_K_per_s,
+            coupling_per_s,
+            ratio,
+            loss,
+            full_current_A=1.0,
+            ambient_C=0.0,
+            **unused,
+        )
+        return cls(model, step_s)
+
+    def resting(self, core_K: float) -> State:
+        """Take what is left of any state after long cooling: the slow mode."""
+        core, body = self.model.propagate((1.0, 1.0), 0.0, 20 / self.model.coupling_per_s)
+        return core_K, core_K * body / core
+
+    def driven(self, start: State, duty: Array) -> Array:
+        """Propagate; the model is linear, so three of its steps tell all others."""
+        (cc, bc), (cb, bb), (cu, bu) = (
+            self.model.propagate(state, current, self.step_s)
+            for state, current in (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((0.0, 0.0), 1.0))
+        )
+        core, body = start
+        states = [start]
+        for u in duty.tolist():
+            core, body = cc * core + cb * body + cu * u, bc * core + bb * body + bu * u
+            states.append((core, body))
+        return np.array(states)
+
+    def led(self, other: float, core_K: Array) -> Array:
+        """Propagate the body; during a step the core is taken as the mean of its ends."""
+        from_core = self.model.hold((1.0, 0.0), self.step_s)[1]
+        from_body = self.model.hold((0.0, 1.0), self.step_s)[1]
+        bodies = [other]
+        for core in ((core_K[1:] + core_K[:-1]) / 2).tolist():
+            bodies.append(from_core * core + from_body * bodies[-1])
+        return np.stack([core_K, bodies], axis=1)
+
+
+@dataclass(frozen=True)
+class OneNodePlant:
+    r"""One temperature with latent heat spread over an interval; the other state is the heat.
+
+    With heat H per heat capacity [K], :math:`\dot H = p u - b T(H)`.
+
+    Attributes:
+        power_K_per_s: p, full heater power per heat capacity.
+        loss_per_s: b.
+        latent_K: Latent heat per heat capacity.
+        melting_K: Interval of melting, above the air.
+        step_s: Length of a step.
+    """
+
+    power_K_per_s: float
+    loss_per_s: float
+    latent_K: float
+    melting_K: tuple[float, float]
+    step_s: float
+
+    def resting(self, core_K: float) -> State:
+        """Return the one state with this temperature."""
+        return core_K, self._heat(core_K)
+
+    def driven(self, start: State, duty: Array) -> Array:
+        """Propagate by the midpoint rule."""
+        h, p, b = self.step_s, self.power_K_per_s, self.loss_per_s
+        core, heat = start
+        states = [start]
+        for u in duty.tolist():
+            middle = self._temperature(heat + h / 2 * (p * u - b * core))
+            heat += h * (p * u - b * middle)
+            core = self._temperature(heat)
+            states.append((core, heat))
+        return np.array(states)
+
+    def led(self, other: float, core_K: Array) -> Array:
+        """Return the heat that goes with the temperature."""
+        del other
+        return np.array([self.resting(core) for core in core_K.tolist()])
+
+    def _heat(self, core_K: float) -> float:
+        low, high = self.melting_K
+        molten = min(1.0, max(0.0, (core_K - low) / (high - low)))
+        return core_K + self.latent_K * molten
+
+    def _temperature(self, heat_K: float) -> float:
+        low, high = self.melting_K
+        if heat_K <= low:
+            return heat_K
+        if heat_K >= high + self.latent_K:
+            return heat_K - self.latent_K
+        return low + (heat_K - low) * (high - low) / (high - low + self.latent_K)
