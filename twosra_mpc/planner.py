@@ -13,16 +13,19 @@ from numpy.typing import NDArray
 from twosra_mpc.greedy.planner import plan_greedily
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID, ModeSequence, mode_name, sequence_name
+from twosra_mpc.modes import RIGID, ModeSequence, sequence_name
 from twosra_mpc.motion import interval_durations, roll_out
 from twosra_mpc.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
 from twosra_mpc.nlp.guess import guess_motion
 from twosra_mpc.outcome import Verified, finished, verified
 from twosra_mpc.plan import Plan, Stats, Status
 from twosra_mpc.problem import Problem
-from twosra_mpc.search.bounds import BendingTask, SequenceBound
+from twosra_mpc.robot import Robot
+from twosra_mpc.search.bounds import BendingTask, Conserved, SequenceBound
 from twosra_mpc.search.branch_and_bound import Ending, SearchResult, branch_and_bound
+from twosra_mpc.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.search.mode_tree import ModeTree
+from twosra_mpc.search.pose_bound import PoseTask
 from twosra_mpc.search.rigid_motion import least_time
 from twosra_mpc.shape import check_shapes, may_drive
 from twosra_mpc.timing import TemporalNetwork, transition_model
@@ -165,7 +168,8 @@ def bending_task(problem: Problem) -> BendingTask:
             words.append(f"kappa{j + 1} free")
         else:
             low, high = max(goal[j] - width[j], -limit), min(goal[j] + width[j], limit)
-            words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g} 1/m")
+            box = f" (+- {width[j]:g})" if width[j] else ""
+            words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g}{box} 1/m")
         here, most = facts.coordinate(float(start[j])), facts.coordinate(limit)
         change.append((facts.coordinate(float(low)) - here, facts.coordinate(float(high)) - here))
         room.append((-most - here, most - here))
@@ -179,14 +183,55 @@ def bending_task(problem: Problem) -> BendingTask:
         origin=(facts.coordinate(float(start[0])), facts.coordinate(float(start[1]))),
         least_time=facts.least_time,
         shape=", ".join(words),
+        conserved=_conserved(problem.robot),
+        curvature=lambda w: _curvatures(problem, w),
+        pose=pose_task(problem),
     )
+
+
+def _curvatures(problem: Problem, coordinates: tuple[float, float]) -> tuple[float, float]:
+    first, second = bending(problem.robot).curvature(np.array(coordinates)).tolist()
+    return first, second
+
+
+def pose_task(problem: Problem) -> PoseTask | None:
+    """What the plan must do to the pose; None unless the goal gives it exactly."""
+    start, goal = problem.start.configuration, problem.goal.configuration
+    if np.isnan(goal[:3]).any() or problem.goal.half_width[:3].any():
+        return None
+    guess = guess_motion(problem.robot, start, problem.goal, (RIGID,), np.zeros(1), 1)
+    c, s = math.cos(start[2]), math.sin(start[2])
+    east, north = (goal[:2] - start[:2]).tolist()
+    return PoseTask(
+        shift=np.array([c * east + s * north, -s * east + c * north]),
+        turn=float(goal[2] - start[2]),
+        known_s=float(interval_durations(guess).sum()),
+        wheel_matrix=lambda kappa: _rigid_wheel_matrix(problem, kappa),
+        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        start=(float(start[3]), float(start[4])),
+        soft_speeds=bending(problem.robot).soft_speeds,
+        soft_speeds_between=bending(problem.robot).soft_speeds_between,
+    )
+
+
+def _rigid_wheel_matrix(problem: Problem, kappa: tuple[float, float]) -> Array:
+    matrix = kinematics(problem.robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], RIGID)
+    rigid: Array = matrix.full()[:, 2:]
+    return rigid
+
+
+def _conserved(robot: Robot) -> Conserved:
+    """What mode [1,1] cannot change, in the unit a person thinks in where there is one."""
+    if robot.path.model == "arc":  # W is the bending angle kappa l
+        return Conserved("kappa1 - kappa2", "1/m", 1 / robot.geometry.segment_length_m)
+    return Conserved("W1 - W2 (W: travel that bends a segment from straight)", "m", 1.0)
 
 
 def rigid_time(problem: Problem) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
     start, goal = problem.start.configuration, problem.goal.configuration
     guess = guess_motion(problem.robot, start, problem.goal, (RIGID,), np.zeros(1), 1)
-    matrix = kinematics(problem.robot).wheel_matrix(start, RIGID).full()[:, 2:]
+    matrix = _rigid_wheel_matrix(problem, (float(start[3]), float(start[4])))
     c, s = math.cos(start[2]), math.sin(start[2])
     shift, box = goal[:2] - start[:2], problem.goal.half_width
     if np.isfinite(shift).all() and not box[:2].any():
@@ -214,30 +259,56 @@ def _conclude(
 ) -> Plan:
     """Turn the outcome of the search into a plan with a true status and a useful message."""
     lower = result.lower_bound if math.isfinite(result.lower_bound) else None
-    if result.solution is not None:
-        gap = (result.cost - result.lower_bound) / result.cost if result.cost else 0.0
-        status = Status.OPTIMAL if gap <= problem.gap else Status.FEASIBLE
-        sequence = sequence_name([phase.mode for phase in result.solution.phases])
-        message = f"{sequence}: {result.cost:.1f} s, proved within {100 * gap:.2g} % of the best"
-        if status is not Status.OPTIMAL:
-            message += f"; {result.ending.value}"
-            if result.ending is not Ending.EXHAUSTED:
-                message += f": {_advice(result.ending)}"
-    elif lower is None and result.ending is Ending.EXHAUSTED:
-        status = Status.INFEASIBLE
-        reasons = [tree.unreachable.get(tree.root()), *tree.unreachable.values()]
-        reason = next(filter(None, reasons), "no mode sequence is allowed")
-        modes = ", ".join(mode_name(mode) for mode in problem.modes)
-        message = f"proved infeasible: {reason}; allowed modes are {modes}"
-    else:
-        status = Status.FAILED
-        tried = f"{result.solved} mode sequences tried"
-        why = tried if result.ending is Ending.EXHAUSTED else result.ending.value
-        message = f"no plan found ({why}): {_advice(result.ending)}"
     early = result.ending in (Ending.LIMIT, Ending.INTERRUPTED)
+    if result.solution is not None:
+        status, message = _quality(problem, result, result.solution)
+    elif (proof := _proof(problem, result, tree)) is not None:
+        status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
+        lower, early = None, False
+    else:
+        status, message = Status.FAILED, _failure(problem, result, tree)
     return finished(
         problem, "optimal", result.solution, status, message, stats, lower, stopped_early=early
     )
+
+
+def _quality(
+    problem: Problem, result: SearchResult[Verified], solution: Verified
+) -> tuple[Status, str]:
+    """Status and message of a plan that was found."""
+    gap = (result.cost - result.lower_bound) / result.cost if result.cost else 0.0
+    sequence = sequence_name([phase.mode for phase in solution.phases])
+    percent = f"{float(f'{100 * gap:.2g}'):g}"
+    message = f"{sequence}: {result.cost:.1f} s, proved within {percent} % of the best"
+    if gap <= problem.gap:
+        return Status.OPTIMAL, message
+    if result.ending is Ending.EXHAUSTED:
+        message += f"; no mode sequence of up to max_phases = {problem.max_phases} is left to try: "
+        return Status.FEASIBLE, message + "the gap is slack of the bounds, or in longer sequences"
+    return Status.FEASIBLE, f"{message}; {result.ending.value}: {_advice(result.ending)}"
+
+
+def _proof(
+    problem: Problem, result: SearchResult[Verified], tree: ModeTree[Verified]
+) -> str | None:
+    """Why there is no plan at all; None where that is not proved."""
+    proof = impossibility(tree)
+    if proof is None and result.ending is Ending.EXHAUSTED and result.lower_bound == math.inf:
+        proof = disproof(tree, problem.robot.limits)
+    return proof
+
+
+def _failure(problem: Problem, result: SearchResult[Verified], tree: ModeTree[Verified]) -> str:
+    """Why no plan was found although one may exist, and what to change."""
+    if result.ending is not Ending.EXHAUSTED:
+        effort = f"{result.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
+        return f"no plan found ({result.ending.value}): {_advice(result.ending)} ({effort})"
+    tried = f"no plan found ({result.solved} mode sequences tried)"
+    if result.solved == 0:
+        return f"{tried}: {too_few_phases(tree, problem.robot.limits)}"
+    if RIGID not in problem.modes and not np.isnan(problem.goal.configuration[:3]).all():
+        return f"{tried}: without mode [0,0] the pose changes only by bending: add [0,0] to modes"
+    return f"{tried}: {_advice(result.ending)}"
 
 
 def _advice(ending: Ending) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.intervals import enclose
-from twosra_mpc.model.kinematics import shape_margins_of
+from twosra_mpc.model.kinematics import kinematics, shape_margins_of
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.modes import SOFT_BOTH, Mode
 from twosra_mpc.robot import Robot
@@ -68,6 +68,23 @@ class Bending:
         upper = np.array([np.maximum(edge[:-1, 1], edge[1:, 1]) for edge in edges])
         rates = _largest_rate(self.robot, mode, lower, upper)
         return float(np.sum(abs(bend) / _PIECES / rates))
+
+    def soft_speeds(self, mode: Mode) -> tuple[Array, Array]:
+        """Upper bounds of b0's speed [m/s] and turning rate [rad/s] in boxes of shapes, (n,) each.
+
+        The boxes cover every shape within the curvature limits.
+        """
+        return _soft_speeds(self.robot, mode)
+
+    def soft_speeds_between(
+        self, mode: Mode, origin: tuple[float, float], bend: float
+    ) -> tuple[Array, Array]:
+        """The same in boxes that cover a bend by ``bend`` from (W_1, W_2) = ``origin``."""
+        along = bend * np.linspace(0.0, 1.0, _PIECES + 1)
+        edges = [self._curvature(origin[j] + mode[j] * along) for j in (0, 1)]
+        lower = np.array([np.minimum(edge[:-1, 0], edge[1:, 0]) for edge in edges])
+        upper = np.array([np.maximum(edge[:-1, 1], edge[1:, 1]) for edge in edges])
+        return _speeds_in(self.robot, mode, lower, upper)
 
     def _collides(self, coordinates: list[Array]) -> bool:
         """Whether the units overlap by over 0.1 mm in one of the shapes with these W."""
@@ -135,11 +152,46 @@ def _largest_rate(robot: Robot, mode: Mode, lower: Array, upper: Array) -> Array
     """Enclosed maximum of abs(dW/dt) in each box of curvatures, both units at full speed."""
     low, high = enclose(_rates(robot, mode), lower, upper)
     per_travel: Array = np.maximum(np.abs(low), np.abs(high)).sum(axis=0)
+    return np.where(np.isnan(per_travel), np.inf, per_travel) * _unit_speed(robot)
+
+
+@lru_cache(maxsize=32)
+def _twists(robot: Robot, mode: Mode) -> ca.Function:
+    """(kappa1, kappa2) -> twists (u, v, r) of b0 per travel of LU1 and of LU2, stacked (6,)."""
+    kappa = ca.SX.sym("kappa", 2)
+    jacobian = kinematics(robot).jacobian(ca.vertcat(0, 0, 0, kappa), mode)
+    stacked = ca.vertcat(jacobian[:3, 0], jacobian[:3, 1])
+    return ca.Function("twists", [kappa], [ca.densify(stacked)])
+
+
+@lru_cache(maxsize=32)
+def _soft_speeds(robot: Robot, mode: Mode) -> tuple[Array, Array]:
+    limit, boxes = robot.limits.curvature_per_m, _BOXES[2]
+    edges = np.linspace(-limit, limit, boxes + 1)
+    lower = np.array(list(itertools.product(edges[:-1], edges[:-1]))).T
+    upper = np.array(list(itertools.product(edges[1:], edges[1:]))).T
+    return _speeds_in(robot, mode, lower, upper)
+
+
+def _speeds_in(robot: Robot, mode: Mode, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Bounds of b0's speed and turning rate in boxes, for any speeds of the two units."""
+    low, high = enclose(_twists(robot, mode), lower, upper)
+    middle, half = (high + low).reshape(2, 3, -1) / 2, (high - low).reshape(2, 3, -1) / 2
+    speeds, turns = [], []
+    for sign in (1.0, -1.0):  # the two corners of the units' speeds, up to a common sign
+        twist, slack = middle[0] + sign * middle[1], half.sum(axis=0)
+        speeds.append(np.hypot(np.abs(twist[0]) + slack[0], np.abs(twist[1]) + slack[1]))
+        turns.append(np.abs(twist[2]) + slack[2])
+    fastest = _unit_speed(robot)
+    return np.maximum(*speeds) * fastest, np.maximum(*turns) * fastest
+
+
+def _unit_speed(robot: Robot) -> float:
+    """Full speed of a locomotion unit [m/s]."""
     speed = robot.limits.unit_speed_m_s
     if path_model(robot).wheel_map == "paper":  # there a side wheel rolls as far as its unit goes
-        wheel = robot.limits.wheel_speed_rad_s * robot.geometry.wheel_radius_m
-        speed = min(speed, wheel)
-    return np.where(np.isnan(per_travel), np.inf, per_travel) * speed
+        return min(speed, robot.limits.wheel_speed_rad_s * robot.geometry.wheel_radius_m)
+    return speed
 
 
 @lru_cache(maxsize=512)

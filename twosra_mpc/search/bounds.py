@@ -14,7 +14,8 @@ and the partial sums after every phase within what the curvature limits allow. W
 leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
 a bend that must pass a forbidden shape rules the sequence out. Every plan of the sequence satisfies
 these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j is rigid;
-so the optimum of this linear program bounds its cost from below. A sequence that never melts
+so the optimum of this linear program bounds its cost from below. A goal pose adds the constraint of
+``pose_bound``. A sequence that never melts
 anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
@@ -23,21 +24,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.modes import SOFT_BOTH, Mode, ModeSequence, mode_name
+from twosra_mpc.modes import RIGID, SOFT_BOTH, Mode, ModeSequence, mode_name
 from twosra_mpc.problem import Weights
 from twosra_mpc.search.linear_program import minimise
+from twosra_mpc.search.pose_bound import PoseTask
 from twosra_mpc.search.schedule import cost_coefficients, with_durations
-from twosra_mpc.timing import TemporalNetwork, earliest_times
+from twosra_mpc.timing import TemporalNetwork, earliest_times, latest_times
 
 Array = NDArray[np.float64]
 
 Interval2 = tuple[tuple[float, float], tuple[float, float]]
 
 REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
+
+
+class Conserved(NamedTuple):
+    """What mode [1,1] cannot change, for messages: ``factor`` (W_1 - W_2)."""
+
+    name: str
+    unit: str
+    factor: float
 
 
 @dataclass(frozen=True)
@@ -55,6 +66,9 @@ class BendingTask:
         least_time: (mode, (W_1, W_2) before, change of W) -> lower bound on the time it takes;
             inf if every such bend passes a shape that is forbidden.
         shape: The required curvature changes in words, for messages.
+        conserved: What mode [1,1] cannot change, for messages.
+        curvature: (W_1, W_2) -> (kappa1, kappa2) [1/m].
+        pose: The change of pose, if the goal gives one exactly.
     """
 
     change: Interval2
@@ -65,6 +79,9 @@ class BendingTask:
     origin: tuple[float, float]
     least_time: Callable[[Mode, tuple[float, float], float], float]
     shape: str
+    conserved: Conserved
+    curvature: Callable[[tuple[float, float]], tuple[float, float]]
+    pose: PoseTask | None
 
     def within(self, segment: int, coordinate: float) -> bool:
         """Whether the curvature limits allow this W of ``segment`` (0 or 1)."""
@@ -108,13 +125,18 @@ def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
     soft = {mode for mode in sequence if any(mode)}
     for j in (0, 1):
         if not any(mode[j] for mode in soft) and task.must_bend(j):
-            return f"segment {j + 1} must bend ({task.shape}) but is rigid in every phase"
+            names = " and ".join(mode_name(mode) for mode in dict.fromkeys(sequence))
+            return f"segment {j + 1} must bend ({task.shape}) but is rigid in {names or 'no mode'}"
     if soft == {SOFT_BOTH}:
         (low_1, high_1), (low_2, high_2) = task.change
-        if max(low_1, low_2) > min(high_1, high_2) + task.slack:
+        apart = max(low_1 - high_2, low_2 - high_1)
+        if apart > task.slack:
+            name, unit, factor = task.conserved
+            needed = factor * math.copysign(apart, low_1 - high_2)
             return (
                 f"mode {mode_name(SOFT_BOTH)} alone bends both segments together and cannot reach "
-                f"this shape ({task.shape}): segment 1 or 2 must also be bent alone"
+                f"this shape ({task.shape}): it keeps {name}, which must change by "
+                f"{needed:+.3g} {unit}; segment 1 or 2 must also be bent alone"
             )
     return None
 
@@ -128,8 +150,26 @@ def sequence_bound(
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
     bends = determined_bends(network.sequence, task)
     if bends is not None and weights.energy_s_per_J == 0:
-        return _longest_path_bound(network, bends, weights, least_durations)
+        bound = _longest_path_bound(network, bends, weights, least_durations)
+        if bound is None or not _pose_may_matter(network, task, bound, least_durations):
+            return bound
     return _linear_program_bound(network, task, weights, least_durations)
+
+
+def _pose_may_matter(
+    network: TemporalNetwork,
+    task: BendingTask,
+    bound: SequenceBound,
+    least_durations: Sequence[float],
+) -> bool:
+    """Whether the first rigid phase might be too short for the pose if the plan ends so early."""
+    if task.pose is None:
+        return False
+    if network.sequence[0] != RIGID:
+        return True
+    finish = {network.layout.finish: float(bound.times[network.layout.finish])}
+    latest = latest_times(with_durations(network, least_durations), finish)
+    return latest[network.layout.end(0)] < task.pose.known_s
 
 
 def _longest_path_bound(
@@ -178,6 +218,18 @@ def _linear_program_bound(
             low, high = task.room[j] if later else task.change[j]
             at_least(bends, low)
             at_least(dict.fromkeys(bends, -1.0), -high)
+
+    if task.pose is not None:
+        rates, less = _pose_growth(network.sequence, task, task.pose, least_durations)
+        if all(map(math.isfinite, rates)):
+            at_least(
+                {
+                    event: sign * rate
+                    for i, rate in enumerate(rates)
+                    for event, sign in ((layout.end(i), 1.0), (layout.start(i), -1.0))
+                },
+                task.pose.need_s + less,
+            )
 
     objective, constant = cost_coefficients(network, weights)
     bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in network.sequence]
@@ -230,6 +282,34 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
             if not all(task.within(j, float(here[j])) for j in (0, 1)):
                 durations[i] = np.inf
     return durations
+
+
+def _pose_growth(
+    sequence: ModeSequence, task: BendingTask, pose: PoseTask, least_durations: Sequence[float]
+) -> tuple[list[float], float]:
+    """Rates g_i and a constant c: ``pose``'s S grows by at most sum of g_i t_i, less c."""
+    bends = determined_bends(sequence, task)
+    here: tuple[float, float] | None = task.origin  # None once the bends are not known
+    rates: list[float] = []
+    less = 0.0
+    for i, mode in enumerate(sequence):
+        if any(mode):
+            rates.append(pose.soft_rate(mode))
+            if bends is None or here is None:
+                here = None
+                continue
+            bend = float(bends[i])
+            inside = min(rates[i], pose.bending_rate(mode, here, bend))
+            less += (rates[i] - inside) * least_durations[i]
+            here = here[0] + bend * mode[0], here[1] + bend * mode[1]
+            continue
+        shape = None if here is None else task.curvature(here)
+        if not any(any(before) for before in sequence[:i]):
+            shape = task.start
+        elif not any(any(later) for later in sequence[i:]) and None not in task.goal:
+            shape = task.goal  # type: ignore[assignment]  # not None, as just tested
+        rates.append(pose.rigid_rate(shape))
+    return rates, less
 
 
 def _known_curvatures(

@@ -52,7 +52,7 @@ def least_time(
         modulo: Whether headings that differ by full turns are equal.
         known_s: Duration of a known motion; the bound never exceeds it.
     """
-    vertices = _vertices(wheel_matrix, wheel_speed_rad_s)
+    vertices = twist_vertices(wheel_matrix, wheel_speed_rad_s)
     if vertices is None:
         return 0.0
     fastest_turn = float(vertices[:, 2].max())
@@ -70,8 +70,8 @@ def least_time(
     return best * (1 - _ROUNDING)
 
 
-def _vertices(wheel_matrix: Array, limit: float) -> Array | None:
-    """Vertices (u, v, r) of the polytope of body twists; None if it is unbounded."""
+def twist_vertices(wheel_matrix: Array, limit: float) -> Array | None:
+    """Vertices (u, v, r) of the polytope of body twists, (n, 3); None if it is unbounded."""
     if np.linalg.matrix_rank(wheel_matrix) < 3:
         return None
     found = []

@@ -31,7 +31,7 @@ SETTLED_K = 2.0  # settled: this close to the set-point from then on
 LONGEST_STEP_S = 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HeaterRun:
     """What happened, sample by sample; arrays of one length, read-only.
 

@@ -7,15 +7,20 @@ warmer of its start temperature and ambient.
 
 * First melt: heating at once from the state at t = 0 reaches the plateau as early as possible.
   When it does, the rest of the segment is no warmer than after heating the warmest start for as
-  long as the coldest start needs, and the plateau takes least from there.
-* First freeze: switching off at once reaches the plateau, and its end, as early as possible.
+  long as the coldest start needs, or as the warmest does (in between it cools first and then warms,
+  so it is warmest at either end), and the plateau takes least from there.
+* First freeze: switching off at once reaches the plateau, and its end, as early as possible. A
+  window is counted from heater off: switched off h later, the freeze ends no earlier than
+  h + late max(F - h, P), with F from the state at t = 0 and P through the plateau; that is least
+  where F - h = P.
 * Further melts begin when the freeze before them is done, at best with no heating needed, and with
-  the rest of the segment as warm as the hottest soft state can make it.
+  the rest of the segment as warm as the hottest soft state can make it, or as the solid metal was.
 * Freezes: with the rest as cold as the shortest melt from the coldest start leaves it, warmed
   by metal at its threshold for no longer than the phases in between must take. Where a window is
   reserved, metal that melts when expected is heated on until the window ends; as much of the
   coasting as that surely brings widens the window of the freeze.
-* Energy: that of the fastest melt; while liquid, the loss at the threshold.
+* Energy: that of the fastest melt; while liquid, what holds the threshold where the rest is as warm
+  as it can be.
 """
 
 from __future__ import annotations
@@ -64,6 +69,17 @@ class LeastTimes:
         held = model.hold(model.initial(self.heating.soft_setpoint_C), _FOR_EVER_S)
         return tuple(map(max, held, self._start))
 
+    @property
+    def _hottest_again(self) -> State:
+        """Nowhere colder than any state after the segment was solid once, without heat.
+
+        Without heat no part of it is warmer than the metal.
+        """
+        model = self._model
+        solid = model.initial(model.temperature_C(model.at_level(self._start, model.solid_level)))
+        held = model.hold(model.initial(self.heating.soft_setpoint_C), _FOR_EVER_S)
+        return tuple(map(max, held, map(min, self._start, solid)))
+
     def _heating_s(self, state: State, level: float) -> float:
         return self._model.time_until(state, self.heating.melt_current_A, level)
 
@@ -85,8 +101,10 @@ class LeastTimes:
     @cached_property
     def _first_onset(self) -> State:
         """Nowhere colder than any state at the onset of the first melt, but for the core."""
-        longest = self._heating_s(self._coldest, self._model.solid_level)
-        return self._model.propagate(self._warmest, self.heating.melt_current_A, longest)
+        current, level = self.heating.melt_current_A, self._model.solid_level
+        spans = (self._heating_s(state, level) for state in (self._warmest, self._coldest))
+        ends = (self._model.propagate(self._warmest, current, span) for span in spans)
+        return tuple(map(max, *ends))
 
     @cached_property
     def first_melting_s(self) -> float:
@@ -99,7 +117,7 @@ class LeastTimes:
     @cached_property
     def melting_s(self) -> float:
         """Onset to end of any further melt."""
-        return self.heating.windows.melt_late * self._plateau_s(self._hottest)
+        return self.heating.windows.melt_late * self._plateau_s(self._hottest_again)
 
     @cached_property
     def first_energy_J(self) -> float:
@@ -113,7 +131,7 @@ class LeastTimes:
     @cached_property
     def energy_J(self) -> float:
         """Heater energy of any further melt."""
-        return self._plateau_J(self._hottest)
+        return self._plateau_J(self._hottest_again)
 
     def _plateau_J(self, state: State) -> float:
         onset = self._model.at_level(state, self._model.solid_level)
@@ -122,9 +140,9 @@ class LeastTimes:
     @cached_property
     def liquid_power_W(self) -> float:
         """Mean heater power from the end of a melt to the onset of the next freeze."""
-        return self._model.least_power_while_liquid_W(
-            max(self.heating.soft_setpoint_C, self.temperature_C)
-        )
+        model = self._model
+        state = model.at_level(self._hottest_again, model.liquid_level)
+        return model.power_W(model.holding_current_A(state), model.temperature_C(state))
 
     @cached_property
     def first_coasting_s(self) -> float:
@@ -133,8 +151,9 @@ class LeastTimes:
 
     @cached_property
     def first_freezing_s(self) -> float:
-        """Heater off at t = 0 to the end of freezing."""
-        return self.heating.freezing_s(self._start)
+        """Least end of a first freeze; its window adds no less than it adds to the plateau."""
+        fastest = self._model.time_until(self._start, 0.0, self._model.solid_level)
+        return fastest + (self.heating.windows.freeze_late - 1) * self._frozen_s(0, 0.0)
 
     @cached_property
     def longest_coasting_s(self) -> float:
@@ -157,15 +176,19 @@ class LeastTimes:
         return self._known[number, held_s]
 
     def _freezing_s(self, number: int, held_s: float) -> float:
-        model, windows = self._model, self.heating.windows
+        windows = self.heating.windows
+        spread = (windows.freeze_late - windows.freeze_early) * self._coasting_s(number)
+        return windows.freeze_late * self._frozen_s(number, held_s) + spread
+
+    def _frozen_s(self, number: int, held_s: float) -> float:
+        """Least time through the plateau of a freeze, as the model has it."""
+        model = self._model
         if number == 0:
             start = model.at_level(self._start, model.liquid_level)
             onset = tuple(map(min, start, model.hold(start, _FOR_EVER_S)))
         else:
             onset = model.hold(self._molten(number), held_s)
-        freezing = model.time_until(onset, 0.0, model.solid_level)
-        spread = (windows.freeze_late - windows.freeze_early) * self._coasting_s(number)
-        return windows.freeze_late * freezing + spread
+        return model.time_until(onset, 0.0, model.solid_level)
 
     def coasting_s(self, number: int) -> float:
         """End of a melt to the earliest onset of the freeze after it."""
@@ -175,7 +198,7 @@ class LeastTimes:
         """Least time from heater on to the end of the melt before transition ``number``."""
         if number == 1:
             return self._heating_s(self._warmest, self._model.liquid_level)
-        return self._plateau_s(self._hottest)
+        return self._plateau_s(self._hottest_again)
 
     def _molten(self, number: int) -> State:
         """State at the liquid threshold, nowhere warmer than any at the end of that melt."""

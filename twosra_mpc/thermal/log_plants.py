@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.thermal.two_node import TwoNode
 
@@ -110,7 +110,7 @@ class OneNodePlant:
 
     def resting(self, core_K: float) -> State:
         """Return the one state with this temperature."""
-        return core_K, self._heat(core_K)
+        return core_K, float(self._heat(core_K))
 
     def driven(self, start: State, duty: Array) -> Array:
         """Propagate by the midpoint rule."""
@@ -127,12 +127,11 @@ class OneNodePlant:
     def led(self, other: float, core_K: Array) -> Array:
         """Return the heat that goes with the temperature."""
         del other
-        return np.array([self.resting(core) for core in core_K.tolist()])
+        return np.stack([core_K, self._heat(core_K)], axis=1)
 
-    def _heat(self, core_K: float) -> float:
+    def _heat(self, core_K: ArrayLike) -> Array:
         low, high = self.melting_K
-        molten = min(1.0, max(0.0, (core_K - low) / (high - low)))
-        return core_K + self.latent_K * molten
+        return np.interp(core_K, [low, high], [0.0, self.latent_K]) + core_K
 
     def _temperature(self, heat_K: float) -> float:
         low, high = self.melting_K

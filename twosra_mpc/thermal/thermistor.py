@@ -6,7 +6,8 @@ temperature. Part and firmware are separate values, so a part can be off by its 
 
 - `NtcDivider`: 10 k thermistor, :math:`R = R_{25} \exp[B (1/T - 1/298.15)]`, with a fixed resistor.
 - `LinearMap`: the straight line from 0..85 C to 1.1..3.3 V that the paper states. No divider has
-  it; on the default divider, decoding with it reads 0.9 C low at 65 C and 7.6 C low at 25 C.
+  it: one that spans these voltages, read by a straight line, is 0.9 C low at 65 C and 7.6 C low at
+  25 C.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class TrackingProgram:
         setup: What it was made from.
         linearise: (q measured (5,), reference (m, N+1), previous solution, last wheel command (4,))
             -> (values of A in column order, lower, upper, first m entries of the cost vector,
-            guess of the solution).
+            deviation measured and guess of the solution).
         command: (q measured, reference, solution, last wheel command) -> (v (5,), wheel speeds (4,)
             within all limits of the drives).
         hessian: Upper triangle of P, compressed columns.
@@ -113,7 +113,7 @@ def tracking_program(setup: Setup) -> TrackingProgram:
         ca.densify(ca.vertcat(*(item.lower for item in rows))),
         ca.densify(ca.vertcat(*(item.upper for item in rows))),
         -setup.rho / _norm(setup) * start.deviation,
-        ca.vertcat(*expected[1:], previous[m * n :]),
+        ca.vertcat(*expected, previous[m * n :]),
     ]
     first = [y[0], reference[:, 1] + previous[:m] * setup.scale]
     sent = _command(setup, stage, motion(setup, stage, start, first)[0], wheels)

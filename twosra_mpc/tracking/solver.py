@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 USABLE = 0.03  # residuals up to which a point that did not converge is still worth sending
 STEP_SIZE = 2.0  # rho of ADMM; rows and cost are scaled so that one suits every robot and weight
-SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
+SOLVED = "solved"  # OSQP's word for it
 CHECK_EVERY = 5  # iterations between tests for convergence
 
 
@@ -100,13 +100,14 @@ class ProgramInPlace:
         self.v, self.command = np.zeros(5), np.zeros(4)
         self._cost = program.cost.copy()
         self._x = np.zeros(len(self._cost))
-        self._guess = np.zeros(len(self._cost))
+        self._expected = np.zeros(setup.outputs.count + len(self._cost))
+        self._guess = self._expected[setup.outputs.count :]
         self._y = np.zeros(program.constraints.shape[0])
         self._values = np.zeros(program.constraints.nnz)
         self._lower, self._upper = np.zeros_like(self._y), np.zeros_like(self._y)
         arguments = [self.measured, self.reference, self._x, self.wheels]
         changing = self._cost[: setup.outputs.count]
-        numbers = [self._values, self._lower, self._upper, changing, self._guess]
+        numbers = [self._values, self._lower, self._upper, changing, self._expected]
         self._linearise = _InPlace(program.linearise, arguments, numbers)
         self._first_command = _InPlace(program.command, arguments, [self.v, self.command])
         self.forget()
@@ -154,15 +155,24 @@ class ProgramInPlace:
         solver.solve()
         info, solution = solver.info, solver.solution
         self._x[:] = solution.x
-        solution.y.take(self.program.next_rows, out=self._y)
         self._first_command.evaluate()
         if not math.isfinite(sum(self.v.tolist())):
             self.forget()
             return Quality.UNUSABLE
-        if info.status_val == SOLVED:
-            return Quality.CONVERGED
-        residual = max(info.prim_res, info.dual_res)
-        return Quality.ROUGH if residual <= USABLE else Quality.UNUSABLE
+        converged = info.status == SOLVED
+        if converged or max(info.prim_res, info.dual_res) <= USABLE:
+            solution.y.take(self.program.next_rows, out=self._y)
+            return Quality.CONVERGED if converged else Quality.ROUGH
+        self._stay()
+        return Quality.UNUSABLE
+
+    def _stay(self) -> None:
+        """Let the next step iterate on from here: the robot will not have moved."""
+        setup, found = self.program.setup, self._solver.solution
+        m, last = setup.outputs.count, setup.outputs.count * setup.horizon
+        self._x[:m] = self._expected[:m]
+        self._x[m:last] = found.x[: last - m]
+        self._y[:] = found.y
 
     def describe(self) -> str:
         """What OSQP says of the last solve."""

@@ -35,7 +35,7 @@ class CommandStatus(enum.StrEnum):
     """Where a command comes from."""
 
     SOLVED = "solved"  # the quadratic program was solved
-    HELD = "held"  # no phase is being tracked: the wheels rest, the heaters follow the plan
+    HELD = "held"  # between phases: the wheels rest, the heaters follow the plan
     FAILED = "failed"  # no solution: the wheels rest, the heaters keep their set-points
 
 
@@ -143,6 +143,7 @@ class Tracker:
         if self.limits.dead_zone_rad_s > robot.limits.wheel_speed_rad_s:
             most = f"at most the wheel speed limit, {robot.limits.wheel_speed_rad_s:g} rad/s"
             raise InputError("limits.dead_zone_rad_s", self.limits.dead_zone_rad_s, most)
+        self._wheel_change = self.limits.wheel_rate_rad_s2 * self.period_s
         self._programs: dict[Mode, ProgramInPlace] = {}
         self._phases: list[_TrackedPhase] | None = None
         self._phase: int | None = None
@@ -189,6 +190,8 @@ class Tracker:
     def step(self, measurement: Measurement) -> Command:
         """Find what to send to the robot for the coming period.
 
+        Wheels that turn too fast for another phase to stop them at once are stopped between phases.
+
         Raises:
             InputError: If there is no plan yet, or the plan has no such phase.
         """
@@ -206,6 +209,9 @@ class Tracker:
         if phase != self._phase:
             program.forget()
             self._phase = phase
+            if np.abs(self._last_command.wheel_rad_s).max() > self._wheel_change:
+                heaters = self._heater_setpoint(measurement.time_s)
+                return self._stop(CommandStatus.HELD, heaters, "the wheels stop between phases")
         program.measured[:] = measurement.q
         program.wheels[:] = self._last_command.wheel_rad_s
         path.write(measurement.time_s, program.reference)

@@ -1,0 +1,167 @@
+"""``twosra fit-thermal``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import click
+
+from twosra_mpc.cli.output import EXIT_PLANNED, check_writable, print_table
+from twosra_mpc.robot import Robot, load_robot
+from twosra_mpc.thermal.heating_log import HeatingLog, read_heating_log
+from twosra_mpc.thermal.identification import (
+    SEGMENT_FIELDS,
+    HeldOut,
+    Parameters,
+    Row,
+    Score,
+    ThermalFit,
+    identify,
+    score,
+    two_node_segment,
+)
+from twosra_mpc.thermal.identified_robot import write_identified_robot
+
+_NAMES = {
+    "power_K_per_s": "full power [K/s]",
+    "coupling_per_s": "core to body [1/s]",
+    "body_ratio": "heat of body / of core",
+    "body_loss_per_s": "body to air [1/s]",
+    "sensor_lag_s": "sensor lag, twice [s]",
+    "law_gain_per_K": "heater law: K_p [1/K]",
+    "law_duty_at_54C": "heater law: duty at 54 C",
+}
+
+
+@click.command("fit-thermal")
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--robot", required=True, help="Whose segment it is: a built-in name or a file.")
+@click.option("--ambient", "ambient_C", type=float, help="Air [C]; default: the first reading.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write a robot file with the fit.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the fit (png, pdf, svg).")
+@click.option(
+    "--held-out",
+    "others",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
+)
+@click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
+def fit_thermal_command(
+    log: Path,
+    robot: str,
+    ambient_C: float | None,
+    out: Path | None,
+    plot: Path | None,
+    others: tuple[Path, ...],
+    only_score: bool,
+) -> int:
+    """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
+
+    LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
+    """
+    described = load_robot(robot)
+    if only_score and (out or plot):
+        raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
+    for target in (out, plot):
+        check_writable(target)
+    if plot is not None:
+        from twosra_mpc.figure_file import check_figure_path  # matplotlib takes a second
+
+        check_figure_path(plot)
+    recorded = read_heating_log(log, ambient_C)
+    unseen = [read_heating_log(path) for path in others]
+    if only_score:
+        _print_scores(described, [recorded, *unseen])
+        return EXIT_PLANNED
+    fit = _identify_with_progress(recorded, described)
+    if out is not None:
+        write_identified_robot(robot, out, fit)
+    if plot is not None:
+        from twosra_mpc.thermal_figure import plot_thermal_fit
+
+        plot_thermal_fit(fit, plot)
+    _print_parameters(fit, described)
+    _print_models(fit, [(each, score(each, fit.segment, fit.parameters.law)) for each in unseen])
+    _print_cycles(fit.held_out)
+    click.echo(_scored(recorded, fit))
+    return EXIT_PLANNED
+
+
+def _identify_with_progress(log: HeatingLog, robot: Robot) -> ThermalFit:
+    """Identify with one line of live progress on standard error, where that is a terminal."""
+    from rich.console import Console
+    from rich.status import Status
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        return identify(log, robot)
+    with Status("fitting", console=console) as spinner:
+        return identify(log, robot, lambda n, all_: spinner.update(f"fitting: {n} of {all_} done"))
+
+
+def _print_scores(robot: Robot, logs: list[HeatingLog]) -> None:
+    rows = []
+    for log in logs:
+        found = score(log, two_node_segment(robot))
+        law = f"K_p {found.law.gain_per_K:.4f} 1/K, duty at 54 C {found.law.duty_at_54C:.3f}"
+        rows.append((log.source, *_residuals(found), law))
+    print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
+
+
+def _print_parameters(fit: ThermalFit, robot: Robot) -> None:
+    own = two_node_segment(robot)
+    rows = []
+    for name in Parameters._fields:
+        value, error, low, high = (
+            getattr(each, name)
+            for each in (fit.parameters, fit.standard_errors, fit.smallest, fit.largest)
+        )
+        span = f"{low:.4g} to {high:.4g}" if fit.held_out else "-"
+        known = f"{getattr(own, name):.4g}" if name in SEGMENT_FIELDS else "-"
+        rows.append((_NAMES[name], f"{value:.4g}", f"{error:.2g}", span, known))
+    fixed = f"{own.sensor_gain:.4g}"
+    rows.append(("sensor gain", fixed, "not identifiable", "-", fixed))
+    header = ("parameter", "identified", "standard error", "without one cycle", f"in {robot.name}")
+    print_table(header, rows)
+
+
+_HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
+
+
+def _print_models(fit: ThermalFit, unseen: list[tuple[HeatingLog, Score]]) -> None:
+    rows = [
+        (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
+        for row in fit.rows
+    ]
+    for log, found in unseen:
+        rows.append((f"two nodes, fitted; on {log.source}", "0", *_residuals(found), "-"))
+    print_table(("residual of the model", "fitted", *_HEADER, "cycles left out, RMS [C]"), rows)
+
+
+def _print_cycles(held_out: tuple[HeldOut, ...]) -> None:
+    if not held_out:
+        click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
+        return
+    rows = [(f"cycle {part.cycle + 1}", *_residuals(part)) for part in held_out]
+    print_table(("left out of the fit", *_HEADER), rows)
+
+
+def _residuals(of: Row | HeldOut | Score) -> tuple[str, ...]:
+    found = of.residuals
+    values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
+    return tuple(_digits(value) for value in values)
+
+
+def _digits(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.3f}"
+
+
+def _scored(log: HeatingLog, fit: ThermalFit) -> str:
+    spikes = int(log.spikes.sum())
+    points = f"{fit.residuals.points} points {fit.log.step_s:g} s apart"
+    return (
+        f"Scored: {points}, heating and cooling (in a hold the power is unknown). "
+        f"Spikes replaced: {spikes}. Air: {log.ambient_C:.4g} C."
+    )

@@ -1,0 +1,91 @@
+r"""What a robot does when its wheels are told to turn: the motion with which they slip least.
+
+Four wheel speeds are more than a mode has inputs, so they need not agree. With A the columns of the
+wheel matrix V of the mode's inputs, the robot moves with
+
+.. math:: v = \arg\min_v |A(q)\,v - \omega|^2, \qquad \dot q = J(q, \sigma)\,v + d(q, v).
+
+d is what the model does not know (`Drift`): the unit that is meant to hold pivots about its centre
+and slides while the fibre bends, and two soft segments do not bend quite equally.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+
+from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
+from twosra_mpc.modes import RIGID, SOFT_BOTH, Mode
+from twosra_mpc.robot import Geometry, Robot
+
+_ALMOST_SINGULAR = 1e-12  # relative; keeps the normal equations solvable in singular shapes
+
+
+class Drift(NamedTuple):
+    """What happens besides the model while the fibre bends.
+
+    Attributes:
+        pivot_rad_per_rad: Turn of the holding unit about its centre, per bending angle.
+        slide_m_per_rad: Its shift along y of b0, per bending angle.
+        split: With both segments soft, share by which segment 1 bends more and segment 2 less.
+    """
+
+    pivot_rad_per_rad: float = 0.0
+    slide_m_per_rad: float = 0.0
+    split: float = 0.0
+
+
+NO_DRIFT = Drift()
+
+
+@lru_cache(maxsize=64)
+def rolling(robot: Robot, mode: Mode) -> ca.Function:
+    """(q, turned, drift) -> q after the wheels have turned evenly by ``turned`` (4,) [rad].
+
+    One Runge-Kutta 4 step; ``drift`` are the values of a `Drift`, (3,).
+    """
+    q, turned, drift = ca.SX.sym("q", 5), ca.SX.sym("turned", 4), ca.SX.sym("drift", 3)
+    rate = _rate(robot, mode)
+    k1 = rate(q, turned, drift)
+    k2 = rate(q + k1 / 2, turned, drift)
+    k3 = rate(q + k2 / 2, turned, drift)
+    k4 = rate(q + k3, turned, drift)
+    return ca.Function("rolling", [q, turned, drift], [q + (k1 + 2 * k2 + 2 * k3 + k4) / 6])
+
+
+def _rate(robot: Robot, mode: Mode) -> ca.Function:
+    """(q, turned, drift) -> rate of q per unit of time, in which the wheels turn by ``turned``."""
+    compiled = kinematics(robot)
+    q, turned, drift = ca.SX.sym("q", 5), ca.SX.sym("turned", 4), ca.SX.sym("drift", 3)
+    inputs = [2, 3, 4] if mode == RIGID else [0, 1]
+    sigma = ca.DM(mode)
+    drive = ca.sparsify(compiled.wheel_matrix(q, sigma)[:, inputs])
+    gram = drive.T @ drive
+    gram += _ALMOST_SINGULAR * ca.trace(gram) * ca.DM.eye(len(inputs))
+    v = ca.inv_minor(gram) @ (drive.T @ turned)
+    moved = ca.sparsify(compiled.jacobian(q, sigma)[:, inputs]) @ v
+    if mode != RIGID:
+        if mode == SOFT_BOTH:
+            moved[3:] *= 1 + drift[2] * ca.DM([1.0, -1.0])
+        moved[:3] += _slipped(robot.geometry, q, v, moved[3:], drift)
+    return ca.Function("rate", [q, turned, drift], [ca.densify(moved)])
+
+
+def _slipped(geometry: Geometry, q: ca.SX, v: ca.SX, bending: ca.SX, drift: ca.SX) -> ca.SX:
+    """Rate of the pose (3,) by which the whole robot follows the unit that does not hold still."""
+    bend = geometry.segment_length_m * ca.sum(bending)
+    first, second = _unit_centre(geometry, q, 0), _unit_centre(geometry, q, 1)
+    centre = ca.if_else(ca.fabs(v[0]) < ca.fabs(v[1]), first, second)  # the slower unit holds
+    turn = drift[0] * bend
+    in_body = ca.vertcat(turn * centre[1], -turn * centre[0] + drift[1] * bend)
+    c, s = ca.cos(q[2]), ca.sin(q[2])
+    return ca.vertcat(ca.blockcat([[c, -s], [s, c]]) @ in_body, turn)
+
+
+def _unit_centre(geometry: Geometry, q: ca.SX, segment: int) -> ca.SX:
+    """Centre of a locomotion unit in b0, (2,) [m]."""
+    end = fibre_end_pose(geometry, q, segment)
+    outward = (-1, 1)[segment] * geometry.front_wheel_m[0]
+    return ca.vertcat(end[0] + outward * ca.cos(end[2]), end[1] + outward * ca.sin(end[2]))
