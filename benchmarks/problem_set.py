@@ -67,7 +67,8 @@ def _draw(
         for _ in range(2):
             x, y = rng.uniform(-position, position, 2)
             phi = rng.uniform(-heading, heading)
-            ends.append((x, y, phi, rng.uniform(-curvature, curvature, 2)))
+            first, second = rng.uniform(-curvature, curvature, 2).tolist()
+            ends.append((x, y, phi, (first, second)))
         start, goal = ends
         yield Problem(
             robot=robot,

@@ -16,7 +16,9 @@ settings.load_profile("repeatable")
 Planned: TypeAlias = Callable[..., Plan]
 
 PLANNERS_AND_TIMINGS = [
-    (planner, timing) for planner in ("optimal", "greedy") for timing in ("nominal", "paper")
+    (planner, timing)
+    for planner in ("optimal", "greedy")
+    for timing in ("nominal", "constant", "paper")
 ]
 
 

@@ -1,14 +1,19 @@
-"""Problems the tests share: random ones from a seed, and robots with other transition times."""
+"""Problems the tests share: random ones from a seed, robots with other times, and their bounds."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
+from twosra_mpc.modes import RIGID, Mode, ModeSequence
+from twosra_mpc.planner import bending_task
 from twosra_mpc.robot import OverlappedTiming
+from twosra_mpc.search.bounds import SequenceBound, least_durations, sequence_bound
 from twosra_mpc.shape import check_shapes
+from twosra_mpc.timing import TemporalNetwork, transition_model
 
 ROBOT = load_robot("2sra-v1")
 
@@ -31,6 +36,21 @@ def random_problem(seed: int, robot: Robot = ROBOT, **overrides: Any) -> Problem
     except InputError:  # the units would overlap: draw again
         return random_problem(seed + 10_000, robot, **overrides)
     return problem
+
+
+def network_of(problem: Problem, sequence: ModeSequence, last: Mode = RIGID) -> TemporalNetwork:
+    """The temporal network of a sequence whose phases may take no time."""
+    return transition_model(problem).network(sequence, last, [0.0] * len(sequence))
+
+
+def bound_of(problem: Problem, sequence: ModeSequence, last: Mode = RIGID) -> SequenceBound | None:
+    """The bound of a sequence as the search takes it; None if it has no plan."""
+    task = bending_task(problem)
+    durations = least_durations(sequence, task)
+    if not all(map(math.isfinite, durations)):
+        return None
+    network = transition_model(problem).network(sequence, last, durations)
+    return sequence_bound(network, task, problem.cost_weights, durations)
 
 
 def faster_robot(factor: float) -> Robot:

@@ -7,16 +7,15 @@ import re
 
 import numpy as np
 import pytest
-from problems import ROBOT, faster_robot, random_problem
+from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 from twosra_mpc import Goal, Problem
-from twosra_mpc.model.bending import bending
 from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.nlp.fixed_sequence import improve, timed
 from twosra_mpc.nlp.guess import guess_motion
+from twosra_mpc.outcome import verified
 from twosra_mpc.planner import bending_task
-from twosra_mpc.search.bounds import sequence_bound, unreachable_reason
-from twosra_mpc.timing import transition_model
+from twosra_mpc.search.bounds import unreachable_reason
 
 SOFT_SEQUENCES = [
     soft
@@ -30,17 +29,17 @@ def sequences() -> list[ModeSequence]:
     return [(RIGID, *soft, RIGID) for soft in SOFT_SEQUENCES]
 
 
-@pytest.mark.parametrize("factor", [1.0, 30.0, 300.0])
+@pytest.mark.parametrize("factor", [None, 1.0, 30.0, 300.0])
 @pytest.mark.parametrize("seed", range(4))
-def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: float) -> None:
-    problem = random_problem(seed, robot=faster_robot(factor))
-    task, model = bending_task(problem), transition_model(problem)
+def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: float | None) -> None:
+    robot = ROBOT if factor is None else faster_robot(factor)  # thermal or constant times
+    problem = random_problem(seed, robot=robot)
+    task = bending_task(problem)
     found = 0
     for sequence in sequences():
         if unreachable_reason(sequence, task):
             continue
-        network = model.network(sequence, RIGID)
-        bound = sequence_bound(network, task, problem.weights)
+        network, bound = network_of(problem, sequence), bound_of(problem, sequence)
         if bound is None:
             continue
         guess = guess_motion(
@@ -49,20 +48,19 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
             problem.goal,
             sequence,
             bound.bends,
-            bending(problem.robot).coordinate,
             intervals=8,
         )
         for candidate in (timed(guess, network, problem, 0), improve(guess, network, problem)):
             if candidate is not None:
                 found += 1
-                assert bound.cost <= candidate.cost + 1e-6, sequence
+                cost = verified(problem, candidate, network).cost
+                assert bound.cost <= cost.total + 1e-6, sequence
     assert found >= 4
 
 
 def test_the_bound_includes_the_time_to_bend() -> None:
-    problem = random_problem(9)
-    network = transition_model(problem).network((RIGID, SOFT_1, SOFT_BOTH, RIGID), RIGID)
-    bound = sequence_bound(network, bending_task(problem), problem.weights)
+    problem = random_problem(9, timing="constant")
+    bound = bound_of(problem, (RIGID, SOFT_1, SOFT_BOTH, RIGID))
     assert bound is not None
     # 335 s of transitions, and at least abs(dW) / rate for what segment 2 must bend in [1,1].
     task = bending_task(problem)
@@ -72,15 +70,14 @@ def test_the_bound_includes_the_time_to_bend() -> None:
 
 
 def test_a_looser_goal_never_has_a_higher_bound() -> None:
-    problem = random_problem(6)
+    problem = random_problem(6, timing="constant")
     kappa = problem.goal.kappa_per_m
     assert kappa is not None
-    network = transition_model(problem).network((RIGID, SOFT_1, SOFT_2, RIGID), RIGID)
     costs = []
     for width in (0.0, 3.0, 10.0, 200.0):
         goal = Goal(kappa_per_m=kappa, tolerance={"kappa_per_m": (width, width)})
         loose = problem.model_copy(update={"goal": goal})
-        bound = sequence_bound(network, bending_task(loose), problem.weights)
+        bound = bound_of(loose, (RIGID, SOFT_1, SOFT_2, RIGID))
         assert bound is not None
         costs.append(bound.cost)
     assert costs == sorted(costs, reverse=True)
@@ -118,16 +115,14 @@ def test_equal_changes_of_the_bending_coordinate_need_only_one_soft_mode() -> No
 def test_a_sequence_that_must_leave_the_curvature_range_has_no_plan() -> None:
     # [1,0] first has to make up for what [1,1] will add to segment 1: more than the range allows.
     problem = kappa_problem((-20.0, -60.0), (-40.0, 60.0))
-    network = transition_model(problem).network((RIGID, SOFT_1, SOFT_BOTH, RIGID), RIGID)
-    assert sequence_bound(network, bending_task(problem), problem.weights) is None
+    assert bound_of(problem, (RIGID, SOFT_1, SOFT_BOTH, RIGID)) is None
 
 
 def test_bends_of_the_relaxation_add_up_to_the_task() -> None:
     problem = random_problem(8)
     task = bending_task(problem)
     sequence = (RIGID, SOFT_BOTH, SOFT_1, RIGID)
-    network = transition_model(problem).network(sequence, RIGID)
-    bound = sequence_bound(network, task, problem.weights)
+    bound = bound_of(problem, sequence)
     assert bound is not None
     for j in (0, 1):
         total = sum(bound.bends[i] for i, mode in enumerate(sequence) if mode[j])

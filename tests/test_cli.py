@@ -16,6 +16,7 @@ import pytest
 from test_problem import ROBOT, SCENARIO, changed, write
 
 from twosra_mpc import __version__, cli, load_plan, load_robot, planner, robot_names, scenario_names
+from twosra_mpc.cli import output, planning
 from twosra_mpc.problem import Problem, load_problem
 
 SHARED_BEND = {
@@ -29,8 +30,13 @@ SHARED_BEND = {
 def rigid_move() -> dict[str, Any]:
     """The built-in scenario, every default written out."""
     document = load_problem("rigid-move").scenario()
-    del document["start"]["temperature_C"]  # None, which TOML cannot write
-    return document
+    document["start"] = written(document["start"])
+    return written(document)
+
+
+def written(table: dict[str, Any]) -> dict[str, Any]:
+    """A table without None, which TOML cannot write."""
+    return {key: value for key, value in table.items() if value is not None}
 
 
 class Outcome(NamedTuple):
@@ -247,7 +253,7 @@ def assert_bad_input(outcome: Outcome, *words: str) -> None:
         (["plan", "bad.toml"], ["bad.toml: start.x_m = 'left'", "number"]),
         (["plan", "broken.json"], ["broken.json", "line 1"]),
         (["plan", "rigid-move", "--robot", "2sra-v"], ["robot = '2sra-v'", "2sra-v1"]),
-        (["plan", "rigid-move", "--timing", "papr"], ["timing = 'papr'", "nominal, paper"]),
+        (["plan", "rigid-move", "--timing", "papr"], ["timing = 'papr'", "constant, paper"]),
         (["plan", "rigid-move", "--gap", "1.5"], ["gap = 1.5", "less than 1"]),
         (["plan", "rigid-move", "--gap", "nan"], ["gap = nan", "finite"]),
         (["plan", "rigid-move", "--gap", "small"], ["--gap", "small"]),
@@ -376,15 +382,15 @@ def assert_best_so_far(outcome: Outcome, words: str, folder: Path) -> None:
 
 
 class Solving:
-    """Replaces ``planner.improve``: one sequence keeps its guess, the next one meets a surprise."""
+    """Replaces ``planner.improve``: some sequences keep their guess, the next meets a surprise."""
 
-    def __init__(self, surprise: Callable[[], None]) -> None:
-        self.calls = 0
+    def __init__(self, surprise: Callable[[], None], before: int) -> None:
+        self.before = before
         self.surprise = surprise
 
     def __call__(self, *_: Any) -> None:
-        self.calls += 1
-        if self.calls > 1:
+        self.before -= 1
+        if self.before < 0:
             self.surprise()
 
 
@@ -394,7 +400,7 @@ def test_an_interrupt_returns_the_best_plan_so_far(
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "improve", Solving(interrupt))
+    monkeypatch.setattr(planner, "improve", Solving(interrupt, before=1))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; interrupted: run again to continue the search", tmp_path)
 
@@ -408,7 +414,7 @@ def test_a_time_limit_returns_the_best_plan_so_far(
         clock.now += 3600.0
 
     monkeypatch.setattr(planner, "time", SimpleNamespace(perf_counter=lambda: clock.now))
-    monkeypatch.setattr(planner, "improve", Solving(an_hour_later))
+    monkeypatch.setattr(planner, "improve", Solving(an_hour_later, before=0))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; a limit was reached: raise time_limit_s or gap", tmp_path)
 
@@ -416,10 +422,10 @@ def test_a_time_limit_returns_the_best_plan_so_far(
 def test_an_interrupt_before_the_first_plan_has_none(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*_: Any) -> None:
+    def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "guess_motion", interrupt)
+    monkeypatch.setattr(planner, "timed", interrupt)
     code, out, err = run("plan", "paper-1", "--out", "a.json")
     assert (code, err) == (4, "")
     assert "no plan found (interrupted): run again to continue the search" in out
@@ -448,7 +454,7 @@ def test_a_termination_is_an_interrupt(run: Run, monkeypatch: pytest.MonkeyPatch
 def test_an_interrupt_keeps_a_plan_that_was_about_to_be_improved(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*_: Any) -> None:
+    def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(planner, "improve", interrupt)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
-from twosra_mpc.heating import SegmentHeating, segment_heating
+from twosra_mpc.heating import ConstantHeating, SegmentHeating, ThermalHeating, segment_heating
 from twosra_mpc.plan import Samples
 from twosra_mpc.robot import OverlappedTiming, SequentialTiming
 from twosra_mpc.timing import Transition
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 ROBOT = load_robot("2sra-v1")
 HEATER = ROBOT.heater
-TIMES = ROBOT.timing["nominal"]
+TIMES = ROBOT.timing["constant"]
 SLEEPS = ROBOT.timing["paper"]
 AMBIENT, MELTING, SOFT = 25.0, 61.0, 65.0  # C
 MELT_A, HOLD_A = 0.8, 0.307
@@ -31,6 +31,7 @@ MELT_LEAD_S, MELT_PLATEAU_S = 26.0, 37.0  # of the 63 s of a melt
 FREEZE_LEAD_S, FREEZE_PLATEAU_S = 18.0, 235.0  # of the 253 s of a freeze
 SUPERHEAT_S = 3.0  # from molten to the set-point
 RAMP = (MELTING - AMBIENT) / MELT_LEAD_S  # C/s, as fast as the heater heats
+THERMAL_RAMP = 1.6  # C/s: 4.9 W of the hot coil into the 3.1 J/K of the solid segment
 EVENT_S = 2e-6
 
 
@@ -79,33 +80,52 @@ def liquid(transitions: Sequence[Transition], t: float, *, at_start: bool) -> bo
     return state
 
 
+def melt_fraction(segment: SegmentHeating, t: Array) -> Array:
+    return segment.temperature_and_melt_fraction(t)[1]
+
+
 # --- set-points of whole plans -------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=[(70.0, 25.0), (25.0, 64.0), (63.0, 62.0)], ids=str)
-def warm_plan(request: pytest.FixtureRequest) -> Plan:
+WARM_STARTS = [(70.0, 25.0), (25.0, 64.0), (63.0, 62.0)]
+
+
+@pytest.fixture(scope="module", params=WARM_STARTS, ids=str)
+def warm_start(request: pytest.FixtureRequest) -> tuple[float, float]:
+    """Start temperatures, partly liquid."""
+    temperatures: tuple[float, float] = request.param
+    return temperatures
+
+
+@pytest.fixture(scope="module", params=["nominal", "constant"])
+def warm_plan(request: pytest.FixtureRequest, warm_start: tuple[float, float]) -> Plan:
     """A plan whose start is partly liquid."""
     goal = {"x_m": 0.1, "y_m": 0.0, "phi_rad": 0.2, "kappa_per_m": (20.0, -15.0)}
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
-    return plan(
-        Problem(robot=ROBOT, goal=goal, start={**start, "temperature_C": request.param})
-    ).require()
+    warm = {**start, "temperature_C": warm_start}
+    return plan(Problem(robot=ROBOT, goal=goal, start=warm, timing=request.param)).require()
 
 
 def assert_setpoints(some: Plan) -> None:
     """Set-point 65 C exactly between heater on and off; melt, hold or no current."""
     samples = samples_of(some)
     times, index = middles(samples.t_s)
+    thermal = some.problem.timing == "nominal"
     for j in (0, 1):
         periods = heated(
             of_segment(some, j + 1),
             liquid=bool(some.problem.start_mode[j]),
-            superheat_s=SUPERHEAT_S if some.problem.timing == "nominal" else 0.0,
+            superheat_s=SUPERHEAT_S if some.problem.timing == "constant" else 0.0,
         )
         for t, i in zip(times, index, strict=True):
             current = [MELT_A if t < p.hot else HOLD_A for p in periods if p.on <= t < p.off]
             assert samples.heater_setpoint_C[i, j] == (SOFT if current else AMBIENT), t
-            assert samples.heater_current_A[i, j] == (current[0] if current else 0.0), t
+            if thermal and current:  # as hot as it is, not as late as it is, decides
+                before, after = samples.temperature_C[[i, i + 1], j]
+                current = [MELT_A if after > before or before < SOFT - 1e-5 else HOLD_A]
+                current = [0.0] if before > SOFT + 1e-5 else current
+            expected = pytest.approx(current[0], abs=2e-4 * thermal) if current else 0.0
+            assert samples.heater_current_A[i, j] == expected, t
 
 
 def assert_stiffness(some: Plan) -> None:
@@ -142,7 +162,8 @@ def test_the_mode_is_right_from_a_liquid_start(warm_plan: Plan) -> None:
 
 def test_the_temperature_starts_as_given(any_plan: Plan, warm_plan: Plan) -> None:
     for some in (any_plan, warm_plan):
-        assert samples_of(some).temperature_C[0].tolist() == list(some.problem.temperatures)
+        first = samples_of(some).temperature_C[0]
+        assert first == pytest.approx(some.problem.temperatures, abs=1e-9)
 
 
 def test_the_temperature_stays_between_ambient_and_set_point(
@@ -155,9 +176,12 @@ def test_the_temperature_stays_between_ambient_and_set_point(
         assert temperature.max() <= hottest + 1e-9
 
 
+@pytest.mark.parametrize("timing", ["nominal", "constant"])
 @pytest.mark.parametrize("planner", ["optimal", "greedy"])
-def test_metal_melts_and_freezes_at_its_melting_point(planned: Planned, planner: str) -> None:
-    found = planned("paper-1", planner=planner)
+def test_metal_melts_and_freezes_at_its_melting_point(
+    planned: Planned, planner: str, timing: str
+) -> None:
+    found = planned("paper-1", planner=planner, timing=timing)
     samples = samples_of(found)
     for item in found.transitions:
         plateau = samples.t_s > item.onset_s - EVENT_S
@@ -185,7 +209,22 @@ def test_sleeping_through_a_melt_ends_at_the_set_point(planned: Planned, planner
 def test_the_temperature_never_jumps(any_plan: Plan) -> None:
     samples = samples_of(any_plan)
     steps = np.abs(np.diff(samples.temperature_C, axis=0))
-    assert (steps <= RAMP * np.diff(samples.t_s)[:, None] + 1e-6).all()
+    ramp = THERMAL_RAMP if any_plan.problem.timing == "nominal" else RAMP
+    assert (steps <= ramp * np.diff(samples.t_s)[:, None] + 1e-6).all()
+
+
+def test_the_melt_fraction_says_what_the_transitions_made_of_the_metal(any_plan: Plan) -> None:
+    samples = samples_of(any_plan)
+    times, index = middles(samples.t_s)
+    for j in (0, 1):
+        transitions = of_segment(any_plan, j + 1)
+        for t, i in zip(times, index, strict=True):
+            ends = sorted(samples.melt_fraction[[i, i + 1], j])
+            if any(item.onset_s < t < item.done_s for item in transitions):
+                assert 0.0 <= ends[0] < ends[1] <= 1.0, t
+            else:
+                state = float(liquid(transitions, t, at_start=False))
+                assert ends == pytest.approx([state] * 2, abs=1e-6)
 
 
 # --- one segment ---------------------------------------------------------------------------------
@@ -213,7 +252,7 @@ SEGMENTS = st.sampled_from([1, 2])
 
 
 def cycles(waits: Sequence[Cycle], *, last_freeze: bool = True) -> tuple[Transition, ...]:
-    """Melts and freezes with these waits, with the constants of the nominal timing."""
+    """Melts and freezes with these waits, with the constants of the robot."""
     found: list[Transition] = []
     t = 0.0
     for wait in waits:
@@ -226,10 +265,10 @@ def cycles(waits: Sequence[Cycle], *, last_freeze: bool = True) -> tuple[Transit
     return tuple(found if last_freeze else found[:-1])
 
 
-def overlapped(transitions: tuple[Transition, ...], start_C: float = AMBIENT) -> SegmentHeating:
-    """A segment with nominal times that starts at a temperature."""
+def overlapped(transitions: tuple[Transition, ...], start_C: float = AMBIENT) -> ConstantHeating:
+    """A segment with constant times that starts at a temperature."""
     assert isinstance(TIMES, OverlappedTiming)
-    return SegmentHeating(HEATER, TIMES, start_C > MELTING, start_C, transitions)
+    return ConstantHeating(HEATER, TIMES, AMBIENT, start_C > MELTING, start_C, transitions)
 
 
 def grid(transitions: Sequence[Transition], step_s: float = 0.25) -> Array:
@@ -283,12 +322,14 @@ def test_flags_set_points_and_currents_are_those_of_the_transitions(waits: list[
     assert set(edges) >= {time for item in transitions for time in item[2:]}
     t = (edges[:-1] + edges[1:]) / 2
     t = t[np.diff(edges) > 1e-6]
-    soft, changing = segment.soft(t), segment.changing(t)
+    soft, fraction = segment.soft(t), melt_fraction(segment, t)
+    changing = (fraction > 0) & (fraction < 1)
     assert not (soft & changing).any()
     assert soft.tolist() == [liquid(transitions, time, at_start=False) for time in t]
     assert changing.tolist() == [
         any(item.onset_s < time < item.done_s for item in transitions) for time in t
     ]
+    assert (fraction[~changing] == soft[~changing]).all()
     periods = heated(transitions, liquid=False)
     on = np.array([any(p.on < time < p.off for p in periods) for time in t])
     hot = np.array([any(p.hot < time < p.off for p in periods) for time in t])
@@ -305,7 +346,7 @@ def test_at_an_event_the_new_value_is_in_force() -> None:
     assert segment.setpoint_C(at).tolist() == [SOFT] * 4 + [AMBIENT] * 3
     assert segment.current_A(at).tolist() == [MELT_A] * 3 + [HOLD_A] + [0.0] * 3
     assert segment.soft(at).tolist() == [False, False, True, True, True, False, False]
-    assert segment.changing(at).tolist() == [False, True, False, False, False, True, False]
+    assert melt_fraction(segment, at).tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0]
 
 
 def test_the_longer_unheated_metal_stays_liquid_the_hotter_it_was() -> None:
@@ -343,7 +384,8 @@ def test_a_liquid_start_is_held_until_its_freeze() -> None:
     t = np.array([0.0, 20.0, 39.9, 40.1, 57.9, 58.1, 292.9, 293.1])
     soft = [True] * 5 + [False] * 3
     assert segment.soft(t).tolist() == soft
-    assert segment.changing(t).tolist() == [False] * 5 + [True] * 2 + [False]
+    expected = [1.0] * 5 + [1 - 0.1 / 235, 0.1 / 235, 0.0]
+    assert melt_fraction(segment, t) == pytest.approx(expected)
     assert segment.setpoint_C(t).tolist() == [SOFT] * 3 + [AMBIENT] * 5
     assert segment.current_A(t).tolist() == [HOLD_A] * 3 + [0.0] * 5
     temperature = segment.temperature(np.arange(0.0, 600.0, 0.1))
@@ -388,7 +430,7 @@ def test_sleeping_heats_on_a_line_and_cools_on_an_exponential(
         t = off + SLEEPS.freeze_s
         transitions.append(Transition(1, "soft", on, on, on + SLEEPS.heat_s))
         transitions.append(Transition(1, "rigid", off, off, t))
-    segment = SegmentHeating(HEATER, SLEEPS, False, AMBIENT, tuple(transitions))
+    segment = ConstantHeating(HEATER, SLEEPS, AMBIENT, False, AMBIENT, tuple(transitions))
     fine = grid(transitions)
     temperature = segment.temperature(fine)
     steepest = (SOFT - AMBIENT) / SLEEPS.heat_s
@@ -406,10 +448,13 @@ def test_sleeping_heats_on_a_line_and_cools_on_an_exponential(
 
 @given(CYCLES, SEGMENTS)
 def test_each_segment_gets_its_own_transitions(waits: list[Cycle], segment: int) -> None:
-    problem = load_problem("paper-1")
     mine = tuple(item._replace(segment=segment) for item in cycles(waits))
-    split = segment_heating(problem, mine)
-    assert split[segment - 1].transitions == mine
-    assert split[2 - segment].transitions == ()
-    assert all(item.temperature_C == AMBIENT for item in split)
-    assert not any(item.soft_at_start for item in split)
+    for timing, kind in (("constant", ConstantHeating), ("nominal", ThermalHeating)):
+        split = segment_heating(load_problem("paper-1", timing=timing), mine)
+        assert all(isinstance(item, kind) for item in split)
+        assert split[segment - 1].transitions == mine
+        assert split[2 - segment].transitions == ()
+        start = [item.temperature_and_melt_fraction(np.zeros(1)) for item in split]
+        assert start == [(AMBIENT, 0.0)] * 2
+        assert not any(item.soft_at_start for item in split)
+        assert split[2 - segment].energy_J(1e4) == 0.0 < split[segment - 1].energy_J(1e4)

@@ -7,14 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from problems import ROBOT, faster_robot, random_problem
+from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 import twosra_mpc.planner as planner_module
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.planner import Progress, SequenceSolver, bending_task
-from twosra_mpc.search.bounds import sequence_bound, unreachable_reason
-from twosra_mpc.timing import transition_model
+from twosra_mpc.search.bounds import unreachable_reason
 
 PAPER = [f"paper-{n}" for n in range(1, 6)]
 
@@ -43,10 +42,18 @@ def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
 def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
     name: str, transitions: int, least: float
 ) -> None:
-    result = plan(load_problem(name))
+    result = plan(load_problem(name, timing="constant"))
     assert result.cost is not None
     assert result.cost.transitions == transitions
     assert least < result.cost.time_s < least + 3
+
+
+@pytest.mark.parametrize(
+    ("name", "total"), [("paper-1", 334.4), ("paper-2", 298.6), ("paper-5", 334.3)]
+)
+def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: float) -> None:
+    result = plan(load_problem(name))
+    assert result.duration_s == pytest.approx(total, abs=0.05)
 
 
 @pytest.mark.parametrize("seed", range(100, 110))
@@ -59,11 +66,11 @@ def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: in
         assert result.duration_s <= greedy.duration_s + 1e-9
 
 
-@pytest.mark.parametrize("factor", [1.0, 100.0])
-def test_the_search_finds_what_solving_every_sequence_finds(factor: float) -> None:
-    problem = random_problem(21, robot=faster_robot(factor), gap=0.001, max_phases=4)
-    solver = SequenceSolver(problem)
-    task, model = bending_task(problem), transition_model(problem)
+@pytest.mark.parametrize("factor", [None, 1.0, 100.0])
+def test_the_search_finds_what_solving_every_sequence_finds(factor: float | None) -> None:
+    robot = ROBOT if factor is None else faster_robot(factor)  # thermal or constant times
+    problem = random_problem(21, robot=robot, gap=0.001, max_phases=4)
+    solver, task = SequenceSolver(problem), bending_task(problem)
     best = math.inf
     for n in (1, 2):
         for soft in itertools.product((SOFT_1, SOFT_2, SOFT_BOTH), repeat=n):
@@ -72,8 +79,7 @@ def test_the_search_finds_what_solving_every_sequence_finds(factor: float) -> No
                 continue
             if unreachable_reason(sequence, task):
                 continue
-            network = model.network(sequence, RIGID)
-            bound = sequence_bound(network, task, problem.weights)
+            network, bound = network_of(problem, sequence), bound_of(problem, sequence)
             if bound is not None:
                 costs = [cost for cost, _ in solver(network, bound, target=0.0)]
                 best = min([best, *costs])
@@ -281,7 +287,7 @@ def test_resting_needs_no_mode() -> None:
     assert (result.status, result.duration_s, result.gap) == (Status.OPTIMAL, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("timing", ["nominal", "paper"])
+@pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
 @pytest.mark.parametrize("temperatures", [(25.0, 25.0), (60.0, 60.0), (64.0, 30.0), (70.0, 64.0)])
 @pytest.mark.parametrize("last", [RIGID, SOFT_1])
 def test_no_plan_costs_less_than_its_bound_with_weights_and_warm_starts(
@@ -292,11 +298,10 @@ def test_no_plan_costs_less_than_its_bound_with_weights_and_warm_starts(
     goal = Goal(**{**base.goal.model_dump(), "mode": last})
     weights = {"energy_s_per_J": 1.0, "transition_s": 3.0}
     problem = Problem(robot=ROBOT, start=start, goal=goal, weights=weights, timing=timing)
-    solver, task = SequenceSolver(problem), bending_task(problem)
+    solver = SequenceSolver(problem)
     found = 0
     for sequence in ((RIGID, SOFT_1, SOFT_2, RIGID), (RIGID, SOFT_2, SOFT_1), (SOFT_BOTH, SOFT_1)):
-        network = transition_model(problem).network(sequence, last)
-        bound = sequence_bound(network, task, problem.weights)
+        network, bound = network_of(problem, sequence, last), bound_of(problem, sequence, last)
         if bound is None:
             continue
         for cost, _ in solver(network, bound, target=math.inf):
@@ -317,8 +322,6 @@ def test_a_goal_that_just_touches_is_not_called_impossible() -> None:
 def test_a_deadline_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planner_module, "improve", lambda *_: pytest.fail("begun too late"))
     problem = load_problem("rigid-move", gap=0.0)
-    task = bending_task(problem)
-    network = transition_model(problem).network((RIGID,), RIGID)
-    bound = sequence_bound(network, task, problem.weights)
+    network, bound = network_of(problem, (RIGID,)), bound_of(problem, (RIGID,))
     assert bound is not None
     assert len(list(SequenceSolver(problem, deadline=0.0)(network, bound, target=0.0))) == 1

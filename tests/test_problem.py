@@ -35,7 +35,7 @@ from twosra_mpc import (
     scenario_names,
 )
 from twosra_mpc.modes import MODES
-from twosra_mpc.robot import ArcPath, OverlappedTiming, SequentialTiming
+from twosra_mpc.robot import ArcPath, OverlappedTiming, SequentialTiming, ThermalTiming
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -232,7 +232,7 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
     ("time_limit_s", 0.0, "time_limit_s", "greater than 0"),
     # unknown names
     ("planner", "Optimal", "planner", "'optimal' or 'greedy'"),
-    ("timing", "papr", "timing", "robot 2sra-v1 has: nominal, paper"),
+    ("timing", "papr", "timing", "robot 2sra-v1 has: nominal, constant, paper"),
     ("robot", "2sra-v9", "robot", "did you mean 2sra-v1.*a file that exists, or one of .*2sra-v1"),
     ("robot", "nowhere/robot.toml", "robot", "^a file that exists, or one of .*2sra-v1"),
 ]
@@ -254,7 +254,8 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
     ("geometry.length_m", 0.04, "geometry.length_m", "did you mean end_link_m|segment_length_m"),
     ("path.spiral", 1.0, "path.spiral", "known keys here are model, scale, growth"),
     ("limits.current_A", 1.0, "limits.current_A", "known keys here are wheel_speed_rad_s"),
-    ("timing.nominal.melts", 1.0, "timing.nominal.melts", "did you mean melt_s.*overlap"),
+    ("timing.constant.melts", 1.0, "timing.constant.melts", "did you mean melt_s.*overlap"),
+    ("timing.nominal.melt_s", 1.0, "timing.nominal.melt_s", "known keys here are overlap"),
     ("timing.paper.melt_s", 1.0, "timing.paper.melt_s", "did you mean heat_s.*overlap"),
     ("name", 3, "name", "string"),
     ("name", "", "name", "at least 1 character"),
@@ -274,7 +275,7 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
     ("geometry.wheel_radius_m", 0.0, "geometry.wheel_radius_m", "greater than 0"),
     ("limits.wheel_speed_rad_s", -1.0, "limits.wheel_speed_rad_s", "greater than 0"),
     ("path.angle_ratio", [1.5, 1.0, 0.0], "path.angle_ratio.2", "greater than 0"),
-    ("timing.nominal.superheat_s", 0.0, "timing.nominal.superheat_s", "greater than 0"),
+    ("timing.constant.superheat_s", 0.0, "timing.constant.superheat_s", "greater than 0"),
     ("limits.unit_gap_m", -0.001, "limits.unit_gap_m", "greater than or equal to 0"),
     ("limits.wheel_independence", -0.1, "limits.wheel_independence", "greater than or equal to 0"),
     ("geometry.wheels", [{**WHEELS[0], "z_m": 0.0}], "geometry.wheels.0.z_m", "known keys here"),
@@ -293,15 +294,15 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
     ("heater.hold_current_A", 0.91, "heater.hold_current_A", r"current_max_A \(0\.9 A\)"),
     # a plateau is part of its transition, cooling part of a reconfiguration
     (
-        "timing.nominal.melt_changing_s",
+        "timing.constant.melt_changing_s",
         63.5,
-        "timing.nominal.melt_changing_s",
+        "timing.constant.melt_changing_s",
         r"at most melt_s \(63 s\)",
     ),
     (
-        "timing.nominal.freeze_changing_s",
+        "timing.constant.freeze_changing_s",
         253.5,
-        "timing.nominal.freeze_changing_s",
+        "timing.constant.freeze_changing_s",
         r"at most freeze_s \(253 s\)",
     ),
     (
@@ -320,7 +321,7 @@ ROBOT_MISTAKES: list[tuple[str, object, str, str]] = [
 ROBOT_MISSING = [
     *("name", "geometry", "path", "limits", "heater", "timing"),
     *("geometry.middle_link_m", "path.scale", "limits.unit_speed_m_s", "heater.ambient_C"),
-    *("timing.nominal.melt_s", "timing.paper.reconfigure_s"),
+    *("timing.constant.melt_s", "timing.paper.reconfigure_s"),
 ]
 
 
@@ -448,7 +449,7 @@ def test_the_key_that_chooses_between_models_is_named(
     (error,) = problems_of(refusal(lambda: Robot(**document)))
     assert error.field.split(".")[0] == key.split(".")[0]
     assert (error.field, error.value) == (field, shown)
-    assert re.search("'arc' or 'cardioid'|'full' or 'none'|required", error.allowed)
+    assert re.search("'arc' or 'cardioid'|'full', 'none' or 'thermal'|required", error.allowed)
 
 
 @pytest.mark.parametrize("name", ["slow", "full", "none", "arc", "float"])
@@ -704,7 +705,9 @@ def test_every_built_in_robot_loads_under_its_own_name(name: str) -> None:
     robot = load_robot(name)
     assert robot.name == name
     assert robot.description
-    assert isinstance(robot.timing["nominal"], OverlappedTiming)
+    nominal = robot.timing["nominal"]
+    assert isinstance(nominal, OverlappedTiming if robot.segment is None else ThermalTiming)
+    assert any(isinstance(times, OverlappedTiming) for times in robot.timing.values())
 
 
 def test_the_robot_of_the_paper_has_the_sleeps_of_the_paper() -> None:

@@ -1,4 +1,4 @@
-"""The temporal network: hand-calculated totals, order of events, and both transition models."""
+"""The temporal network: hand-calculated totals, order of events, and constant transition times."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import random_problem
+from problems import network_of, random_problem
 
-from twosra_mpc import Goal, Start, load_problem
+from twosra_mpc import Goal, Problem, Start, load_problem
 from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.search.bounds import cost_coefficients, schedule
-from twosra_mpc.timing import Transition, earliest_times, transition_model
+from twosra_mpc.search.schedule import cost_coefficients, schedule
+from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 
-# First-principles constants of the built-in robot: melt 63 s (the last 37 s changing), freeze 253 s
-# (the last 235 s changing). By hand: 298 s = 63 + 253 - 18, 335 s = 63 + 37 + 235.
+# Constants of the built-in robot: melt 63 s (the last 37 s changing), freeze 253 s (the last 235 s
+# changing). By hand: 298 s = 63 + 253 - 18, 335 s = 63 + 37 + 235.
 BY_HAND = [
     ((RIGID,), 0.0),
     ((RIGID, SOFT_1, RIGID), 63 + 235),
@@ -38,42 +38,59 @@ SEQUENCES = st.lists(st.sampled_from(MODES), min_size=1, max_size=6).map(
 DURATIONS = st.lists(st.floats(0.0, 40.0), min_size=6, max_size=6)
 
 
+def earliest(network: TemporalNetwork) -> list[float]:
+    times = earliest_times(network)
+    assert times is not None
+    return times
+
+
+def scheduled(problem: Problem, network: TemporalNetwork, durations: list[float]) -> list[float]:
+    times = schedule(network, np.array(durations), problem.cost_weights)
+    assert times is not None
+    return list(times)
+
+
 @pytest.mark.parametrize(("sequence", "total"), BY_HAND)
 def test_transitions_alone_take_the_time_calculated_by_hand(
     sequence: ModeSequence, total: float
 ) -> None:
-    network = transition_model(random_problem(0)).network(sequence, RIGID)
-    assert earliest_times(network)[network.layout.finish] == pytest.approx(total)
-    times = schedule(network, np.zeros(len(sequence)), random_problem(0).weights)
+    problem = random_problem(0, timing="constant")
+    network = network_of(problem, sequence)
+    assert earliest(network)[network.layout.finish] == pytest.approx(total)
+    times = scheduled(problem, network, [0.0] * len(sequence))
     assert times[network.layout.finish] == pytest.approx(total)
 
 
 @pytest.mark.parametrize(("sequence", "total"), BY_HAND_PAPER)
 def test_the_authors_practice_waits_as_published(sequence: ModeSequence, total: float) -> None:
-    problem = random_problem(0, timing="paper")
-    network = transition_model(problem).network(sequence, RIGID)
-    assert earliest_times(network)[network.layout.finish] == pytest.approx(total)
+    network = network_of(random_problem(0, timing="paper"), sequence)
+    assert earliest(network)[network.layout.finish] == pytest.approx(total)
 
 
 def test_a_drive_shorter_than_the_heating_lead_costs_nothing() -> None:
-    problem = random_problem(0)
-    network = transition_model(problem).network((RIGID, SOFT_1, RIGID), RIGID)
+    problem = random_problem(0, timing="constant")
+    network = network_of(problem, (RIGID, SOFT_1, RIGID))
     finish = [
-        schedule(network, np.array([drive, 1.0, 0.0]), problem.weights)[network.layout.finish]
+        scheduled(problem, network, [drive, 1.0, 0.0])[network.layout.finish]
         for drive in (0.0, 26.0, 30.0)
     ]
     assert finish == pytest.approx([299.0, 299.0, 303.0])
 
 
 @settings(deadline=None, derandomize=True, max_examples=150)
-@given(sequence=SEQUENCES, durations=DURATIONS, timing=st.sampled_from(["nominal", "paper"]))
+@given(
+    sequence=SEQUENCES,
+    durations=DURATIONS,
+    timing=st.sampled_from(["nominal", "constant", "paper"]),
+    price=st.sampled_from([0.0, 0.01]),
+)
 def test_a_schedule_respects_every_constraint_and_is_the_longest_path(
-    sequence: ModeSequence, durations: list[float], timing: str
+    sequence: ModeSequence, durations: list[float], timing: str, price: float
 ) -> None:
-    problem = random_problem(1, timing=timing)
-    network = transition_model(problem).network(sequence, RIGID)
-    lengths = np.array(durations[: len(sequence)])
-    times = schedule(network, lengths, problem.weights)
+    problem = random_problem(1, timing=timing, weights={"energy_s_per_J": price})
+    network = network_of(problem, sequence)
+    lengths = durations[: len(sequence)]
+    times = scheduled(problem, network, lengths)
     assert all(times[v] - times[u] >= w - 1e-6 for (u, v), w in network.least.items())
     with_motion = dict(network.least)
     for i, length in enumerate(lengths):
@@ -90,13 +107,13 @@ def test_a_schedule_respects_every_constraint_and_is_the_longest_path(
 def test_transitions_alternate_and_nothing_moves_on_a_plateau(
     sequence: ModeSequence, durations: list[float]
 ) -> None:
-    problem = random_problem(1)
-    model = transition_model(problem)
-    network = model.network(sequence, RIGID)
+    problem = random_problem(1, timing="constant")
+    network = network_of(problem, sequence)
     layout = network.layout
-    times = schedule(network, np.array(durations[: len(sequence)]), problem.weights)
-    transitions = model.transitions(sequence, RIGID, list(times))
-    assert len(transitions) == network.melts + network.freezes
+    times = scheduled(problem, network, durations[: len(sequence)])
+    transitions = transition_model(problem).transitions(network, times)
+    assert len(transitions) == network.transitions
+    assert transition_model(problem).settle(network, times) is None
     for segment in (1, 2):
         mine = [item for item in transitions if item.segment == segment]
         assert [item.to for item in mine] == ["soft", "rigid"] * (len(mine) // 2)
@@ -110,33 +127,40 @@ def test_transitions_alternate_and_nothing_moves_on_a_plateau(
 def test_a_warm_segment_melts_sooner_and_a_liquid_one_at_once() -> None:
     def first_soft_phase(temperature: float) -> float:
         start = {**load_problem("paper-4").start.model_dump(), "temperature_C": (25.0, temperature)}
-        problem = load_problem("paper-4", start=Start(**start))
-        network = transition_model(problem).network((SOFT_2, RIGID), RIGID)
-        return earliest_times(network)[network.layout.start(0)]
+        problem = load_problem("paper-4", start=Start(**start), timing="constant")
+        network = network_of(problem, (SOFT_2, RIGID))
+        return earliest(network)[network.layout.start(0)]
 
     assert first_soft_phase(25.0) == pytest.approx(63.0)
     assert first_soft_phase(43.0) == pytest.approx(37.0 + 13.0)
     assert first_soft_phase(65.0) == 0.0
 
 
-def test_a_goal_that_stays_soft_needs_no_freeze() -> None:
-    problem = random_problem(2, goal=Goal(kappa_per_m=(10.0, 20.0), mode=(1, 0)))
-    model = transition_model(problem)
-    network = model.network((RIGID, SOFT_BOTH), SOFT_1)
-    transitions = model.transitions((RIGID, SOFT_BOTH), SOFT_1, earliest_times(network))
-    assert [(item.segment, item.to) for item in transitions].count((1, "rigid")) == 0
-    assert (network.melts, network.freezes) == (2, 1)
+@pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
+def test_a_goal_that_stays_soft_needs_no_freeze(timing: str) -> None:
+    goal = Goal(kappa_per_m=(10.0, 20.0), mode=(1, 0))
+    problem = random_problem(2, goal=goal, timing=timing)
+    network = network_of(problem, (RIGID, SOFT_BOTH), SOFT_1)
+    transitions = transition_model(problem).transitions(network, earliest(network))
+    kinds = [item[:2] for item in transitions]
+    expected = [(1, "soft"), (2, "rigid"), (2, "soft")]
+    if timing == "paper":  # every reconfiguration cools and melts anew
+        expected = [(1, "rigid"), (1, "soft"), *expected]
+    assert sorted(kinds) == sorted(expected)
+    assert network.transitions == len(kinds)
 
 
 def test_the_linear_cost_counts_energy_and_transitions() -> None:
-    problem = random_problem(3, weights={"energy_s_per_J": 0.5, "transition_s": 7.0})
-    model = transition_model(problem)
-    network = model.network((RIGID, SOFT_1, SOFT_BOTH, RIGID), RIGID)
-    times = schedule(network, np.array([1.0, 40.0, 2.0, 0.0]), problem.weights)
-    coefficients, constant = cost_coefficients(network, problem.weights)
-    held = sum(times[off] - times[since] - shift for since, off, shift in network.holds)
-    energy = network.melt_energy_J + network.hold_power_W * held
-    assert held > 0
+    weights = {"energy_s_per_J": 0.5, "transition_s": 7.0}
+    problem = random_problem(3, weights=weights, timing="constant")
+    network = network_of(problem, (RIGID, SOFT_1, SOFT_BOTH, RIGID))
+    times = scheduled(problem, network, [1.0, 40.0, 2.0, 0.0])
+    coefficients, constant = cost_coefficients(network, problem.cost_weights)
+    # Two melts of 63 s at 0.8 A, 6.64 ohm. Liquid metal that is heated for 3 s stays liquid for
+    # another 18 s, so its heater gives a seventh of that power on average: less than holding does.
+    # Segment 1 is liquid for 40 s, the plateau of segment 2 (37 s) and 2 s, segment 2 for 2 s.
+    melt_W = 0.8**2 * 6.64
+    energy = 2 * 63 * melt_W + (40 + 37 + 2 + 2) * melt_W * 3 / 21
     assert coefficients @ times + constant == pytest.approx(
         times[network.layout.finish] + 0.5 * energy + 7.0 * 4
     )
@@ -144,10 +168,8 @@ def test_the_linear_cost_counts_energy_and_transitions() -> None:
 
 def test_reconfiguring_by_the_authors_practice_cools_everything_first() -> None:
     problem = random_problem(4, timing="paper")
-    model = transition_model(problem)
-    network = model.network((SOFT_BOTH, SOFT_2, RIGID), RIGID)
-    transitions = model.transitions((SOFT_BOTH, SOFT_2, RIGID), RIGID, earliest_times(network))
-    assert transitions == [
+    network = network_of(problem, (SOFT_BOTH, SOFT_2, RIGID))
+    assert transition_model(problem).transitions(network, earliest(network)) == [
         Transition(1, "soft", 0.0, 0.0, 100.0),
         Transition(2, "soft", 0.0, 0.0, 100.0),
         Transition(1, "rigid", 100.0, 100.0, 500.0),

@@ -25,7 +25,7 @@ from twosra_mpc.timing import Transition
 from twosra_mpc.verification import reintegrate, verify
 
 Array = NDArray[np.float64]
-TIMINGS = ["nominal", "paper"]
+TIMINGS = ["nominal", "constant", "paper"]
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,9 @@ def case(request: pytest.FixtureRequest, planned: Planned) -> Case:
     return case_of(planned("paper-1", timing=request.param))
 
 
-both_timings = pytest.mark.parametrize("case", TIMINGS, indirect=True)
+all_timings = pytest.mark.parametrize("case", TIMINGS, indirect=True)
 nominal_only = pytest.mark.parametrize("case", ["nominal"], indirect=True)
+constant_only = pytest.mark.parametrize("case", ["constant"], indirect=True)
 paper_only = pytest.mark.parametrize("case", ["paper"], indirect=True)
 
 
@@ -114,7 +115,7 @@ def assert_found(spoilt: Case, *patterns: str) -> None:
 # --- plans that hold -----------------------------------------------------------------------------
 
 
-def test_plans_of_both_planners_hold_with_both_timings(any_plan: Plan) -> None:
+def test_plans_of_both_planners_hold_with_all_timings(any_plan: Plan) -> None:
     result = case_of(any_plan).check()
     assert result.ok
     assert result.problems == ()
@@ -152,7 +153,7 @@ def test_margins_are_the_distance_to_each_limit(any_plan: Plan) -> None:
     assert margins["wheel_independence"] == shapes.wheel_independence[driving].min()
 
 
-@both_timings
+@all_timings
 def test_rounding_at_an_active_limit_is_no_violation(case: Case) -> None:
     fastest = np.abs(case.samples.wheel_rad_s).max()
     row, column = np.argwhere(np.abs(case.samples.wheel_rad_s) == fastest)[0]
@@ -164,7 +165,7 @@ def test_rounding_at_an_active_limit_is_no_violation(case: Case) -> None:
 # --- the motion ----------------------------------------------------------------------------------
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("coordinate", range(5))
 @pytest.mark.parametrize("by", [2e-6, -1e-3])
 def test_a_shifted_configuration_is_found(case: Case, coordinate: int, by: float) -> None:
@@ -175,14 +176,14 @@ def test_a_shifted_configuration_is_found(case: Case, coordinate: int, by: float
     assert spoilt.check().max_defect == pytest.approx(abs(by), abs=1e-6)
 
 
-@both_timings
+@all_timings
 def test_scaled_inputs_are_found(case: Case) -> None:
     slower = case.scaled("v", 0.99)
     departs = "re-integration departs from the samples"
     assert_found(slower, departs, *(f"goal.{name} is missed by" for name in COORDINATES))
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("column", range(5))
 def test_an_input_that_never_was_is_found(case: Case, column: int) -> None:
     row = case.first_moving(soft=column < 2)
@@ -191,7 +192,7 @@ def test_an_input_that_never_was_is_found(case: Case, column: int) -> None:
     assert any("re-integration departs" in problem for problem in problems)
 
 
-@both_timings
+@all_timings
 def test_an_input_that_the_mode_does_not_have_is_found(case: Case) -> None:
     words = "an input acts that the mode does not have"
     rigid, soft = case.first_moving(soft=False), case.first_moving(soft=True)
@@ -201,13 +202,13 @@ def test_an_input_that_the_mode_does_not_have_is_found(case: Case) -> None:
         assert_found(case.set("v", soft, column, 1e-3), words)
 
 
-@both_timings
+@all_timings
 def test_a_last_sample_that_moves_is_found(case: Case) -> None:
     for column in range(5):
         assert_found(case.set("v", -1, column, 1e-3), "the last sample still moves")
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize(
     ("name", "unit"),
     list(zip(COORDINATES, ("m", "m", "rad", "1/m", "1/m"), strict=True)),
@@ -228,7 +229,7 @@ def test_a_goal_missed_in_any_coordinate_is_found(case: Case, name: str, unit: s
     )
 
 
-@both_timings
+@all_timings
 def test_a_goal_box_forgives_what_lies_inside(case: Case) -> None:
     goal = case.problem.goal.model_dump() | {"x_m": 0.245, "tolerance": {"x_m": 0.006}}
     inside = Problem(**{**dict(case.problem), "goal": goal})
@@ -253,7 +254,7 @@ OTHER_WORDS = (  # of q and v
 )
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("limit", LIMITS)
 def test_a_sample_beyond_a_limit_is_found(case: Case, limit: str, sign: float) -> None:
@@ -269,7 +270,7 @@ def test_a_sample_beyond_a_limit_is_found(case: Case, limit: str, sign: float) -
     assert words in result.problems
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("limit", ["wheel_speed_rad_s", "unit_speed_m_s", "curvature_per_m"])
 def test_a_robot_with_a_lower_limit_does_not_accept_the_plan(case: Case, limit: str) -> None:
     used = LIMITS[limit][1] - case.check().limits[limit]
@@ -277,7 +278,7 @@ def test_a_robot_with_a_lower_limit_does_not_accept_the_plan(case: Case, limit: 
     assert_found(case.with_robot(limits=limits), f"^limit {limit} exceeded by {0.1 * used:.3g}$")
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("limit", ["temperature_max_C", "heater_current_A"])
 def test_a_weaker_heater_does_not_accept_the_plan(case: Case, limit: str) -> None:
     key = {"heater_current_A": "current_max_A"}.get(limit, limit)
@@ -286,7 +287,7 @@ def test_a_weaker_heater_does_not_accept_the_plan(case: Case, limit: str) -> Non
     assert_found(case.with_robot(heater=heater), f"^limit {limit} exceeded by {0.1 * used:.3g}$")
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("limit", ["unit_gap_m", "wheel_independence"])
 def test_shapes_too_close_to_what_the_limits_forbid_are_found(case: Case, limit: str) -> None:
     before = getattr(case.problem.robot.limits, limit)
@@ -298,7 +299,7 @@ def test_shapes_too_close_to_what_the_limits_forbid_are_found(case: Case, limit:
 # --- stiffness -----------------------------------------------------------------------------------
 
 
-@both_timings
+@all_timings
 def test_moving_while_a_segment_is_changing_is_found(case: Case) -> None:
     late = case.move(1, "soft", done_s=0.5)
     words = "the robot moves at .* s while segment 1 is changing"
@@ -318,13 +319,13 @@ def test_the_moment_of_the_clash_is_named(case: Case) -> None:
     )
 
 
-@both_timings
+@all_timings
 def test_bending_a_segment_that_never_melted_is_found(case: Case) -> None:
     spoilt = case.without(2, "soft").without(2, "rigid")
     assert_found(spoilt, r"^at .* s the mode is \[1,1\] but segment 2 is not so yet$")
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("soft", [True, False])
 @pytest.mark.parametrize("mode", MODES, ids=mode_name)
 def test_a_mode_the_metal_does_not_have_is_found(case: Case, soft: bool, mode: Mode) -> None:
@@ -338,7 +339,7 @@ def test_a_mode_the_metal_does_not_have_is_found(case: Case, soft: bool, mode: M
     assert said == [f"{when} but segment {j + 1} is not so yet" for j in wrong]
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("segment", [1, 2])
 def test_a_segment_that_does_not_end_as_asked_is_found(case: Case, segment: int) -> None:
     unfrozen = case
@@ -353,7 +354,7 @@ def test_a_segment_that_does_not_end_as_asked_is_found(case: Case, segment: int)
 # --- transitions ---------------------------------------------------------------------------------
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("segment", [1, 2])
 def test_a_transition_to_what_is_already_is_found(case: Case, segment: int) -> None:
     for gone, left in (("soft", "rigid"), ("rigid", "soft")):
@@ -367,7 +368,7 @@ def test_a_transition_to_what_is_already_is_found(case: Case, segment: int) -> N
         assert any(re.search(words, problem) for problem in problems), problems
 
 
-@both_timings
+@all_timings
 def test_freezing_what_never_melted_is_found(case: Case) -> None:
     freeze = Transition(2, "rigid", 0.1, 0.1, 300.0)
     spoilt = case.with_transitions([freeze, *case.transitions])
@@ -375,7 +376,7 @@ def test_freezing_what_never_melted_is_found(case: Case) -> None:
     assert "segment 2 to rigid at 0.100 s: it is rigid already" in problems
 
 
-@both_timings
+@all_timings
 def test_a_transition_before_the_one_before_it_is_done_is_found(case: Case) -> None:
     done = case.transitions[case.find(1, "soft")].done_s
     freeze = case.transitions[case.find(1, "rigid")]
@@ -385,7 +386,7 @@ def test_a_transition_before_the_one_before_it_is_done_is_found(case: Case) -> N
     assert words in problems
 
 
-@both_timings
+@all_timings
 def test_a_heater_on_before_the_start_is_found(case: Case) -> None:
     first = case.transitions[0]
     early = case.move(first.segment, first.to, heater_s=-1.0 - first.heater_s)
@@ -395,7 +396,7 @@ def test_a_heater_on_before_the_start_is_found(case: Case) -> None:
     )
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("to", ["soft", "rigid"])
 @pytest.mark.parametrize("name", ["onset_s", "done_s"])
 def test_times_out_of_order_are_found(case: Case, to: str, name: str) -> None:
@@ -406,7 +407,7 @@ def test_times_out_of_order_are_found(case: Case, to: str, name: str) -> None:
     assert words in spoilt.check().problems
 
 
-@nominal_only
+@constant_only
 @pytest.mark.parametrize(("to", "plateau"), [("soft", 37), ("rigid", 235)])
 def test_a_plateau_that_is_too_short_is_found(case: Case, to: str, plateau: int) -> None:
     item = case.transitions[case.find(2, to)]
@@ -417,7 +418,7 @@ def test_a_plateau_that_is_too_short_is_found(case: Case, to: str, plateau: int)
     )
 
 
-@nominal_only
+@constant_only
 def test_a_melt_that_is_heated_too_short_is_found(case: Case) -> None:
     on = case.transitions[case.find(2, "soft")].heater_s + 1.0
     assert_found(
@@ -426,7 +427,7 @@ def test_a_melt_that_is_heated_too_short_is_found(case: Case) -> None:
     )
 
 
-@nominal_only
+@constant_only
 @pytest.mark.parametrize(("start_C", "least_s"), [(43.0, 13.0), (7.0, 39.0), (25.0, 26.0)])
 def test_the_first_melt_takes_longer_from_colder_metal(
     case: Case, start_C: float, least_s: float
@@ -443,7 +444,7 @@ def test_the_first_melt_takes_longer_from_colder_metal(
         assert holds or f"instead of {least_s:.3f} s" in complaints[0]
 
 
-@nominal_only
+@constant_only
 def test_metal_that_stays_liquid_too_long_without_heater_is_found(case: Case) -> None:
     item = case.transitions[case.find(1, "rigid")]
     lead = item.onset_s - item.heater_s
@@ -455,7 +456,7 @@ def test_metal_that_stays_liquid_too_long_without_heater_is_found(case: Case) ->
     )
 
 
-@nominal_only
+@constant_only
 def test_metal_heated_only_briefly_after_melting_stays_liquid_only_briefly(case: Case) -> None:
     molten = case.transitions[case.find(2, "soft")].done_s
     freeze = case.transitions[case.find(2, "rigid")]
@@ -479,7 +480,7 @@ def test_a_sleep_that_is_too_short_is_found(case: Case, to: str, sleep: int) -> 
     )
 
 
-@both_timings
+@all_timings
 def test_phases_that_overlap_are_found(case: Case) -> None:
     first, second, *rest = case.phases
     moved = second._replace(start_s=first.end_s - 0.01)
@@ -526,7 +527,7 @@ def test_no_change_of_motion_goes_unnoticed(
 def test_a_transition_moved_alone_either_waits_longer_or_is_found(
     planned: Planned, i: int, name: str, by: float, sign: float
 ) -> None:
-    case = case_of(planned("paper-1"))
+    case = case_of(planned("paper-1", timing="constant"))
     item = case.transitions[i]
     moved = item._replace(**{name: getattr(item, name) + sign * by})
     result = replace(
@@ -586,14 +587,25 @@ def not_a_number(name: str) -> Callable[[Case], Case]:
     return spoil
 
 
-def first_heated(name: str, value: float) -> Callable[[Case], Case]:
-    """Change a command of heater 1 in the first sample after it is on."""
+def longest(case: Case, rows: NDArray[np.bool_]) -> int:
+    """The sample of these that lasts longest: short ones do little to the metal."""
+    lasting = np.append(np.diff(case.samples.t_s), 0.0)
+    return int(np.argmax(np.where(rows, lasting, -1.0)))
+
+
+def while_heated(name: str, value: float) -> Callable[[Case], Case]:
+    """Change a command of heater 1 in a sample while it is on."""
 
     def spoil(case: Case) -> Case:
-        row = int(np.flatnonzero(case.samples.heater_current_A[:, 0] > 0)[1])
-        return case.set(name, row, 0, value)
+        return case.set(name, longest(case, case.samples.heater_current_A[:, 0] > 0), 0, value)
 
     return spoil
+
+
+def heated_early(case: Case) -> Case:
+    """Heater 2 is on in a sample before its melt."""
+    early = case.samples.t_s < case.transitions[case.find(2, "soft")].heater_s - 1e-3
+    return case.set("heater_current_A", longest(case, early), 1, 0.8)
 
 
 NOT_FINITE = "^samples.{} has a value that is not finite$"
@@ -620,12 +632,9 @@ SPOILT: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
         lambda case: case.scaled("heater_setpoint_C", 0.0),
         [HEATER.format(1), HEATER.format(2)],
     ),
-    "a heater that pauses": (first_heated("heater_current_A", 0.0), [HEATER.format(1)]),
-    "a set-point that is too low": (first_heated("heater_setpoint_C", 64.0), [HEATER.format(1)]),
-    "a heater that is on too early": (
-        lambda case: case.set("heater_current_A", 0, 1, 0.8),
-        [HEATER.format(2)],
-    ),
+    "a heater that pauses": (while_heated("heater_current_A", 0.0), [HEATER.format(1)]),
+    "a set-point that is too low": (while_heated("heater_setpoint_C", 64.0), [HEATER.format(1)]),
+    "a heater that is on too early": (heated_early, [HEATER.format(2)]),
     "motion outside of any phase": (lambda case: replace(case, phases=()), [OUTSIDE]),
     "a phase that is not where the samples move": (later_phase, [OUTSIDE]),
     "a phase in another mode": (
@@ -651,20 +660,30 @@ SPOILT: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
 }
 
 
-@both_timings
+CURRENT = "^segment {}: its currents make it .* C warmer or colder at .* s$"
+SPOILT_CURRENTS = {
+    "heaters without current": [CURRENT.format(1), CURRENT.format(2)],
+    "a heater that pauses": [CURRENT.format(1)],
+    "a heater that is on too early": [CURRENT.format(2)],
+}  # by the thermal model: told by what the currents do to the metal
+
+
+@all_timings
 @pytest.mark.parametrize("how", SPOILT)
 def test_what_would_not_work_on_the_robot_is_found(case: Case, how: str) -> None:
     spoil, words = SPOILT[how]
+    if case.problem.timing == "nominal":
+        words = SPOILT_CURRENTS.get(how, words)
     assert_found(spoil(case), *words)
 
 
-@both_timings
+@all_timings
 def test_heaters_left_on_at_the_end_are_found(case: Case) -> None:
     hot = case.set("heater_setpoint_C", -1, 0, 65.0).set("heater_current_A", -1, 0, 0.3)
     assert_found(hot, HEATER.format(1))
 
 
-@both_timings
+@all_timings
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_configurations_that_are_not_finite_are_found(case: Case, value: float) -> None:
     spoilt = case.set("q", case.first_moving(soft=True), 0, value)
@@ -700,6 +719,7 @@ def test_hot_metal_does_not_freeze_before_it_has_cooled() -> None:
         "shape-change",
         start={**start, "temperature_C": (85.0, 25.0)},
         goal={"kappa_per_m": (10.0, 0.0)},
+        timing="constant",
     )
     case = case_of(plan(problem))
     freeze = case.transitions[case.find(1, "rigid")]

@@ -17,7 +17,7 @@ from twosra_mpc.robot import Robot
 
 Array = NDArray[np.float64]
 
-_TOUCHING_M = 1e-9  # rounding allowed in the gap
+TOUCHING_M = 1e-9  # rounding allowed in the gap
 _SCAN = 61  # shapes per curvature in a scan for singular shapes
 _SINGULAR = 1e-6  # scaled singular value below which a wheel matrix counts as singular
 
@@ -38,7 +38,7 @@ def shape_margins(robot: Robot, kappa: ArrayLike) -> ShapeMargins:
     """
     pairs = np.atleast_2d(np.asarray(kappa, dtype=float))
     values = shape_margins_of(robot, len(pairs))(pairs.T).full()
-    gap = values[0] - robot.limits.unit_gap_m + _TOUCHING_M
+    gap = values[0] - robot.limits.unit_gap_m + TOUCHING_M
     return ShapeMargins(gap, values[1] - robot.limits.wheel_independence)
 
 

@@ -77,7 +77,7 @@ def plot_thermal_fit(fit: ThermalFit, path: str | Path | None = None) -> Figure:
 def _title(fit: ThermalFit) -> str:
     found = fit.residuals
     unseen = fit.rows[0].held_out_rms_C
-    left_out = "" if math.isnan(unseen) else f", {unseen:.2f} in cycles left out of the fit"
+    left_out = "" if math.isnan(unseen) else f", {unseen:.2f} K in cycles left out of the fit"
     rms = f"{found.heating_rms_C:.2f} K heating, {found.cooling_rms_C:.2f} K cooling{left_out}"
     return f"{fit.robot}, {Path(fit.source).name}\nRMS residual {rms}"
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, TypeVar
 
 from scipy.optimize import brentq
 
@@ -27,15 +27,8 @@ Record = TypeVar("Record", bound=Value)
 _WEAKEST = 0.05  # share of heat loss or power below which no cause is looked for
 
 
-class Slowed(NamedTuple):
-    """A problem with slower transitions, and what was changed, in words."""
-
-    problem: Problem
-    changed: str
-
-
-def slowed(problem: Problem, kind: Kind, factor: float) -> Slowed:
-    """Make every freeze (or melt) of ``problem`` ``factor`` times slower.
+def slowed(problem: Problem, kind: Kind, factor: float) -> tuple[Problem, str]:
+    """Make every freeze (or melt) of ``problem`` ``factor`` times slower; say what was changed.
 
     Raises:
         InputError: If the metal would no longer melt or freeze, or the robot is no longer valid.
@@ -75,14 +68,14 @@ def _slower_sleeps(times: SequentialTiming, kind: Kind, factor: float) -> dict[s
     return {"heat_s": factor * times.heat_s, "reconfigure_s": cool + factor * heat}
 
 
-def _constant(problem: Problem, values: dict[str, float]) -> Slowed:
+def _constant(problem: Problem, values: dict[str, float]) -> tuple[Problem, str]:
     times = problem.transition_times
     timing = {**problem.robot.timing, problem.timing: _with(times, values)}
     words = [f"{key} {getattr(times, key):g} -> {value:g} s" for key, value in values.items()]
-    return Slowed(problem.with_robot(_with(problem.robot, {"timing": timing})), ", ".join(words))
+    return problem.with_robot(_with(problem.robot, {"timing": timing})), ", ".join(words)
 
 
-def _weakened(problem: Problem, kind: Kind, factor: float) -> Slowed:
+def _weakened(problem: Problem, kind: Kind, factor: float) -> tuple[Problem, str]:
     robot, air = problem.robot, problem.ambient
     weaker = _less_loss if kind == "freeze" else _less_power
     now = reference_s(robot, air, kind)
@@ -92,23 +85,20 @@ def _weakened(problem: Problem, kind: Kind, factor: float) -> Slowed:
     other: Kind = "melt" if kind == "freeze" else "freeze"
     made = weaker(robot, share)
     cause = "heat flow out of the metal" if kind == "freeze" else "heater power"
-    sides = [
-        f"a {one} takes {reference_s(made, air, one):.4g} s, not {reference_s(robot, air, one):.4g}"
-        for one in (kind, other)
-    ]
-    return Slowed(problem.with_robot(made), f"{cause} x {share:.3g}: {'; '.join(sides)}")
+    effects = []
+    for one in (kind, other):
+        before, after = (reference_s(each, air, one) for each in (robot, made))
+        still = math.isclose(before, after, rel_tol=1e-3)
+        takes = f"still takes {after:.4g} s" if still else f"takes {after:.4g} s, not {before:.4g}"
+        effects.append(f"a {one} {takes}")
+    return problem.with_robot(made), f"{cause} x {share:.3g}: {'; '.join(effects)}"
 
 
 def _share(excess: Callable[[float], float]) -> float | None:
-    """The share at which ``excess``, falling from infinity to below zero at 1, is zero."""
-    low = 1.0
-    while excess(low) < 0:
-        low *= 0.8
-        if low < _WEAKEST:
-            return None
-    while excess(low) == math.inf:  # too weak to melt at all: between here and the step before
-        low += (1.0 - low) / 8
-    return float(brentq(excess, low, 1.0, xtol=1e-12)) if excess(low) >= 0 else None
+    """The share at which ``excess``, which falls to below zero at 1, is zero; None if nowhere."""
+    if excess(_WEAKEST) < 0:
+        return None
+    return float(brentq(lambda share: min(excess(share), 1.0), _WEAKEST, 1.0, xtol=1e-12))
 
 
 def _less_loss(robot: Robot, share: float) -> Robot:

@@ -19,7 +19,7 @@ from twosra_mpc.modes import mode_name
 from twosra_mpc.plan import Phase, Samples, Verification
 from twosra_mpc.problem import COORDINATE_UNITS, COORDINATES, Problem
 from twosra_mpc.robot import ThermalTiming
-from twosra_mpc.shape import shape_margins
+from twosra_mpc.shape import TOUCHING_M, shape_margins
 from twosra_mpc.timing import Transition
 from twosra_mpc.transition_check import TIME_TOLERANCE_S, transition_problems
 
@@ -102,7 +102,8 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             atol=_ATOL,
             events=runs_away,
         )
-        reached[first + 1 : first + 1 + end.y.shape[1]] = end.y.T
+        passed = len(end.t)
+        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (5, passed)).T
         if end.status != 0:
             break
     return reached
@@ -207,7 +208,8 @@ def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
         margins[name] = 0.0 if abs(margin) <= RELATIVE_TOLERANCE * limit else margin
     between = (samples.q[1:, 3:] + samples.q[:-1, 3:]) / 2
     shapes = shape_margins(problem.robot, np.concatenate([samples.q[:, 3:], between]))
-    margins["unit_gap_m"] = float(shapes.unit_gap_m.min())
+    gap = float(shapes.unit_gap_m.min())
+    margins["unit_gap_m"] = 0.0 if abs(gap) <= TOUCHING_M else gap
     driving = (np.abs(samples.v[:, 2:]).max(axis=1) > 0).nonzero()
     independence = shapes.wheel_independence[: len(samples)][driving]
     margins["wheel_independence"] = float(independence.min(initial=np.inf))

@@ -18,6 +18,7 @@ from twosra_mpc.version import __version__
 
 _COMMANDS = {
     "plan": "planning",
+    "explain": "explain",
     "scenarios": "robots",
     "robots": "robots",
     "check-robot": "robots",

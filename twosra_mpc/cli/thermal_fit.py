@@ -22,7 +22,9 @@ from twosra_mpc.thermal.identification import (
     two_node_segment,
 )
 from twosra_mpc.thermal.identified_robot import write_identified_robot
+from twosra_mpc.thermal.log_response import CORRECTED_S
 
+_WARM_K = 1.0  # a first reading this far above the air is worth a word
 _NAMES = {
     "power_K_per_s": "full power [K/s]",
     "coupling_per_s": "core to body [1/s]",
@@ -159,9 +161,11 @@ def _digits(value: float) -> str:
 
 
 def _scored(log: HeatingLog, fit: ThermalFit) -> str:
-    spikes = int(log.spikes.sum())
     points = f"{fit.residuals.points} points {fit.log.step_s:g} s apart"
+    warm = log.despiked_C[0] - log.ambient_C
+    start = f" It starts {warm:.1f} K above: taken as cooled for long." if warm > _WARM_K else ""
     return (
-        f"Scored: {points}, heating and cooling (in a hold the power is unknown). "
-        f"Spikes replaced: {spikes}. Air: {log.ambient_C:.4g} C."
+        f"Scored: {points}, heating and cooling; in a hold the power is unknown, and the first "
+        f"{CORRECTED_S:g} s after it help to find its end.\n"
+        f"Spikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:.4g} C.{start}"
     )

@@ -25,6 +25,7 @@ class HeatedSegment:
         temperature_C: float,
         rng: np.random.Generator,
         *,
+        rigid_setpoint_C: float,
         broken_heater: bool = False,
     ) -> None:
         """Rest the segment at a temperature.
@@ -35,10 +36,12 @@ class HeatedSegment:
             controller: Its controller.
             temperature_C: Of the metal and the sensor.
             rng: For the sensor's noise.
+            rigid_setpoint_C: Set-points up to this switch the heater off.
             broken_heater: Whether the heater's wire is broken: no current ever flows.
         """
         self.model, self.sensor, self.controller = model, sensor, controller
-        self.broken_heater, self._rng = broken_heater, rng
+        self.rigid_setpoint_C, self.broken_heater = rigid_setpoint_C, broken_heater
+        self._rng = rng
         self.state, self._lag = model.initial(temperature_C), sensor.settled(temperature_C)
         self.heat_J = 0.0
         self._reading_C = sensor.read_C(self._lag)
@@ -101,5 +104,7 @@ class HeatedSegment:
         """Melt, or keep warm by the observer's estimate: it does not lag as the sensor does."""
         if setpoint_C >= self.controller.soft_setpoint_C:
             return True
+        if setpoint_C <= self.rigid_setpoint_C:
+            return False
         observed = self.controller.rule.observer.model
         return observed.temperature_C(self._memory.known.estimate.state) < setpoint_C

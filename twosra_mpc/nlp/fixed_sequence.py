@@ -15,7 +15,7 @@ from twosra_mpc.nlp.landing import available_inputs, land
 from twosra_mpc.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.problem import Problem
 from twosra_mpc.search.schedule import cost_coefficients, schedule
-from twosra_mpc.shape import may_drive, shape_margins
+from twosra_mpc.shape import TOUCHING_M, may_drive, shape_margins
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
@@ -114,7 +114,7 @@ def _shapes_allowed(motion: Motion) -> bool:
     drives = [
         mode == RIGID and far > _STILL for mode, far in zip(motion.sequence, moved, strict=True)
     ]
-    apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= 0
+    apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= -TOUCHING_M
     driven = shape_margins(motion.robot, kappa[:, 0]).wheel_independence[drives]
     return bool(apart and (driven >= 0).all())
 

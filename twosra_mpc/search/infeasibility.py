@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.modes import MODES, Mode, ModeSequence, mode_name, sequence_name
+from twosra_mpc.modes import MODES, RIGID, Mode, ModeSequence, mode_name, sequence_name
 from twosra_mpc.robot import MotionLimits
 from twosra_mpc.search.bounds import BendingTask, determined_bends, unreachable_reason
 from twosra_mpc.search.mode_tree import ModeTree
 from twosra_mpc.timing import TransitionModel
 
-_FURTHER = 3  # how many phases beyond max_phases are looked at, and how many sequences
-_MOST_SEQUENCES = 1500
+_FURTHER = 3  # how many phases beyond max_phases are looked at
+_MOST_SEQUENCES = 1500  # how many sequences of one length are looked at
 
 
 def impossibility(tree: ModeTree[Any]) -> str | None:
@@ -39,7 +39,7 @@ def impossibility(tree: ModeTree[Any]) -> str | None:
         return None
     allowed = f"allowed modes are {', '.join(map(mode_name, tree.modes))}"
     remedy = _remedy(usable, tree.task, tree.timing)
-    refusals = [tree.timing.refusal((mode,), mode) for mode in tree.modes if mode not in usable]
+    refusals = [tree.timing.refusal((mode,), RIGID) for mode in tree.modes if mode not in usable]
     if refusals and refusals[0] is not None:
         reason += f"; {refusals[0]}"
         if unreachable_reason(tree.modes, tree.task) is None:
@@ -48,8 +48,11 @@ def impossibility(tree: ModeTree[Any]) -> str | None:
 
 
 def _usable(modes: Sequence[Mode], timing: TransitionModel) -> tuple[Mode, ...]:
-    """The modes that some heating brings about."""
-    return tuple(mode for mode in modes if timing.refusal((mode,), mode) is None)
+    """The modes that some heating may bring about.
+
+    A mode that is refused although everything freezes after it is refused in every sequence.
+    """
+    return tuple(mode for mode in modes if timing.refusal((mode,), RIGID) is None)
 
 
 def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel) -> str:

@@ -36,7 +36,7 @@ from twosra_mpc.search.rigid_motion import twist_vertices
 Array = NDArray[np.float64]
 
 _PANELS = 96
-_ROUNDING = 1e-7  # relative allowance for rounding, and for shapes known to 1e-6
+_ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-6 rad
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,10 @@ COLUMNS = ("time_s", "temp_C", "mode")
 LEAST_SAMPLES = 20  # of heating, and of cooling
 LEAST_RISE_K = 5.0  # less says nothing about a segment
 LONGEST_STEP_S = 5.0  # slower samples miss the sensor's lag
+LONGEST_GAP_S = 60.0  # how long readings may be missing
 COLDER_THAN_AIR_K = 1.0  # noise and drift of the room
 
 _STEPS_S = (0.5, 1.0)  # finest and coarsest grid: the sensor lags by seconds
-_SHORTEST_HOLD_S = 10.0  # in a shorter hold the readings do not show the core; it counts as heating
 _SPIKE_K = 0.5  # a reading this far from its neighbours', and farther than they can have moved
 _FASTEST_K_PER_S = 1.0
 
@@ -80,17 +80,17 @@ class HeatingLog:
         """Number of the cycle of each sample, from 0 (which also holds what came before)."""
         heating = self.mode == "heating"
         starts = heating & ~np.append(False, heating[:-1])
-        return np.maximum(np.cumsum(starts) - 1, 0)
+        number: NDArray[np.int_] = np.maximum(np.cumsum(starts) - 1, 0)
+        return number
 
     @cached_property
     def spikes(self) -> Flags:
-        """Readings that no segment can have between their neighbours."""
-        off = np.abs(self.sensor_C - _running_median(self.sensor_C, 5))
-        return off > _SPIKE_K + _FASTEST_K_PER_S * self.step_s
+        """Readings that no segment can have between their neighbours, (n,)."""
+        return spikes(self.time_s, self.sensor_C)
 
     @cached_property
     def despiked_C(self) -> Array:
-        """Readings, spikes replaced by the median of their neighbours."""
+        """Readings, spikes replaced by the median of their neighbours, (n,)."""
         return np.where(self.spikes, _running_median(self.sensor_C, 5), self.sensor_C)
 
     def _refuse(self, field: str, value: object, allowed: str) -> InputError:
@@ -100,22 +100,26 @@ class HeatingLog:
         for column, values in (("time_s", self.time_s), ("temp_C", self.sensor_C)):
             bad = np.flatnonzero(~np.isfinite(values))
             if len(bad):
-                raise self._refuse(f"{column}, row {bad[0] + 1}", values[bad[0]], "a finite number")
+                row, value = int(bad[0]) + 1, float(values[bad[0]])
+                raise self._refuse(f"{column}, row {row}", value, "a finite number")
         for i, word in enumerate(self.mode.tolist()):
             if word not in MODES:
                 allowed = f"{', '.join(MODES)} or {', '.join(SYNONYMS)}"
                 raise self._refuse(f"mode, row {i + 1}", word, allowed)
-        late = np.flatnonzero(np.diff(self.time_s) <= 0)
-        if len(late):
-            before, value = self.time_s[late[0] : late[0] + 2].tolist()
-            allowed = f"later than the row before it ({before:g} s)"
-            raise self._refuse(f"time_s, row {late[0] + 2}", value, allowed)
+        gaps = np.diff(self.time_s)
+        wrong = np.flatnonzero((gaps <= 0) | (gaps > LONGEST_GAP_S))
+        if len(wrong):
+            before, value = self.time_s[wrong[0] : wrong[0] + 2].tolist()
+            allowed = f"later than the row before it ({before:g} s), by {LONGEST_GAP_S:g} s at most"
+            raise self._refuse(f"time_s, row {wrong[0] + 2}", value, allowed)
 
     def _check_course(self) -> None:
         for word in ("heating", "cooling"):
             count = int(np.sum(self.mode == word))
             if count < LEAST_SAMPLES:
-                allowed = f"at least {LEAST_SAMPLES} rows of {word} (heating and cooling are fitted)"
+                allowed = (
+                    f"at least {LEAST_SAMPLES} rows of {word} (heating and cooling are fitted)"
+                )
                 raise self._refuse("mode", f"{count} rows of {word}", allowed)
         if self.mode[0] == "hold":
             allowed = "heating or cooling: before a hold, the segment's warmth has to be known"
@@ -181,7 +185,7 @@ def read_heating_log(path: str | Path, ambient_C: float | None = None) -> Heatin
 
     Args:
         path: The file.
-        ambient_C: Temperature of the air; default: the first reading.
+        ambient_C: Temperature of the air; default: the first reading that is no spike.
 
     Raises:
         InputError: If the file cannot be read, lacks a column, or is no such log.
@@ -202,9 +206,11 @@ def read_heating_log(path: str | Path, ambient_C: float | None = None) -> Heatin
         words.append(SYNONYMS.get(word, word))
     if not times:
         raise InputError("rows", 0, "at least one row below the heading", source)
-    sensor = np.array(readings)
-    air = float(_running_median(sensor, 5)[0]) if ambient_C is None else ambient_C
-    return HeatingLog(source, np.array(times), sensor, np.array(words), air)
+    time, sensor = np.array(times), np.array(readings)
+    if ambient_C is None:
+        first = sensor[~spikes(time, sensor)]
+        ambient_C = float(first[0]) if len(first) else math.nan
+    return HeatingLog(source, time, sensor, np.array(words), ambient_C)
 
 
 def resample(log: HeatingLog) -> EvenLog:
@@ -219,16 +225,16 @@ def resample(log: HeatingLog) -> EvenLog:
     smooth = _running_median(log.despiked_C, 2 * round(step / log.step_s / 2) + 1)
     middles = (log.time_s[1:] + log.time_s[:-1]) / 2
     nearest = np.searchsorted(middles, time)
-    mode, held = log.mode[nearest], _long_holds(log)
+    mode = log.mode[nearest]
     there = np.abs(log.time_s[nearest] - time) <= step / 2 + 1e-9
     # Time spent heating until each sample's end, where the next one is nearer.
     edges = np.concatenate([log.time_s[:1], middles, log.time_s[-1:]])
-    heated = np.append(0.0, np.cumsum(np.diff(edges) * ((log.mode != "cooling") & ~held)))
+    heated = np.append(0.0, np.cumsum(np.diff(edges) * (log.mode == "heating")))
     return EvenLog(
         step_s=step,
         time_s=time,
         sensor_C=np.interp(time, log.time_s, smooth),
-        held=held[nearest],
+        held=mode == "hold",
         scored=there & (mode != "hold"),
         heating=mode == "heating",
         heating_share=np.diff(np.interp(time, edges, heated)) / step,
@@ -237,18 +243,17 @@ def resample(log: HeatingLog) -> EvenLog:
     )
 
 
-def _long_holds(log: HeatingLog) -> Flags:
-    """Samples in holds that are long enough to tell the core from the readings."""
-    held = log.mode == "hold"
-    for first, end in runs(held):
-        held[first:end] = log.time_s[end - 1] - log.time_s[first] >= _SHORTEST_HOLD_S
-    return held
-
-
 def runs(flags: Flags) -> list[tuple[int, int]]:
     """(first, end) of each unbroken run of true flags."""
     changes = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in zip(changes[::2], changes[1::2], strict=True)]
+
+
+def spikes(time_s: Array, sensor_C: Array) -> Flags:
+    """Flag the readings (n,) that are too far from the median of the five around them."""
+    off = np.abs(sensor_C - _running_median(sensor_C, 5))
+    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    return off > _SPIKE_K + _FASTEST_K_PER_S * step
 
 
 def _running_median(values: Array, width: int) -> Array:
@@ -259,6 +264,9 @@ def _running_median(values: Array, width: int) -> Array:
 def _number(row: dict[str, str], column: str, number: int, source: str) -> float:
     text = row[column]
     try:
-        return float(text)
+        value = float(text)
     except (TypeError, ValueError):
-        raise InputError(f"{column}, row {number}", text, "a finite number", source) from None
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{column}, row {number}", text, "a finite number", source)
+    return value

@@ -3,6 +3,11 @@
 The sensor's gain cannot be told from such a log and is the robot's. The firmware's law while
 heating is fitted with the segment, but belongs to the log, not to the robot file. See
 `log_response` for what the model makes of a log, `heating_log` for what a log is.
+
+How sure is it? Standard errors cover noise and what the model lacks while heating and cooling, not
+errors of the core found in holds, nor when between two samples the heater was switched. The fits
+that leave a cycle out show how much it matters which cycles were seen. Neither shows how logs
+differ from one day to another: that takes a second log.
 """
 
 from __future__ import annotations
@@ -178,31 +183,23 @@ def identify(log: HeatingLog, robot: Robot, on_progress: OnProgress | None = Non
     """
     own = two_node_segment(robot)
     even = resample(log)
-    two, one = two_nodes(own.sensor_gain), _one_node(own.sensor_gain, robot.heater.melting_point_C)
-    parts = _trainable_cycles(even)
-    done = _counted(on_progress, 2 * (1 + len(parts)))
-    best = done(fit(two, even))
-    held_out = tuple(
-        HeldOut(cycle, Parameters(*part.values), unseen)
-        for cycle, part, unseen in _left_out(two, even, parts, best, done)
-    )
-    simple = done(fit(one, even))
-    simple_unseen = [part[2] for part in _left_out(one, even, parts, simple, done)]
-    response = two.respond(best.values, even)
-    found, errors = Parameters(*best.values), Parameters(*best.standard_errors)
+    families = two_nodes(own.sensor_gain), _one_node(own.sensor_gain, robot.heater.melting_point_C)
+    cycles = _separable_cycles(even)
+    done = _counted(on_progress, len(families) * (1 + len(cycles)))
+    two, one = (_study(family, even, cycles, done) for family in families)
+    found, errors = Parameters(*two.best.values), Parameters(*two.best.standard_errors)
+    held_out = tuple(HeldOut(k, Parameters(*part.values), unseen) for k, part, unseen in two.parts)
     every = [found, *(part.parameters for part in held_out)]
     smallest, largest = (Parameters(*map(pick, zip(*every, strict=True))) for pick in (min, max))
-    unseen = [part.residuals for part in held_out]
-    own_score = score(log, own)
     rows = (
-        Row("two nodes, fitted", 7, residuals(even, response), pooled_rms_C(unseen)),
-        Row(f"two nodes as in {robot.name}", 2, own_score.residuals, math.nan),
+        two.row("two nodes, fitted"),
         Row(
-            "one node with latent heat, fitted",
-            7,
-            residuals(even, one.respond(simple.values, even)),
-            pooled_rms_C(simple_unseen),
+            f"two nodes as in {robot.name}, heater law fitted",
+            len(_LAW),
+            score(log, own).residuals,
+            math.nan,
         ),
+        one.row("one node with latent heat, fitted"),
     )
     return ThermalFit(
         source=log.source,
@@ -216,7 +213,7 @@ def identify(log: HeatingLog, robot: Robot, on_progress: OnProgress | None = Non
         held_out=held_out,
         rows=rows,
         log=even,
-        response=response,
+        response=two.response,
     )
 
 
@@ -257,8 +254,8 @@ def two_nodes(sensor_gain: float) -> Family:
     def answer(values: Sequence[float], log: EvenLog) -> Response:
         found = Parameters(*values)
         plant = TwoNodePlant.of(*found[:4], log.step_s)
-        sensor = SensorLag(sensor_gain, found.sensor_lag_s, log.step_s)
-        return respond(log, plant, sensor, found.law)
+        lag = max(found.sensor_lag_s, 1e-3)  # a robot file may have none
+        return respond(log, plant, SensorLag(sensor_gain, lag, log.step_s), found.law)
 
     return Family(_TWO_NODES, answer, ({0: 2.0, 1: 2.0}, {0: 0.5, 1: 0.5}))
 
@@ -276,7 +273,7 @@ def _one_node(sensor_gain: float, melting_point_C: float) -> Family:
     return Family(_ONE_NODE, answer, ({0: 2.0, 2: 4.0},))
 
 
-def _trainable_cycles(log: EvenLog) -> list[int]:
+def _separable_cycles(log: EvenLog) -> list[int]:
     """Cycles that can be left out: the others both heat and cool."""
     heated, cooled = (
         set(log.cycle[log.scored & flags].tolist()) for flags in (log.heating, ~log.heating)
@@ -284,21 +281,32 @@ def _trainable_cycles(log: EvenLog) -> list[int]:
     return [k for k in sorted(heated | cooled) if heated - {k} and cooled - {k}]
 
 
-def _left_out(
-    family: Family,
-    log: EvenLog,
-    cycles: list[int],
-    best: Fitted,
-    done: Callable[[Fitted], Fitted],
-) -> list[tuple[int, Fitted, Residuals]]:
-    """(cycle, fit to the others, residuals of the cycle) for each cycle."""
-    found = []
+class _Study(NamedTuple):
+    """A family fitted to a log: the best, its response, and (cycle, fit to others, residuals)."""
+
+    best: Fitted
+    response: Response
+    residuals: Residuals
+    parts: list[tuple[int, Fitted, Residuals]]
+
+    def row(self, model: str) -> Row:
+        """Sum it up."""
+        unseen = pooled_rms_C([part[2] for part in self.parts])
+        return Row(model, len(self.best.values), self.residuals, unseen)
+
+
+def _study(
+    family: Family, log: EvenLog, cycles: list[int], done: Callable[[Fitted], Fitted]
+) -> _Study:
+    """Fit a family to a log, and to all of it but each of some cycles."""
+    best = done(fit(family, log))
+    response, parts = family.respond(best.values, log), []
     for cycle in cycles:
         here = log.cycle == cycle
         part = done(fit(family, log.scoring(~here), best.values))
         unseen = residuals(log.scoring(here), family.respond(part.values, log))
-        found.append((cycle, part, unseen))
-    return found
+        parts.append((cycle, part, unseen))
+    return _Study(best, response, residuals(log, response), parts)
 
 
 def _described(

@@ -97,20 +97,16 @@ def residuals(log: EvenLog, response: Response) -> Residuals:
 
 def pooled_rms_C(parts: Sequence[Residuals]) -> float:
     """Root mean square over several parts of a log; NaN without any."""
-    parts = [part for part in parts if part.points]
+    squares = sum(part.points * part.rms_C**2 for part in parts if part.points)
     points = sum(part.points for part in parts)
-    return math.sqrt(sum(part.points * part.rms_C**2 for part in parts) / points) if points else (
-        math.nan
-    )
+    return math.sqrt(squares / points) if points else math.nan
 
 
 def fit(family: Family, log: EvenLog, near: Sequence[float] | None = None) -> Fitted:
     """Fit a family to a log: the best of all its starts, or from ``near`` alone."""
     nominal = [each.start for each in family.parameters]
-    starts = [nominal]
-    for factors in family.starts:
-        starts.append([value * factors.get(i, 1.0) for i, value in enumerate(nominal)])
-    results = [_search(family, log, start) for start in ([near] if near is not None else starts)]
+    starts = [[v * factors.get(i, 1.0) for i, v in enumerate(nominal)] for factors in family.starts]
+    results = [_search(family, log, start) for start in ([near] if near else [nominal, *starts])]
     return min(results, key=lambda result: result[0])[1]
 
 
@@ -126,10 +122,15 @@ def _search(family: Family, log: EvenLog, start: Sequence[float]) -> tuple[float
     high = np.array([p.coordinate(p.high) for p in bounded])
     first = [p.coordinate(value) for p, value in zip(bounded, start, strict=True)]
     result = least_squares(
-        off, np.clip(first, low + 1e-9, high - 1e-9), bounds=(low, high), x_scale="jac", max_nfev=60
+        off,
+        np.clip(first, low + 1e-9, high - 1e-9),
+        bounds=(low, high),
+        x_scale="jac",
+        ftol=1e-6,  # of the sum of squares: a fiftieth of a standard error
+        max_nfev=60,
     )
     values = tuple(p.value(x) for p, x in zip(bounded, result.x.tolist(), strict=True))
-    errors = _standard_errors(result.jac, result.fun, log)
+    errors = _standard_errors(np.asarray(result.jac), result.fun, log)
     scales = [value if p.positive else 1.0 for p, value in zip(bounded, values, strict=True)]
     return float(result.cost), Fitted(values, tuple((errors * scales).tolist()))
 
@@ -137,8 +138,9 @@ def _search(family: Family, log: EvenLog, start: Sequence[float]) -> tuple[float
 def _standard_errors(jacobian: Array, off: Array, log: EvenLog) -> Array:
     """Standard errors (m,) that allow for correlated residuals.
 
-    Sandwich estimate with Bartlett's weights (Newey and West 1987). Points that are not scored
-    count as zero, so that points on both sides of a hold stay apart.
+    Sandwich estimate with Bartlett's weights (Newey and West 1987), but no less than what
+    independent residuals give. Points that are not scored count as zero, so that points on both
+    sides of a hold stay apart.
     """
     points, count = jacobian.shape
     scores = np.zeros((len(log.time_s), count))
@@ -149,9 +151,10 @@ def _standard_errors(jacobian: Array, off: Array, log: EvenLog) -> Array:
         together = scores[lag:].T @ scores[:-lag]
         spread += (1 - lag / reach) * (together + together.T)
     bread = np.linalg.pinv(jacobian.T @ jacobian)
-    variance = np.diag(bread @ spread @ bread) * points / max(1, points - count)
+    plain, correlated = np.diag(bread) * np.mean(off**2), np.diag(bread @ spread @ bread)
+    variance = np.maximum(plain, correlated) * points / max(1, points - count)
     known = np.linalg.norm(jacobian, axis=0) > 1e-9 * np.linalg.norm(jacobian)
-    return np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.inf)
+    return np.where(known, np.sqrt(variance), np.inf)
 
 
 def _rms(off: Array) -> float:

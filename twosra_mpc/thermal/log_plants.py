@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twosra_mpc.thermal.two_node import TwoNode
 
@@ -110,7 +110,7 @@ class OneNodePlant:
 
     def resting(self, core_K: float) -> State:
         """Return the one state with this temperature."""
-        return core_K, float(self._heat(core_K))
+        return core_K, float(self._heat(np.array(core_K)))
 
     def driven(self, start: State, duty: Array) -> Array:
         """Propagate by the midpoint rule."""
@@ -129,9 +129,9 @@ class OneNodePlant:
         del other
         return np.stack([core_K, self._heat(core_K)], axis=1)
 
-    def _heat(self, core_K: ArrayLike) -> Array:
+    def _heat(self, core_K: Array) -> Array:
         low, high = self.melting_K
-        return np.interp(core_K, [low, high], [0.0, self.latent_K]) + core_K
+        return core_K + self.latent_K * np.clip((core_K - low) / (high - low), 0.0, 1.0)
 
     def _temperature(self, heat_K: float) -> float:
         low, high = self.melting_K

@@ -13,6 +13,7 @@ the hold's smoothing lacks is put down to the segment (a coupling 17 % too small
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -51,9 +52,7 @@ class HeaterLaw(NamedTuple):
 
     def duty(self, sensor_C: Array) -> Array:
         """Share of full power at these raw readings."""
-        return np.clip(
-            self.duty_at_54C + self.gain_per_K * (LAW_REFERENCE_C - sensor_C), 0.0, 1.0
-        )
+        return np.clip(self.duty_at_54C + self.gain_per_K * (LAW_REFERENCE_C - sensor_C), 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,8 @@ class Response(NamedTuple):
 def respond(log: EvenLog, plant: Plant, sensor: SensorLag, law: HeaterLaw) -> Response:
     """Let a model follow a log.
 
-    The segment starts with core and sensor at rest with the first reading.
+    The segment starts at the first reading; if that is above the air, as one that has cooled for
+    long.
     """
     n, air = len(log.time_s), log.ambient_C
     reading = log.sensor_C - air
@@ -141,7 +141,8 @@ def respond(log: EvenLog, plant: Plant, sensor: SensorLag, law: HeaterLaw) -> Re
     states[0] = plant.resting(float(reading[0]) / sensor.gain)
     lags[0] = reading[0]
     at = 0
-    for first, end in [*runs(log.held), (n - 1, n - 1)]:
+    spans = [*runs(log.held), (n - 1, n - 1), (n, n)]
+    for (first, end), (next_hold, _) in pairwise(spans):
         free, held = slice(at, first + 1), slice(first, end)
         if first > at:
             states[free], lags[free] = _driven(plant, sensor, states[at], lags[at], duty[at:first])
@@ -149,10 +150,9 @@ def respond(log: EvenLog, plant: Plant, sensor: SensorLag, law: HeaterLaw) -> Re
             core, *behind = sensor.core_behind(reading[held])
             states[held] = plant.led(float(states[first, 1]), core)
             lags[held] = np.stack(behind, axis=1)
-            at, ahead = end - 1, round(CORRECTED_S / log.step_s)
-            after = slice(at, at + ahead)
+            at, after = end - 1, min(end + round(CORRECTED_S / log.step_s), next_hold + 1)
             states[at, 0], lags[at, 0] = _corrected(
-                plant, sensor, states[at], lags[at], duty[after], reading[end : end + ahead]
+                plant, sensor, states[at], lags[at], duty[at : after - 1], reading[end:after]
             )
             duty[first:at] = np.nan
     return Response(states[:, 0] + air, states[:, 1], lags[:, 1] + air, duty)
@@ -178,8 +178,8 @@ def _corrected(
         return np.array([state[0], lags[0]])
 
     def off(core: float, lag: float) -> Array:
-        moved = _driven(plant, sensor, state + (core, 0.0), lags + (lag, 0.0), duty)
-        return moved[1][1:, 1] - reading
+        start, behind = np.add(state, (core, 0.0)), np.add(lags, (lag, 0.0))
+        return _driven(plant, sensor, start, behind, duty)[1][1:, 1] - reading
 
     now, small = off(0.0, 0.0), 0.01
     slopes = np.stack([off(small, 0.0) - now, off(0.0, small) - now], axis=1) / small

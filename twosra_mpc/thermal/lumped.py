@@ -188,15 +188,13 @@ class Lumped:
         return cold, self.loss_W_per_K - slope
 
     def _time_within_regime(self, h: float, to: float, current_A: float) -> float:
-        capacity = self._regime(h, to, current_A)
+        capacity, rate = self._regime(h, to, current_A), self._rate(h, current_A)
         if capacity == 0.0:
-            return (to - h) / self._rate(h, current_A)
-        a, b = self._linear(current_A)
-        here = self._liquid_or_solid_C(h, capacity) - self.ambient_C
-        there = self._liquid_or_solid_C(to, capacity) - self.ambient_C
-        if b * capacity == 0.0:
-            return capacity * (there - here) / a
-        ratio = b * (there - here) / (a - b * here)
+            return (to - h) / rate
+        _, b = self._linear(current_A)
+        ratio = b * (to - h) / (capacity * rate)
+        if ratio == 0.0:
+            return (to - h) / rate
         return -capacity / b * math.log1p(-ratio) if ratio < 1 else math.inf
 
     def _within_regime(
@@ -210,11 +208,6 @@ class Lumped:
         slow = -b * duration_s / capacity
         grown = math.expm1(slow) / slow if slow else 1.0
         return h + rate * duration_s * grown
-
-    def _liquid_or_solid_C(self, h: float, capacity: float) -> float:
-        if capacity == self.heat_solid_J_per_K and h <= 0:
-            return self.melting_point_C + h / capacity
-        return self.melting_point_C + (h - self.latent_J) / capacity
 
     def _energy_within_regime(
         self, h: float, after: float, current_A: float, duration_s: float

@@ -1,0 +1,466 @@
+"""explain(): every figure is a plan's own, and the duration is accounted for to the last second."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import signal
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import pytest
+
+import twosra_mpc.cli.explain as command
+import twosra_mpc.explanation as explanation_module
+import twosra_mpc.planner as planner_module
+from twosra_mpc import InputError, Plan, Status, cli, load_problem, plan
+from twosra_mpc.critical_path import activities, critical_path, hidden_activities, in_words
+from twosra_mpc.explanation import Alternative, Explanation, explain
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+from twosra_mpc.planner import plan_without
+from twosra_mpc.segment import LumpedSegment
+from twosra_mpc.transition_speed import reference_s, slowed
+
+SCENARIOS = ("paper-1", "shape-change")
+
+
+@pytest.fixture(scope="module")
+def explained() -> Callable[[str], Explanation]:
+    """Explain a built-in scenario, once each."""
+    known: dict[str, Explanation] = {}
+
+    def get(name: str) -> Explanation:
+        if name not in known:
+            known[name] = explain(load_problem(name, time_limit_s=10.0))
+        return known[name]
+
+    return get
+
+
+def alternative(explanation: Explanation, change: str) -> Alternative:
+    (found,) = [one for one in explanation.alternatives if one.change == change]
+    return found
+
+
+# --- what the duration is made of ----------------------------------------------------------------
+
+VARIANTS: list[dict[str, Any]] = [
+    {},
+    {"timing": "constant"},
+    {"timing": "paper"},
+    {"heaters_at_once": 1},
+    {"modes": [RIGID, SOFT_1, SOFT_2]},
+    {"transition_quantile": 0.9},
+    {"heating": "least_energy"},
+    {"weights": {"energy_s_per_J": 0.1, "transition_s": 5.0}},
+]
+
+
+@pytest.fixture(scope="module", params=range(len(VARIANTS) + 3), ids=str)
+def made(request: pytest.FixtureRequest) -> Plan:
+    others = ("paper-4", "move-and-shape", "rigid-move")
+    if request.param < len(VARIANTS):
+        return plan(load_problem("paper-1", **VARIANTS[request.param]))
+    return plan(load_problem(others[request.param - len(VARIANTS)]))
+
+
+def test_the_critical_path_adds_up_to_the_duration(made: Plan) -> None:
+    path = critical_path(made)
+    assert made.duration_s is not None
+    assert sum(item.duration_s for item in path) == pytest.approx(made.duration_s, abs=1e-6)
+    assert sum(seconds for seconds, _ in in_words(path)) == pytest.approx(made.duration_s, abs=1e-6)
+    assert path[0].start_s == 0.0
+    assert all(a.end_s == b.start_s for a, b in itertools.pairwise(path))
+
+
+def test_the_critical_path_has_no_idle_time_and_nothing_invented(made: Plan) -> None:
+    every = activities(made)
+    for item in critical_path(made):
+        assert any(
+            (one.kind, one.segments) == (item.kind, item.segments)
+            and one.start_s == pytest.approx(item.start_s, abs=1e-4)
+            and one.end_s == pytest.approx(item.end_s, abs=1e-4)
+            for one in every
+        ), item
+    for phase in made.phases:
+        kind = "drive" if phase.mode == RIGID else "bend"
+        assert any((one.kind, one.start_s) == (kind, phase.start_s) for one in every)
+
+
+def test_everything_is_on_the_path_or_beside_it(made: Plan) -> None:
+    path, beside = critical_path(made), hidden_activities(made)
+    long = [one for one in activities(made) if one.duration_s > 1e-3]
+    assert len([one for one in path if one.duration_s > 1e-3]) + len(beside) == len(long)
+    for one in beside:
+        covered = sum(
+            min(one.activity.end_s, item.end_s) - max(one.activity.start_s, item.start_s)
+            for item in one.during
+        )
+        assert covered == pytest.approx(one.activity.duration_s, abs=5e-3)
+
+
+def test_what_paper_1_waits_for_is_told_in_words() -> None:
+    made = plan(load_problem("paper-1"))
+    told = [f"{seconds:.1f} s {words}" for seconds, words in in_words(critical_path(made))]
+    assert told == [
+        "62.7 s melting segment 1 (26.3 s of it while the robot may still move)",
+        "0.0 s bending segment 1",
+        "36.4 s until segment 2 is molten",
+        "0.7 s bending both segments",
+        "234.6 s freezing both segments",
+    ]
+    assert str(hidden_activities(made)[0]) == "driving, during heating segment 1"
+
+
+def test_a_wait_that_nothing_explains_is_called_one() -> None:
+    """A phase that begins a second late, for no reason."""
+    found = plan(load_problem("rigid-move"))
+    (phase,) = found.phases
+    assert found.cost is not None
+    late = dataclasses.replace(
+        found,
+        phases=(phase._replace(start_s=1.0, end_s=phase.end_s + 1.0),),
+        cost=found.cost._replace(time_s=found.cost.time_s + 1.0),
+    )
+    waiting, driving = critical_path(late)
+    assert (waiting.kind, waiting.start_s, waiting.end_s) == ("wait", 0.0, 1.0)
+    assert str(waiting) == "waiting"
+    assert driving.kind == "drive"
+
+
+# --- other plans ---------------------------------------------------------------------------------
+
+
+def modes_of(made: Plan) -> list[tuple[int, int]]:
+    return [mode for mode, _ in itertools.groupby(phase.mode for phase in made.phases)]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_next_best_sequence_is_another_one_and_not_below_the_bound(
+    explained: Callable[[str], Explanation], name: str
+) -> None:
+    result = explained(name)
+    other = alternative(result, "with the next best mode sequence")
+    assert other.plan is not None
+    assert other.plan.cost is not None
+    assert result.plan.lower_bound is not None
+    assert other.plan.found
+    assert modes_of(other.plan) != modes_of(result.plan)
+    assert other.plan.cost.total >= result.plan.lower_bound - 1e-9
+    assert other.difference_s == other.plan.cost.total - result.plan.cost.total  # type: ignore[union-attr]
+
+
+def test_the_next_best_sequence_is_what_the_planner_says(
+    explained: Callable[[str], Explanation],
+) -> None:
+    other = alternative(explained("paper-1"), "with the next best mode sequence")
+    best = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
+    direct = plan_without(load_problem("paper-1"), frozenset({best}))
+    assert other.plan is not None
+    assert other.plan.cost == direct.cost
+
+
+def test_sequences_that_only_melt_more_are_passed_over() -> None:
+    """Next after [0,0] > [1,0] is the same with an idle melt; what is told bends otherwise."""
+    problem = load_problem("shape-change")
+    idle = plan_without(problem, frozenset({(RIGID, SOFT_1, RIGID)}))
+    assert modes_of(idle) == [RIGID, SOFT_1]
+    result = explanation_module._next_best(plan(problem))
+    assert result.plan is not None
+    assert SOFT_2 in modes_of(result.plan) or SOFT_BOTH in modes_of(result.plan)
+    assert result.plan.cost is not None
+    assert idle.cost is not None
+    assert result.plan.cost.total >= idle.cost.total - 1e-6
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_no_mode_is_forbidden_at_a_gain(explained: Callable[[str], Explanation], name: str) -> None:
+    result = explained(name)
+    assert result.plan.lower_bound is not None
+    changes = [f"without mode [{mode[0]},{mode[1]}]" for mode in modes_of(result.plan)]
+    for change in [*changes, "with one heater at a time"]:
+        other = alternative(result, change)
+        assert other.plan is not None
+        if other.plan.cost is not None:
+            assert other.plan.cost.total >= result.plan.lower_bound - 1e-9
+
+
+def test_every_figure_is_that_of_planning_the_changed_problem(
+    explained: Callable[[str], Explanation],
+) -> None:
+    result, base = explained("paper-1"), load_problem("paper-1", time_limit_s=10.0)
+    changed = {
+        "without mode [0,0]": load_problem("paper-1", modes=[SOFT_2, SOFT_1, SOFT_BOTH]),
+        "without mode [1,0]": load_problem("paper-1", modes=[RIGID, SOFT_2, SOFT_BOTH]),
+        "without mode [1,1]": load_problem("paper-1", modes=[RIGID, SOFT_2, SOFT_1]),
+        "with one heater at a time": load_problem("paper-1", heaters_at_once=1),
+        "freezing 1.5 times slower": slowed(base, "freeze", 1.5)[0],
+        "melting 1.5 times slower": slowed(base, "melt", 1.5)[0],
+    }
+    assert {one.change for one in result.alternatives} == {
+        *changed,
+        "with the next best mode sequence",
+    }
+    for change, problem in changed.items():
+        direct, told = plan(problem), alternative(result, change).plan
+        assert told is not None
+        assert (told.status, told.message) == (direct.status, direct.message)
+        assert (told.cost, told.lower_bound) == (direct.cost, direct.lower_bound)
+
+
+def test_what_slower_metal_costs_is_on_the_critical_path(
+    explained: Callable[[str], Explanation],
+) -> None:
+    """The freeze is 234.6 s of the plan, so half of that more; less what the quicker melts save."""
+    other = alternative(explained("shape-change"), "freezing 1.5 times slower")
+    assert other.difference_s is not None
+    frozen = [one for one in explained("shape-change").critical_path if one.kind == "freeze"]
+    assert other.difference_s == pytest.approx(0.5 * frozen[0].duration_s, abs=5.0)
+    assert "a freeze takes 380.1 s, not 253.4" in other.details
+
+
+def test_a_mode_that_must_not_be_missing_is_proved_so() -> None:
+    result = explain(load_problem("shape-change", modes=[RIGID, SOFT_1]))
+    other = alternative(result, "without mode [1,0]")
+    assert other.plan is not None
+    assert other.plan.status is Status.INFEASIBLE
+    assert (other.price, other.difference_s, other.difference) == ("", None, None)
+    assert "proved infeasible: segment 1 must bend" in str(other)
+    assert any("[1,0] cannot be left out of this sequence" in reason for reason in result.why)
+
+
+def test_the_only_mode_cannot_be_forbidden() -> None:
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    problem = load_problem(
+        "paper-1", start=start, goal={"kappa_per_m": (10.0, 0.0)}, modes=[SOFT_1]
+    )
+    result = explain(problem)
+    assert alternative(result, "without mode [1,0]").plan is None
+    assert "at least one mode" in alternative(result, "without mode [1,0]").outcome
+    other = alternative(result, "with any other mode sequence")
+    assert "there is no other mode sequence" in other.outcome
+
+
+def test_where_nothing_needs_to_melt_that_is_said() -> None:
+    problem = load_problem("rigid-move", time_limit_s=1.0)
+    result = explain(problem)
+    other = alternative(result, "with any other mode sequence")
+    assert other.plan is not None
+    assert other.plan.duration_s is not None
+    assert other.plan.duration_s > 290
+    assert "melts more than it needs; none costs less than" in other.outcome
+    assert any("nothing is melted" in reason for reason in result.why)
+    assert result.complete  # the time limit of an alternative is no interrupt
+    assert not any("slower" in one.change or "heater" in one.change for one in result.alternatives)
+
+
+def test_a_plan_is_explained_as_its_problem_is(explained: Callable[[str], Explanation]) -> None:
+    known = explained("paper-1")
+    again = explain(dataclasses.replace(known.plan, problem=load_problem("paper-1")))
+    assert [str(one) for one in again.alternatives] == [str(one) for one in known.alternatives]
+
+
+def test_no_plan_has_its_reason_and_no_alternatives() -> None:
+    result = explain(load_problem("paper-1", modes=[RIGID, SOFT_BOTH]))
+    assert result.complete
+    assert (result.why, result.critical_path, result.alternatives) == ((), (), ())
+    assert str(result).startswith("proved infeasible: mode [1,1] alone")
+
+
+def test_resting_is_explained_by_itself() -> None:
+    start = load_problem("paper-1").start
+    goal = {"x_m": start.x_m, "kappa_per_m": start.kappa_per_m}
+    result = explain(load_problem("paper-1", goal=goal))
+    assert (result.critical_path, result.alternatives, result.complete) == ((), (), True)
+
+
+def test_the_greedy_rule_is_not_explained() -> None:
+    with pytest.raises(InputError, match="weighs no alternatives"):
+        explain(load_problem("paper-1", planner="greedy"))
+
+
+# --- slower metal --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["freeze", "melt"])
+@pytest.mark.parametrize("robot", ["2sra-v1", "2sra-v1-arc", "2sr-v2"])
+def test_slower_is_exactly_so_much_slower(robot: str, kind: Any) -> None:
+    goal = {"kappa_per_m": (5.0, 5.0)}
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    problem = load_problem("paper-1", robot=robot, start=start, goal=goal)
+    changed, words = slowed(problem, kind, 1.5)
+    now, then = (reference_s(one.robot, one.ambient, kind) for one in (problem, changed))
+    assert then == pytest.approx(1.5 * now, rel=1e-6)
+    assert f"a {kind} takes {then:.4g} s, not {now:.4g}" in words
+    assert changed.goal == problem.goal
+
+
+def test_the_ranges_of_what_is_weakened_stay_in_proportion() -> None:
+    problem = load_problem("paper-1")
+    before, after = problem.robot.segment, slowed(problem, "freeze", 1.5)[0].robot.segment
+    assert isinstance(before, LumpedSegment)
+    assert isinstance(after, LumpedSegment)
+    share = after.convection_W_per_m2_K / before.convection_W_per_m2_K
+    assert share == pytest.approx(1 / 1.5)
+    for name, (low, high) in before.ranges.items():
+        scale = share if name == "loss_W_per_K" else 1.0
+        assert after.ranges[name] == (scale * low, scale * high)
+
+
+def test_constant_times_are_multiplied() -> None:
+    problem = load_problem("paper-1", timing="constant")
+    before: Any = problem.transition_times
+    after: Any = slowed(problem, "freeze", 1.5)[0].transition_times
+    assert after.freeze_s == 1.5 * before.freeze_s
+    assert after.freeze_changing_s == 1.5 * before.freeze_changing_s
+    assert after.melt_s == before.melt_s
+    assert slowed(problem, "melt", 2.0)[1] == "melt_s 63 -> 126 s, melt_changing_s 37 -> 74 s"
+
+
+def test_sleeps_are_multiplied_by_what_happens_in_them() -> None:
+    problem = load_problem("paper-1", timing="paper")
+    before: Any = problem.transition_times
+    colder: Any = slowed(problem, "freeze", 1.5)[0].transition_times
+    weaker: Any = slowed(problem, "melt", 1.5)[0].transition_times
+    heating = before.reconfigure_s - before.reconfigure_cool_s
+    assert colder.freeze_s == 1.5 * before.freeze_s
+    assert colder.reconfigure_s == 1.5 * before.reconfigure_cool_s + heating
+    assert weaker.heat_s == 1.5 * before.heat_s
+    assert weaker.reconfigure_s == before.reconfigure_cool_s + 1.5 * heating
+
+
+def test_metal_that_would_never_melt_is_refused() -> None:
+    with pytest.raises(InputError):
+        slowed(load_problem("paper-1"), "melt", 50.0)
+    with pytest.raises(InputError, match="freeze"):
+        slowed(load_problem("paper-1"), "freeze", 1e6)
+
+
+# --- Ctrl-C --------------------------------------------------------------------------------------
+
+
+def test_an_interrupt_returns_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = plan(load_problem("paper-1"))
+    asked: list[str] = []
+
+    def tell(words: str) -> None:
+        asked.append(words)
+        if words == "without mode [1,0]":
+            raise KeyboardInterrupt
+
+    result = explain(made, on_progress=tell)
+    assert not result.complete
+    assert [one.change for one in result.alternatives] == [
+        "with the next best mode sequence",
+        "without mode [0,0]",
+    ]
+    assert asked[0] == "the plan itself"
+    assert "Interrupted" in str(result)
+    assert result.critical_path == critical_path(made)
+
+
+def test_an_interrupt_that_the_search_caught_ends_the_explanation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = plan(load_problem("rigid-move"))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planner_module, "improve", interrupted)
+    result = explain(made)
+    assert not result.complete
+    last = result.alternatives[-1]
+    assert last.change == "without mode [0,0]"
+    assert "interrupted" in last.outcome
+
+
+def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planner_module, "improve", interrupted)
+    result = explain(load_problem("rigid-move", gap=0.0))
+    assert result.plan.found
+    assert (result.alternatives, result.complete) == ((), False)
+    assert result.critical_path
+
+
+# --- twosra explain ------------------------------------------------------------------------------
+
+
+class Outcome(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+    """Run the program in this process; output with its white space made single."""
+    monkeypatch.setenv("COLUMNS", "300")
+    before = signal.getsignal(signal.SIGTERM)
+
+    def run_once(*arguments: str) -> Outcome:
+        with pytest.raises(SystemExit) as caught:
+            cli.main(list(arguments))
+        captured, code = capsys.readouterr(), caught.value.code
+        assert isinstance(code, int)
+        return Outcome(code, " ".join(captured.out.split()), " ".join(captured.err.split()))
+
+    yield run_once
+    signal.signal(signal.SIGTERM, before)
+
+
+def test_the_command_prints_all_of_it(run: Run, explained: Callable[[str], Explanation]) -> None:
+    result = explained("paper-1")
+    code, out, err = run("explain", "paper-1")
+    assert (code, err) == (0, "")
+    for text in (
+        result.plan.message,
+        *result.why,
+        *(words for _, words in in_words(result.critical_path)),
+        *(str(one) for one in result.hidden),
+        *(one.change for one in result.alternatives),
+        *(one.price for one in result.alternatives),
+    ):
+        assert " ".join(text.split()) in out
+
+
+def test_the_command_says_that_it_was_interrupted(
+    run: Run, explained: Callable[[str], Explanation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = dataclasses.replace(explained("paper-1"), complete=False, alternatives=())
+    monkeypatch.setattr(command, "explain", lambda *_, **__: part)
+    code, out, err = run("explain", "paper-1")
+    assert code == 4
+    assert "234.58 s freezing both segments" in out
+    assert err == "twosra: interrupted before all alternatives were planned"
+
+
+def test_the_command_says_why_there_is_no_plan(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    stuck = load_problem("paper-1", modes=[RIGID, SOFT_BOTH])
+    monkeypatch.setattr(command, "load_problem", lambda *_, **__: stuck)
+    code, out, _ = run("explain", "paper-1")
+    assert code == 3
+    assert "proved infeasible" in out
+
+
+def test_a_time_limit_without_a_plan_is_no_plan(run: Run) -> None:
+    code, out, _ = run("explain", "paper-1", "--time-limit", "1e-9")
+    assert code == 4
+    assert "raise time_limit_s" in out
+
+
+def test_progress_is_shown_on_a_terminal(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    code, out, err = run("explain", "paper-4", "--time-limit", "0.5")
+    assert code == 0
+    assert "planning" in err
+    assert "planning" not in out

@@ -1,0 +1,300 @@
+"""Where there is no plan, the message names goal, invariant or limit, and what to change."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twosra_mpc import Goal, Problem, Start, Status, load_problem, load_robot, plan
+from twosra_mpc.model.bending import bending
+from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.planner import bending_task, plan_without
+from twosra_mpc.search.bounds import unreachable_reason
+from twosra_mpc.search.infeasibility import impossibility
+from twosra_mpc.search.mode_tree import ModeTree
+from twosra_mpc.timing import transition_model
+
+ROBOT = load_robot("2sra-v1")
+ARC = load_robot("2sra-v1-arc")
+
+
+def problem(
+    start: tuple[float, float], goal: tuple[float | str, float | str], **other: Any
+) -> Problem:
+    """Bend from ``start`` to ``goal`` [1/m]; ``goal_*`` keys go into the goal."""
+    asked = {key.removeprefix("goal_"): other.pop(key) for key in list(other) if "goal_" in key}
+    here = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=start)
+    there = Goal(kappa_per_m=goal, **asked)
+    return Problem(**{"robot": ROBOT, "start": here, "goal": there, **other})
+
+
+# --- proved infeasible ---------------------------------------------------------------------------
+
+SHAPE = "(kappa1 from 0 to 10 1/m, kappa2 from 0 to -20 1/m)"
+ALONE = f"proved infeasible: mode [1,1] alone bends both segments together and cannot reach this \
+shape {SHAPE}: it keeps W1 - W2 (W: travel that bends a segment from straight), which must change \
+by +0.0708 m; segment 1 or 2 must also be bent alone; allowed modes are [0,0], [1,1]: \
+add [0,1] or [1,0]"
+ONE_HEATER = "mode [1,1] needs both heaters at once, but heaters_at_once is 1"
+
+PROVED: list[tuple[str, Problem, str]] = [
+    ("[1,1] alone", problem((0, 0), (10, -20), modes=[RIGID, SOFT_BOTH]), ALONE),
+    (
+        "[1,1] alone, exact arcs",
+        problem((0, 0), (10, -2), robot=ARC, modes=[RIGID, SOFT_BOTH]),
+        "it keeps kappa1 - kappa2, which must change by +12 1/m; segment 1 or 2 must also be bent",
+    ),
+    (
+        "[1,1] alone, exact arcs, the other way, with a tolerance",
+        problem(
+            (5, 5),
+            (10, 22),
+            robot=ARC,
+            modes=[SOFT_BOTH],
+            goal_tolerance={"kappa_per_m": (0.5, 1.5)},
+        ),
+        "(kappa1 from 5 to 10 (+- 0.5) 1/m, kappa2 from 5 to 22 (+- 1.5) 1/m): it keeps "
+        "kappa1 - kappa2, which must change by -10 1/m",
+    ),
+    (
+        "no soft mode",
+        problem((0, 0), (10, -20), modes=[RIGID]),
+        f"proved infeasible: segment 1 must bend {SHAPE} but is rigid in [0,0]; allowed modes are "
+        "[0,0]: add [0,1] with [1,0] or [0,1] with [1,1] or [1,0] with [1,1]",
+    ),
+    (
+        "segment 2 stays rigid",
+        problem((0, 0), (10, -20), modes=[RIGID, SOFT_1]),
+        f"proved infeasible: segment 2 must bend {SHAPE} but is rigid in [0,0] and [1,0]; allowed "
+        "modes are [0,0], [1,0]: add [0,1] or [1,1]",
+    ),
+    (
+        "segment 1 stays rigid, kappa2 free",
+        problem((0, 0), (10, "free"), modes=[RIGID, SOFT_2]),
+        "segment 1 must bend (kappa1 from 0 to 10 1/m, kappa2 free) but is rigid in [0,0] and "
+        "[0,1]; allowed modes are [0,0], [0,1]: add [1,0] or [1,1]",
+    ),
+    (
+        "[1,1] alone, one heater",
+        problem((0, 0), (10, 10), modes=[RIGID, SOFT_BOTH], heaters_at_once=1),
+        "segment 1 must bend (kappa1 from 0 to 10 1/m, kappa2 from 0 to 10 1/m) but is rigid in "
+        f"[0,0]; {ONE_HEATER}; allowed modes are [0,0], [1,1]: add [0,1] with [1,0], or set "
+        "heaters_at_once to 2",
+    ),
+    (
+        "[1,0] and [1,1], one heater, the authors' waits",
+        problem(
+            (0, 0), (10, 20), modes=[RIGID, SOFT_1, SOFT_BOTH], heaters_at_once=1, timing="paper"
+        ),
+        f"is rigid in [0,0] and [1,0]; {ONE_HEATER}; allowed modes are [0,0], [1,0], [1,1]: add "
+        "[0,1], or set heaters_at_once to 2",
+    ),
+    (
+        "[1,1] alone, one heater, and two would not help",
+        problem((0, 0), (10, -20), modes=[RIGID, SOFT_BOTH], heaters_at_once=1),
+        f"is rigid in [0,0]; {ONE_HEATER}; allowed modes are [0,0], [1,1]: add [0,1] with [1,0]",
+    ),
+    (
+        "both soft at the end, one heater",
+        problem((0, 0), (10, 10), goal_mode=SOFT_BOTH, heaters_at_once=1),
+        f"proved infeasible: goal.mode asks for [1,1] at the end: {ONE_HEATER}; set "
+        "heaters_at_once to 2 or ask for another goal.mode",
+    ),
+    (
+        "units in each other's way",
+        problem((-75, 0), (-75, -75), modes=[SOFT_2]),
+        "proved infeasible: in [0,1], mode [0,1] would have to pass shapes whose locomotion units "
+        "overlap or come closer than unit_gap_m = 0 m (kappa1 from -75 to -75 1/m, kappa2 from 0 "
+        "to -75 1/m); allowed modes are [0,1]: add another mode",
+    ),
+]
+
+
+@pytest.mark.parametrize(("case", "words"), [one[1:] for one in PROVED], ids=[p[0] for p in PROVED])
+def test_what_is_proved_infeasible_says_why_and_what_to_change(case: Problem, words: str) -> None:
+    result = plan(case)
+    assert result.status is Status.INFEASIBLE
+    assert words in result.message
+    assert (result.lower_bound, result.stopped_early) == (None, False)
+
+
+def test_what_is_impossible_is_proved_even_without_time() -> None:
+    result = plan(problem((0, 0), (10, -20), modes=[RIGID, SOFT_BOTH], time_limit_s=1e-9))
+    assert result.status is Status.INFEASIBLE
+    assert not result.stopped_early
+
+
+def test_where_no_other_sequence_is_allowed_that_is_said() -> None:
+    case = problem((0, 0), (10, 0), modes=[SOFT_1])
+    result = plan_without(case, frozenset({(SOFT_1,)}))
+    assert result.message == (
+        "proved infeasible: there is no other mode sequence; allowed modes are [1,0]: add another "
+        "mode"
+    )
+
+
+@pytest.mark.parametrize("modes", [[RIGID], [RIGID, SOFT_1], [RIGID, SOFT_BOTH]], ids=str)
+def test_following_the_advice_gives_a_plan(modes: list[Mode]) -> None:
+    case = problem((0, 0), (10, -20), modes=modes)
+    advice = plan(case).message.rpartition(": add ")[2]
+    for option in advice.split(" or "):
+        more = [mode for mode in MODES if f"[{mode[0]},{mode[1]}]" in option]
+        assert more
+        assert plan(Problem(**{**dict(case), "modes": [*modes, *more]})).found
+
+
+@pytest.mark.parametrize("name", PATH_MODELS)
+def test_what_both_segments_keep_is_measured_as_it_is_named(name: str) -> None:
+    """Bent to a goal that keeps it [1,1] suffices; off by some of it, just that is reported."""
+    robot = with_path_model(ARC if name == "arc" else ROBOT, name)
+    case = problem((0, 0), (20, 5), robot=robot)
+    task = bending_task(case)
+    reason = unreachable_reason((RIGID, SOFT_BOTH, RIGID), task)
+    assert reason is not None
+    w1, w2 = (bending(robot).coordinate(kappa) for kappa in (20.0, 5.0))
+    value, unit = (15.0, "1/m") if name == "arc" else (w1 - w2, "m")
+    assert f"must change by {value:+.3g} {unit};" in reason
+    same = replace(task, change=((w1, w1), (w1, w1)))
+    assert unreachable_reason((RIGID, SOFT_BOTH, RIGID), same) is None
+
+
+def test_the_invariants_forbid_exactly_what_the_modes_cannot_bend() -> None:
+    """Every set of soft modes: two unequal bends take two modes that differ."""
+    task = bending_task(problem((0, 0), (10, -20)))
+    for count in range(4):
+        for modes in itertools.combinations((SOFT_1, SOFT_2, SOFT_BOTH), count):
+            assert (unreachable_reason((RIGID, *modes), task) is None) == (count >= 2)
+
+
+def tree_of(case: Problem) -> ModeTree[None]:
+    return ModeTree(
+        first=case.start_mode,
+        last=case.goal.mode,
+        modes=case.modes,
+        max_phases=case.max_phases,
+        timing=transition_model(case),
+        task=bending_task(case),
+        weights=case.cost_weights,
+        rigid_time=lambda: 0.0,
+        solver=lambda *_: (),
+    )
+
+
+@pytest.mark.parametrize("heaters", [1, 2])
+@pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
+def test_nothing_is_called_impossible_that_some_sequence_bends(timing: str, heaters: int) -> None:
+    """Every set of modes, with starts that are soft already and goals that stay soft."""
+    possible = impossible = 0
+    sets = [modes for count in range(1, 5) for modes in itertools.combinations(MODES, count)]
+    for modes, last, goal in itertools.product(sets, MODES, [(6.0, 6.0), (6.0, -3.0)]):
+        for temperatures in ((25.0, 25.0), (64.0, 25.0)):
+            start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+            case = Problem(
+                robot=ROBOT,
+                start={**start, "temperature_C": temperatures},
+                goal={"kappa_per_m": goal, "mode": last},
+                modes=modes,
+                timing=timing,
+                heaters_at_once=heaters,
+            )
+            reason = impossibility(tree_of(case))
+            found = bending_sequences(case)
+            assert reason is None or not found, (modes, last, goal, reason)
+            if case.start_mode == RIGID:  # metal that is liquid already may coast: no proof then
+                assert found or reason is not None, (modes, last, goal)
+            impossible += reason is not None
+            possible += reason is None
+    assert min(possible, impossible) > 40
+
+
+def bending_sequences(case: Problem) -> list[ModeSequence]:
+    """Sequences of up to four phases that can be heated, and whose bends add up to the goal's."""
+    timing, task = transition_model(case), bending_task(case)
+    wanted = np.array([low for low, _ in task.change])
+    found = []
+    for length in range(1, 5):
+        for modes in itertools.product(case.modes, repeat=length):
+            bends, *_ = np.linalg.lstsq(np.array(modes, dtype=float).T, wanted, rcond=None)
+            missed = np.abs(np.array(modes).T @ bends - wanted).max()
+            if missed < 1e-9 and timing.refusal(modes, case.goal.mode) is None:
+                found.append(modes)
+    return found
+
+
+# --- nothing found, nothing proved ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_too_few_phases_say_how_many_are_needed(most: int) -> None:
+    case = problem((0, 0), (10, 20), max_phases=most)
+    result = plan(case)
+    assert result.status is Status.FAILED
+    assert "a plan needs at least 4 phases, possibly [0,0] > " in result.message
+    assert result.message.endswith(f"but max_phases is {most}: raise max_phases")
+    assert plan(Problem(**{**dict(case), "max_phases": 4})).found
+
+
+def test_a_shape_limit_that_asks_for_more_phases_is_named() -> None:
+    """[1,0] would first have to make up for what [1,1] adds: more than the range allows."""
+    case = problem((-20, -60), (-40, 60), modes=[RIGID, SOFT_1, SOFT_BOTH], max_phases=4)
+    result = plan(case)
+    assert result.status is Status.FAILED
+    assert "a plan needs at least 5 phases" in result.message
+    assert (
+        "in [0,0] > [1,0] > [1,1] > [0,0], mode [1,0] would have to bend segment 1 beyond "
+        "curvature_per_m = 78.5 1/m (kappa1 from -20 to -40 1/m, kappa2 from -60 to 60 1/m)"
+    ) in result.message
+
+
+def test_how_many_phases_are_needed_is_not_searched_for_ever() -> None:
+    """[1,0] there, [1,1], [1,0] back: five phases, further off than is looked."""
+    case = problem((0, -78), (0, 78), modes=[RIGID, SOFT_1, SOFT_BOTH], max_phases=1)
+    result = plan(case)
+    assert result.status is Status.FAILED
+    assert "a plan needs at least 5 phases, but max_phases is 1: raise" in result.message
+    assert "possibly" not in result.message
+
+
+def test_a_pose_without_driving_asks_for_mode_00() -> None:
+    result = plan(problem((5, -5), (5, -5), goal_x_m=0.1, modes=[SOFT_1]))
+    assert result.status is Status.FAILED
+    assert "without mode [0,0] the pose changes only by bending: add [0,0]" in result.message
+
+
+def test_a_limit_is_told_with_the_effort() -> None:
+    result = plan(problem((0, 0), (10, 20), time_limit_s=1e-9))
+    assert result.message == (
+        "no plan found (a limit was reached): raise time_limit_s or gap (0 mode sequences tried, "
+        "time_limit_s is 1e-09)"
+    )
+
+
+# --- found, but not as good as asked -------------------------------------------------------------
+
+
+def test_a_gap_that_is_left_is_explained() -> None:
+    result = plan(load_problem("rigid-move", gap=0.0))
+    assert result.status is Status.FEASIBLE
+    assert result.message.endswith(
+        "no mode sequence of up to max_phases = 6 is left to try: the gap is slack of the bounds, "
+        "or in longer sequences"
+    )
+
+
+def test_a_bound_of_zero_is_said_in_plain_numbers() -> None:
+    case = Problem(
+        robot=ROBOT,
+        start=Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0)),
+        goal=Goal(x_m=0.05),
+        max_phases=1,
+    )
+    result = plan(case)
+    assert result.gap is not None
+    if result.gap > 0.995:
+        assert "within 100 % of the best" in result.message
+    assert "e+" not in result.message

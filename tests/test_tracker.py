@@ -1,0 +1,689 @@
+"""The tracker: its program, where it drives the robot, and what it never does."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import math
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Planned
+from numpy.typing import NDArray
+from problems import ROBOT
+from scipy.optimize import nnls
+
+from twosra_mpc import (
+    Goal,
+    InputError,
+    Plan,
+    Problem,
+    Start,
+    load_problem,
+    load_robot,
+    plan,
+    with_path_model,
+)
+from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.tracking.linearisation import tracking_program
+from twosra_mpc.tracking.outputs import OUTPUTS
+from twosra_mpc.tracking.reference import PhaseReference
+from twosra_mpc.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
+from twosra_mpc.tracking.setup import Setup
+from twosra_mpc.tracking.solver import QuadraticProgram
+from twosra_mpc.tracking.tracker import Command, CommandStatus, Measurement, Tracker
+
+Array = NDArray[np.float64]
+
+PHASES = {  # a phase of each mode: scenario, index
+    RIGID: ("paper-2", 0),
+    SOFT_1: ("paper-2", 1),
+    SOFT_2: ("paper-4", 1),
+    SOFT_BOTH: ("paper-1", 2),
+}
+DEVIATION = np.array([0.004, -0.003, 0.03, 1.0, -0.5])  # m, m, rad, 1/m, 1/m
+OUT_OF_BOUNDS = 1e-9  # rounding
+
+
+def configuration(of: Plan, time_s: float) -> Array:
+    """Configuration of the plan at one of its sample times."""
+    assert of.samples is not None
+    at = int(np.searchsorted(of.samples.t_s, time_s - 1e-6))
+    q: Array = of.samples.q[at].copy()
+    return q
+
+
+def moved(tracker: Tracker, mode: Mode, q: Array, v: Array) -> Array:
+    """Where the exact flow of the model takes the robot in one period."""
+    flow = interval_flow(tracker.robot, 16)
+    after: Array = flow(q, v * tracker.period_s, mode).full().ravel()
+    return after
+
+
+def drive(tracker: Tracker, of: Plan, phase: int, q: Array, rest_s: float = 3.0) -> Array:
+    """Follow a phase from ``q``, and rest at its end."""
+    path = of.phases[phase]
+    steps = math.ceil((path.end_s - path.start_s + rest_s) / tracker.period_s)
+    for k in range(steps):
+        command = tracker.step(Measurement(path.start_s + k * tracker.period_s, phase, q))
+        assert command.status is CommandStatus.SOLVED
+        q = moved(tracker, path.mode, q, command.v)
+    return q
+
+
+def stepped(planned: Planned, mode: Mode, **settings: Any) -> tuple[Tracker, QuadraticProgram]:
+    """A tracker after a few steps from a disturbed start, and its last program."""
+    scenario, phase = PHASES[mode]
+    of = planned(scenario)
+    tracker = Tracker(of.robot, **settings)
+    tracker.reset(of)
+    start_s = of.phases[phase].start_s
+    q = configuration(of, start_s) + DEVIATION
+    for k in range(4):
+        command = tracker.step(Measurement(start_s + k * tracker.period_s, phase, q))
+        q = moved(tracker, mode, q, command.v)
+    program = tracker.quadratic_program()
+    assert program is not None
+    return tracker, program
+
+
+def dense_solution(program: QuadraticProgram) -> Array:
+    """Solve the program as a least distance problem with non-negative least squares.
+
+    Lawson and Hanson, Solving Least Squares Problems, chapter 23: exact, dense, no ADMM.
+    """
+    hessian = program.hessian.toarray()
+    hessian[-1, -1] += 1e-2 * (hessian[-1, -1] == 0)  # any cost of the slack, which is zero here
+    root = np.linalg.cholesky(hessian).T
+    inverse = np.linalg.inv(root)
+    centre = -inverse @ inverse.T @ program.cost
+    rows = program.constraints.toarray()
+    above, below = program.lower > -1e20, program.upper < 1e20
+    g = np.vstack([rows[above], -rows[below]])
+    h = np.concatenate([program.lower[above], -program.upper[below]]) - g @ centre
+    stacked = np.vstack([(g @ inverse).T, h])
+    target = np.zeros(len(stacked))
+    target[-1] = 1.0
+    weights, _ = nnls(stacked, target, maxiter=10_000)
+    residual = stacked @ weights - target
+    x: Array = centre - inverse @ residual[:-1] / residual[-1]
+    return x
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_program_is_solved(planned: Planned, mode: Mode) -> None:
+    tight = SolverSettings(tolerance=1e-10, max_iterations=100_000)
+    _, program = stepped(planned, mode, solver=tight)
+    assert np.abs(program.y).max() > 1e-3  # limits are active
+    np.testing.assert_allclose(program.x, dense_solution(program), atol=1e-6)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_residuals_are_within_the_tolerance(planned: Planned, mode: Mode) -> None:
+    tracker, program = stepped(planned, mode)
+    residuals = program.residuals()
+    assert max(residuals.primal, residuals.dual) <= tracker.solver.tolerance
+    worse = dataclasses.replace(program, x=program.x + 1.0, y=program.y + 1.0).residuals()
+    assert worse.primal > 0.1
+    assert worse.dual > 0.1
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_tolerance_bounds_the_error_of_the_first_speeds(planned: Planned, mode: Mode) -> None:
+    tracker, program = stepped(planned, mode)
+    rows = slice(0, OUTPUTS[mode].count)  # the first limits of the first stage
+    error = program.constraints @ (program.x - dense_solution(program))
+    assert np.abs(error[rows]).max() < 10 * tracker.solver.tolerance
+
+
+def speeds(setup: Setup, kappa: Array, bending: Array, y: Array, y_next: Array) -> Array:
+    """Limited speeds over their limits by the midpoint rule, from the numerical kinematics.
+
+    ``kappa`` are the curvatures for the outputs half way at the linearisation point (the last two
+    entries of it); ``bending`` how they change with the outputs.
+    """
+    compiled, outputs, limits = kinematics(setup.robot), setup.outputs, setup.robot.limits
+    middle = (y + y_next) / 2
+    q = np.zeros(5)
+    if setup.mode == RIGID:
+        q[:3], q[3:] = middle, kappa[:2]
+    else:
+        q[3:] = kappa[:2] + bending @ (middle - kappa[2:])
+    inputs = list(outputs.inputs)
+    jacobian = compiled.jacobian(q, setup.mode).full()[:, inputs]
+    u = np.linalg.solve(outputs.selection @ jacobian, y_next - y) / setup.period_s
+    wheels = compiled.wheel_matrix(q, setup.mode).full()[:, inputs] @ u / limits.wheel_speed_rad_s
+    if setup.mode == RIGID:
+        return np.asarray(wheels)
+    return np.concatenate([u / limits.unit_speed_m_s, wheels])
+
+
+def bends(setup: Setup, kappa: Array) -> Array:
+    """How both curvatures change with the outputs, (2, m)."""
+    q, inputs = np.concatenate([np.zeros(3), kappa]), list(setup.outputs.inputs)
+    jacobian = kinematics(setup.robot).jacobian(q, setup.mode).full()[:, inputs]
+    change: Array = jacobian[3:] @ np.linalg.inv(setup.outputs.selection @ jacobian)
+    return change
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", ["2sra-v1", "2sra-v1-arc"])
+def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
+    limits = TrackerLimits(wheel_rate_rad_s2=20.0)
+    setup = Setup(load_robot(name), mode, 4, 1 / 15, TrackerWeights(), limits)
+    program, outputs, n = tracking_program(setup), setup.outputs, setup.horizon
+    rng = np.random.default_rng(7)
+    m = outputs.count
+    q = np.array([0.1, -0.2, 0.4, 12.0, -8.0])
+    drift = np.array([0.004, 0.003, 0.03]) if mode == RIGID else np.array([0.02, 0.8])
+    reference = outputs.selection @ q + 0.3 * setup.scale + np.arange(n + 1)[:, None] * drift
+    previous = rng.normal(size=setup.variables)
+    wheels = rng.normal(size=4)
+    values, lower, upper, _, expected = (
+        item.full().ravel() for item in program.linearise(q, reference.T, previous, wheels)
+    )
+    matrix = program.constraints.copy()
+    matrix.data = values
+    guess = expected[m:]
+    y = reference + setup.scale * expected[: m * (n + 1)].reshape(n + 1, m)
+    np.testing.assert_allclose(y[0], outputs.selection @ q, atol=1e-12)
+
+    def limited(y: Array, at: list[tuple[Array, Array]]) -> Array:
+        stages = [speeds(setup, *at[k], y[k], y[k + 1]) for k in range(n)]
+        turns = np.any(drives, axis=1)
+        turning = turns if mode == RIGID else np.concatenate([[True, True], turns])
+        last = wheels / setup.robot.limits.wheel_speed_rad_s
+        before = [last, *(stage[-4:] for stage in stages)]
+        most = setup.wheel_change / setup.robot.limits.wheel_speed_rad_s
+        rates = [(stages[k][-4:] - before[k])[turns] / most for k in range(3)]
+        kept = turning.copy()
+        if mode != RIGID and name == "2sra-v1":
+            kept[2:] = False  # what the units' speeds bound already
+        return np.concatenate([*(stage[kept] for stage in stages), *rates])
+
+    drives = kinematics(setup.robot).wheel_matrix(q, mode).full()[:, list(outputs.inputs)]
+    kappa, at = q[3:], []
+    change = bends(setup, kappa) if mode != RIGID else np.zeros((2, m))
+    for k in range(n):
+        half = kappa + change @ (y[k + 1] - y[k]) / 2
+        change = bends(setup, half) if mode != RIGID else change
+        at.append((np.concatenate([half, (y[k] + y[k + 1]) / 2]), change))
+        kappa = kappa + change @ (y[k + 1] - y[k])
+
+    two_sided = (lower > -1e20) & (upper < 1e20)
+    half_width = ((upper - lower) / 2)[two_sided]
+    middle = ((upper + lower) / 2)[two_sided] / half_width
+    slopes = matrix.toarray()[two_sided] / half_width[:, None]
+    np.testing.assert_allclose(slopes @ guess - middle, limited(y, at), atol=1e-9)
+    for variable in range(m * n):
+        k, output = divmod(variable, m)
+        change_y = np.zeros_like(y)
+        change_y[k + 1, output] = 1e-4 * setup.scale[output]
+        difference = (limited(y + change_y, at) - limited(y - change_y, at)) / 2e-4
+        np.testing.assert_allclose(slopes[:, variable], difference, atol=1e-6)
+
+
+def test_the_pattern_never_changes(planned: Planned) -> None:
+    tracker, first = stepped(planned, SOFT_1)
+    scenario, phase = PHASES[SOFT_1]
+    tracker.step(Measurement(planned(scenario).phases[phase].start_s, phase, np.full(5, 0.1)))
+    second = tracker.quadratic_program()
+    assert second is not None
+    np.testing.assert_array_equal(first.constraints.indices, second.constraints.indices)
+    np.testing.assert_array_equal(first.hessian.data, second.hessian.data)
+    assert (first.constraints.data != second.constraints.data).any()
+
+
+@pytest.mark.parametrize("scenario", ["paper-1", "paper-2", "paper-4", "move-and-shape"])
+def test_every_phase_ends_where_the_plan_does(planned: Planned, scenario: str) -> None:
+    of = planned(scenario)
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    q = of.problem.start.configuration.copy()
+    for i, phase in enumerate(of.phases):
+        q = drive(tracker, of, i, q)
+        np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
+
+
+def test_each_mode_is_among_the_phases_above(planned: Planned) -> None:
+    scenarios = ("paper-1", "paper-2", "paper-4")
+    assert {phase.mode for name in scenarios for phase in planned(name).phases} == set(MODES)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_rigid_phase_recovers_from_a_push(planned: Planned, sign: int) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    push = sign * np.array([0.005, -0.005, math.radians(3), 0.0, 0.0])
+    q = drive(tracker, of, 0, configuration(of, 0.0) + push)
+    np.testing.assert_allclose(q, configuration(of, of.phases[0].end_s), atol=1e-6)
+
+
+def test_small_deviations_decay_with_the_response_time(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    end = configuration(of, of.phases[0].end_s)
+    q = end + np.array([1e-3, -5e-4, 0.01, 0.0, 0.0])
+    before = (q - end)[:3]
+    setup = Setup(of.robot, RIGID, 20, tracker.period_s, tracker.weights, tracker.limits)
+    for _ in range(10):
+        q = moved(tracker, RIGID, q, tracker.step(Measurement(100.0, 0, q)).v)
+        np.testing.assert_allclose((q - end)[:3], setup.decay * before, rtol=1e-4)
+        before = (q - end)[:3]
+    assert setup.decay == pytest.approx(math.exp(-tracker.period_s / 0.3), rel=0.05)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_without_active_limits_the_response_is_known_beforehand(
+    planned: Planned, mode: Mode
+) -> None:
+    scenario, phase = PHASES[mode]
+    of = planned(scenario)
+    tracker = Tracker(of.robot, solver=SolverSettings(tolerance=1e-9))
+    tracker.reset(of)
+    setup = Setup(of.robot, mode, 20, tracker.period_s, tracker.weights, tracker.limits)
+    m, n = setup.outputs.count, setup.horizon
+    q = configuration(of, of.phases[phase].end_s) + 0.01 * DEVIATION
+    for _ in range(2):
+        command = tracker.step(Measurement(300.0, phase, q))
+        program = tracker.quadratic_program()
+        assert program is not None
+        assert program.iterations == 5  # as few as can be: the linearisation point is the solution
+        e = program.x[: m * n].reshape(n, m)
+        np.testing.assert_allclose(e[1:], setup.decay * e[:-1], atol=1e-6)
+        assert np.abs(e[0]).max() > 1e-3
+        q = moved(tracker, mode, q, command.v)
+
+
+def test_warm_starts_save_iterations(planned: Planned) -> None:
+    of = planned("paper-2")
+    warm, cold = Tracker(of.robot), Tracker(of.robot)
+    warm.reset(of)
+    q, spent = configuration(of, 0.0) + DEVIATION, {warm: 0, cold: 0}
+    rng = np.random.default_rng(0)
+    for k in range(25):
+        measurement = Measurement(k * warm.period_s, 0, q + 0.1 * DEVIATION * rng.normal(size=5))
+        cold.reset(of)
+        command = warm.step(measurement)
+        cold.step(measurement)
+        for tracker in spent:
+            program = tracker.quadratic_program()
+            assert program is not None
+            spent[tracker] += program.iterations
+        q = moved(warm, RIGID, q, command.v)
+    assert spent[warm] < 0.6 * spent[cold]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_reference_is_the_path_of_the_plan(planned: Planned, mode: Mode) -> None:
+    scenario, index = PHASES[mode]
+    of = planned(scenario)
+    phase, samples, period_s, horizon = of.phases[index], of.samples, 1 / 15, 4
+    assert samples is not None
+    selection = OUTPUTS[mode].selection
+    path = PhaseReference(of.robot, samples, phase, selection, horizon, period_s)
+    flow = interval_flow(of.robot, 16)
+    found = np.zeros((horizon + 1, len(selection)))
+    tolerance = selection @ np.array([1e-5, 1e-5, 1e-4, 5e-3, 5e-3])
+    last_part_s = phase.end_s - period_s / 8  # here the reference rounds the stop off
+    for time_s in np.random.default_rng(0).uniform(phase.start_s - 0.5, phase.end_s + 0.5, 40):
+        path.write(time_s, found)
+        for k in range(horizon + 1):
+            t = min(max(time_s + k * period_s, phase.start_s), phase.end_s)
+            if last_part_s < t < phase.end_s:
+                continue
+            at = int(np.searchsorted(samples.t_s, t + 1e-6, side="right")) - 1
+            travel = samples.v[at] * max(t - samples.t_s[at], 0.0)
+            q = flow(samples.q[at], travel, mode).full().ravel()
+            assert (np.abs(found[k] - selection @ q) <= tolerance).all()
+    path.write(-1e300, found)
+    np.testing.assert_allclose(found, [selection @ configuration(of, phase.start_s)] * 5)
+    path.write(1e300, found)
+    np.testing.assert_allclose(found, [selection @ configuration(of, phase.end_s)] * 5, atol=1e-7)
+
+
+def test_headings_count_modulo_full_turns(planned: Planned) -> None:
+    of = planned("paper-2")
+    commands = []
+    for turns in (0, 1, -3):
+        tracker = Tracker(of.robot)
+        tracker.reset(of)
+        q = configuration(of, 0.0) + DEVIATION + np.array([0, 0, turns * math.tau, 0, 0])
+        commands.append(tracker.step(Measurement(0.5, 0, q)).wheel_rad_s)
+    np.testing.assert_allclose(commands[1:], [commands[0]] * 2, atol=1e-9)
+
+
+def test_a_far_robot_drives_at_its_limit_and_arrives(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    end = configuration(of, of.phases[0].end_s)
+    q, fastest = end + np.array([0.3, -0.2, 2.5, 0.0, 0.0]), 0.0
+    for _ in range(150):
+        command = tracker.step(Measurement(100.0, 0, q))
+        fastest = max(fastest, np.abs(command.wheel_rad_s).max())
+        q = moved(tracker, RIGID, q, command.v)
+    np.testing.assert_allclose(q, end, atol=1e-5)
+    assert fastest > 0.99 * of.robot.limits.wheel_speed_rad_s
+
+
+def test_wheels_turn_as_the_input_asks(planned: Planned) -> None:
+    of = planned("paper-4")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    for i, phase in enumerate(of.phases):
+        q = configuration(of, phase.start_s)
+        tracker.step(Measurement(phase.start_s, None, q))
+        for k in range(8):
+            command = tracker.step(Measurement(phase.start_s + k * tracker.period_s, i, q))
+            middle = (q + moved(tracker, phase.mode, q, command.v)) / 2
+            wheels = kinematics(of.robot).wheel_matrix(middle, phase.mode).full() @ command.v
+            np.testing.assert_allclose(command.wheel_rad_s, wheels, atol=0.02)
+            q = moved(tracker, phase.mode, q, command.v)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: int) -> None:
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(side * 60.0, side * 10.0))
+    goal = Goal(kappa_per_m=(side * 78.5, side * 10.0))
+    of = plan(Problem(robot=ROBOT, start=start, goal=goal))
+    index, phase, limit = len(of.phases) - 1, of.phases[-1], of.robot.limits.curvature_per_m
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    q = configuration(of, phase.start_s) + np.array([0.0, 0.0, 0.0, side * 2.0, 0.0])
+    for k in range(30):
+        time_s = phase.start_s + k * tracker.period_s
+        command = tracker.step(Measurement(time_s, index, q))
+        assert command.status is CommandStatus.SOLVED
+        program = tracker.quadratic_program()
+        assert program is not None
+        assert abs(program.x[-1]) < 0.01  # the slack
+        q = moved(tracker, phase.mode, q, command.v)
+        assert abs(q[3]) < limit + 0.01
+    q[3] = side * (limit + 3.0)
+    tracker = Tracker(of.robot, limits=TrackerLimits(wheel_rate_rad_s2=10.0))
+    tracker.reset(of)
+    for k in range(30):
+        command = tracker.step(Measurement(100.0, index, q))
+        program = tracker.quadratic_program()
+        assert program is not None
+        assert (program.x[-1] > 1.0) == (k < 2)  # it cannot be back within the limit at once
+        assert command.status is CommandStatus.SOLVED
+        q = moved(tracker, phase.mode, q, command.v)
+    assert abs(q[3]) < limit + 0.01
+
+
+@pytest.mark.parametrize("mode", [SOFT_1, SOFT_2, SOFT_BOTH])
+@pytest.mark.parametrize("kappa", [-1e300, -1e4, -100.0, 100.0, 1e4, 1e300])
+def test_a_curvature_out_of_all_bounds_is_still_bent_back(
+    planned: Planned, mode: Mode, kappa: float
+) -> None:
+    scenario, phase = PHASES[mode]
+    of = planned(scenario)
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    q = configuration(of, of.phases[phase].end_s)
+    moving = list(OUTPUTS[mode].bending)
+    q[moving] = kappa
+    command = tracker.step(Measurement(300.0, phase, q))
+    assert command.status is CommandStatus.SOLVED
+    assert np.sign(command.v[:2].sum()) == -np.sign(kappa)
+
+
+ABSURD = (1e-300, 1.0, 50.0, 1e4, 1e12, 1e300, 1.7e308)
+
+
+def check(command: Command, before: Command, tracker: Tracker) -> None:
+    """No command is beyond a limit of the robot or of its drives, or not a number."""
+    limits = tracker.robot.limits
+    for array in (command.wheel_rad_s, command.v, command.heater_setpoint_C):
+        assert np.isfinite(array).all()
+        assert not array.flags.writeable
+    wheels = command.wheel_rad_s
+    assert np.abs(wheels).max() <= limits.wheel_speed_rad_s + OUT_OF_BOUNDS
+    assert np.abs(command.v[:2]).max() <= limits.unit_speed_m_s + OUT_OF_BOUNDS
+    if command.status is CommandStatus.SOLVED:
+        change = np.abs(wheels - before.wheel_rad_s).max()
+        most = tracker.limits.wheel_rate_rad_s2 * tracker.period_s
+        assert change <= most + OUT_OF_BOUNDS
+    else:
+        assert not wheels.any()
+
+
+def resident_bytes() -> int:
+    """Memory of the process, C++ included; zero where the system does not tell."""
+    status = Path("/proc/self/statm")
+    return int(status.read_text().split()[1]) * 4096 if status.exists() else 0
+
+
+def test_ten_thousand_steps_whatever_is_measured(planned: Planned) -> None:
+    of = planned("paper-1")
+    tracker = Tracker(of.robot, limits=TrackerLimits(dead_zone_rad_s=0.2))
+    tracker.reset(of)
+    assert of.samples is not None
+    rng = np.random.default_rng(3)
+    phases = [None, *range(len(of.phases))]
+    statuses = set()
+
+    def run(steps: int) -> None:
+        for k in range(steps):
+            if k % 50 == 0:
+                phase = phases[rng.integers(len(phases))]
+            q = of.samples.q[rng.integers(len(of.samples))] + rng.normal(size=5) * DEVIATION
+            if rng.random() < 0.3:
+                q = rng.uniform(-1, 1, 5) * rng.choice(ABSURD, 5)
+            time_s = float(rng.choice([rng.uniform(0, 110), -1e300, 1e18, 1.7e308]))
+            before = tracker.last_command
+            command = tracker.step(Measurement(time_s, phase, q))
+            check(command, before, tracker)
+            assert tracker.last_command is command
+            statuses.add(command.status)
+
+    run(2_000)
+    gc.collect()
+    resident = resident_bytes()
+    run(7_000)
+    assert resident_bytes() - resident < 2_000_000
+    tracemalloc.start()
+    run(100)
+    gc.collect()
+    traced, _ = tracemalloc.get_traced_memory()
+    run(900)
+    gc.collect()
+    assert tracemalloc.get_traced_memory()[0] - traced < 20_000
+    tracemalloc.stop()
+    assert CommandStatus.SOLVED in statuses
+    assert CommandStatus.HELD in statuses
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [
+        ("measurement.q", {"q": [0.0, 0.0, math.nan, 0.0, 0.0]}),
+        ("measurement.q", {"q": [0.0, 0.0, 0.0, -math.inf, 0.0]}),
+        ("measurement.q", {"q": np.zeros(4)}),
+        ("measurement.q", {"q": np.zeros((1, 5))}),
+        ("measurement.q", {"q": None}),
+        ("measurement.q", {"q": ["x"] * 5}),
+        ("measurement.time_s", {"time_s": math.nan}),
+        ("measurement.time_s", {"time_s": "soon"}),
+        ("measurement.phase", {"phase": 0.5}),
+    ],
+)
+def test_bad_measurements_are_refused_by_name(
+    planned: Planned, field: str, values: dict[str, Any]
+) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    command = tracker.step(Measurement(0.5, 0, configuration(of, 0.0)))
+    with pytest.raises(InputError) as caught:
+        tracker.step(Measurement(**{"time_s": 0.5, "phase": 0, "q": np.zeros(5), **values}))
+    assert caught.value.field == field
+    assert tracker.last_command is command
+    assert command.wheel_rad_s.any()
+
+
+def test_what_does_not_fit_together_is_refused_by_name(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    measurement = Measurement(0.0, 0, np.zeros(5))
+    with pytest.raises(InputError, match="plan = None"):
+        tracker.step(measurement)
+    with pytest.raises(InputError, match=r"plan\.robot"):
+        Tracker(with_path_model(of.robot, "log_spiral_corrected")).reset(of)
+    with pytest.raises(InputError, match=r"plan\.samples"):
+        tracker.reset(dataclasses.replace(of, samples=None))
+    assert of.samples is not None
+    spoilt = of.samples.q.copy()
+    spoilt[3, 1] = np.nan
+    samples = dataclasses.replace(of.samples, q=spoilt)
+    with pytest.raises(InputError, match=r"plan\.samples\.q"):
+        tracker.reset(dataclasses.replace(of, samples=samples))
+    tracker.reset(of)
+    for phase in (-1, len(of.phases)):
+        with pytest.raises(InputError, match=r"measurement\.phase"):
+            tracker.step(dataclasses.replace(measurement, phase=phase))
+    assert not tracker.last_command.wheel_rad_s.any()
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [
+        ("horizon", {"horizon": 1}),
+        ("horizon", {"horizon": 7.5}),
+        ("rate_Hz", {"rate_Hz": 0.0}),
+        ("rate_Hz", {"rate_Hz": math.nan}),
+        ("limits.dead_zone_rad_s", {"limits": TrackerLimits(dead_zone_rad_s=11.0)}),
+    ],
+)
+def test_bad_settings_are_refused_by_name(field: str, values: dict[str, Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        Tracker(ROBOT, **values)
+    assert caught.value.field == field
+
+
+def test_without_a_solution_the_wheels_stop_and_the_heaters_hold(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot, solver=SolverSettings(max_iterations=1))
+    tracker.reset(of)
+    start = configuration(of, 0.0)
+    end = configuration(of, of.phases[0].end_s)
+    driving = tracker.step(Measurement(30.0, 0, end + np.array([1e-3, 0.0, 0.0, 0.0, 0.0])))
+    assert driving.status is CommandStatus.SOLVED
+    assert driving.wheel_rad_s.any()
+    off = of.phases[1].end_s  # by now the plan has switched the heater off
+    failed = tracker.step(Measurement(off, 0, start + np.array([0.5, -0.5, 1.0, 0.0, 0.0])))
+    assert failed.status is CommandStatus.FAILED
+    assert not failed.wheel_rad_s.any()
+    assert not failed.v.any()
+    np.testing.assert_array_equal(failed.heater_setpoint_C, driving.heater_setpoint_C)
+    assert "iterations" in failed.message
+    held = tracker.step(Measurement(off, None, start))
+    assert (held.heater_setpoint_C != failed.heater_setpoint_C).any()
+    assert held.status is CommandStatus.HELD
+    assert not held.wheel_rad_s.any()
+
+
+def test_a_failure_is_overcome_by_iterating_on(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot, solver=SolverSettings(max_iterations=10))
+    tracker.reset(of)
+    q = configuration(of, 0.0) + np.array([0.5, -0.5, 1.0, 0.0, 0.0])
+    statuses = [tracker.step(Measurement(100.0, 0, q)).status for _ in range(60)]
+    assert statuses[0] is CommandStatus.FAILED
+    assert statuses[-1] is CommandStatus.SOLVED
+
+
+def test_heaters_follow_the_plan(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    samples = of.samples
+    assert samples is not None
+    for time_s in (-1.0, 0.0, 30.0, *samples.t_s, 1e6):
+        at = max(int(np.searchsorted(samples.t_s, time_s, side="right")) - 1, 0)
+        command = tracker.step(Measurement(time_s, None, np.zeros(5)))
+        np.testing.assert_array_equal(command.heater_setpoint_C, samples.heater_setpoint_C[at])
+
+
+def test_no_wheel_is_told_to_turn_slower_than_it_can(planned: Planned) -> None:
+    of = planned("paper-2")
+    zone = 1.5
+    tracker = Tracker(of.robot, limits=TrackerLimits(dead_zone_rad_s=zone, wheel_rate_rad_s2=1e4))
+    tracker.reset(of)
+    q, seen = configuration(of, 0.0) + DEVIATION, set()
+    for k in range(60):
+        command = tracker.step(Measurement(k * tracker.period_s, 0, q))
+        wheels = np.abs(command.wheel_rad_s)
+        assert ((wheels == 0) | (wheels >= zone)).all()
+        seen |= {"zone" for w in wheels if w == zone} | {"rest" for w in wheels if w == 0}
+        q = moved(tracker, RIGID, q, command.v)
+    assert seen == {"zone", "rest"}
+
+
+def test_the_dead_zone_yields_to_the_rate_limit(planned: Planned) -> None:
+    of = planned("paper-2")
+    limits = TrackerLimits(dead_zone_rad_s=3.0, wheel_rate_rad_s2=15.0)
+    tracker = Tracker(of.robot, limits=limits)
+    tracker.reset(of)
+    q = configuration(of, 0.0)
+    for k in range(20):
+        before = tracker.last_command
+        check(tracker.step(Measurement(k * tracker.period_s, 0, q)), before, tracker)
+
+
+def test_two_trackers_do_not_disturb_each_other(planned: Planned) -> None:
+    of = planned("paper-2")
+
+    def commands(trackers: list[Tracker]) -> list[Array]:
+        for tracker in trackers:
+            tracker.reset(of)
+        q, found = configuration(of, 0.0) + DEVIATION, []
+        for k in range(10):
+            for i, tracker in enumerate(trackers):
+                at = q + i * np.array([0.01, 0.0, 0.0, 0.0, 0.0])
+                command = tracker.step(Measurement(k * tracker.period_s, 0, at))
+                if i == 0:
+                    found.append(command.wheel_rad_s)
+        return found
+
+    alone = commands([Tracker(of.robot)])
+    together = commands([Tracker(of.robot), Tracker(of.robot)])
+    np.testing.assert_array_equal(alone, together)
+
+
+def test_fast_wheels_are_stopped_between_phases(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    q = configuration(of, of.phases[1].start_s)
+    fast = [tracker.step(Measurement(0.5, 0, q)).wheel_rad_s for _ in range(3)][-1]
+    assert np.abs(fast).max() > 100.0 * tracker.period_s
+    stopped = tracker.step(Measurement(of.phases[1].start_s, 1, q))
+    assert stopped.status is CommandStatus.HELD
+    assert not stopped.wheel_rad_s.any()
+    assert (stopped.heater_setpoint_C != tracker.robot.heater.rigid_setpoint_C).any()
+    moving = tracker.step(Measurement(of.phases[1].start_s, 1, q))
+    assert moving.status is CommandStatus.SOLVED
+    assert moving.wheel_rad_s.any()
+
+
+@pytest.mark.parametrize("model", ["log_spiral_corrected", "arc", "cardioid"])
+def test_other_path_models_are_tracked_too(model: str) -> None:
+    robot = with_path_model(ROBOT, model)
+    of = plan(load_problem("paper-2", robot=robot))
+    tracker = Tracker(robot, horizon=6)
+    tracker.reset(of)
+    q = of.problem.start.configuration.copy()
+    for i, phase in enumerate(of.phases):
+        q = drive(tracker, of, i, q)
+        np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
+    assert any(phase.mode != RIGID for phase in of.phases)

@@ -1,0 +1,112 @@
+r"""Where the robot is believed to be: a Kalman filter of two numbers for each coordinate.
+
+Besides the coordinate q it estimates the response g, the share of the motion m that the model makes
+of the commands which really happens: wheels slip, and path models differ by factors.
+
+.. math:: q \leftarrow q + g\,m, \qquad z = q - g\,M + \text{noise},
+
+where M is what the model has moved since the frame z was taken, for frames arrive late. While the
+robot moves the camera is followed; while it rests m = 0, and the filter is the mean of all frames,
+down to a fraction of what they are rounded to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.execution.robot_interface import Camera
+
+Array = NDArray[np.float64]
+
+RESPONSE_DOUBT = 0.5  # standard deviation of a mode's response about 1 before it has moved
+RESPONSE_WALK = 0.05  # its change from one period of motion to the next
+DRIFT = 0.15  # of the travel: of the pose, besides its response
+ARM_M = 0.1  # at which turning and bending count as travel
+CREEP = 0.01  # of a frame's standard deviation, per square root of a second
+REMEMBERED_S = 2.0  # no frame arrives later than this
+_NO_NOISE = 1e-18  # variance of a perfect camera, so that it is believed at once
+
+
+class CameraFilter:
+    """Belief about the configuration, from commands and frames.
+
+    Attributes:
+        q: Configuration [m, m, rad, 1/m, 1/m], (5,).
+        variance: Of each coordinate, (5,).
+    """
+
+    def __init__(self, camera: Camera, q: Array, time_s: float) -> None:
+        """Start where the robot is known to be, to about a frame's accuracy."""
+        self._frame = camera.variance + _NO_NOISE
+        self.q, self.variance = q.astype(float).copy(), self._frame.copy()
+        self._time_s, self._moved = time_s, np.zeros(5)
+        self._past: deque[tuple[float, Array]] = deque([(time_s, self._moved)])
+        self.forget_response()
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation of each coordinate, (5,)."""
+        root: Array = np.sqrt(self.variance)
+        return root
+
+    def forget_response(self) -> None:
+        """Another mode begins: nothing is known of its response."""
+        self._response, self._shared = np.ones(5), np.zeros(5)
+        self._doubt = np.full(5, RESPONSE_DOUBT**2)
+
+    def predict(self, time_s: float, moved: Array, length_m: float) -> None:
+        """Take in that time has passed.
+
+        Args:
+            time_s: Now.
+            moved: How the model says q has changed since, (5,).
+            length_m: Of a segment.
+        """
+        self.variance = self.variance + CREEP**2 * (time_s - self._time_s) * self._frame
+        if moved.any():
+            bent = length_m * float(np.abs(moved[3:]).sum())
+            travel = math.hypot(moved[0], moved[1]) + ARM_M * (abs(float(moved[2])) + bent)
+            drift = DRIFT * np.array([travel, travel, travel / ARM_M, 0.0, 0.0])
+            self.q = self.q + self._response * moved
+            self.variance += moved * (2 * self._shared + moved * self._doubt) + drift**2
+            self._shared = self._shared + moved * self._doubt
+            self._doubt = self._doubt + RESPONSE_WALK**2
+            self._moved = self._moved + moved
+        self._time_s = time_s
+        self._past.append((time_s, self._moved))
+        while self._past[0][0] < time_s - REMEMBERED_S and len(self._past) > 1:
+            self._past.popleft()
+
+    def correct(self, taken_s: Array, frames: Array) -> None:
+        """Take in frames (n, 5) that were taken at these times (n,)."""
+        if not len(frames):
+            return
+        times = [time for time, _ in self._past]
+        path = np.array([moved for _, moved in self._past])
+        since = self._moved - np.column_stack([np.interp(taken_s, times, m) for m in path.T])
+        late = since.any(axis=1)
+        for frame, moved in zip(frames[late], since[late], strict=True):
+            self._take(frame, moved, self._frame)
+        if not late.all():
+            turn = frames[~late, 2] - self.q[2]
+            mean = frames[~late].mean(axis=0)
+            mean[2] = self.q[2] + (np.remainder(turn + math.pi, math.tau) - math.pi).mean()
+            self._take(mean, np.zeros(5), self._frame / np.count_nonzero(~late))
+
+    def _take(self, frame: Array, moved: Array, variance: Array) -> None:
+        """Correct by one frame, or the mean of several, since which the model has ``moved``."""
+        surprise = frame - (self.q - self._response * moved)
+        surprise[2] = math.remainder(surprise[2], math.tau)
+        here = self.variance - moved * self._shared
+        there = self._shared - moved * self._doubt
+        total = here - moved * there + variance
+        gain, response = here / total, there / total
+        self.q = self.q + gain * surprise
+        self._response = self._response + response * surprise
+        self.variance = np.maximum(self.variance - gain * here, 0.0)
+        self._shared = self._shared - gain * there
+        self._doubt = np.maximum(self._doubt - response * there, 0.0)

@@ -1,0 +1,154 @@
+"""The greedy rule in closed loop, as its authors ran it: chosen anew at every measurement.
+
+Each allowed mode proposes to remove as much of the error as its Jacobian can; the mode whose
+proposal ends nearest the goal (unweighted norm, as published) is taken and kept until it no longer
+moves the robot. A change of mode waits until the segments have changed. Three things are added,
+without which noise would keep it switching for ever: errors within a part of the accuracy count as
+none, modes that would not move the robot are not chosen, and before another mode is chosen the
+resting robot is looked at.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.execution.executor import REACHED, ExecutorSettings
+from twosra_mpc.execution.follower import CERTAIN, LATE, LOOK_S, WAIT_S
+from twosra_mpc.execution.pulses import Pulses
+from twosra_mpc.execution.robot_interface import RobotInterface
+from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.session import Session
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.modes import Mode, mode_name
+from twosra_mpc.problem import Problem
+from twosra_mpc.thermal.model import segment_model
+
+Array = NDArray[np.float64]
+
+GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
+LEFT, KEPT = 0.3, 0.7  # of the accuracy: errors that a mode leaves, and that need no other mode
+STAGNATED = 0.02  # of the accuracy: a mode that moves less per measurement is done
+
+
+class GreedyExecutor:
+    """Drives a robot to a goal by the greedy rule alone; there is no plan."""
+
+    def __init__(self, robot: RobotInterface, settings: ExecutorSettings | None = None) -> None:
+        """Make ready to drive a robot."""
+        self.robot, self.settings = robot, settings or ExecutorSettings()
+
+    def run(self, problem: Problem) -> Run:
+        """Drive to the goal; the robot must be where the problem starts."""
+        session = Session(self.robot, problem)
+        ending, reason = _GreedyRun(session, self.settings).run()
+        return session.finish("greedy", self.settings.accuracy, ending, reason)
+
+
+class _GreedyRun:
+    """One run of the greedy executor."""
+
+    def __init__(self, session: Session, settings: ExecutorSettings) -> None:
+        self.session, self.settings, self.problem = session, settings, session.problem
+        self.accuracy: Accuracy = settings.accuracy
+        self.pulses = Pulses(settings.dead_zone_rad_s)
+        self.modes = list(self.problem.modes)
+        self.broken: list[int] = []
+        heater = self.problem.robot.heater
+        model = segment_model(self.problem.robot, self.problem.ambient)
+        hot = model.initial(heater.soft_setpoint_C)
+        cold = model.initial(model.ambient_C)
+        self.expected_s = {
+            "soft": model.time_until(cold, heater.melt_current_A, model.liquid_level),
+            "rigid": model.time_until(hot, 0.0, model.solid_level),
+        }
+
+    def run(self) -> tuple[Ending, str]:
+        """Choose modes and drive in them until there is an ending."""
+        session, settings = self.session, self.settings
+        while session.now_s < settings.longest_s:
+            session.average(session.setpoint_C, CERTAIN * self.accuracy.scale, LOOK_S)
+            where = self.accuracy.describe(session.error)
+            if self.accuracy.of(session.error) <= REACHED and self._ended():
+                return Ending.REACHED, f"the goal is reached: {where}"
+            mode = self._choice()
+            if mode is None:
+                lost = f"; heater {', '.join(map(str, self.broken))} failed" if self.broken else ""
+                kind = Ending.HEATER_FAILED if self.broken else Ending.GAVE_UP
+                return kind, f"{where}; no mode comes nearer{lost}"
+            if self._changed_to(mode):
+                session.tell("drive", f"driven in mode {mode_name(mode)}")
+                self._drive(mode)
+        return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:.0f} s"
+
+    def _ended(self) -> bool:
+        """Whether the robot is still at the goal once it is as stiff as it should be."""
+        if self.session.mode == self.problem.goal.mode:
+            return True
+        self._changed_to(self.problem.goal.mode)
+        return False
+
+    def _choice(self) -> Mode | None:
+        """Mode that comes nearest to the goal; None if none moves any more."""
+        error = self._error(KEPT)
+        left = {}
+        for mode in self.modes:
+            moved = GAIN * self._proposal(mode, error)[1]
+            if not self._stagnated(moved):
+                left[mode] = float(np.linalg.norm(error + moved))
+        return min(left, key=lambda mode: left[mode], default=None)
+
+    def _drive(self, mode: Mode) -> None:
+        """Move in a mode until it no longer moves the robot, or is lost."""
+        session, robot = self.session, self.problem.robot
+        while session.mode == mode and session.now_s < self.settings.longest_s:
+            step, moved = self._proposal(mode, self._error(LEFT))
+            if self._stagnated(GAIN * moved):
+                return
+            v = GAIN * step / session.period_s
+            wheels = kinematics(robot).wheel_matrix(session.q, mode).full() @ v
+            most, limits = float(np.abs(wheels).max()), robot.limits
+            slower = max(1.0, most / limits.wheel_speed_rad_s)
+            slower = max(slower, float(np.abs(v[:2]).max()) / limits.unit_speed_m_s)
+            session.drive(mode, self.pulses.shape(wheels / slower), session.setpoint_C)
+
+    def _proposal(self, mode: Mode, error: Array) -> tuple[Array, Array]:
+        """Input displacement with which a mode removes most of the error, and what it moves."""
+        jacobian = kinematics(self.problem.robot).jacobian(self.session.q, mode).full()
+        columns = slice(0, 2) if any(mode) else slice(2, 5)
+        step = np.zeros(5)
+        step[columns] = -(np.linalg.pinv(jacobian[:, columns]) @ error)
+        return step, jacobian @ step
+
+    def _error(self, share: float) -> Array:
+        """Error that counts, (5,): what is beyond this share of the accuracy."""
+        error = self.session.error
+        counted = np.maximum(np.abs(error) - share * self.accuracy.scale, 0.0)
+        signed: Array = np.sign(error) * counted
+        return signed
+
+    def _stagnated(self, moved: Array) -> bool:
+        return bool(np.abs(moved / self.accuracy.scale).max() < STAGNATED)
+
+    def _changed_to(self, mode: Mode) -> bool:
+        """Wait for a mode; False if a heater fails meanwhile, or time is up."""
+        session, heater = self.session, self.problem.robot.heater
+        setpoint_C = np.where(mode, heater.soft_setpoint_C, heater.rigid_setpoint_C)
+        while session.mode != mode and session.now_s < self.settings.longest_s:
+            session.rest(setpoint_C, WAIT_S)
+            for segment in (0, 1):
+                to = "soft" if mode[segment] else "rigid"
+                late = session.asked_for_s(segment) > LATE * self.expected_s[to]
+                if session.reading.stiffness[segment] != to and (
+                    late or session.reading.faulty[segment]
+                ):
+                    return self._lost(segment, to)
+        return session.mode == mode
+
+    def _lost(self, segment: int, to: str) -> bool:
+        """Go on without the modes in which this segment is soft."""
+        self.session.tell("failure", f"segment {segment + 1} does not become {to}")
+        self.broken.append(segment + 1)
+        self.modes = [mode for mode in self.modes if not mode[segment]]
+        return False

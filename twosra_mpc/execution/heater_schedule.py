@@ -1,0 +1,126 @@
+"""Heater set-points of a plan that is executed by events.
+
+A melt is not let begin before every phase in which the segment must be solid is done, however long
+that takes; until then the segment is only kept warm. A heater goes off when the last phase in which
+the segment must be soft is done, not at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.plan import Plan
+from twosra_mpc.problem import Problem
+from twosra_mpc.thermal.stiffness import stiffness_rule
+from twosra_mpc.thermal.thermistor import temperature_sensor
+from twosra_mpc.timing import Transition
+
+Array = NDArray[np.float64]
+
+_SAME_TIME_S = 1e-6
+_WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
+
+
+@dataclass(frozen=True)
+class _Gated:
+    """A transition and the number of phases that come before it."""
+
+    transition: Transition
+    after: int
+
+
+class Progress(NamedTuple):
+    """How far the execution of a plan has come.
+
+    Attributes:
+        clock_s: Time of the plan; it stands at a phase's start until the phase can begin.
+        done: How many phases have ended.
+    """
+
+    clock_s: float = 0.0
+    done: int = 0
+
+
+@dataclass(frozen=True)
+class HeaterSchedule:
+    """Set-points by progress.
+
+    Attributes:
+        plan: The plan.
+        warm_C: Set-point at which a segment is kept warm, surely solid.
+    """
+
+    plan: Plan
+    warm_C: float
+
+    def setpoints(self, now: Progress) -> Array:
+        """Set-points of the segments [C], (2,)."""
+        return np.array([self._setpoint(segment, now) for segment in (0, 1)])
+
+    def begun(self, now: Progress) -> int:
+        """How many transitions have been commanded by now."""
+        return sum(self._commanded(item, now) for item in self._gated(None))
+
+    def expected_s(self, segment: int, to: str) -> float:
+        """Longest time the plan gives a segment (0 or 1) for such a transition [s]; 0: none."""
+        times = (
+            item.transition.done_s - item.transition.heater_s
+            for item in self._gated(segment)
+            if item.transition.to == to
+        )
+        return max(times, default=0.0)
+
+    def _setpoint(self, segment: int, now: Progress) -> float:
+        heater = self.plan.robot.heater
+        soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
+        value = soft if self.plan.problem.start_mode[segment] else rigid
+        for item in self._gated(segment):
+            if self._commanded(item, now):
+                value = soft if item.transition.to == "soft" else rigid
+            elif item.transition.to == "soft" and _reached(now, item.transition.heater_s):
+                value = self.warm_C
+        if value == rigid and self._kept_warm(segment, now.clock_s):
+            return self.warm_C
+        return value
+
+    def _commanded(self, item: _Gated, now: Progress) -> bool:
+        early = item.transition.to == "rigid" and item.after > 0  # the plan let it coast
+        return now.done >= item.after and (early or _reached(now, item.transition.heater_s))
+
+    def _kept_warm(self, segment: int, clock_s: float) -> bool:
+        """Whether the plan itself keeps a solid segment warm now."""
+        samples, heater = self.plan.samples, self.plan.robot.heater
+        if samples is None:
+            return False
+        at = int(np.searchsorted(samples.t_s, clock_s + _SAME_TIME_S, side="right")) - 1
+        planned = samples.heater_setpoint_C[max(at, 0), segment]
+        return bool(heater.rigid_setpoint_C < planned < heater.soft_setpoint_C)
+
+    def _gated(self, segment: int | None) -> list[_Gated]:
+        ends = [phase.end_s for phase in self.plan.phases]
+        return [
+            _Gated(item, sum(end <= item.onset_s + _SAME_TIME_S for end in ends))
+            for item in self.plan.transitions
+            if segment is None or item.segment == segment + 1
+        ]
+
+
+def _reached(now: Progress, time_s: float) -> bool:
+    return now.clock_s >= time_s - _SAME_TIME_S
+
+
+def heater_schedule(plan: Plan) -> HeaterSchedule:
+    """Build the schedule of a plan."""
+    return HeaterSchedule(plan, warm_setpoint_C(plan.problem))
+
+
+def warm_setpoint_C(problem: Problem) -> float:
+    """Temperature at which a segment is surely solid, even if its heater is a third stronger."""
+    robot, air = problem.robot, problem.ambient
+    lags = temperature_sensor(robot, air).lags_s
+    melts_from_C = stiffness_rule(robot, air, lags).rigid_until_C
+    return air + _WARM_SHARE * (melts_from_C - air)

@@ -1,0 +1,180 @@
+"""What a run was: plans, events, everything measured and sent, and how it ended."""
+
+from __future__ import annotations
+
+import enum
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.files import write_text
+from twosra_mpc.modes import Mode, Stiffness
+from twosra_mpc.plan import Plan
+from twosra_mpc.problem import Problem
+from twosra_mpc.version import __version__
+
+Array = NDArray[np.float64]
+EventKind = Literal["plan", "drive", "confirmed", "look", "correct", "replan", "failure", "end"]
+
+FORMAT, FORMAT_VERSION = "twosra-run", 1
+CHANGING = 0.5  # between 0, rigid, and 1, soft, in ``RunLog.stiffness``
+
+
+class Ending(enum.StrEnum):
+    """How a run ended; ``Run.reason`` says it in words."""
+
+    REACHED = "reached"  # within the accuracy of the goal, as measured
+    NO_PLAN = "no plan"  # the rest of the problem has no plan, or none was found
+    HEATER_FAILED = "heater failed"  # and what is left without it has no plan
+    GAVE_UP = "gave up"  # replanned or corrected too often, or no mode comes nearer
+    TIME_LIMIT = "time limit"  # the run took too long
+
+
+class RunEvent(NamedTuple):
+    """Something worth knowing, when it happened and in words."""
+
+    time_s: float
+    kind: EventKind
+    text: str
+
+
+class Drive(NamedTuple):
+    """A stretch of time in which the robot was driven in one mode [s]."""
+
+    mode: Mode
+    start_s: float
+    end_s: float
+
+
+class Change(NamedTuple):
+    """A segment (1 or 2) that has melted or frozen, and when its controller said so."""
+
+    time_s: float
+    segment: int
+    to: Stiffness
+
+
+@dataclass(frozen=True, eq=False)
+class RunLog:
+    """Everything measured, believed and sent; arrays of one length, read-only.
+
+    Attributes:
+        time_s: When it was read, (n,).
+        q: Configuration believed [m, m, rad, 1/m, 1/m], (n, 5).
+        measured: Mean of the frames that had come in, NaN if none had, (n, 5).
+        planned: Where the plan was at that moment, NaN without one, (n, 5).
+        temperature_C: Measured temperatures, (n, 2).
+        stiffness: As reported: 0 rigid, 0.5 changing, 1 soft, (n, 2).
+        setpoint_C: Set-points sent until the next, (n, 2).
+        wheel_rad_s: Wheel speeds sent until the next, (n, 4).
+    """
+
+    time_s: Array
+    q: Array
+    measured: Array
+    planned: Array
+    temperature_C: Array
+    stiffness: Array
+    setpoint_C: Array
+    wheel_rad_s: Array
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            getattr(self, item.name).setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run from start to end.
+
+    Attributes:
+        problem: What was asked.
+        executor: "optimal" or "greedy".
+        accuracy: How near to the goal was near enough.
+        plans: Plans in the order in which they were followed; none by the greedy executor.
+        ending: How it ended.
+        reason: Why, in a sentence.
+        error: Distance to the goal box at the end, as believed, (5,) [m, m, rad, 1/m, 1/m].
+        replans: How often the remaining problem was planned again.
+        corrections: How often the pose was corrected after everything was solid.
+        begun: Transitions of each plan that were begun.
+        changes: Melts and freezes, as reported.
+        drives: When the robot was driven.
+        events: What happened, in words.
+        log: Everything measured, believed and sent.
+    """
+
+    problem: Problem
+    executor: Literal["optimal", "greedy"]
+    accuracy: Accuracy
+    plans: tuple[Plan, ...]
+    ending: Ending
+    reason: str
+    error: Array
+    replans: int
+    corrections: int
+    begun: tuple[int, ...]
+    changes: tuple[Change, ...]
+    drives: tuple[Drive, ...]
+    events: tuple[RunEvent, ...]
+    log: RunLog
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal was reached, as far as the robot can tell."""
+        return self.ending is Ending.REACHED
+
+    @property
+    def duration_s(self) -> float:
+        """Time from start to end."""
+        return float(self.log.time_s[-1])
+
+    @property
+    def transitions(self) -> int:
+        """Melts and freezes that were reported."""
+        return len(self.changes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The run as plain data."""
+        return {
+            "format": FORMAT,
+            "version": FORMAT_VERSION,
+            "package": __version__,
+            "robot": self.problem.robot.model_dump(mode="json"),
+            "scenario": self.problem.scenario(),
+            "executor": self.executor,
+            "accuracy": vars(self.accuracy).copy(),
+            "ending": str(self.ending),
+            "reason": self.reason,
+            "duration_s": self.duration_s,
+            "error": self.error.tolist(),
+            "transitions": self.transitions,
+            "replans": self.replans,
+            "corrections": self.corrections,
+            "begun": list(self.begun),
+            "changes": [change._asdict() for change in self.changes],
+            "drives": [drive._asdict() for drive in self.drives],
+            "events": [event._asdict() for event in self.events],
+            "plans": [plan.to_dict() for plan in self.plans],
+            "log": {item.name: _numbers(getattr(self.log, item.name)) for item in fields(RunLog)},
+        }
+
+
+def save_document(document: dict[str, Any], path: str | Path) -> None:
+    """Write plain data as JSON, atomically.
+
+    Raises:
+        InputError: If the folder does not exist or cannot be written.
+    """
+    write_text(path, json.dumps(document, allow_nan=False) + "\n")
+
+
+def _numbers(array: Array) -> list[Any]:
+    """Plain lists, None where there is no number."""
+    found: list[Any] = np.where(np.isnan(array), None, array.astype(object)).tolist()
+    return found

@@ -1,0 +1,234 @@
+"""One run on a robot, step by step: send, let time pass, read, believe, and write it all down."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.execution.camera_filter import CameraFilter
+from twosra_mpc.execution.robot_interface import Reading, RobotInterface
+from twosra_mpc.execution.run import (
+    CHANGING,
+    Change,
+    Drive,
+    Ending,
+    EventKind,
+    Run,
+    RunEvent,
+    RunLog,
+)
+from twosra_mpc.model.rolling import NO_DRIFT, rolling
+from twosra_mpc.modes import Mode
+from twosra_mpc.plan import Plan
+from twosra_mpc.problem import Problem
+from twosra_mpc.thermal.stiffness import KnownStiffness
+
+Array = NDArray[np.float64]
+
+_STILL = np.zeros(4)
+_UNKNOWN = np.full(5, np.nan)
+_CODES: dict[KnownStiffness, float] = {"rigid": 0.0, "changing": CHANGING, "soft": 1.0}
+
+
+class _Row(NamedTuple):
+    """One row of the log, in the order of its columns."""
+
+    time_s: float
+    q: Array
+    measured: Array
+    planned: Array
+    temperature_C: tuple[float, float]
+    stiffness: tuple[float, float]
+    setpoint_C: Array
+    wheel_rad_s: Array
+
+
+class Session:
+    """What is known and what was done in a run so far.
+
+    Attributes:
+        robot: The robot.
+        problem: What was asked.
+        reading: The last reading.
+        setpoint_C: Set-points last sent, (2,).
+        events: What happened.
+        changes: Melts and freezes so far.
+        drives: When the robot was driven.
+    """
+
+    def __init__(self, robot: RobotInterface, problem: Problem) -> None:
+        """Read the robot for the first time; it is where the problem starts."""
+        self.robot, self.problem = robot, problem
+        self.reading: Reading = robot.read()
+        self._filter = CameraFilter(
+            robot.camera, problem.start.configuration, self.reading.time_s
+        )
+        self._filter.correct(self.reading.taken_s, self.reading.frames)
+        self.setpoint_C = np.full(2, problem.robot.heater.rigid_setpoint_C)
+        self._since = [self.reading.time_s, self.reading.time_s]
+        self.events: list[RunEvent] = []
+        self.changes: list[Change] = []
+        self.drives: list[Drive] = []
+        self._last_known: list[KnownStiffness] = list(self.reading.stiffness)
+        self._planned = _UNKNOWN
+        self._rows: list[_Row] = []
+
+    @property
+    def now_s(self) -> float:
+        """Time of the last reading."""
+        return self.reading.time_s
+
+    @property
+    def period_s(self) -> float:
+        """Time from a camera frame to the next."""
+        return self.robot.camera.period_s
+
+    @property
+    def q(self) -> Array:
+        """Configuration believed, (5,)."""
+        return self._filter.q
+
+    @property
+    def deviation(self) -> Array:
+        """Standard deviation of what is believed, (5,)."""
+        return self._filter.deviation
+
+    @property
+    def error(self) -> Array:
+        """Distance to the goal box as believed, (5,)."""
+        return self.problem.goal.error(self.q.copy())
+
+    @property
+    def mode(self) -> Mode | None:
+        """Mode reported by the segments' controllers; None while one is changing."""
+        first, second = self.reading.stiffness
+        if "changing" in (first, second):
+            return None
+        return int(first == "soft"), int(second == "soft")
+
+    def asked_for_s(self, segment: int) -> float:
+        """How long the set-point of a segment (0 or 1) has been what it is."""
+        return self.now_s - self._since[segment]
+
+    def tell(self, kind: EventKind, text: str) -> None:
+        """Note an event."""
+        self.events.append(RunEvent(self.now_s, kind, text))
+
+    def rest(self, setpoint_C: Array, at_most_s: float, planned: Array = _UNKNOWN) -> None:
+        """Stand still until time is up or a segment reports a new stiffness."""
+        self._pass(_STILL, setpoint_C, at_most_s, planned)
+        self._believe(np.zeros(5))
+
+    def drive(
+        self, mode: Mode, wheel_rad_s: Array, setpoint_C: Array, planned: Array = _UNKNOWN
+    ) -> None:
+        """Drive for one camera period.
+
+        Args:
+            mode: Mode the robot is in.
+            wheel_rad_s: Wheel speeds, (4,).
+            setpoint_C: Set-points of the heaters, (2,).
+            planned: Where the plan is now, (5,).
+        """
+        begun_s, before = self.now_s, self.q.copy()
+        self._pass(wheel_rad_s, setpoint_C, self.period_s, planned)
+        duration_s = self.now_s - begun_s
+        turned = wheel_rad_s * duration_s
+        after = rolling(self.problem.robot, mode)(before, turned, NO_DRIFT).full().ravel()
+        if self.drives and self.drives[-1].mode != mode:
+            self._filter.forget_response()
+        self._believe(after - before)
+        if self.drives and self.drives[-1][::2] == (mode, begun_s):
+            self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
+        else:
+            self.drives.append(Drive(mode, begun_s, self.now_s))
+
+    def average(self, setpoint_C: Array, deviation: Array, at_most_s: float) -> None:
+        """Look at the resting robot until what is believed is this certain (5,), or time is up."""
+        end_s, planned = self.now_s + at_most_s, self._planned
+        stiffness = self.reading.stiffness
+        while (
+            (self.deviation > deviation).any()
+            and self.now_s < end_s - 1e-9
+            and self.reading.stiffness == stiffness
+        ):
+            self.rest(setpoint_C, 3 * self.period_s, planned)
+
+    def finish(
+        self,
+        executor: Literal["optimal", "greedy"],
+        accuracy: Accuracy,
+        ending: Ending,
+        reason: str,
+        *,
+        plans: tuple[Plan, ...] = (),
+        begun: tuple[int, ...] = (),
+    ) -> Run:
+        """Stop the wheels and return the run."""
+        self.tell("end", reason)
+        self._note(_STILL, self.setpoint_C, _UNKNOWN)
+        kinds = [event.kind for event in self.events]
+        columns = (np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
+        return Run(
+            problem=self.problem,
+            executor=executor,
+            accuracy=accuracy,
+            plans=plans,
+            ending=ending,
+            reason=reason,
+            error=self.error,
+            replans=kinds.count("replan"),
+            corrections=kinds.count("correct"),
+            begun=begun,
+            changes=tuple(self.changes),
+            drives=tuple(self.drives),
+            events=tuple(self.events),
+            log=RunLog(*columns),
+        )
+
+    def _pass(
+        self, wheels: Array, setpoint_C: Array, at_most_s: float, planned: Array
+    ) -> None:
+        self._note(wheels, setpoint_C, planned)
+        for segment in (0, 1):
+            if setpoint_C[segment] != self.setpoint_C[segment]:
+                self._since[segment] = self.now_s
+        self.setpoint_C, self._planned = setpoint_C.copy(), planned
+        self.robot.send(wheels, setpoint_C)
+        self.robot.wait(at_most_s)
+        self.reading = self.robot.read()
+        self._note_changes()
+
+    def _believe(self, moved: Array) -> None:
+        length_m = self.problem.robot.geometry.segment_length_m
+        self._filter.predict(self.now_s, moved, length_m)
+        self._filter.correct(self.reading.taken_s, self.reading.frames)
+
+    def _note_changes(self) -> None:
+        """Write down each segment that has become soft or rigid, and was not so before."""
+        for segment, now in enumerate(self.reading.stiffness):
+            if now == "changing" or now == self._last_known[segment]:
+                continue
+            if self._last_known[segment] != "changing":
+                self.changes.append(Change(self.now_s, segment + 1, now))
+                self.tell("confirmed", f"segment {segment + 1} is {now}")
+            self._last_known[segment] = now
+
+    def _note(self, wheels: Array, setpoint_C: Array, planned: Array) -> None:
+        reading = self.reading
+        first, second = reading.stiffness
+        self._rows.append(
+            _Row(
+                time_s=reading.time_s,
+                q=self.q,
+                measured=reading.frames.mean(axis=0) if len(reading.frames) else _UNKNOWN,
+                planned=planned,
+                temperature_C=reading.temperature_C,
+                stiffness=(_CODES[first], _CODES[second]),
+                setpoint_C=setpoint_C,
+                wheel_rad_s=wheels,
+            )
+        )
