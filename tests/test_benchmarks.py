@@ -25,7 +25,7 @@ from benchmarks.plan_record import PlanRecord
 from benchmarks.problem_set import load_set, set_names
 from benchmarks.run_log import NAME, RunLog
 from benchmarks.suite import Record, Run, Suite
-from benchmarks.suite_file import load_suite, suite_names
+from benchmarks.suite_file import FOLDER, load_suite, suite_names
 from benchmarks.summary import ecdf, power_law, shifted_geometric_mean
 from benchmarks.transition_sweep.tables import report_lines as sweep_lines
 from benchmarks.transition_sweep.thermal_scale import thermally_faster
@@ -136,7 +136,7 @@ def test_other_settings_are_refused_by_name(
 ) -> None:
     folder, _ = tiny
     again = shutil.copytree(folder, tmp_path / "again")
-    suite = Path("benchmarks/suites/tiny.toml").read_text()
+    suite = (FOLDER / "tiny.toml").read_text()
     (tmp_path / "other.toml").write_text(suite.replace("repeats = 1", "repeats = 2"))
     refused = benchmark(tmp_path / "other.toml", "--out", again)
     assert refused.exit_code == 2

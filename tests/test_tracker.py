@@ -408,16 +408,20 @@ def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: in
         q = moved(tracker, phase.mode, q, command.v)
         assert abs(q[3]) < limit + 0.01
     q[3] = side * (limit + 3.0)
-    tracker = Tracker(of.robot, limits=TrackerLimits(wheel_rate_rad_s2=10.0))
-    tracker.reset(of)
-    for k in range(30):
-        command = tracker.step(Measurement(100.0, index, q))
-        program = tracker.quadratic_program()
-        assert program is not None
-        assert (program.x[-1] > 1.0) == (k < 2)  # it cannot be back within the limit at once
-        assert command.status is CommandStatus.SOLVED
-        q = moved(tracker, phase.mode, q, command.v)
-    assert abs(q[3]) < limit + 0.01
+    for rate, slow in ((100.0, False), (3.0, True)):  # back within the limit at once, or not
+        patient = SolverSettings(max_iterations=2_000)
+        limits = TrackerLimits(wheel_rate_rad_s2=rate)
+        tracker = Tracker(of.robot, limits=limits, solver=patient)
+        tracker.reset(of)
+        q[3] = side * (limit + 3.0)
+        for k in range(30):
+            command = tracker.step(Measurement(100.0, index, q))
+            assert command.status is CommandStatus.SOLVED
+            program = tracker.quadratic_program()
+            assert program is not None
+            assert (program.x[-1] > 0.1) == (slow and k < 2)
+            q = moved(tracker, phase.mode, q, command.v)
+        assert abs(q[3]) < limit + 0.01
 
 
 @pytest.mark.parametrize("mode", [SOFT_1, SOFT_2, SOFT_BOTH])
@@ -664,16 +668,32 @@ def test_fast_wheels_are_stopped_between_phases(planned: Planned) -> None:
     of = planned("paper-2")
     tracker = Tracker(of.robot)
     tracker.reset(of)
+    later_s = of.phases[1].end_s  # by now the plan has switched the heater off
     q = configuration(of, of.phases[1].start_s)
-    fast = [tracker.step(Measurement(0.5, 0, q)).wheel_rad_s for _ in range(3)][-1]
-    assert np.abs(fast).max() > 100.0 * tracker.period_s
-    stopped = tracker.step(Measurement(of.phases[1].start_s, 1, q))
+    fast = [tracker.step(Measurement(0.5, 0, q)) for _ in range(3)][-1]
+    assert np.abs(fast.wheel_rad_s).max() > 100.0 * tracker.period_s
+    stopped = tracker.step(Measurement(later_s, 1, q))
     assert stopped.status is CommandStatus.HELD
     assert not stopped.wheel_rad_s.any()
-    assert (stopped.heater_setpoint_C != tracker.robot.heater.rigid_setpoint_C).any()
-    moving = tracker.step(Measurement(of.phases[1].start_s, 1, q))
+    assert (stopped.heater_setpoint_C != fast.heater_setpoint_C).any()
+    moving = tracker.step(Measurement(later_s, 1, q))
     assert moving.status is CommandStatus.SOLVED
     assert moving.wheel_rad_s.any()
+
+
+def test_a_phase_begins_without_memory_of_another_run(planned: Planned) -> None:
+    of = planned("paper-2")
+    fresh, used = Tracker(of.robot), Tracker(of.robot)
+    fresh.reset(of)
+    used.reset(of)
+    q = configuration(of, 0.0)
+    for k in range(5):
+        used.step(Measurement(1.0 + k * used.period_s, 0, q - 3 * DEVIATION))
+    used.step(Measurement(0.0, None, q))
+    commands = [
+        tracker.step(Measurement(0.5, 0, q + DEVIATION)).wheel_rad_s for tracker in (fresh, used)
+    ]
+    np.testing.assert_array_equal(*commands)
 
 
 @pytest.mark.parametrize("model", ["log_spiral_corrected", "arc", "cardioid"])

@@ -6,6 +6,7 @@
 """
 
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
+from twosra_mpc.explanation import Explanation, explain
 from twosra_mpc.model_comparison import compare_models
 from twosra_mpc.modes import Mode
 from twosra_mpc.path_choice import with_path_model
@@ -25,6 +26,7 @@ from twosra_mpc.setpoints import save_setpoints
 from twosra_mpc.version import __version__
 
 __all__ = [
+    "Explanation",
     "Goal",
     "InputError",
     "Mode",
@@ -40,6 +42,7 @@ __all__ = [
     "Weights",
     "__version__",
     "compare_models",
+    "explain",
     "load_plan",
     "load_problem",
     "load_robot",

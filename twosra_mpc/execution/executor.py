@@ -23,7 +23,7 @@ from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.session import Session
-from twosra_mpc.modes import RIGID, mode_name
+from twosra_mpc.modes import sequence_name
 from twosra_mpc.plan import Plan
 from twosra_mpc.planner import plan as find_plan
 from twosra_mpc.problem import Problem
@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 REACHED = 0.8  # of the accuracy: error, as measured, at which the goal counts as reached
 _LONGEST_CHANGE_S = 1500.0  # for a segment that is waited for before planning again
+_PAUSE_S = 30.0  # for metal that is reported soft and does not bend
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class _Journey:
         self.plans, self.begun = [plan], [0]
         self.broken: set[int] = set()
         self.replans = self.corrections = 0
-        self.session.tell("plan", plan.message)
+        self.session.tell("plan", _summary(plan))
 
     def run(self) -> Run:
         """Follow plan after plan until there is an ending."""
@@ -139,7 +140,15 @@ class _Journey:
                 self.session.tell("failure", left.text)
             case "corridor":
                 self.session.tell("look", left.text)
+                if left.stiff:
+                    self._give_time()
         return None
+
+    def _give_time(self) -> None:
+        """Hold the soft segments for a while, so that the last of their metal melts."""
+        end_s = self.session.now_s + _PAUSE_S
+        while self.session.now_s < end_s:
+            self.session.rest(self._as_they_become(), WAIT_S)
 
     def _plan_again(self) -> tuple[Ending, str] | None:
         """Plan the rest from where the robot is, once nothing is changing any more."""
@@ -172,12 +181,12 @@ class _Journey:
             if self.replans == settings.replans:
                 return Ending.GAVE_UP, f"{where} after planning again {self.replans} times"
             self.replans, self.corrections = self.replans + 1, 0
-            self.session.tell("replan", plan.message)
+            self.session.tell("replan", f"the rest is planned again, {_summary(plan)}")
         else:
             if self.corrections == settings.corrections:
                 return Ending.GAVE_UP, f"{where} after {self.corrections} corrections in a row"
             self.corrections += 1
-            self.session.tell("correct", f"the pose is corrected: {plan.message}")
+            self.session.tell("correct", f"the pose is corrected, {_summary(plan)}")
         self.plans.append(plan)
         self.begun.append(0)
         return None
@@ -208,3 +217,8 @@ class _Journey:
             soft = now == "soft" or (now == "changing" and asked)
             becoming.append(soft and segment not in self.broken)
         return np.where(becoming, heater.soft_setpoint_C, heater.rigid_setpoint_C)
+
+
+def _summary(plan: Plan) -> str:
+    sequence = sequence_name([phase.mode for phase in plan.phases])
+    return f"{sequence} in {plan.duration_s:.1f} s"

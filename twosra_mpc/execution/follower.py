@@ -17,7 +17,7 @@ from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress, heate
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import ACCEPTED
 from twosra_mpc.execution.session import Session
-from twosra_mpc.modes import RIGID, Mode, mode_name
+from twosra_mpc.modes import RIGID, SOFT_BOTH, Mode, mode_name
 from twosra_mpc.plan import Plan
 from twosra_mpc.tracking.outputs import OUTPUTS
 from twosra_mpc.tracking.tracker import Measurement, Tracker
@@ -35,6 +35,7 @@ LOOK_S, LOOKS = 6.0, 5
 DOUBTFUL, CERTAIN_OF_A_MELT, LONG_LOOK_S = 0.5, 0.06, 25.0
 PATIENCE_S = 15.0
 CORRIDOR_M, CORRIDOR_RAD = 0.1, 1.0
+STIFF_PER_M = 5.0  # no path model is so wrong; metal that is not yet all liquid is
 
 
 class Departure(NamedTuple):
@@ -46,12 +47,14 @@ class Departure(NamedTuple):
         text: The same in words.
         segment: The segment (0, 1) whose heater it is.
         to: What it should have become.
+        stiff: Whether a segment that is reported soft seems to need more time.
     """
 
     kind: Literal["corridor", "heater", "time"]
     text: str
     segment: int = 0
     to: Literal["soft", "rigid"] = "soft"
+    stiff: bool = False
 
 
 class PlanFollower:
@@ -172,7 +175,7 @@ class PlanFollower:
             planned, off, over = self._planned(), self._off(index), self._clock_s >= phase.end_s
             if over and off <= self._settled(index):
                 return None
-            if (left := self._outside(planned)) is not None:
+            if (left := self._outside(phase.mode, planned)) is not None:
                 return left
             time_s = self._clock_s + (session.period_s if over else 0.0)  # then the path rests
             command = self.tracker.step(Measurement(time_s, index, session.q))
@@ -222,14 +225,18 @@ class PlanFollower:
         shares: Array = (outputs.selection @ turned) / (outputs.selection @ scale)
         return shares
 
-    def _outside(self, planned: Array) -> Departure | None:
+    def _outside(self, mode: Mode, planned: Array) -> Departure | None:
         """Whether the robot has left the corridor around the plan."""
         away = self.session.q - planned
         turn = math.remainder(float(away[2]), math.tau)
-        if math.hypot(away[0], away[1]) <= CORRIDOR_M and abs(turn) <= CORRIDOR_RAD:
-            return None
-        far = f"{1e3 * math.hypot(away[0], away[1]):.0f} mm and {abs(turn):.2f} rad"
-        return Departure("corridor", f"the robot is {far} from the plan")
+        if math.hypot(away[0], away[1]) > CORRIDOR_M or abs(turn) > CORRIDOR_RAD:
+            far = f"{1e3 * math.hypot(away[0], away[1]):.0f} mm and {abs(turn):.2f} rad"
+            return Departure("corridor", f"the robot is {far} from the plan")
+        apart = abs(float(away[3] - away[4])) / 2
+        if mode == SOFT_BOTH and apart > STIFF_PER_M:
+            text = f"the segments bend unequally, by {apart:.1f} 1/m more and less than planned"
+            return Departure("corridor", text, stiff=True)
+        return None
 
     def _judge(self, index: int) -> Departure | None:
         """Whether the phases to come lead to the goal's curvatures from here, as they are."""
@@ -241,8 +248,8 @@ class PlanFollower:
             missed = self._predicted_miss(index)
         if self.accuracy.of_shape(missed) <= ACCEPTED:
             return None
-        worst = f"{missed[3]:+.1f} and {missed[4]:+.1f} 1/m"
-        return Departure("corridor", f"the plan's last phases would miss the curvatures by {worst}")
+        text = f"the plan would miss the curvatures by {missed[3]:+.1f} and {missed[4]:+.1f} 1/m"
+        return Departure("corridor", text, stiff=bool(np.abs(missed[3:]).max() > STIFF_PER_M))
 
     def _predicted_miss(self, index: int) -> Array:
         """Distance to the goal, (5,), if the phases after this one are driven as they are."""

@@ -167,7 +167,11 @@ class Session:
         plans: tuple[Plan, ...] = (),
         begun: tuple[int, ...] = (),
     ) -> Run:
-        """Stop the wheels and return the run."""
+        """Stop the wheels, switch off the heaters that need not stay on, and return the run."""
+        heater = self.problem.robot.heater
+        held = ending is Ending.REACHED and np.array(self.problem.goal.mode, dtype=bool)
+        self.setpoint_C = np.where(held, heater.soft_setpoint_C, heater.rigid_setpoint_C)
+        self.robot.send(_STILL, self.setpoint_C)
         self.tell("end", reason)
         self._note(_STILL, self.setpoint_C, _UNKNOWN)
         kinds = [event.kind for event in self.events]

@@ -77,7 +77,7 @@ class ModeTree(Generic[Solution]):
             return math.inf
         if not node:
             return 0.0
-        if (reason := self.timing.refusal(node, node[-1])) is not None:
+        if (reason := self.timing.refusal(node, RIGID)) is not None:
             self.unreachable[node] = reason
             return math.inf
         missing = [j for j in (0, 1) if self._must_still_soften(node, j)]
@@ -102,7 +102,7 @@ class ModeTree(Generic[Solution]):
         Phases put in between add transitions, or spread those of one gap over several; they take
         none away.
         """
-        if self.timing.refusal(sequence, sequence[-1]) is not None:
+        if self.timing.refusal(sequence, RIGID) is not None:
             return math.inf
         network = self._network(sequence)
         times = earliest_times(network)

@@ -20,6 +20,8 @@ from twosra_mpc.thermal.course import Course, Heating, Piece
 from twosra_mpc.thermal.model import SegmentModel, State
 from twosra_mpc.thermal.uncertainty import Windows
 
+_ROUNDING_S = 1e-6  # what is saved must be more
+
 
 class KeepWarm(NamedTuple):
     """Temperature at which a solid segment is kept warm, and the price of the energy."""
@@ -130,11 +132,19 @@ class HeatingPlan:
         passive, made = self._heated_late(course, since, onset)
         if self.keep_warm is None:
             return passive, made
-        kept_warm = self._kept_warm(course, since, self.keep_warm.temperature_C)
-        warm = self._heated_late(kept_warm, since, onset)
-        saved = made.done_s - warm[1].done_s
-        energy = warm[0].energy_J(warm[1].done_s) - passive.energy_J(made.done_s)
-        return warm if saved > self.keep_warm.energy_s_per_J * energy else (passive, made)
+        kept_warm = self._kept_warm(course, self.keep_warm.temperature_C)
+        warm, sooner = self._heated_late(kept_warm, since, onset)
+        saved = min(
+            made.done_s - sooner.done_s,
+            self._refrozen_s(passive, made.done_s) - self._refrozen_s(warm, sooner.done_s),
+        )
+        energy = warm.energy_J(sooner.done_s) - passive.energy_J(made.done_s)
+        pays = saved > self.keep_warm.energy_s_per_J * energy + _ROUNDING_S
+        return (warm, sooner) if pays else (passive, made)
+
+    def _refrozen_s(self, course: Course, off: float) -> float:
+        """End of a freeze with the heater off from then on: what is warmer may freeze later."""
+        return off + self.freezing_s(course.state_at(off))
 
     def _heated_late(self, course: Course, since: float, onset: float) -> tuple[Course, Timed]:
         def late(heater: float) -> float:
@@ -150,14 +160,14 @@ class HeatingPlan:
         timed = Timed("soft", heater, onset, done, earliest)
         return Course(self.model, self.melt_current_A, pieces), timed
 
-    def _kept_warm(self, course: Course, since: float, warm_C: float) -> Course:
-        """Let a solid segment cool to ``warm_C``, then hold it there."""
-        state = course.state_at(since)
-        needed = self.model.time_until(state, 0.0, self.model.level_at(warm_C))
+    def _kept_warm(self, course: Course, warm_C: float) -> Course:
+        """Let a segment whose heater is off cool to ``warm_C``, then hold it there."""
+        off = course.pieces[-1]
+        needed = self.model.time_until(off.state, 0.0, self.model.level_at(warm_C))
         if needed == math.inf:
             return course
-        there = self.model.propagate(state, 0.0, needed)
-        return course.extended(Piece(since + needed, there, Heating.HOLD, warm_C))
+        there = self.model.propagate(off.state, 0.0, needed)
+        return course.extended(Piece(off.start_s + needed, there, Heating.HOLD, warm_C))
 
     def _frozen(self, course: Course, since: float, onset: float) -> tuple[Course, Timed]:
         def late(off: float) -> float:

@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 UNLIMITED = 1e30  # what OSQP takes as no bound
 RATE_LIMITED_PERIODS = 3
-CURVATURE_UNIT, SLACK_UNIT = 0.3, 10.0  # found by experiment: few iterations, limit active or not
+CURVATURE_UNIT, SLACK_UNIT = 0.3, 3.0  # found by experiment: few iterations, limit active or not
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from twosra_mpc.tracking.stage import Stage
 
 Array = NDArray[np.float64]
 
-CURVATURE_MARGIN = 1.05  # measured curvatures are taken as at most this many times the limit
+CURVATURE_MARGIN = 1.01  # curvatures beyond the limit are taken as so many times the limit
 
 
 class Start(NamedTuple):
