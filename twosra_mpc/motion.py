@@ -22,7 +22,7 @@ from twosra_mpc.robot import Robot
 Array = NDArray[np.float64]
 
 FINE_STEPS = 64  # most Runge-Kutta steps per interval
-STEP_TRAVEL_M = 4e-4  # of both locomotion units in a step; bends 155 1/m to within 5e-8 1/m
+STEP_TRAVEL_M = 1e-4  # of both locomotion units in a step; bends 155 1/m to within 5e-8 1/m
 
 
 @dataclass(frozen=True, eq=False)
