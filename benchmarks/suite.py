@@ -33,7 +33,8 @@ class Suite(Value, abc.ABC):
     Attributes:
         description: The question that the suite answers.
         repeats: Timed calls of each function, after one that is not counted.
-        repeat_budget_s: No further repeats of a function once they took this long together.
+        repeat_budget_s: No further repeats of a function once they, or the first call, took as
+            long; then the first call counts if it is the only one.
     """
 
     description: str

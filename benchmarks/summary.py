@@ -19,11 +19,11 @@ def power_law(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
     return float(np.exp(offset)), float(slope)
 
 
-def quantiles(values: Sequence[float], at: Sequence[float], digits: int) -> str:
+def quantiles(values: Sequence[float], at: Sequence[float], form: str) -> str:
     """Quantiles in one table cell, separated by slashes; a dash without values."""
     if not values:
         return "-"
-    return " / ".join(f"{np.quantile(values, q):.{digits}f}" for q in at)
+    return " / ".join(f"{np.quantile(values, q):{form}}" for q in at)
 
 
 def ecdf(values: Sequence[float], count: int) -> tuple[list[float], list[float]]:

@@ -159,8 +159,8 @@ def table(scenario: str, phase: int) -> list[str]:
     spread = " / ".join(f"{np.quantile(iterations, q):.0f}" for q in (0.5, 0.9, 1.0))
     lines += [
         "",
-        f"- Tracker on a quiet core (each step's least of {ROUNDS + 1} rounds), over the steps: "
-        f"median / p90 / p99 / max {quiet} us.",
+        f"- Tracker, each step's least time of {ROUNDS + 1} rounds, which is nearest to a core of "
+        f"its own; over the steps, median / p90 / p99 / max: {quiet} us.",
         f"- ADMM iterations of the tracker, median / p90 / max: {spread}.",
     ]
     return [*lines, *missing]

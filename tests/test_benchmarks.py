@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import signal
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -302,7 +303,11 @@ def test_functions_are_called_in_turns_until_the_budget_is_used() -> None:
     timed_in_turns(functions, repeats=2, budget_s=60.0)
     assert calls == ["a", "b"] * 3
     made = timed_in_turns(functions, repeats=9, budget_s=1e-12)
-    assert [len(timing.wall_s) for _, timing in made.values()] == [1, 1]
+    assert calls == ["a", "b"] * 4
+    assert all(timing.wall_s == (timing.first_s,) for _, timing in made.values())
+    naps = iter([0.0, 0.02, 0.02, 0.0])
+    made = timed_in_turns({"nap": lambda: time.sleep(next(naps))}, repeats=9, budget_s=0.03)
+    assert len(made["nap"][1].wall_s) == 2
 
 
 def test_summaries() -> None:

@@ -140,6 +140,6 @@ def test_the_path_model_can_be_chosen_on_the_command_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert run("plan", "paper-4", "--path-model", "arc") == 0
-    assert "299.5 s" in capsys.readouterr().out
+    assert "298.8 s" in capsys.readouterr().out
     assert run("plan", "paper-4", "--path-model", "spline") == 2
     assert "path.model" in capsys.readouterr().err

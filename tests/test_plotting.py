@@ -37,7 +37,7 @@ from twosra_mpc.plotting import (
 )
 
 ROBOT = load_robot("2sra-v1")
-TIMELINE = 4  # axes over time: stiffness, curvature, wheel speed, temperature
+TIMELINE = 5  # axes over time: stiffness, curvature, wheel speed, temperature, melt fraction
 PLANS = [
     ("paper-1", "optimal"),
     ("paper-1", "greedy"),

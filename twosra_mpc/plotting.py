@@ -403,4 +403,4 @@ def _draw_melt_fractions(ax: Axes, samples: Samples) -> None:
         liquid = samples.melt_fraction[:, j]
         ax.plot(samples.t_s, liquid, color=colour, label=f"segment {j + 1}")
         ax.fill_between(samples.t_s, liquid, color=colour, alpha=0.15, lw=0)
-    ax.set(ylim=(0.0, 1.12), ylabel="melt\nfraction")
+    ax.set(ylim=(0.0, 1.12), ylabel="melt\nfraction [-]")

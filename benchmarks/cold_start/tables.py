@@ -88,7 +88,9 @@ def report_lines(records: Sequence[Record], parts: Parts, scenario: str) -> list
     for command, name in names(scenario).items():
         wall = [1e3 * seconds for seconds in wall_times(records, command)]
         cpu = [1e3 * seconds for seconds in cpu_times(records, command)]
-        rows.append((f"`{name}`", *(quantiles(times, (0.0, 0.5, 0.9), 0) for times in (wall, cpu))))
+        rows.append(
+            (f"`{name}`", *(quantiles(times, (0.0, 0.5, 0.9), ".0f") for times in (wall, cpu)))
+        )
     plans, alone = wall_times(records, PLAN), wall_times(records, CASADI)
     ratios = [a / b for a, b in zip(plans, alone, strict=True)]
     total = statistics.median(plans)

@@ -10,6 +10,7 @@ from benchmarks.measurement import Timing
 from benchmarks.plan_record import PlanRecord
 from twosra_mpc import Problem
 from twosra_mpc.greedy.published import PublishedTrajectory, StopReason
+from twosra_mpc.shape import shape_margins
 
 PUBLISHED = "published loop"
 
@@ -20,10 +21,13 @@ def published_record(
     """Write down a run of Algorithm 1 as published.
 
     It gives a path on the published model without transitions or a clock, so there is no cost, and
-    less to check than of a plan: that it ends at the goal and stays in the curvature range.
+    less to check than of a plan: that it ends at the goal, stays in the curvature range and keeps
+    the locomotion units apart.
     """
     error = float(np.abs(problem.goal.error(path.final_q.copy())).max())
-    bent = float(np.abs(path.q[:, 3:]).max())
+    kappa = path.q[:, 3:]
+    in_range = bool(np.abs(kappa).max() <= problem.robot.limits.curvature_per_m)
+    apart = bool((shape_margins(problem.robot, kappa).unit_gap_m >= 0).all())
     moved = [(int(s1), int(s2)) for s1, s2 in path.mode[1:]]
     return PlanRecord(
         problem=label,
@@ -31,7 +35,7 @@ def published_record(
         status=path.stop.name.lower(),
         message=path.stop.value,
         success=path.stop is StopReason.REACHED,
-        verified=bent <= problem.robot.limits.curvature_per_m,
+        verified=in_range and apart,
         stopped_early=path.stop is StopReason.ITERATION_LIMIT,
         cost=None,
         lower_bound=None,

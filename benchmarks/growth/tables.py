@@ -94,9 +94,9 @@ def _searches(searches: Sequence[SearchRun], limit_s: float) -> list[str]:
                     share(sum(plan.correct for plan in plans), len(plans)),
                     str(sum(plan.status == "infeasible" for plan in plans)),
                     str(sum(plan.stopped_early for plan in plans)),
-                    quantiles([plan.sequences_solved for plan in plans], (0.5, 1.0), 0),
-                    quantiles(gaps, (0.5, 1.0), 2),
-                    quantiles([1e3 * plan.timing.median_s for plan in plans], (0.5, 1.0), 0),
+                    quantiles([plan.sequences_solved for plan in plans], (0.5, 1.0), ".0f"),
+                    quantiles(gaps, (0.5, 1.0), ".2g"),
+                    quantiles([1e3 * plan.timing.median_s for plan in plans], (0.5, 1.0), ".0f"),
                 )
             )
     header = (
@@ -118,10 +118,10 @@ def _solves(
             (
                 str(n),
                 share(len(solved), len(group)),
-                quantiles([solve.iterations or 0 for solve in solved], (0.5, 1.0), 0),
-                quantiles([1e3 * s.timing.median_s for s in solved], (0.5, 0.9, 1.0), 0),
-                quantiles([1e3 * cpu_s(solve) for solve in solved], (0.5, 0.9, 1.0), 0),
-                quantiles([1e3 * solve.iteration_s for solve in solved], (0.5, 1.0), 1),
+                quantiles([solve.iterations or 0 for solve in solved], (0.5, 1.0), ".0f"),
+                quantiles([1e3 * s.timing.median_s for s in solved], (0.5, 0.9, 1.0), ".0f"),
+                quantiles([1e3 * cpu_s(solve) for solve in solved], (0.5, 0.9, 1.0), ".0f"),
+                quantiles([1e3 * solve.iteration_s for solve in solved], (0.5, 1.0), ".1f"),
                 milliseconds(max(solve.timing.first_s for solve in group)),
             )
         )

@@ -63,7 +63,7 @@ class TransitionSweep(Suite):
         for record in records:
             one = PlanRecord.from_record(record["plan"])
             sweep.setdefault(one.problem, {})[record["freeze_s"]] = one
-        draw_sequences(sweep, folder / SEQUENCES)
+        draw_sequences(sweep, self.reference_freeze_s, folder / SEQUENCES)
         draw_total_times(sweep, self.panels or tuple(sweep)[:6], folder / TOTAL_TIME)
         draw_proofs(sweep, self.time_limit_s, folder / PROOFS)
         return report_lines(sweep, self.reference_freeze_s, self.time_limit_s)

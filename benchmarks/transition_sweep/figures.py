@@ -27,10 +27,13 @@ from benchmarks.transition_sweep.tables import Sweep, column, freezing_times
 
 _FREEZE = "freezing time of a segment [s]"
 _UNPROVED = "#f3ead3"
+_RUN: dict[str, Any] = {"marker": "o", "ms": 2.6, "mfc": LIGHT, "mec": GREY, "mew": 0.5}
+_STOPPED: dict[str, Any] = {"marker": "^", "ms": 4.0, "mfc": "white", "mec": BLACK, "mew": 0.7}
+_WITHOUT: dict[str, Any] = {"marker": "x", "ms": 4.0, "mec": BLACK, "mew": 0.9}
 _PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 
 
-def draw_sequences(sweep: Sweep, path: Path) -> None:
+def draw_sequences(sweep: Sweep, reference_s: float, path: Path) -> None:
     """Map of the best mode sequence: problems over transition times."""
     times = freezing_times(sweep)
     longest = max(len(plan.sequence) for plans in sweep.values() for plan in plans.values())
@@ -41,8 +44,13 @@ def draw_sequences(sweep: Sweep, path: Path) -> None:
             for i, freeze in enumerate(times):
                 before = plans[times[i - 1]] if i else plans[freeze]
                 _draw_cell(ax, (i, row), plans[freeze], block, before)
-        ax.set(xlim=(-0.5, len(times) - 0.5), ylim=(len(sweep) - 0.5, -0.5), xlabel=_FREEZE)
-        ax.set_xticks(range(len(times)), [f"{freeze:g}" for freeze in times])
+        ax.set(
+            xlim=(-0.5, len(times) - 0.5),
+            ylim=(len(sweep) - 0.5, -0.5),
+            xlabel=f"{_FREEZE}, and how many times faster that is than the robot as it is",
+        )
+        labels = [f"{freeze:g}\n{reference_s / freeze:.3g}$\\times$" for freeze in times]
+        ax.set_xticks(range(len(times)), labels)
         ax.set_yticks(range(len(sweep)), list(sweep))
         ax.grid(visible=False)
         for row in range(len(sweep) - 1):
@@ -138,9 +146,9 @@ def draw_proofs(sweep: Sweep, limit_s: float, path: Path) -> None:
         handles = [
             Line2D([], [], color=BLUE, label="median"),
             Line2D([], [], color=VERMILLION, ls="--", label="largest"),
-            Line2D([], [], color=LIGHT, mec=GREY, mfc=LIGHT, marker="o", ls="", ms=3, label="run"),
-            Line2D([], [], mec=GREY, mfc="white", marker="o", ls="", ms=3, label="limit met"),
-            Line2D([], [], mec=BLACK, marker="x", ls="", ms=3.5, label="no plan"),
+            Line2D([], [], ls="", label="run", **_RUN),
+            Line2D([], [], ls="", label="stopped by limit", **_STOPPED),
+            Line2D([], [], ls="", label="no plan", **_WITHOUT),
         ]
         figure.legend(handles=handles, loc="outside upper center", ncols=5, columnspacing=1.0,
                       handlelength=1.4)  # fmt: skip
@@ -151,10 +159,9 @@ def _draw_spread(ax: Axes, sweep: Sweep, value: Callable[[PlanRecord], float | N
     for freeze in freezing_times(sweep):
         shown = [(plan, y) for plan in column(sweep, freeze) if (y := value(plan)) is not None]
         for plan, y in shown:
-            face = "white" if plan.stopped_early else LIGHT
-            mark: dict[str, Any] = {"marker": "o", "ms": 2.6, "mfc": face, "mec": GREY, "mew": 0.5}
+            mark = _STOPPED if plan.stopped_early else _RUN
             if not plan.correct:
-                mark = {"marker": "x", "ms": 3.5, "mec": BLACK, "mew": 0.8}
+                mark = _WITHOUT
             ax.plot(freeze, y, ls="", clip_on=False, **mark)
         if shown:
             x.append(freeze)

@@ -48,8 +48,8 @@ def report_lines(sweep: Sweep, reference_s: float, limit_s: float) -> list[str]:
         "",
         *figure(
             PROOFS,
-            "Proved gap and warm wall time over all problems: every run (dots; open where the "
-            "time limit ended the search), median and largest.",
+            "Proved gap and warm wall time over all problems: every run (triangles: the time "
+            "limit ended the search), median and largest.",
         ),
         *_columns(sweep, reference_s, limit_s),
         *_worst(sweep),
@@ -105,9 +105,9 @@ def _columns(sweep: Sweep, reference_s: float, limit_s: float) -> list[str]:
                 str(sum(plan.status == "optimal" for plan in plans)),
                 str(sum(plan.stopped_early for plan in plans)),
                 str(len(sequences)),
-                quantiles([plan.cost for plan in plans if plan.cost], (0.5, 1.0), 1),
-                quantiles(gaps, (0.5, 1.0), 2),
-                quantiles(wall, (0.5, 0.9, 1.0), 0),
+                quantiles([plan.cost for plan in plans if plan.cost], (0.5, 1.0), ".1f"),
+                quantiles(gaps, (0.5, 1.0), ".2g"),
+                quantiles(wall, (0.5, 0.9, 1.0), ".0f"),
             )
         )
     header = (
@@ -156,6 +156,8 @@ def _limitations(limit_s: float) -> list[str]:
         "not designs that anybody has built.",
         f"- A plan stopped at {limit_s:g} s is the best found by then; its sequence may not be the "
         "best one, and the limit is only looked at between two nodes of the search.",
+        "- Plans that take longer than the budget for repeats are made once; their wall time "
+        "contains building the compiled functions.",
         "- Where the gap is larger than asked, that another sequence is better is not excluded.",
         "",
     ]

@@ -26,6 +26,7 @@ _COMMANDS = {
     "compare-models": "paths",
     "fit-thermal": "thermal_fit",
     "simulate-heater": "heater_loop",
+    "simulate": "simulate",
 }
 
 

@@ -23,7 +23,7 @@ bending are drawn once for each soft mode, the others once a run.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import EXACT, Camera, OfConfiguration
@@ -58,7 +58,7 @@ class Disturbance:
     lengths: float = 0.0
     thermal_ranges: float = 0.0
     thermistor: float = 0.0
-    camera: Camera = Camera()
+    camera: Camera = field(default_factory=Camera)
     delay_frames: tuple[int, int] = (0, 0)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,6 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.follower import (
     CERTAIN,
-    LATE,
     LOOK_S,
     WAIT_S,
     Departure,
@@ -21,12 +19,11 @@ from twosra_mpc.execution.follower import (
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import RobotInterface
-from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.run import Ending, Run, times
 from twosra_mpc.execution.session import Session
 from twosra_mpc.modes import sequence_name
 from twosra_mpc.plan import Plan
 from twosra_mpc.planner import plan as find_plan
-from twosra_mpc.problem import Problem
 from twosra_mpc.tracking.tracker import Tracker
 
 Array = NDArray[np.float64]
@@ -48,7 +45,7 @@ class ExecutorSettings:
         dead_zone_rad_s: Of the robot's drives, as far as it is known.
     """
 
-    accuracy: Accuracy = Accuracy()
+    accuracy: Accuracy = field(default_factory=Accuracy)
     replans: int = 8
     corrections: int = 6
     longest_s: float = 7200.0
@@ -179,7 +176,7 @@ class _Journey:
         settings, where = self.settings, self.settings.accuracy.describe(self.session.error)
         if plan.cost is not None and plan.cost.transitions:
             if self.replans == settings.replans:
-                return Ending.GAVE_UP, f"{where} after planning again {self.replans} times"
+                return Ending.GAVE_UP, f"{where} after planning again {times(self.replans)}"
             self.replans, self.corrections = self.replans + 1, 0
             self.session.tell("replan", f"the rest is planned again, {_summary(plan)}")
         else:
@@ -195,7 +192,8 @@ class _Journey:
         where = self.settings.accuracy.describe(self.session.error)
         if self.broken:
             names = " and ".join(str(segment + 1) for segment in sorted(self.broken))
-            return Ending.HEATER_FAILED, f"{where}; without heater {names}: {why}"
+            known = why.split("; allowed modes")[0]  # no advice to use what has failed
+            return Ending.HEATER_FAILED, f"{where}; without heater {names}: {known}"
         return Ending.NO_PLAN, f"{where}; the rest cannot be planned: {why}"
 
     def _settle(self) -> tuple[Ending, str] | None:

@@ -1,7 +1,7 @@
 """Following one plan by events: wait for a mode, drive its phase, look, go on.
 
 The plan's clock stands at a phase's start until the segments are reported to be what the phase
-needs, jumps there if they are early, and waits inside a phase for a robot that lags behind.
+needs, jumps there if they are early, and slows down inside a phase for a robot that lags behind.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 WAIT_S = 1.0  # longest rest between two looks at the heaters
 LATE = 3.0  # a transition that takes so many times the planned time has failed
 LEAST_TRANSITION_S = 20.0  # what is taken for the planned time, at least
-SETTLED, FINEST = 0.3, 1e-4  # of the accuracy: deviation at which a phase may end
+SETTLED, FINEST = 0.3, 3e-5  # of the accuracy: deviation at which a phase may end
 LOOSE = 3.0  # headings of soft phases, and poses of phases that are not the last, may be so far off
-TUBE = 5.0  # times the accuracy: a robot farther from the plan lets the plan's clock stand
+TUBE = 5.0  # times the accuracy: farther from the plan, the plan's clock slows down
 CERTAIN = 0.15  # of the accuracy: standard deviation with which a phase's end is looked at
 LOOK_S, LOOKS = 6.0, 5
 DOUBTFUL, CERTAIN_OF_A_MELT, LONG_LOOK_S = 0.5, 0.06, 25.0
@@ -181,8 +181,9 @@ class PlanFollower:
             command = self.tracker.step(Measurement(time_s, index, session.q))
             wheels = self.pulses.shape(command.wheel_rad_s)
             session.drive(phase.mode, wheels, self.setpoint_C, planned)
-            if off <= TUBE and not over:
-                self._clock_s = min(self._clock_s + session.period_s, phase.end_s)
+            if not over:
+                pace = min(1.0, TUBE / off) if off else 1.0
+                self._clock_s = min(self._clock_s + pace * session.period_s, phase.end_s)
                 until_s = session.now_s + PATIENCE_S
         return None
 
@@ -263,6 +264,4 @@ class PlanFollower:
                     second = 0.0
                 case (1, 1):
                     first, second = (first - second) / 2, (second - first) / 2
-        return self.plan.problem.goal.error(
-            np.array([*end[:3], end[3] + first, end[4] + second])
-        )
+        return self.plan.problem.goal.error(np.array([*end[:3], end[3] + first, end[4] + second]))

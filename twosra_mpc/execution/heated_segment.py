@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from twosra_mpc.modes import Stiffness
 from twosra_mpc.thermal.controller import StiffnessController
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.stiffness import KnownStiffness
@@ -97,7 +98,7 @@ class HeatedSegment:
         self._lag = self.sensor.follow(self._lag, here, then, dt_s)
         error_C = self.sensor.noise_C * self._rng.standard_normal()
         self._reading_C = self.sensor.read_C(self._lag, error_C)
-        wanted = "soft" if self._heats(setpoint_C) else "rigid"
+        wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
         self._memory, _ = self.controller.step(self._memory, wanted, self._reading_C, dt_s)
 
     def _heats(self, setpoint_C: float) -> bool:

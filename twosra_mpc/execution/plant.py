@@ -207,9 +207,7 @@ class SimulatedRobot:
         seen = self._q + noise * self._noise.standard_normal((ticks, 5))
         rounded = np.round(seen / np.where(step > 0, step, 1.0)) * step
         frames = np.where(step > 0, rounded, seen)
-        self._on_the_way += zip(
-            range(self._tick - ticks + 1, self._tick + 1), frames, strict=True
-        )
+        self._on_the_way += zip(range(self._tick - ticks + 1, self._tick + 1), frames, strict=True)
 
     def _note(self) -> None:
         pair = self._segments
@@ -314,6 +312,4 @@ def true_sensor(
 
 def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
     pivot, slide, split = drawn.standard_normal(3).tolist()
-    return Drift(
-        what.pivot_rad_per_rad * pivot, what.slide_m_per_rad * slide, what.split * split
-    )
+    return Drift(what.pivot_rad_per_rad * pivot, what.slide_m_per_rad * slide, what.split * split)

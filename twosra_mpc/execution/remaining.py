@@ -48,7 +48,7 @@ def remaining_problem(
         x_m=q[0],
         y_m=q[1],
         phi_rad=q[2],
-        kappa_per_m=kappa,
+        kappa_per_m=(float(kappa[0]), float(kappa[1])),
         temperature_C=_temperatures(problem, temperature_C, mode),
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))

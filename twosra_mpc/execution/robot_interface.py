@@ -1,4 +1,4 @@
-"""What a robot must offer to be driven: a camera and thermistors to read, wheels and heaters to set.
+"""What a robot must offer to be driven: camera and thermistors to read, wheels and heaters to set.
 
 An executor knows nothing else of the robot it drives, simulated or real.
 """

@@ -174,7 +174,14 @@ def save_document(document: dict[str, Any], path: str | Path) -> None:
     write_text(path, json.dumps(document, allow_nan=False) + "\n")
 
 
+def times(count: int) -> str:
+    """How often, in words."""
+    return {0: "never", 1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
 def _numbers(array: Array) -> list[Any]:
     """Plain lists, None where there is no number."""
-    found: list[Any] = np.where(np.isnan(array), None, array.astype(object)).tolist()
+    plain = array.astype(object)
+    plain[np.isnan(array)] = None
+    found: list[Any] = plain.tolist()
     return found

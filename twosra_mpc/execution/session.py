@@ -63,9 +63,7 @@ class Session:
         """Read the robot for the first time; it is where the problem starts."""
         self.robot, self.problem = robot, problem
         self.reading: Reading = robot.read()
-        self._filter = CameraFilter(
-            robot.camera, problem.start.configuration, self.reading.time_s
-        )
+        self._filter = CameraFilter(robot.camera, problem.start.configuration, self.reading.time_s)
         self._filter.correct(self.reading.taken_s, self.reading.frames)
         self.setpoint_C = np.full(2, problem.robot.heater.rigid_setpoint_C)
         self._since = [self.reading.time_s, self.reading.time_s]
@@ -169,8 +167,9 @@ class Session:
     ) -> Run:
         """Stop the wheels, switch off the heaters that need not stay on, and return the run."""
         heater = self.problem.robot.heater
-        held = ending is Ending.REACHED and np.array(self.problem.goal.mode, dtype=bool)
-        self.setpoint_C = np.where(held, heater.soft_setpoint_C, heater.rigid_setpoint_C)
+        self.setpoint_C = np.full(2, heater.rigid_setpoint_C)
+        if ending is Ending.REACHED:
+            self.setpoint_C[np.array(self.problem.goal.mode) == 1] = heater.soft_setpoint_C
         self.robot.send(_STILL, self.setpoint_C)
         self.tell("end", reason)
         self._note(_STILL, self.setpoint_C, _UNKNOWN)
@@ -193,9 +192,7 @@ class Session:
             log=RunLog(*columns),
         )
 
-    def _pass(
-        self, wheels: Array, setpoint_C: Array, at_most_s: float, planned: Array
-    ) -> None:
+    def _pass(self, wheels: Array, setpoint_C: Array, at_most_s: float, planned: Array) -> None:
         self._note(wheels, setpoint_C, planned)
         for segment in (0, 1):
             if setpoint_C[segment] != self.setpoint_C[segment]:

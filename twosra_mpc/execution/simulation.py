@@ -51,9 +51,7 @@ class Simulation:
             "disturbance": self.disturbance,
             "seed": self.seed,
             "metrics": self.metrics._asdict(),
-            "truth": {
-                item.name: getattr(self.truth, item.name).tolist() for item in fields(Truth)
-            },
+            "truth": {item.name: getattr(self.truth, item.name).tolist() for item in fields(Truth)},
         }
 
 
@@ -81,7 +79,7 @@ def simulate(
         broken_heaters: Segments (1, 2) whose heater never warms.
 
     Raises:
-        InputError: If there is no such plant, level or executor, or the robot's segments are not described.
+        InputError: If there is no such plant, level or executor, or the robot has no ``[segment]``.
         NoPlanError: If the problem has no plan.
     """
     level = disturbance_level(disturbance)

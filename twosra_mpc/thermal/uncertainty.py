@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.robot import Robot
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.model import SegmentModel, segment_model
@@ -46,13 +47,19 @@ def windows(robot: Robot, ambient_C: float, quantile: float) -> Windows:
         robot: The robot, with the ranges of its segment's parameters.
         ambient_C: Temperature of the air.
         quantile: From 0.5 to below 1.
+
+    Raises:
+        InputError: If too many of the draws never melt or never freeze in this air.
     """
     nominal = segment_model(robot, ambient_C)
     reference = _times(nominal, robot)
     drawn = np.array([_times(model, robot) for model in draws(nominal, robot, _DRAWS, _SEED)])
     ratios = drawn / np.array(reference)
-    early = np.quantile(ratios, 1 - quantile, axis=0)
-    late = np.quantile(ratios, quantile, axis=0)
+    early = np.quantile(ratios, 1 - quantile, axis=0, method="lower")
+    late = np.quantile(ratios, quantile, axis=0, method="higher")
+    if not np.isfinite(late).all():
+        allowed = f"less: in air of {ambient_C:g} C too many such robots never melt or never freeze"
+        raise InputError("transition_quantile", quantile, allowed)
     return Windows(
         melt_early=min(1.0, float(early[0])),
         melt_late=max(1.0, float(late[1])),

@@ -40,12 +40,13 @@ def thermal_transitions(problem: Problem) -> Thermal:
     quantile = problem.transition_quantile
     solid_below_C, _ = problem.stiffness_thresholds_C
     warm = KeepWarm(solid_below_C - _KEEP_WARM_BELOW_C, problem.cost_weights.energy_s_per_J)
+    may_keep_warm = problem.heaters_at_once == 2  # a single heater may be needed elsewhere
     heating = HeatingPlan(
         model=segment_model(robot, problem.ambient),
         melt_current_A=heater.melt_current_A,
         soft_setpoint_C=heater.soft_setpoint_C,
         rigid_setpoint_C=heater.rigid_setpoint_C,
         windows=EXACT if quantile is None else windows(robot, problem.ambient, quantile),
-        keep_warm=warm if problem.heating == "keep_warm" else None,
+        keep_warm=warm if problem.heating == "keep_warm" and may_keep_warm else None,
     )
     return Thermal(heating, problem.start_mode, problem.temperatures, problem.heaters_at_once)

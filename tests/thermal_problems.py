@@ -1,0 +1,189 @@
+"""Thermal problems the tests share: drawn robots, air and start, and histories of one sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from hypothesis import strategies as st
+
+from twosra_mpc import Goal, Problem, Robot, Start, load_robot
+from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.search.schedule import schedule
+from twosra_mpc.thermal.course import Course
+from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
+from twosra_mpc.timing.network import events_of
+from twosra_mpc.timing.thermal import Thermal
+
+V1, V2 = load_robot("2sra-v1"), load_robot("2sr-v2")
+SOLID_C, LIQUID_C = {V1.name: 61.0, V2.name: 53.0}, {V1.name: 61.0, V2.name: 62.0}
+
+
+def thermal_problem(robot: Robot = V1, **overrides: Any) -> Problem:
+    """A problem whose motion does not matter; start temperatures by ``temperature_C``."""
+    temperatures = overrides.pop("temperature_C", None)
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0), temperature_C=temperatures)
+    given = {"robot": robot, "start": start, "goal": Goal(kappa_per_m=(1.0, 1.0)), **overrides}
+    return Problem(**given)
+
+
+def thermal_model(problem: Problem) -> Thermal:
+    """The problem's transition model."""
+    model = transition_model(problem)
+    assert isinstance(model, Thermal)
+    return model
+
+
+@st.composite
+def thermal_problems(draw: st.DrawFn, **fixed: Any) -> Problem:
+    """Either robot in cold to warm air; segments cold, warm, just liquid or hot at the start."""
+    robot = draw(st.sampled_from([V1, V2]))
+    solid, liquid = SOLID_C[robot.name], LIQUID_C[robot.name]
+    ambient = draw(st.sampled_from([1.0, robot.heater.ambient_C, 45.0]))
+    temperature = st.one_of(
+        st.just(ambient),
+        st.floats(0.0, solid - 0.01),
+        st.floats(solid - 5.0, solid - 0.01),
+        st.floats(liquid + 0.01, 66.0),
+        st.floats(66.0, 85.0),
+    )
+    soft_goal = draw(st.sampled_from([RIGID, RIGID, RIGID, *MODES[1:]]))
+    given = {
+        "ambient_C": ambient,
+        "temperature_C": (draw(temperature), draw(temperature)),
+        "transition_quantile": draw(st.sampled_from([None, None, 0.5, 0.8, 0.95])),
+        "heating": draw(st.sampled_from(["fastest", "fastest", "keep_warm"])),
+        "weights": {"energy_s_per_J": draw(st.sampled_from([0.0, 0.01, 0.2]))},
+        "goal": Goal(kappa_per_m=(1.0, 1.0), mode=soft_goal),
+    }
+    return thermal_problem(robot, **{**given, **fixed})
+
+
+REMELTS = [
+    (SOFT_1, RIGID, SOFT_1),
+    (RIGID, SOFT_2, RIGID, SOFT_2, RIGID),
+    (RIGID, SOFT_1, SOFT_2, SOFT_1, RIGID),
+    (SOFT_BOTH, SOFT_2, SOFT_BOTH, SOFT_1, RIGID, SOFT_BOTH),
+]
+SEQUENCES = st.one_of(
+    st.sampled_from(REMELTS),
+    st.lists(st.sampled_from(MODES), min_size=1, max_size=6).map(
+        lambda modes: tuple(m for i, m in enumerate(modes) if i == 0 or modes[i - 1] != m)
+    ),
+)
+SPANS_S = st.lists(
+    st.one_of(st.just(0.0), st.floats(0.0, 3.0), st.floats(0.0, 100.0), st.floats(0.0, 900.0)),
+    min_size=27,
+    max_size=27,
+)  # waits in up to 7 gaps (before both onsets, before the start of the phase), up to 6 durations
+
+
+class History(NamedTuple):
+    """What really happened: when, and how each segment was heated."""
+
+    network: TemporalNetwork
+    times: list[float]
+    courses: list[Course]
+
+    @property
+    def finish_s(self) -> float:
+        """The end of the plan."""
+        return self.times[self.network.layout.finish]
+
+    @property
+    def energy_J(self) -> float:
+        """Heater energy of both segments."""
+        return sum(course.energy_J(self.finish_s) for course in self.courses)
+
+    def violated(self) -> list[str]:
+        """What the network, its energy and its longest path say and the history does not keep."""
+        found = []
+        layout, times = self.network.layout, self.times
+        for (u, v), least in self.network.least.items():
+            if times[v] - times[u] < least - 1e-6:
+                found.append(f"{u} to {v} takes {times[v] - times[u]} s, not {least} s")
+        energy = self.network.melt_energy_J
+        energy += sum(h.power_W * (times[h.until] - times[h.since]) for h in self.network.holds)
+        if self.energy_J < energy - 1e-6:
+            found.append(f"takes {self.energy_J} J, not {energy} J")
+        earliest = earliest_finish(self.network)
+        if times[layout.finish] < earliest - 1e-6:
+            found.append(f"ends at {times[layout.finish]} s, before {earliest} s")
+        return found
+
+
+def earliest_finish(network: TemporalNetwork) -> float:
+    """End of the plan if its phases took no time."""
+    times = earliest_times(network)
+    assert times is not None
+    return times[network.layout.finish]
+
+
+def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) -> History:
+    """Let each segment melt and freeze as soon as it can after some waits.
+
+    Only the course of the segments decides what takes how long: the network is not asked.
+    """
+    model, last = thermal_model(problem), problem.goal.mode
+    durations = list(spans_s[: len(sequence)])
+    network = model.network(sequence, last, durations)
+    layout, waits = network.layout, iter(spans_s[len(sequence) :])
+    due = {(event.gap, event.segment): event for event in events_of(sequence, model.first, last)}
+    times = [0.0] * layout.count
+    onsets: tuple[list[tuple[Any, float]], ...] = ([], [])
+    for gap in range(len(sequence) + 1):
+        ends = [times[layout.end(gap - 1)]]
+        for segment in (0, 1):
+            wait = next(waits)
+            if (event := due.get((gap, segment))) is None:
+                continue
+            asked = [*onsets[segment], (event.to, ends[0] + wait)]
+            soft, temperature = bool(model.first[segment]), model.temperatures[segment]
+            made = model.heating.course(temperature, soft, asked)[1][-1]
+            onsets[segment].append((event.to, made.onset_s))
+            times[layout.onset(gap, segment)] = made.onset_s
+            ends.append(made.done_s)
+        times[layout.start(gap)] = max(ends) + next(waits)
+        if gap < len(sequence):
+            times[layout.end(gap)] = times[layout.start(gap)] + durations[gap]
+    courses = [
+        model.heating.course(model.temperatures[j], bool(model.first[j]), onsets[j])[0]
+        for j in (0, 1)
+    ]
+    return History(network, times, courses)
+
+
+def settled(problem: Problem, sequence: ModeSequence, durations: Sequence[float]) -> History | None:
+    """The cheapest schedule that the model settles; None if there is none."""
+    model = transition_model(problem)
+    first = network = model.network(sequence, problem.goal.mode, durations)
+    for _ in range(60):
+        times = schedule(network, np.array(durations), problem.cost_weights)
+        if times is None:
+            return None
+        raised = model.settle(network, times.tolist())
+        if raised is None:
+            courses = [course_of(problem, j, transitions_of(problem, first, times)) for j in (0, 1)]
+            return History(first, times.tolist(), courses)
+        network = raised
+    raise AssertionError(f"not settled: {sequence}, {durations}")
+
+
+def transitions_of(
+    problem: Problem, network: TemporalNetwork, times: Sequence[float]
+) -> list[Transition]:
+    """Melts and freezes at these event times."""
+    return transition_model(problem).transitions(network, [float(t) for t in times])
+
+
+def course_of(problem: Problem, segment: int, transitions: Sequence[Transition]) -> Course:
+    """How a segment (0 or 1) is heated."""
+    return thermal_model(problem).course(segment, transitions)
+
+
+def phases_of(found: History) -> Iterator[tuple[Mode, float, float]]:
+    """(mode, start, end) of every phase."""
+    layout = found.network.layout
+    for i, mode in enumerate(found.network.sequence):
+        yield mode, found.times[layout.start(i)], found.times[layout.end(i)]

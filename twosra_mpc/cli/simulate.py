@@ -1,0 +1,183 @@
+"""``twosra simulate``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twosra_mpc.cli.output import (
+    EXIT_INFEASIBLE,
+    EXIT_NO_PLAN,
+    EXIT_PLANNED,
+    check_writable,
+    print_table,
+)
+from twosra_mpc.execution.disturbance import LEVELS, disturbance_level
+from twosra_mpc.execution.metrics import Metrics, spread
+from twosra_mpc.execution.plant import PLANTS, plant_robot
+from twosra_mpc.execution.run import save_document, times
+from twosra_mpc.execution.simulation import EXECUTORS, Simulation, simulate
+from twosra_mpc.path_choice import with_path_model
+from twosra_mpc.plan import Plan, Status
+from twosra_mpc.planner import plan as find_plan
+from twosra_mpc.problem import Problem, load_problem
+
+_HELP = f"""Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
+
+The robot slips, drifts, melts earlier or later than its description says, and is seen by a camera
+that is late, noisy and rounds; all of it is drawn from --seed.
+
+\b
+How far from its description (--disturbance): {", ".join(LEVELS)}
+How its fibre really bends (--plant): {", ".join(PLANTS)}
+
+\b
+A run with its figure and its film:
+  twosra simulate paper-1 --seed 1 --out run.json --plot run.png --animate run.gif
+What to expect of the same task on twenty robots:
+  twosra simulate paper-1 --path-model arc --runs 20
+A heater fails; here the other segment alone cannot reach the goal, and the reason is given:
+  twosra simulate paper-2 --broken-heater 1
+"""
+
+
+@click.command("simulate", help=_HELP)
+@click.argument("scenario")
+@click.option("--plant", default="arc", show_default=True, help="True path model of the robot.")
+@click.option("--disturbance", default="moderate", show_default=True, help="Level of disturbance.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn.")
+@click.option(
+    "--executor",
+    type=click.Choice(EXECUTORS),
+    default="optimal",
+    show_default=True,
+    help="Follow an optimal plan, or the greedy rule at every measurement.",
+)
+@click.option(
+    "--runs", type=click.IntRange(min=1), default=1, help="Run as many robots, and sum up."
+)
+@click.option("--broken-heater", "broken", type=click.IntRange(1, 2), multiple=True, help="1 or 2.")
+@click.option("--robot", help="Override the robot: a built-in name or a file.")
+@click.option("--path-model", help="Path model to plan with, e.g. arc.")
+@click.option("--timing", help="Override the set of transition times, e.g. paper.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the (first) run as JSON.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw it (png, pdf, svg).")
+@click.option("--animate", type=click.Path(path_type=Path), help="Film it (gif; mp4 with ffmpeg).")
+def simulate_command(
+    scenario: str,
+    plant: str,
+    disturbance: str,
+    seed: int,
+    executor: str,
+    runs: int,
+    broken: tuple[int, ...],
+    path_model: str | None,
+    out: Path | None,
+    plot: Path | None,
+    animate: Path | None,
+    **overrides: Any,
+) -> int:
+    """Plan and run a scenario; see ``_HELP``."""
+    given = {key: value for key, value in overrides.items() if value is not None}
+    problem = load_problem(scenario, **given)
+    if path_model is not None:
+        problem = problem.with_robot(with_path_model(problem.robot, path_model))
+    disturbance_level(disturbance)
+    plant_robot(problem.robot, plant)
+    _check_outputs(out, plot, animate)
+    plan = find_plan(problem.model_copy(update={"planner": "optimal"}))
+    if executor == "optimal" and not plan.found:
+        click.echo(f"twosra: there is nothing to run: {plan.message}", err=True)
+        return EXIT_INFEASIBLE if plan.status is Status.INFEASIBLE else EXIT_NO_PLAN
+    options: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
+    options |= {"broken_heaters": broken, "plan": plan}
+    first = simulate(problem, seed=seed, **options)
+    _write(first, out, plot, animate)
+    others = range(seed + 1, seed + runs)
+    found = [first.metrics]
+    found += [simulate(problem, seed=other, **options).metrics for other in others]
+    if runs == 1:
+        _print_run(first)
+    else:
+        _print_runs(problem, plan, found)
+    return EXIT_PLANNED if all(each.reached for each in found) else EXIT_NO_PLAN
+
+
+def _check_outputs(out: Path | None, plot: Path | None, animate: Path | None) -> None:
+    for target in (out, plot, animate):
+        check_writable(target)
+    if plot is not None:
+        from twosra_mpc.figure_file import check_figure_path  # matplotlib takes a second
+
+        check_figure_path(plot)
+    if animate is not None:
+        from twosra_mpc.animation import check_animation_path
+
+        check_animation_path(animate)
+
+
+def _write(
+    simulation: Simulation, out: Path | None, plot: Path | None, animate: Path | None
+) -> None:
+    if out is not None:
+        save_document(simulation.to_dict(), out)
+    if plot is not None:
+        from twosra_mpc.run_figure import plot_run
+
+        plot_run(simulation.run, simulation.truth, plot)
+    if animate is not None:
+        from twosra_mpc.animation import animate_run
+
+        animate_run(simulation.run, animate, simulation.truth)
+
+
+def _print_run(simulation: Simulation) -> None:
+    run, found = simulation.run, simulation.metrics
+    planned = run.plans[0].duration_s if run.plans else None
+    against = "" if planned is None else f", planned were {planned:.1f} s"
+    again = f"{times(run.replans)}, and the pose was corrected {times(run.corrections)}"
+    rows = [
+        ("ending", str(run.ending)),
+        ("reason", run.reason),
+        ("true error", _error(found)),
+        ("duration", f"{found.time_s:.1f} s{against}"),
+        ("energy", f"{found.energy_J:.0f} J in {found.transitions} transitions"),
+        ("planned again", again),
+    ]
+    print_table((run.problem.robot.name, f"{run.executor}, {simulation.disturbance}"), rows)
+    events = [(f"{event.time_s:.1f} s", event.kind, event.text) for event in run.events]
+    print_table(("time", "event", "what"), events)
+
+
+def _print_runs(problem: Problem, plan: Plan, found: list[Metrics]) -> None:
+    """Distribution of the numbers over the runs."""
+    names: dict[str, tuple[str, float]] = {
+        "duration [s]": ("time_s", 1.0),
+        "transitions": ("transitions", 1.0),
+        "energy [J]": ("energy_J", 1.0),
+        "planned again": ("replans", 1.0),
+        "pose corrected": ("corrections", 1.0),
+        "position error [mm]": ("position_m", 1e3),
+        "heading error [degrees]": ("heading_rad", math.degrees(1.0)),
+        "curvature error [1/m]": ("curvature_per_m", 1.0),
+    }
+    rows = [("reached", f"{sum(each.reached for each in found)} of {len(found)}", "", "")]
+    for words, (name, unit) in names.items():
+        values = spread(found, lambda each, name=name: float(getattr(each, name)))  # type: ignore[misc]
+        median, most, largest = (f"{unit * value:.4g}" for value in values)
+        rows.append((words, median, most, largest))
+    planned = "" if plan.duration_s is None else f", planned {plan.duration_s:.1f} s"
+    print_table((f"{problem.robot.name}{planned}", "median", "90 %", "largest"), rows)
+    reasons = [(each.ending, each.reason) for each in found if not each.reached]
+    if reasons:
+        print_table(("not reached", "reason"), reasons)
+
+
+def _error(found: Metrics) -> str:
+    degrees = math.degrees(found.heading_rad)
+    return (
+        f"{1e3 * found.position_m:.2f} mm, {degrees:.2f} degrees, {found.curvature_per_m:.2f} 1/m"
+    )
