@@ -48,10 +48,13 @@ def thermal_problems(draw: st.DrawFn, **fixed: Any) -> Problem:
         st.floats(liquid + 0.01, 66.0),
         st.floats(66.0, 85.0),
     )
+    temperatures = draw(temperature), draw(temperature)
+    if fixed.get("heaters_at_once") == 1 and min(temperatures) >= liquid:
+        temperatures = temperatures[0], ambient
     soft_goal = draw(st.sampled_from([RIGID, RIGID, RIGID, *MODES[1:]]))
     given = {
         "ambient_C": ambient,
-        "temperature_C": (draw(temperature), draw(temperature)),
+        "temperature_C": temperatures,
         "transition_quantile": draw(st.sampled_from([None, None, 0.5, 0.8, 0.95])),
         "heating": draw(st.sampled_from(["fastest", "fastest", "keep_warm"])),
         "weights": {"energy_s_per_J": draw(st.sampled_from([0.0, 0.01, 0.2]))},

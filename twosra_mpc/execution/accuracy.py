@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+POSE_SHARE = 0.7  # of the accuracy: more is corrected, which takes seconds
+SHAPE_SHARE = 0.9  # of the accuracy: more is planned again, which takes minutes
+
 
 @dataclass(frozen=True)
 class Accuracy:
@@ -43,6 +46,10 @@ class Accuracy:
     def of(self, error: Array) -> float:
         """The larger of both; up to 1 the goal is reached."""
         return max(self.of_pose(error), self.of_shape(error))
+
+    def surely(self, error: Array) -> bool:
+        """Whether the goal is reached even if the measured error (5,) is a little wrong."""
+        return self.of_pose(error) <= POSE_SHARE and self.of_shape(error) <= SHAPE_SHARE
 
     def describe(self, error: Array) -> str:
         """Put an error of q (5,) into words."""

@@ -28,7 +28,6 @@ from twosra_mpc.tracking.tracker import Tracker
 
 Array = NDArray[np.float64]
 
-REACHED = 0.8  # of the accuracy: error, as measured, at which the goal counts as reached
 _LONGEST_CHANGE_S = 1500.0  # for a segment that is waited for before planning again
 _PAUSE_S = 30.0  # for metal that is reported soft and does not bend
 
@@ -120,7 +119,7 @@ class _Journey:
         session, accuracy = self.session, self.settings.accuracy
         session.average(session.setpoint_C, CERTAIN * accuracy.scale, LOOK_S)
         where = accuracy.describe(session.error)
-        if accuracy.of(session.error) <= REACHED:
+        if accuracy.surely(session.error):
             return Ending.REACHED, f"the goal is reached: {where}"
         session.tell("look", f"the plan is at its end, {where}")
         return None

@@ -32,7 +32,7 @@ LOOSE = 3.0  # headings of soft phases, and poses of phases that are not the las
 TUBE = 5.0  # times the accuracy: farther from the plan, the plan's clock slows down
 CERTAIN = 0.15  # of the accuracy: standard deviation with which a phase's end is looked at
 LOOK_S, LOOKS = 6.0, 5
-DOUBTFUL, CERTAIN_OF_A_MELT, LONG_LOOK_S = 0.5, 0.06, 25.0
+DOUBTFUL, CERTAIN_OF_A_MELT, LONG_LOOK_S = 0.3, 0.08, 20.0  # before a melt is decided on
 PATIENCE_S = 15.0
 CORRIDOR_M, CORRIDOR_RAD = 0.1, 1.0
 STIFF_PER_M = 5.0  # no path model is so wrong; metal that is not yet all liquid is
@@ -242,7 +242,7 @@ class PlanFollower:
     def _judge(self, index: int) -> Departure | None:
         """Whether the phases to come lead to the goal's curvatures from here, as they are."""
         missed = self._predicted_miss(index)
-        if abs(self.accuracy.of_shape(missed) - ACCEPTED) < DOUBTFUL:  # a melt is worth a long look
+        if abs(self.accuracy.of_shape(missed) - ACCEPTED) < DOUBTFUL:
             scale = np.full(5, math.inf)
             scale[3:] = CERTAIN_OF_A_MELT * self.accuracy.curvature_per_m
             self.session.average(self.setpoint_C, scale, LONG_LOOK_S)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.execution.executor import REACHED, ExecutorSettings
+from twosra_mpc.execution.executor import ExecutorSettings
 from twosra_mpc.execution.follower import CERTAIN, LATE, LOOK_S, WAIT_S
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.robot_interface import RobotInterface
@@ -28,7 +28,7 @@ from twosra_mpc.thermal.model import segment_model
 Array = NDArray[np.float64]
 
 GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
-LEFT, KEPT = 0.3, 0.7  # of the accuracy: errors that a mode leaves, and that need no other mode
+LEFT, KEPT = 0.3, 0.65  # of the accuracy: errors that a mode leaves, and that need no other mode
 STAGNATED = 0.02  # of the accuracy: a mode that moves less per measurement is done
 
 
@@ -70,7 +70,7 @@ class _GreedyRun:
         while session.now_s < settings.longest_s:
             session.average(session.setpoint_C, CERTAIN * self.accuracy.scale, LOOK_S)
             where = self.accuracy.describe(session.error)
-            if self.accuracy.of(session.error) <= REACHED and self._ended():
+            if self.accuracy.surely(session.error) and self._ended():
                 return Ending.REACHED, f"the goal is reached: {where}"
             mode = self._choice()
             if mode is None:

@@ -59,7 +59,13 @@ class HeaterSchedule:
 
     def setpoints(self, now: Progress) -> Array:
         """Set-points of the segments [C], (2,)."""
-        return np.array([self._setpoint(segment, now) for segment in (0, 1)])
+        values = [self._setpoint(segment, now) for segment in (0, 1)]
+        heater = self.plan.robot.heater
+        if self.plan.problem.heaters_at_once == 1 and heater.soft_setpoint_C in values:
+            values = [
+                heater.rigid_setpoint_C if value == self.warm_C else value for value in values
+            ]
+        return np.array(values)
 
     def begun(self, now: Progress) -> int:
         """How many transitions have been commanded by now."""

@@ -70,7 +70,11 @@ def plant_robot(robot: Robot, plant: str) -> Robot:
 
 
 class SimulatedRobot:
-    """A robot that is not quite what its description says."""
+    """A robot that is not quite what its description says.
+
+    Attributes:
+        segments: Its two segments, as they are.
+    """
 
     def __init__(
         self,
@@ -103,12 +107,12 @@ class SimulatedRobot:
         self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, 4), 0.0, 0.9)
         self._drift = {mode: _drift(what, drawn) for mode in (SOFT_1, SOFT_2, SOFT_BOTH)}
         self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
-        self._segments = heated_segments(
+        self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
         self._q = problem.start.configuration.copy()
         self._wheels = np.zeros(4)
-        self._setpoint_C = [segment.rigid_setpoint_C for segment in self._segments]
+        self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
         self._on_the_way: list[tuple[int, Array]] = []
         self._told: list[tuple[object, ...]] = []
@@ -145,7 +149,7 @@ class SimulatedRobot:
         due = self._tick - self._delay
         arrived = [item for item in self._on_the_way if item[0] <= due]
         self._on_the_way = [item for item in self._on_the_way if item[0] > due]
-        first, second = self._segments
+        first, second = self.segments
         return Reading(
             time_s=self.time_s,
             taken_s=np.array([tick for tick, _ in arrived]) * self.camera.period_s,
@@ -167,12 +171,12 @@ class SimulatedRobot:
         left = max(1, round(at_most_s * self.camera.rate_Hz))
         moving = bool(self._wheels.any())
         most = 1 if moving else max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))
-        before = [segment.stiffness for segment in self._segments]
-        while left > 0 and before == [segment.stiffness for segment in self._segments]:
+        before = [segment.stiffness for segment in self.segments]
+        while left > 0 and before == [segment.stiffness for segment in self.segments]:
             ticks = min(left, most)
             if moving:
                 self._roll()
-            for segment, setpoint_C in zip(self._segments, self._setpoint_C, strict=True):
+            for segment, setpoint_C in zip(self.segments, self._setpoint_C, strict=True):
                 segment.advance(setpoint_C, ticks * self.camera.period_s)
             self._tick += ticks
             left -= ticks
@@ -189,7 +193,7 @@ class SimulatedRobot:
     @property
     def mode(self) -> Mode:
         """Which segments can in truth be bent."""
-        first, second = self._segments
+        first, second = self.segments
         return int(first.soft), int(second.soft)
 
     def _roll(self) -> None:
@@ -199,7 +203,7 @@ class SimulatedRobot:
         drift = self._drift.get(self.mode, Drift())
         flow = rolling(self._robot, self.mode)
         self._q = flow(self._q, self._wheels * grip * period_s, drift).full().ravel()
-        self._forced += any(0 < segment.melt_fraction < 1 for segment in self._segments)
+        self._forced += any(0 < segment.melt_fraction < 1 for segment in self.segments)
 
     def _photograph(self, ticks: int) -> None:
         """Take a frame at each of the last ``ticks`` periods, during which the robot rested."""
@@ -210,7 +214,7 @@ class SimulatedRobot:
         self._on_the_way += zip(range(self._tick - ticks + 1, self._tick + 1), frames, strict=True)
 
     def _note(self) -> None:
-        pair = self._segments
+        pair = self.segments
         self._told.append(
             (
                 self.time_s,

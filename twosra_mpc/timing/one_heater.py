@@ -3,12 +3,13 @@
 A *spell* is the time from heater on to heater off around one soft period. Two spells whose soft
 phases do not overlap follow each other in the order of the phases. A segment that is liquid at
 t = 0 has its heater on already, so its first spell comes first. Two melted segments that are soft
-in the same phase would need the first one's metal to stay liquid without heat for as long as the
-second one's takes to melt.
+in the same phase need the first one's metal to stay liquid without heat for as long as the second
+one's takes to melt; where that is not so they are refused.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -51,6 +52,13 @@ def successive(
                 yield two, one
             else:
                 yield None
+
+
+def overlapping(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[tuple[Spell, Spell]]:
+    """Yield the spells (of segment 1, of segment 2) that do not follow each other."""
+    for one, two in itertools.product(*spells(sequence, first, last)):
+        if not _before(one, two) and not _before(two, one):
+            yield one, two
 
 
 def _before(earlier: Spell, later: Spell) -> bool:

@@ -24,7 +24,7 @@ from twosra_mpc.timing.network import (
     events_of,
     phase_order,
 )
-from twosra_mpc.timing.one_heater import successive
+from twosra_mpc.timing.one_heater import overlapping, successive
 from twosra_mpc.timing.transitions import Transition, number_of
 
 _SETTLED_S = 1e-9
@@ -47,9 +47,22 @@ class Thermal:
     heaters_at_once: int
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        if self.heaters_at_once == 1 and None in successive(sequence, self.first, last):
-            return ONE_HEATER
+        if self.heaters_at_once == 2:
+            return None
+        for one, two in overlapping(sequence, self.first, last):
+            if not self._coasts(0, two.melt) and not self._coasts(1, one.melt):
+                return ONE_HEATER
         return None
+
+    def _coasts(self, segment: int, melt: Event | None) -> bool:
+        """Whether a segment might stay liquid without heat while the other one melts."""
+        if melt is None:
+            return False
+        other = self._histories[melt.segment]
+        needed = (
+            other.warmest_lead_s + other.first_melting_s if melt.number == 0 else other.melting_s
+        )
+        return self._histories[segment].longest_coasting_s > needed
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
@@ -134,6 +147,8 @@ class Thermal:
                     raised[onset, begin] = item.done_s - item.onset_s
                 previous = onset
         if self.heaters_at_once == 1:
+            if any(overlapping(network.sequence, self.first, network.last)):
+                raised[layout.finish, layout.origin] = 1.0  # not refused, but not planned either
             for _, freeze, melt in self._handovers(network.sequence, network.last):
                 off, on = (layout.onset(e.gap, e.segment) for e in (freeze, melt))
                 late = made[freeze.gap, freeze.segment].heater_s

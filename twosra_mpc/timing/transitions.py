@@ -27,7 +27,7 @@ class TransitionModel(Protocol):
     """How long melting and freezing take, and what may happen meanwhile."""
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        """Why no heating whatever gives this sequence, or None."""
+        """Why no heating with each heater on once around a soft phase gives it, or None."""
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
