@@ -28,12 +28,8 @@ _PACKAGES = {
     "twosra_mpc": "twosra_mpc",
     "standard library": "standard library",
 }
-_INTERPRETER, _BUILDING, _PLANNING, _REST = (
-    "interpreter",
-    "building functions",
-    "planning",
-    "everything else",
-)
+_INTERPRETER, _BUILDING, _PLANNING = "interpreter", "building functions", "planning"
+_EXIT, _REST = "exit of the process", "everything else"
 
 Parts = dict[str, float]  # name -> s
 
@@ -60,11 +56,13 @@ def cpu_times(records: Sequence[Record], command: str) -> list[float]:
 def breakdown(records: Sequence[Record]) -> Parts:
     """Split the median time of a plan into its parts, by medians."""
     total = statistics.median(wall_times(records, PLAN))
-    first = statistics.median(record["plan_s"]["first_s"] for record in records)
-    again = statistics.median(record["plan_s"]["again_s"] for record in records)
+    first, again, leaving = (
+        statistics.median(record["plan_s"][name] for record in records)
+        for name in ("first_s", "again_s", "exit_s")
+    )
     parts = {_INTERPRETER: statistics.median(wall_times(records, NOTHING))}
     parts |= {f"import {name}": seconds for name, seconds in _imports(records).items()}
-    parts |= {_BUILDING: max(0.0, first - again), _PLANNING: again}
+    parts |= {_BUILDING: max(0.0, first - again), _PLANNING: again, _EXIT: leaving}
     return parts | {_REST: total - sum(parts.values())}
 
 
@@ -127,7 +125,8 @@ def report_lines(records: Sequence[Record], parts: Parts, scenario: str) -> list
         "- Import times are own times under `-X importtime`, which slows importing a little; "
         "native libraries count for the package that loads them. `import twosra_mpc` includes "
         "building its validated models.",
-        "- Building functions is the first plan in a process less the second one. Everything else "
-        "is the difference to the whole: printing, exit, and noise between processes.",
+        "- Building functions is the first plan in a process less the second one; exit is the time "
+        "from a process's last statement to its end. Everything else is the difference to the "
+        "whole: printing, and noise between processes.",
         "",
     ]

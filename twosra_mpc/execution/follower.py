@@ -31,7 +31,8 @@ SETTLED, FINEST = 0.3, 3e-5  # of the accuracy: deviation at which a phase may e
 LOOSE = 3.0  # headings of soft phases, and poses of phases that are not the last, may be so far off
 TUBE = 5.0  # times the accuracy: farther from the plan, the plan's clock slows down
 CERTAIN = 0.15  # of the accuracy: standard deviation with which a phase's end is looked at
-LOOK_S, LOOKS = 6.0, 5
+LOOK_S = 6.0
+NEARER = 0.7  # of the deviation before: a phase that comes no nearer ends
 DOUBTFUL, CERTAIN_OF_A_MELT, LONG_LOOK_S = 0.3, 0.08, 20.0  # before a melt is decided on
 PATIENCE_S = 15.0
 CORRIDOR_M, CORRIDOR_RAD = 0.1, 1.0
@@ -151,17 +152,17 @@ class PlanFollower:
         return None
 
     def _drive(self, index: int) -> Departure | None:
-        """Drive a phase, and again until a look says that it is where it should be."""
+        """Drive a phase, and again while looks say that it comes nearer to where it should be."""
         phase = self.plan.phases[index]
         text = f"phase {index + 1} of {len(self.plan.phases)} begins, {mode_name(phase.mode)}"
         self.session.tell("drive", text)
-        for _ in range(LOOKS):
+        before = off = math.inf
+        while off > self._settled(index) and off <= NEARER * before:
             left = self._travel(index)
             if left is not None:
                 return left
             self._look(index)
-            if self._off(index) <= self._settled(index):
-                break
+            before, off = off, self._off(index)
         return None if phase.mode == RIGID else self._judge(index)
 
     def _travel(self, index: int) -> Departure | None:
