@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.plan import Phase, Samples
 from twosra_mpc.problem import Problem
@@ -13,6 +14,8 @@ from twosra_mpc.robot import OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.thermal.model import SegmentModel, State, segment_model
 from twosra_mpc.thermal.uncertainty import EXACT, windows
 from twosra_mpc.timing import Transition
+
+Array = NDArray[np.float64]
 
 TIME_TOLERANCE_S = 1e-5
 _TEMPERATURE_TOLERANCE_C = 0.02
@@ -131,6 +134,11 @@ def _replay_problems(
     if apart.max() > _TEMPERATURE_TOLERANCE_C:
         when = samples.t_s[int(np.argmax(apart))]
         yield f"{name}: its currents make it {apart.max():.3g} C warmer or colder at {when:.3f} s"
+    fraction = np.array([model.melt_fraction(state) for state in states])
+    apart = np.abs(fraction - samples.melt_fraction[:, segment])
+    if apart.max() > 2 * _LEVEL_TOLERANCE:
+        when = samples.t_s[int(np.argmax(apart))]
+        yield f"{name}: its currents melt {apart.max():.3g} more or less of it at {when:.3f} s"
     level = np.array([model.level(state) for state in states])
     span = model.liquid_level - model.solid_level
     lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
@@ -143,9 +151,25 @@ def _replay_problems(
     )
     if wrong.any():
         yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:.3f} s"
-    for item in (item for item in transitions if item.segment == segment + 1):
+    mine = [item for item in transitions if item.segment == segment + 1]
+    for item in mine:
         at = int(np.argmin(np.abs(samples.t_s - item.heater_s)))
         yield from _window_problems(problem, model, item, states[at])
+    goal = "soft" if problem.goal.mode[segment] else "rigid"
+    ends = [*((item.to, item.done_s) for item in mine), (goal, float(samples.t_s[-1]))]
+    found = (_unreached(samples, model, level, to, when) for to, when in ends)
+    yield from (f"{name}: its currents {text}" for text in dict.fromkeys(filter(None, found)))
+
+
+def _unreached(
+    samples: Samples, model: SegmentModel, level: Array, to: str, when: float
+) -> str | None:
+    """Say that the metal is not at the level it should have reached at a time."""
+    here = float(level[int(np.argmin(np.abs(samples.t_s - when)))])
+    missing = model.liquid_level - here if to == "soft" else here - model.solid_level
+    if missing <= _LEVEL_TOLERANCE * (model.liquid_level - model.solid_level):
+        return None
+    return f"do not make it {to} until {when:.3f} s"
 
 
 def _replayed(problem: Problem, samples: Samples, segment: int, model: SegmentModel) -> list[State]:
