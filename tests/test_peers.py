@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +20,7 @@ from benchmarks.peers.minlp import TimeGridMinlp
 from benchmarks.peers.report import cost_ratio, report
 from benchmarks.peers.rounding import rounded
 from benchmarks.peers.time_grid import as_motion, waits
+from benchmarks.peers.worker import Worker, WorkerDiedError
 from benchmarks.run_log import RunLog
 from twosra_mpc import InputError, Problem, load_problem
 from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
@@ -29,13 +33,13 @@ TINY: tuple[Peer, ...] = (
 )
 
 
-@dataclass
-class Counting:
-    """A peer that counts how often it is asked, and breaks down if it is told to."""
+@dataclass(frozen=True)
+class Stub:
+    """A peer that finds nothing, breaks down with ``words``, or takes its process with it."""
 
+    name: str = "stub"
     words: str = ""
-    asked: int = 0
-    name: str = "counting"
+    crashes: bool = False
 
     @property
     def settings(self) -> Settings:
@@ -46,7 +50,8 @@ class Counting:
 
     def solve(self, problem: Problem) -> Answer:
         del problem
-        self.asked += 1
+        if self.crashes:
+            os.kill(os.getpid(), signal.SIGSEGV)
         if self.words:
             raise RuntimeError(f"somewhere deep:\n{self.words}")
         return Answer("nothing found", None)
@@ -99,20 +104,37 @@ def test_the_report_has_a_row_and_a_summary_for_every_peer(rows: list[Row]) -> N
 
 
 def test_a_resumed_run_computes_only_what_is_missing(easy: Problem, tmp_path: Path) -> None:
-    first, second = Counting(), Counting(name="another")
+    peers = [Stub("first"), Stub("second", crashes=True), Stub("third")]
     begun: list[str] = []
 
     def run() -> list[Row]:
-        log = RunLog(tmp_path, settings_of([first, second]))
-        return list(compare([("a", easy)], [first, second], log, on_start=begun.append))
+        log = RunLog(tmp_path, settings_of(peers))
+        return list(compare([("a", easy)], peers, log, on_start=begun.append))
 
     whole = run()
+    assert [row.status for row in whole] == [
+        "nothing found",
+        "crashed: the process died with exit code -11",
+        "nothing found",
+    ]
     assert run() == whole
-    assert begun == ["a: counting", "a: another"]
-    log = RunLog(tmp_path, settings_of([first, second]))
-    log.path.write_text(log.path.read_text()[:-20])  # interrupted while writing the second row
-    assert [row.peer for row in run()] == ["counting", "another"]
-    assert (first.asked, second.asked) == (1, 2)
+    assert begun == ["a: first", "a: second", "a: third"]
+    log = RunLog(tmp_path, settings_of(peers))
+    log.path.write_text(log.path.read_text()[:-20])  # interrupted while writing the last row
+    assert [row.peer for row in run()] == ["first", "second", "third"]
+    assert begun[3:] == ["a: third"]
+
+
+def test_a_call_that_takes_too_long_is_ended_and_the_next_one_answered() -> None:
+    worker = Worker(time_limit_s=60.0)
+    assert worker.call(abs, -1) == 1
+    worker.time_limit_s = 0.1
+    with pytest.raises(WorkerDiedError, match="ended after"):
+        worker.call(time.sleep, 30.0)
+    worker.time_limit_s = 60.0
+    with pytest.raises(ZeroDivisionError):
+        worker.call(divmod, 1, 0)
+    assert worker.call(abs, -2) == 2
 
 
 def test_rows_of_other_settings_are_not_mixed(tmp_path: Path) -> None:
@@ -122,11 +144,10 @@ def test_rows_of_other_settings_are_not_mixed(tmp_path: Path) -> None:
 
 
 def test_a_breakdown_is_reported_in_words(easy: Problem) -> None:
-    answer, judgement, _, _ = attempt(easy, Counting(words="Uncaught error in Bonmin"))
-    assert answer.status == "broke down: Uncaught error in Bonmin"
-    assert answer.motion is None
-    assert not judgement.verified
-    assert judgement.cost is None
+    made = attempt(easy, Stub(words="Uncaught error in Bonmin"))
+    assert made.status == "broke down: Uncaught error in Bonmin"
+    assert not made.judgement.verified
+    assert made.judgement.cost is None
 
 
 @pytest.mark.parametrize(
@@ -139,10 +160,10 @@ def test_a_breakdown_is_reported_in_words(easy: Problem) -> None:
     ids=["minlp", "integral approximation", "enumeration"],
 )
 def test_a_peer_without_a_plan_says_why(peer: Peer, words: str) -> None:
-    answer, judgement, _, _ = attempt(load_problem("paper-1"), peer)
-    assert words in answer.status
-    assert answer.motion is None
-    assert judgement.problems
+    made = attempt(load_problem("paper-1"), peer)
+    assert words in made.status
+    assert made.sequence == ""
+    assert made.judgement.problems == ("no motion",)
 
 
 def test_a_sequence_on_which_linear_algebra_gives_up_is_not_solved(

@@ -42,7 +42,7 @@ def main(name: str | None, out: Path | None) -> None:
     names = [name] if name else ["published", "random-100"]
     problems = [pair for each in names for pair in load_set(each).problems[:MOST]]
     temporary = Path(tempfile.gettempdir()) / "twosra-benchmarks" / f"peers-{'-'.join(names)}"
-    console = Console(file=sys.stderr)  # the stream itself: solvers' noise is kept off it
+    console = Console(stderr=True)
     try:
         log = RunLog(out.with_name(f"{out.stem}-rows") if out else temporary, settings_of(PEERS))
     except InputError as error:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -15,12 +13,15 @@ from typing import Any
 from benchmarks.machine import machine, versions
 from benchmarks.measurement import timed_in_turns
 from benchmarks.peers.answer import Answer, Judgement, Peer, judged
+from benchmarks.peers.worker import Worker, WorkerDiedError
 from benchmarks.run_log import RunLog
 from twosra_mpc import Problem, plan
 from twosra_mpc.modes import sequence_name
 
 CALLS = 5  # of our planner, after one that compiles; their medians count
 _BUDGET_S = 60.0  # for these calls
+_TIME_LIMIT_S = 1800.0  # of one row, compiling included
+_NO_MOTION = Judgement(None, False, ("no motion",))
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Row:
         cost: Cost of its motion under our schedule [s]; None without one.
         problems: What is wrong with it, in words.
         wall_s: Wall time the peer took.
-        cpu_s: CPU time the peer took.
+        cpu_s: CPU time the peer took; the wall time if it crashed.
         our_cost: Cost of our plan [s]; None without one.
         our_lower_bound: What our planner proved [s]; None if nothing.
         our_wall_s: Median wall time of our planner, warm.
@@ -70,6 +71,17 @@ class Reference:
     cpu_s: float
 
 
+@dataclass(frozen=True)
+class Attempt:
+    """What a peer did with a problem; times are those of planning alone [s]."""
+
+    status: str
+    sequence: str
+    judgement: Judgement
+    wall_s: float
+    cpu_s: float
+
+
 def settings_of(peers: Sequence[Peer]) -> dict[str, Any]:
     """Everything that must stay the same for rows to stand in one table."""
     digest = hashlib.sha256()
@@ -96,82 +108,71 @@ def compare(
         log: The rows that are known; new ones are added.
         on_start: Told what is computed next.
     """
+    worker = Worker(_TIME_LIMIT_S)
     for label, problem in problems:
         ours: Reference | None = None
         for peer in peers:
             key = f"{label}: {peer.name}"
             if key not in log.records:
                 on_start(key)
-                ours = ours or reference(problem)
-                log.append(key, asdict(_row(label, problem, peer, ours)))
+                ours = ours or worker.call(reference, problem)
+                made = _attempt_in(worker, problem, peer)
+                log.append(key, asdict(_row(label, peer, made, ours)))
             record = log.records[key]
             yield Row(**{**record, "problems": tuple(record["problems"])})
 
 
 def reference(problem: Problem) -> Reference:
-    """Plan with our planner, compiled and warm.
-
-    Raises:
-        KeyboardInterrupt: If interrupted: what the planner returns then is not its answer.
-    """
+    """Plan with our planner, compiled and warm."""
     calls = {"ours": lambda: plan(problem)}
     made, timing = timed_in_turns(calls, CALLS, _BUDGET_S)["ours"]
-    if made.stopped_early and made.stats.wall_s < problem.time_limit_s:
-        raise KeyboardInterrupt
     cost = made.cost.total if made.found and made.cost else None
     return Reference(cost, made.lower_bound, timing.median_s, timing.cpu_median_s)
 
 
-def attempt(problem: Problem, peer: Peer) -> tuple[Answer, Judgement, float, float]:
-    """Let a peer plan: its answer, what it is worth, and the wall and CPU time of planning [s].
+def attempt(problem: Problem, peer: Peer) -> Attempt:
+    """Let a peer plan, and judge its answer.
 
     A peer that breaks down has answered too, in the words of what broke.
     """
-    with _silent():
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        peer.prepare(problem)
         wall, cpu = time.perf_counter(), time.process_time()
-        try:
-            peer.prepare(problem)
-            wall, cpu = time.perf_counter(), time.process_time()
-            answer = peer.solve(problem)
-        except (RuntimeError, ArithmeticError, ValueError) as error:
-            *_, words = str(error).strip().splitlines() or [type(error).__name__]
-            answer = Answer(f"broke down: {words}", None)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        answer = peer.solve(problem)
+    except (RuntimeError, ArithmeticError, ValueError) as error:
+        *_, words = str(error).strip().splitlines() or [type(error).__name__]
+        answer = Answer(f"broke down: {words}", None)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     if answer.motion is None:
-        return answer, Judgement(None, False, ("no motion",)), wall, cpu
-    return answer, judged(problem, answer.motion), wall, cpu
+        return Attempt(answer.status, "", _NO_MOTION, wall, cpu)
+    sequence = sequence_name(answer.motion.sequence)
+    return Attempt(answer.status, sequence, judged(problem, answer.motion), wall, cpu)
 
 
-def _row(label: str, problem: Problem, peer: Peer, ours: Reference) -> Row:
-    answer, judgement, wall, cpu = attempt(problem, peer)
+def _attempt_in(worker: Worker, problem: Problem, peer: Peer) -> Attempt:
+    started = time.perf_counter()
+    try:
+        return worker.call(attempt, problem, peer)
+    except WorkerDiedError as error:
+        took = time.perf_counter() - started
+        return Attempt(f"crashed: {error}", "", _NO_MOTION, took, took)
+
+
+def _row(label: str, peer: Peer, made: Attempt, ours: Reference) -> Row:
     return Row(
         problem=label,
         peer=peer.name,
-        status=answer.status,
-        sequence=sequence_name(answer.motion.sequence) if answer.motion else "",
-        verified=judgement.verified,
-        cost=judgement.cost,
-        problems=judgement.problems,
-        wall_s=wall,
-        cpu_s=cpu,
+        status=made.status,
+        sequence=made.sequence,
+        verified=made.judgement.verified,
+        cost=made.judgement.cost,
+        problems=made.judgement.problems,
+        wall_s=made.wall_s,
+        cpu_s=made.cpu_s,
         our_cost=ours.cost,
         our_lower_bound=ours.lower_bound,
         our_wall_s=ours.wall_s,
         our_cpu_s=ours.cpu_s,
         load=os.getloadavg()[0],
     )
-
-
-@contextlib.contextmanager
-def _silent() -> Iterator[None]:
-    """Keep the solvers' own output, which no option stops, off the report and the progress bar."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-        try:
-            with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
-                yield
-        finally:
-            os.dup2(kept, 1)
-            os.close(kept)

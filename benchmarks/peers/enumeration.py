@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 from benchmarks.peers.answer import Answer, Settings, network_of
-from benchmarks.peers.shooting import cold_guess, compile_programs, solved
+from benchmarks.peers.shooting import INTERVALS, cold_guess, compile_programs, solved
 from benchmarks.peers.time_grid import bent_segments
 from twosra_mpc import Problem
 from twosra_mpc.modes import RIGID, ModeSequence
@@ -34,7 +34,7 @@ class Enumeration:
     @property
     def settings(self) -> Settings:
         """Everything that was tuned."""
-        return asdict(self)
+        return {**asdict(self), "intervals": INTERVALS}
 
     def prepare(self, problem: Problem) -> None:
         """Compile the programs."""

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.answer import Answer, Settings
 from benchmarks.peers.rounding import rounded
-from benchmarks.peers.shooting import compile_programs, solved
+from benchmarks.peers.shooting import INTERVALS, compile_programs, solved
 from benchmarks.peers.time_grid import (
     TIME_SCALE,
     Block,
@@ -42,7 +42,7 @@ from twosra_mpc import Problem, Robot
 from twosra_mpc.model.kinematics import kinematics, wheel_travel
 from twosra_mpc.modes import MODES
 from twosra_mpc.motion import Motion
-from twosra_mpc.nlp.fixed_sequence import INTERVALS, SolveStatus, solve_status
+from twosra_mpc.nlp.fixed_sequence import SolveStatus, solve_status
 from twosra_mpc.nlp.landing import available_inputs
 from twosra_mpc.nlp.multiple_shooting import GAP_SCALE, INPUT_SCALE, STATE_SCALE
 
@@ -76,7 +76,7 @@ class IntegralApproximation:
     @property
     def settings(self) -> Settings:
         """Everything that was tuned."""
-        return {**asdict(self), **_OPTIONS}
+        return {**asdict(self), "polishing_intervals": INTERVALS, **_OPTIONS}
 
     def prepare(self, problem: Problem) -> None:
         """Compile the programs."""
