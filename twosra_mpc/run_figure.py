@@ -118,7 +118,7 @@ def _draw_plane(figure: SubFigure, run: Run, time_s: Array, q: Array) -> None:
     for panel in panels:
         panel.set_aspect("equal", adjustable="datalim")
         panel.update_datalim(corners.reshape(-1, 2))
-    _plane_legend(figure)
+    _plane_legend(figure, planned=bool(run.plans))
 
 
 def _draw_overview(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
@@ -186,11 +186,11 @@ def _draw_paths(ax: Axes, run: Run, time_s: Array, q: Array, start_s: float, end
         ax.plot(*rows[:, :2].T, c=SOFT_COLOUR, zorder=5, **style)
 
 
-def _plane_legend(figure: SubFigure) -> None:
+def _plane_legend(figure: SubFigure, *, planned: bool) -> None:
     entries: dict[str, Any] = {
         "start": Patch(fc=UNIT_COLOUR, ec=METAL_COLOUR, alpha=FAINT),
         "end": Patch(fc=UNIT_COLOUR, ec=METAL_COLOUR),
-        "planned": Line2D([], [], c=PLANNED_COLOUR, lw=1.2, ls="--"),
+        "planned" if planned else "goal": Line2D([], [], c=PLANNED_COLOUR, lw=1.2, ls="--"),
         "rigid": Line2D([], [], c=RIGID_COLOUR, lw=4),
         "soft": Line2D([], [], c=SOFT_COLOUR, lw=4),
         "path of unit 1": Line2D([], [], c=SEGMENT_COLOURS[0], lw=1.5),
@@ -273,7 +273,8 @@ def _draw_curvatures(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
         ax.plot(log.time_s, log.measured[:, 3 + j], c=colour, **seen)
         ax.plot(log.time_s, log.planned[:, 3 + j], c=colour, lw=1.1, ls="--")
         ax.plot(time_s, q[:, 3 + j], c=colour, lw=1.5, label=rf"$\kappa_{j + 1}$")
-    ax.plot([], [], c=PLANNED_COLOUR, lw=1.1, ls="--", label="planned")
+    if run.plans:
+        ax.plot([], [], c=PLANNED_COLOUR, lw=1.1, ls="--", label="planned")
     ax.plot([], [], c=PLANNED_COLOUR, ls="", marker=".", alpha=0.6, label="camera")
     ax.set(ymargin=0.12, ylabel="curvature\n[1/m]")
 

@@ -100,9 +100,9 @@ class SimulatedRobot:
         what = disturbance or Disturbance()
         drawn = np.random.default_rng([seed, 0])
         self._noise = np.random.default_rng([seed, 1])
-        self._described, self._ambient_C = problem.robot, problem.ambient
+        self._described = problem.robot
         true = plant_robot(problem.robot, plant)
-        self._robot = replace_lengths(true, what.lengths, drawn)
+        self._robot = with_lengths(true, what.lengths, drawn)
         self._disturbance = what
         self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, 4), 0.0, 0.9)
         self._drift = {mode: _drift(what, drawn) for mode in (SOFT_1, SOFT_2, SOFT_BOTH)}
@@ -123,11 +123,6 @@ class SimulatedRobot:
     def robot(self) -> Robot:
         """The robot as described, not as it is."""
         return self._described
-
-    @property
-    def ambient_C(self) -> float:
-        """Temperature of the air."""
-        return self._ambient_C
 
     @property
     def camera(self) -> Camera:
@@ -228,7 +223,7 @@ class SimulatedRobot:
         )
 
 
-def replace_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot:
+def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot:
     """Return the robot with lengths that differ by relative errors of this standard deviation."""
     error = 1 + spread * rng.standard_normal(3)
     if spread == 0.0:

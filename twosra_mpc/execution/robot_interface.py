@@ -75,10 +75,6 @@ class RobotInterface(Protocol):
         """The robot as its owner describes it; only plans for this one are run."""
 
     @property
-    def ambient_C(self) -> float:
-        """Temperature of the air."""
-
-    @property
     def camera(self) -> Camera:
         """What is known about its camera."""
 

@@ -1,0 +1,463 @@
+"""Running plans in closed loop: as planned where nothing disturbs, at the goal where much does."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from twosra_mpc import InputError, NoPlanError, Plan, Problem, load_problem, plan
+from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.execution.camera_filter import CameraFilter
+from twosra_mpc.execution.disturbance import LEVELS
+from twosra_mpc.execution.executor import Executor, ExecutorSettings
+from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.heater_schedule import Progress, heater_schedule
+from twosra_mpc.execution.metrics import metrics, spread
+from twosra_mpc.execution.plant import SimulatedRobot
+from twosra_mpc.execution.pulses import Pulses
+from twosra_mpc.execution.remaining import remaining_problem
+from twosra_mpc.execution.robot_interface import Camera, Reading
+from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.simulation import Simulation, simulate
+from twosra_mpc.robot import Robot
+from twosra_mpc.thermal.lumped import Lumped
+
+Array = NDArray[np.float64]
+Planned = Callable[..., Plan]
+
+ARC = "2sra-v1-arc"
+ACCURACY = Accuracy()
+
+
+def problem(scenario: str = "paper-2", **overrides: Any) -> Problem:
+    return load_problem(scenario, robot=ARC, **overrides)
+
+
+@pytest.fixture(scope="module")
+def disturbed() -> Callable[..., Simulation]:
+    """Runs that several tests look at, each made once."""
+    known: dict[tuple[object, ...], Simulation] = {}
+
+    def run(scenario: str, seed: int, robot: str = ARC, level: str = "moderate") -> Simulation:
+        key = (scenario, seed, robot, level)
+        if key not in known:
+            known[key] = simulate(load_problem(scenario, robot=robot), disturbance=level, seed=seed)
+        return known[key]
+
+    return run
+
+
+# --- as planned ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["paper-1", "paper-4"])
+@pytest.mark.parametrize("robot", [ARC, "2sra-v1"])
+def test_without_disturbance_what_is_executed_is_what_was_planned(
+    scenario: str, robot: str, planned: Planned
+) -> None:
+    made = planned(scenario, robot=robot)
+    done = simulate(made.problem, plant="as-planned", disturbance="none", plan=made)
+    assert done.run.ending is Ending.REACHED
+    assert done.run.plans == (made,)
+    assert done.run.transitions == made.cost.transitions == sum(done.run.begun)
+    assert done.truth.q[-1] == pytest.approx(made.samples.q[-1], abs=1e-4)
+    for phase in made.phases:
+        drives = [drive for drive in done.run.drives if drive.mode == phase.mode]
+        end = np.searchsorted(done.truth.time_s, drives[-1].end_s - 1e-9)
+        expected = made.samples.q[np.searchsorted(made.samples.t_s, phase.end_s - 1e-6)]
+        assert done.truth.q[end] == pytest.approx(expected, abs=1e-4)
+    assert done.truth.forced_s[-1] == 0.0
+
+
+# --- disturbed -----------------------------------------------------------------------------------
+
+RUNS = [("paper-1", 1, ARC), ("paper-2", 2, ARC), ("paper-2", 3, "2sra-v1"), ("paper-1", 5, ARC)]
+
+
+@pytest.mark.parametrize(("scenario", "seed", "robot"), RUNS)
+def test_a_disturbed_run_reaches_its_goal(
+    scenario: str, seed: int, robot: str, disturbed: Callable[..., Simulation]
+) -> None:
+    done = disturbed(scenario, seed, robot)
+    found = done.metrics
+    assert done.run.ending is Ending.REACHED
+    assert found.reached
+    assert found.position_m <= 2e-3
+    assert found.heading_rad <= np.radians(1.0)
+    assert found.curvature_per_m <= 1.0
+    assert found.transitions <= found.allowed
+    assert found.forced_s == 0.0
+
+
+@pytest.mark.parametrize(("scenario", "seed", "robot"), RUNS)
+def test_the_books_are_right(
+    scenario: str, seed: int, robot: str, disturbed: Callable[..., Simulation]
+) -> None:
+    done = disturbed(scenario, seed, robot)
+    run, truth, found = done.run, done.truth, done.metrics
+    assert found.time_s == run.log.time_s[-1] == truth.time_s[-1]
+    assert (np.diff(run.log.time_s) > 0).all()
+    assert found.energy_J == truth.heat_J[-1].sum() > 250
+    told = run.log.stiffness[(run.log.stiffness != 0.5).all(axis=1)]
+    assert found.transitions >= np.abs(np.diff(told, axis=0)).sum() > 0
+    per_segment = [[c.to for c in run.changes if c.segment == j] for j in (1, 2)]
+    for changes in per_segment:
+        assert changes == ["soft", "rigid"] * (len(changes) // 2)
+    assert len(run.begun) == len(run.plans) == 1 + run.replans + run.corrections
+    driven = sum(drive.end_s - drive.start_s for drive in run.drives)
+    turning = run.log.wheel_rad_s.any(axis=1)
+    assert driven >= np.diff(run.log.time_s)[turning[:-1]].sum() - 1e-9 > 0
+    assert run.events[0].kind == "plan"
+    assert run.events[-1].kind == "end"
+
+
+def test_a_run_is_saved_as_plain_numbers(disturbed: Callable[..., Simulation]) -> None:
+    document = disturbed("paper-2", 2).to_dict()
+    again = json.loads(json.dumps(document, allow_nan=False))
+    assert again["format"] == "twosra-run"
+    assert again["ending"] == "reached"
+    assert again["metrics"]["reached"] is True
+    assert len(again["log"]["q"]) == len(again["log"]["time_s"])
+    assert again["log"]["planned"][0] is not None
+
+
+def test_a_seed_is_a_run(disturbed: Callable[..., Simulation]) -> None:
+    first = disturbed("paper-2", 2)
+    second = simulate(problem(), seed=2)
+    assert (first.truth.q == second.truth.q).all()
+    assert first.run.events == second.run.events
+    assert first.metrics == second.metrics
+    other = disturbed("paper-2", 3, "2sra-v1")
+    assert other.metrics != first.metrics
+
+
+# --- events --------------------------------------------------------------------------------------
+
+
+def with_coils(robot: SimulatedRobot, resistance_ohm: float) -> SimulatedRobot:
+    for segment in robot.segments:
+        assert isinstance(segment.model, Lumped)
+        segment.model = replace(segment.model, resistance_ohm=resistance_ohm)
+    return robot
+
+
+@pytest.mark.parametrize(("resistance_ohm", "late"), [(3.6, True), (9.0, False)])
+def test_a_late_melt_shifts_the_phases_and_an_early_one_too(
+    resistance_ohm: float, late: bool, planned: Planned
+) -> None:
+    made = planned("paper-1", robot=ARC)
+    robot = with_coils(SimulatedRobot(made.problem, "as-planned"), resistance_ohm)
+    run = Executor(robot).run(made)
+    assert run.ending is Ending.REACHED
+    assert run.replans == 0
+    starts = [next(d.start_s for d in run.drives if d.mode == p.mode) for p in made.phases]
+    shifts = np.array(starts) - [phase.start_s for phase in made.phases]
+    assert shifts[0] == 0.0
+    assert (shifts[1:] > 15.0).all() if late else (shifts[1:] < -5.0).all()
+    soft = {change.segment: change.time_s for change in run.changes if change.to == "soft"}
+    assert starts[1] == soft[1]
+    assert starts[2] == soft[2] > starts[1]
+
+
+class Pushed(SimulatedRobot):
+    """A robot that something pushes once, while it is driven in a mode."""
+
+    push = np.zeros(5)
+    at_mode = (0, 0)
+    pushed = False
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        super().send(wheel_rad_s, heater_setpoint_C)
+        if self.mode == self.at_mode and wheel_rad_s.any() and not self.pushed:
+            self._q = self._q + self.push
+            self.pushed = True
+
+
+def pushed(made: Problem, mode: tuple[int, int], push: list[float]) -> Run:
+    robot = Pushed(made, "as-planned")
+    robot.at_mode, robot.push = mode, np.array(push)
+    return Executor(robot).run(plan(made))
+
+
+def test_leaving_the_corridor_plans_the_rest_again_and_reaches_the_goal() -> None:
+    run = pushed(problem(), (1, 0), [0.2, 0.1, 0.3, 0.0, 0.0])
+    assert run.ending is Ending.REACHED
+    assert run.replans == 1
+    told = [event.text for event in run.events if event.kind == "look"]
+    assert any("from the plan" in text for text in told)
+    assert run.transitions == 2  # the rest needs no melt more than there was
+    assert run.plans[1].problem.start_mode == (1, 0)
+
+
+def test_a_shape_that_the_plan_cannot_mend_is_planned_again() -> None:
+    run = pushed(problem("paper-1"), (1, 1), [0.0, 0.0, 0.0, 3.0, -3.0])
+    assert run.ending is Ending.REACHED
+    assert run.replans == 1
+    assert any("would miss the curvatures" in event.text for event in run.events)
+    assert run.transitions <= sum(run.begun)
+
+
+def test_a_pose_that_is_off_at_the_end_is_corrected_without_melting() -> None:
+    run = pushed(problem("rigid-move"), (0, 0), [0.02, 0.0, 0.1, 0.0, 0.0])
+    assert run.ending is Ending.REACHED
+    assert run.transitions == 0
+
+
+def test_a_heater_that_fails_is_reported_and_planned_around() -> None:
+    start = {"x_m": 0.238, "y_m": 0.276, "phi_rad": -0.24, "kappa_per_m": [-38.0, -24.0]}
+    goal = {"x_m": 0.24, "y_m": 0.3, "phi_rad": -0.15, "kappa_per_m": [-38.4, -5.0]}
+    task = problem("paper-1", start=start, goal=goal)
+    done = simulate(task, disturbance="mild", seed=1, broken_heaters=[1])
+    kinds = [event.kind for event in done.run.events]
+    assert "failure" in kinds
+    assert done.metrics.reached
+    assert done.run.transitions == 2
+    assert all(mode[0] == 0 for mode in done.run.plans[-1].problem.modes)
+
+
+def test_a_heater_that_fails_and_cannot_be_done_without_is_the_reason() -> None:
+    done = simulate(problem(), disturbance="mild", seed=1, broken_heaters=[1])
+    assert done.run.ending is Ending.HEATER_FAILED
+    assert "without heater 1: proved infeasible: segment 1 must bend" in done.run.reason
+    assert "allowed modes" not in done.run.reason
+    assert any("segment 1 reports a fault" in event.text for event in done.run.events)
+
+
+class Cold:
+    """The least that can be driven: a robot that stands where it stands and never warms."""
+
+    def __init__(self, made: Problem) -> None:
+        self.made, self.time_s, self.sent = made, 0.0, 0
+
+    @property
+    def robot(self) -> Robot:
+        return self.made.robot
+
+    @property
+    def camera(self) -> Camera:
+        return Camera(rate_Hz=10.0)
+
+    def read(self) -> Reading:
+        q = self.made.start.configuration
+        return Reading(
+            self.time_s, np.array([self.time_s]), q[None], (25.0, 25.0), ("rigid", "rigid")
+        )
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        assert wheel_rad_s.shape == (4,)
+        assert heater_setpoint_C.shape == (2,)
+        self.sent += 1
+
+    def wait(self, at_most_s: float) -> None:
+        self.time_s += at_most_s
+
+
+def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time() -> None:
+    robot = Cold(problem())
+    run = Executor(robot).run(plan(robot.made))
+    assert run.ending is Ending.HEATER_FAILED
+    failure = next(event for event in run.events if event.kind == "failure")
+    assert "segment 1 is not soft after 1" in failure.text
+    assert 3 * 62 < failure.time_s < 4 * 62
+    assert robot.sent > 100
+
+
+# --- endings -------------------------------------------------------------------------------------
+
+
+def test_every_ending_says_why() -> None:
+    task = problem("paper-1")
+    made = plan(task)
+
+    def ended(seed: int = 5, **settings: Any) -> Run:
+        robot = SimulatedRobot(task, "arc", LEVELS["moderate"], seed)
+        return Executor(robot, ExecutorSettings(dead_zone_rad_s=0.2, **settings)).run(made)
+
+    slow, stubborn = ended(longest_s=30.0), ended(replans=0)
+    hopeless = pushed(problem("paper-1"), (1, 1), [0.0, 0.0, 0.0, 97.0, 85.0])
+    assert slow.ending is Ending.TIME_LIMIT
+    assert "more than 30 s" in slow.reason
+    assert stubborn.ending is Ending.GAVE_UP
+    assert "1/m from the goal after planning again never" in stubborn.reason
+    assert hopeless.ending is Ending.NO_PLAN
+    assert "cannot be planned" in hopeless.reason
+    for run in (slow, stubborn, hopeless):
+        assert run.events[-1] == (run.duration_s, "end", run.reason)
+        assert not run.reached
+        assert not run.log.wheel_rad_s[-1].any()
+        assert (run.log.setpoint_C[-1] == 25.0).all()
+
+
+def test_a_plan_for_another_robot_is_refused_by_name(planned: Planned) -> None:
+    robot = SimulatedRobot(problem())
+    with pytest.raises(InputError, match=r"plan.robot = '2sra-v1'.*2sra-v1-arc"):
+        Executor(robot).run(planned("paper-2"))
+
+
+def test_a_plan_that_is_none_is_refused() -> None:
+    task = problem(modes=[[0, 0], [0, 1]])
+    with pytest.raises(NoPlanError, match="proved infeasible"):
+        Executor(SimulatedRobot(task)).run(plan(task))
+
+
+# --- greedy --------------------------------------------------------------------------------------
+
+
+def test_the_greedy_rule_reaches_the_goal_without_a_plan() -> None:
+    done = simulate(problem(), seed=2, executor="greedy")
+    assert done.run.executor == "greedy"
+    assert done.run.plans == ()
+    assert done.metrics.reached
+    assert done.metrics.transitions == 2
+    assert done.run.drives[0].mode == (1, 0)
+    assert done.run.drives[-1].mode == (0, 0)
+    assert done.metrics.forced_s == 0.0
+
+
+def test_the_greedy_rule_goes_on_without_a_heater_or_says_so() -> None:
+    robot = SimulatedRobot(problem(), "as-planned", broken_heaters=[1])
+    run = GreedyExecutor(robot).run(problem())
+    assert run.ending is Ending.HEATER_FAILED
+    assert "heater 1 failed" in run.reason
+
+
+def test_an_unknown_executor_is_refused() -> None:
+    with pytest.raises(InputError, match=r"executor = 'best'.*optimal, greedy"):
+        simulate(problem(), executor="best")
+
+
+# --- parts ---------------------------------------------------------------------------------------
+
+NOISY = Camera(noise=(1e-3, 1e-3, 0.02, 1.0, 1.0), step=(1e-3, 1e-3, 0.02, 1.0, 1.0))
+
+
+def test_at_rest_the_belief_is_the_mean_of_all_frames() -> None:
+    rng = np.random.default_rng(0)
+    truth = np.array([0.1, 0.2, 3.13, 12.3, -4.4])  # phi so that frames wrap around
+    filtered = CameraFilter(NOISY, truth, 0.0)
+    frames = truth + rng.normal(size=(300, 5)) * NOISY.noise
+    frames[:, 2] = np.remainder(frames[:, 2] + np.pi, 2 * np.pi) - np.pi
+    for k, frame in enumerate(frames):
+        filtered.predict(k / 15, np.zeros(5), 0.04)
+        filtered.correct(np.array([k / 15]), frame[None])
+    off = filtered.q - truth
+    off[2] = np.remainder(off[2] + np.pi, 2 * np.pi) - np.pi
+    assert (np.abs(off) < 4 * filtered.deviation).all()
+    assert filtered.deviation == pytest.approx(np.sqrt(NOISY.variance / 301), rel=0.2)
+
+
+def test_frames_taken_together_count_as_taken_one_by_one() -> None:
+    rng = np.random.default_rng(1)
+    times = np.arange(20) / 15
+    frames = rng.normal(size=(20, 5)) * NOISY.noise
+    one, many = (CameraFilter(NOISY, np.zeros(5), 0.0) for _ in range(2))
+    for filtered in (one, many):
+        filtered.predict(2.0, np.zeros(5), 0.04)
+    many.correct(times, frames)
+    for time, frame in zip(times, frames, strict=True):
+        one.correct(np.array([time]), frame[None])
+    assert many.q == pytest.approx(one.q, abs=1e-9)
+    assert many.variance == pytest.approx(one.variance, rel=1e-9)
+
+
+@pytest.mark.parametrize("response", [0.3, 1.0, 1.6])
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_robot_that_responds_less_or_more_is_believed_without_bias(
+    response: float, delay: int
+) -> None:
+    moved = np.array([2e-3, -1e-3, 0.01, 1.5, -1.0])
+    offs = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        truth, path = np.zeros(5), [np.zeros(5)]
+        filtered = CameraFilter(NOISY, truth, 0.0)
+        for k in range(1, 40):
+            truth = truth + response * moved
+            path.append(truth)
+            filtered.predict(k / 15, moved, 0.04)
+            if k >= delay:
+                frame = path[k - delay] + rng.normal(size=5) * NOISY.noise
+                filtered.correct(np.array([(k - delay) / 15]), frame[None])
+        offs.append((filtered.q - truth) / filtered.deviation)
+    assert (np.abs(np.mean(offs, axis=0)) < 1.0).all()
+    assert (np.std(offs, axis=0) < 2.0).all()
+
+
+def test_pulses_are_worth_the_command_on_average() -> None:
+    pulses, slow = Pulses(0.2), np.array([0.05, 0.0, -0.02, 0.01])
+    sent = np.array([pulses.shape(slow) for _ in range(600)])
+    assert sent.mean(axis=0) == pytest.approx(slow, rel=0.02, abs=1e-12)
+    assert set(np.abs(sent).max(axis=1).round(9)) == {0.0, 0.3}
+    fast = np.array([1.0, 0.0, -0.5, 0.1])
+    assert (pulses.shape(fast) == fast).all()
+    assert (Pulses(0.0).shape(slow) == slow).all()
+
+
+def test_heaters_wait_for_the_phases_before_them(planned: Planned) -> None:
+    made = planned("paper-1", robot=ARC)  # [0,0] > [1,0] > [1,1]
+    schedule = heater_schedule(made)
+    melt_2 = next(t for t in made.transitions if (t.segment, t.to) == (2, "soft"))
+    end_s = made.samples.t_s[-1]
+    off, soft, warm = 25.0, 65.0, schedule.warm_C
+    assert schedule.setpoints(Progress(0.0, 0)).tolist() == [warm, off]
+    assert schedule.setpoints(Progress(1.0, 1)).tolist() == [soft, off]
+    late = Progress(made.phases[1].start_s, 1)
+    assert late.clock_s > melt_2.heater_s
+    assert schedule.setpoints(late).tolist() == [soft, warm]
+    assert schedule.setpoints(Progress(made.phases[1].end_s, 2)).tolist() == [soft, soft]
+    assert schedule.setpoints(Progress(made.phases[2].end_s, 2)).tolist() == [soft, soft]
+    assert schedule.setpoints(Progress(made.phases[2].end_s, 3)).tolist() == [off, off]
+    assert [schedule.begun(Progress(end_s, done)) for done in range(4)] == [0, 1, 2, 4]
+    assert schedule.expected_s(0, "rigid") > 200
+    assert 61 - 25 > warm - 25 > 15
+
+
+def test_one_heater_at_a_time_is_kept(planned: Planned) -> None:
+    made = planned("paper-1", robot=ARC, heaters_at_once=1)
+    schedule = heater_schedule(made)
+    for clock_s in np.linspace(0.0, made.samples.t_s[-1], 400):
+        done = sum(phase.end_s <= clock_s for phase in made.phases)
+        for before in (max(done - 1, 0), done):
+            setpoint_C = schedule.setpoints(Progress(float(clock_s), before))
+            assert (setpoint_C > 25.0).sum() <= 1
+
+
+def test_the_rest_of_a_problem_leaves_alone_what_is_near_enough() -> None:
+    task = problem("paper-1")
+    goal = task.goal.configuration
+    near = goal + np.array([0.05, 0.0, 0.2, 0.7, -0.5])
+    rest = remaining_problem(task, near, (40.0, 58.0), (0, 0), ACCURACY)
+    found = plan(rest)
+    assert [phase.mode for phase in found.phases] == [(0, 0)]
+    assert found.cost is not None
+    assert found.cost.transitions == 0
+    far = goal + np.array([0.05, 0.0, 0.2, 0.7, -1.5])
+    rest = remaining_problem(task, far, (63.0, 58.0), (0, 0), ACCURACY)
+    assert rest.start_mode == (0, 0)  # as reported, whatever the thermometer says
+    assert rest.goal.half_width[3:] == pytest.approx([0.7, 0.0], abs=1e-6)
+    assert plan(rest).cost.transitions == 2  # type: ignore[union-attr]
+    only = remaining_problem(task, far, (66.0, 30.0), (1, 0), ACCURACY, broken={1})
+    assert only.start_mode == (1, 0)
+    assert set(only.modes) == {(0, 0), (1, 0)}
+
+
+def test_accuracy_counts_distances_in_its_own_units() -> None:
+    error = np.array([1.2e-3, 1.6e-3, np.radians(0.5), 0.2, -0.9])
+    assert ACCURACY.of_pose(error) == pytest.approx(1.0)
+    assert ACCURACY.of_shape(error) == pytest.approx(0.9)
+    assert not ACCURACY.surely(error)
+    assert ACCURACY.surely(0.6 * error)
+    assert "2.0 mm, 0.50 degrees, +0.20 and -0.90 1/m" in ACCURACY.describe(error)
+
+
+def test_a_spread_is_median_tail_and_worst(disturbed: Callable[..., Simulation]) -> None:
+    done = disturbed("paper-2", 2)
+    found = metrics(done.run, done.truth)
+    runs = [found._replace(time_s=float(k)) for k in range(1, 102)]
+    assert spread(runs, lambda each: each.time_s) == pytest.approx((51.0, 91.0, 101.0))

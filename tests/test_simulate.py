@@ -1,0 +1,290 @@
+"""``twosra simulate``, the figure and the film of a run, and the closed-loop benchmark."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from matplotlib import rcParams
+from PIL import Image
+
+from benchmarks import closed_loop
+from benchmarks.closed_loop import Case
+from twosra_mpc import InputError, animation, cli, load_problem
+from twosra_mpc.animation import Scene, animate_run, check_animation_path
+from twosra_mpc.execution.metrics import Metrics
+from twosra_mpc.execution.simulation import Simulation, simulate
+from twosra_mpc.run_figure import joined_drives, plot_run, reported_states, run_stretch, run_title
+
+ARC = "2sra-v1-arc"
+
+
+class Outcome(NamedTuple):
+    """What a run of the program left behind; output with its white space made single."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Iterator[Run]:
+    """Run the program in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+
+    def run_once(*arguments: object) -> Outcome:
+        with pytest.raises(SystemExit) as caught:
+            cli.main(["simulate", *(str(argument) for argument in arguments)])
+        captured = capsys.readouterr()
+        code = caught.value.code
+        assert isinstance(code, int)
+        return Outcome(code, " ".join(captured.out.split()), " ".join(captured.err.split()))
+
+    yield run_once
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture(scope="module")
+def done() -> Simulation:
+    """A disturbed run with melts, freezes and a correction."""
+    return simulate(load_problem("paper-2", robot=ARC), seed=2)
+
+
+@pytest.fixture(scope="module")
+def replanned() -> Simulation:
+    """A run that was planned again."""
+    found = simulate(load_problem("paper-1", robot=ARC), seed=5)
+    assert found.run.replans == 1
+    return found
+
+
+# --- program -------------------------------------------------------------------------------------
+
+
+def test_a_run_is_summed_up_written_and_drawn(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(animation, "FRAMES_PER_S", 1)
+    files = ("--out", "a.json", "--plot", "a.png", "--animate", "a.gif")
+    code, out, err = run("rigid-move", "--robot", ARC, "--seed", 1, *files)
+    assert (code, err) == (0, "")
+    assert "ending reached" in out
+    assert "planned were 2.5 s" in out
+    assert "0 J in 0 transitions" in out
+    assert "planned again never" in out
+    document = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    assert document["seed"] == 1
+    assert document["reason"] in out
+    for event in document["events"]:
+        assert event["text"] in out
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG\r\n")
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.size == (800, 700)
+        assert getattr(film, "n_frames", 1) > 5
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "a.json", "a.png"]
+
+
+def test_many_runs_are_a_distribution(run: Run) -> None:
+    code, out, err = run("rigid-move", "--robot", ARC, "--runs", 3)
+    assert (code, err) == (0, "")
+    assert "median 90 % largest" in out
+    assert "reached 3 of 3" in out
+    assert "duration [s]" in out
+
+
+def test_a_run_that_does_not_reach_its_goal_says_why_and_has_its_code(run: Run) -> None:
+    code, out, _ = run("paper-2", "--robot", ARC, "--broken-heater", 1, "--disturbance", "mild")
+    assert code == 4
+    assert "ending heater failed" in out
+    assert "without heater 1: proved infeasible" in out
+
+
+def test_the_greedy_rule_can_be_run(run: Run) -> None:
+    code, out, _ = run("rigid-move", "--robot", ARC, "--executor", "greedy")
+    assert code == 0
+    assert "greedy, moderate" in out
+
+
+def test_nothing_is_run_without_a_plan(run: Run, tmp_path: Path) -> None:
+    task = load_problem("paper-2").scenario() | {"modes": [[0, 0], [0, 1]]}
+    del task["start"]["temperature_C"]
+    (tmp_path / "no.json").write_text(json.dumps(_without_none(task)), encoding="utf-8")
+    code, out, err = run("no.json")
+    assert (code, out) == (3, "")
+    assert "there is nothing to run: proved infeasible" in err
+
+
+def _without_none(document: dict[str, object]) -> dict[str, object]:
+    return {
+        key: _without_none(value) if isinstance(value, dict) else value
+        for key, value in document.items()
+        if value is not None
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["paper-1", "--plant", "spring"], ["plant = 'spring'", "as-planned, log_spiral"]),
+        (["paper-1", "--disturbance", "soft"], ["disturbance = 'soft'", "none, mild, moderate"]),
+        (["paper-1", "--broken-heater", "3"], ["--broken-heater", "3"]),
+        (["paper-1", "--executor", "best"], ["--executor", "best"]),
+        (["paper-1", "--runs", "0"], ["--runs", "0"]),
+        (["paper-11"], ["scenario = 'paper-11'", "did you mean paper-1?"]),
+        (["paper-1", "--animate", "a.png"], ["output = 'a.png'", ".gif or .mp4"]),
+        (["paper-1", "--plot", "a.gift"], ["output = 'a.gift'", ".png"]),
+        (["paper-1", "--out", "missing/a.json"], ["output = 'missing/a.json'", "folder"]),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_run(
+    run: Run, arguments: list[str], words: list[str], tmp_path: Path
+) -> None:
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    for word in words:
+        assert word in err
+    assert not list(tmp_path.iterdir())
+
+
+# --- figure --------------------------------------------------------------------------------------
+
+
+def test_the_figure_shows_what_was_planned_and_what_happened(
+    replanned: Simulation, tmp_path: Path
+) -> None:
+    before = dict(rcParams)
+    figure = plot_run(replanned.run, replanned.truth, tmp_path / "run.pdf")
+    assert dict(rcParams) == before
+    assert (tmp_path / "run.pdf").read_bytes().startswith(b"%PDF")
+    titles = {ax.get_title() for ax in figure.axes}
+    drives = joined_drives(replanned.run)
+    assert sum(": [" in title for title in titles) == len(drives) >= 4
+    labels = {line.get_label() for ax in figure.axes for line in ax.get_lines()}
+    assert {"planned", "camera", "by the sensor", r"$\kappa_1$", "wheel 4"} <= labels
+    assert "planned again once" in run_title(replanned.run)
+    assert f"after {replanned.run.duration_s:.0f} s (planned: 337 s)" in run_title(replanned.run)
+
+
+def test_a_run_without_truth_or_plan_is_drawn_too(tmp_path: Path) -> None:
+    found = simulate(load_problem("rigid-move", robot=ARC), executor="greedy", seed=1).run
+    plot_run(found, path=tmp_path / "run.svg")
+    assert "<svg" in (tmp_path / "run.svg").read_text(encoding="utf-8")
+    assert "planned" not in run_title(found)
+
+
+def test_reported_states_follow_each_other_to_the_end(done: Simulation) -> None:
+    for segment, expected in (
+        (0, ["rigid", "melting", "soft", "freezing", "rigid"]),
+        (1, ["rigid"]),
+    ):
+        states = reported_states(done.run, segment)
+        assert [state for _, _, state in states] == expected
+        assert states[0][0] == 0.0
+        assert states[-1][1] == done.run.duration_s
+        ends = [end for _, end, _ in states[:-1]]
+        assert ends == [start for start, _, _ in states[1:]]
+
+
+def test_the_time_axis_is_stretched_where_the_robot_was_driven(done: Simulation) -> None:
+    stretch, drives = run_stretch(done.run), joined_drives(done.run)
+    for drive in drives:
+        low, high = stretch.forward(np.array([drive.start_s, drive.end_s]))
+        assert high - low > 0.05
+    times = np.linspace(0.0, done.run.duration_s, 200)
+    assert stretch.inverse(stretch.forward(times)) == pytest.approx(times, abs=1e-6)
+
+
+# --- film ----------------------------------------------------------------------------------------
+
+
+def test_a_film_shows_the_clock_the_stiffness_and_the_end(done: Simulation) -> None:
+    scene = Scene(done.run, done.truth, run_stretch(done.run))
+
+    def words_at(time_s: float) -> str:
+        scene.show(time_s, 60.0)
+        return " ".join(text.get_text() for ax in scene.figure.axes for text in ax.texts)
+
+    soft = next(change.time_s for change in done.run.changes if change.to == "soft")
+    assert "segment 1 is melting" in words_at(soft - 5.0)
+    assert "driving in mode [1,0]" in words_at(soft + 0.2)
+    freezing = words_at(soft + 150.0)
+    assert "segment 1 is freezing" in freezing
+    assert "(60 times as fast)" in freezing
+    minutes, seconds = divmod(soft + 150.0, 60.0)
+    assert f"{minutes:.0f} min {seconds:04.1f} s" in freezing
+    assert "The goal is reached" in words_at(done.run.duration_s)
+
+
+def test_a_film_is_written_atomically(
+    done: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(animation, "LAST_FRAME_S", 0.2)
+    animate_run(done.run, tmp_path / "run.gif", done.truth, duration_s=0.4)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.gif"]
+    with Image.open(tmp_path / "run.gif") as film:
+        assert getattr(film, "n_frames", 1) >= 6
+
+
+def test_a_film_that_needs_ffmpeg_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(animation.writers, "is_available", lambda name: name != "ffmpeg")
+    with pytest.raises(InputError, match="ffmpeg, which is not installed"):
+        check_animation_path("run.mp4")
+    monkeypatch.setattr(animation.writers, "is_available", lambda _: True)
+    check_animation_path("run.mp4")
+
+
+# --- benchmark -----------------------------------------------------------------------------------
+
+
+def test_the_benchmark_runs_what_is_missing_and_writes_a_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(closed_loop, "problems", lambda: {"move": load_problem("rigid-move")})
+    runs, table = tmp_path / "runs.jsonl", tmp_path / "table.md"
+    arguments = ["--runs", str(runs), "--out", str(table), "--seeds", "2", "--path-model", "arc"]
+    first = CliRunner().invoke(closed_loop.main, arguments)
+    assert first.exit_code == 0, first.output
+    lines = runs.read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 4
+    text = table.read_text(encoding="utf-8")
+    assert "| this package | exact arcs | moderate | 2 of 2 |" in text
+    assert "| greedy rule | exact arcs | moderate | 2 of 2 |" in text
+    assert "Every run reached its goal." in text
+    runs.write_text("\n".join(lines[:3]) + '\n{"cut off', encoding="utf-8")
+    made: list[Case] = []
+    kept = closed_loop.run_case
+    monkeypatch.setattr(
+        closed_loop, "run_case", lambda case, named: made.append(case) or kept(case, named)
+    )
+    again = CliRunner().invoke(closed_loop.main, arguments)
+    assert again.exit_code == 0, again.output
+    assert len(made) == 1
+    assert table.read_text(encoding="utf-8") == text
+
+
+def test_the_benchmark_names_what_did_not_work() -> None:
+    found = Metrics(
+        *(False, "gave up", "3 mm too far", 3e-3, 0.0, 0.0, 100.0, 3, 2, 5.0, 1, 0), forced_s=1.0
+    )
+    text = closed_loop.table({Case("optimal", "arc", "hard", "paper-1", 4): found})
+    assert "| this package | exact arcs | hard | 0 of 1 |" in text
+    assert "- optimal, arc, paper-1, seed 4: gave up: 3 mm too far" in text
+    assert "transitions that no plan asked for: 1." in text
+
+
+def test_the_benchmark_asks_for_two_hundred_runs_of_each() -> None:
+    cases = list(closed_loop.cases("moderate", 8, ["optimal"], ["arc"]))
+    assert len(set(cases)) == 200
+    assert {case.problem for case in cases} == set(closed_loop.problems())
