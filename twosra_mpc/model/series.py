@@ -13,7 +13,7 @@ import math
 
 import casadi as ca
 
-_TERMS = 22
+_TERMS = 17
 
 
 def _series(alpha: ca.SX, offset: int) -> ca.SX:
