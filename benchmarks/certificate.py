@@ -32,6 +32,7 @@ from twosra_mpc.search.bounds import (
     BendingTask,
     SequenceBound,
     least_durations,
+    pose_bound,
     sequence_bound,
     unreachable_reason,
 )
@@ -126,9 +127,10 @@ def _bounded(
         if bound is None:
             continue
         if len(sequence) == 1:
-            cost = max(bound.cost, rigid_time(problem))
-            bound = SequenceBound(cost, bound.times, bound.bends)
-        yield network, bound
+            tighter = rigid_time(problem)
+        else:
+            tighter = pose_bound(network, task, problem.cost_weights, durations, math.inf)
+        yield network, SequenceBound(max(bound.cost, tighter), bound.times, bound.bends)
 
 
 def _costs(

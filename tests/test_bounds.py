@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 
 import numpy as np
 import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
-from twosra_mpc import Goal, Problem
+from twosra_mpc import Goal, Problem, plan
 from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.nlp.fixed_sequence import improve, timed
 from twosra_mpc.nlp.guess import guess_motion
 from twosra_mpc.outcome import verified
 from twosra_mpc.planner import bending_task
-from twosra_mpc.search.bounds import unreachable_reason
+from twosra_mpc.search.bounds import least_durations, pose_bound, unreachable_reason
 
 SOFT_SEQUENCES = [
     soft
@@ -29,7 +30,7 @@ def sequences() -> list[ModeSequence]:
     return [(RIGID, *soft, RIGID) for soft in SOFT_SEQUENCES]
 
 
-@pytest.mark.parametrize("factor", [None, 1.0, 30.0, 300.0])
+@pytest.mark.parametrize("factor", [None, 1.0, 30.0, 300.0, 3000.0])
 @pytest.mark.parametrize("seed", range(4))
 def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: float | None) -> None:
     robot = ROBOT if factor is None else faster_robot(factor)  # thermal or constant times
@@ -42,6 +43,8 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
         network, bound = network_of(problem, sequence), bound_of(problem, sequence)
         if bound is None:
             continue
+        durations = least_durations(sequence, task)
+        tighter = pose_bound(network, task, problem.cost_weights, durations, math.inf)
         guess = guess_motion(
             problem.robot,
             problem.start.configuration,
@@ -54,7 +57,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
             if candidate is not None:
                 found += 1
                 cost = verified(problem, candidate, network).cost
-                assert bound.cost <= cost.total + 1e-6, sequence
+                assert max(bound.cost, tighter) <= cost.total + 1e-6, sequence
     assert found >= 4
 
 
@@ -129,3 +132,38 @@ def test_bends_of_the_relaxation_add_up_to_the_task() -> None:
         assert total == pytest.approx(task.change[j][0], abs=1e-9)
     assert not bound.bends[[0, -1]].any()
     assert np.isfinite(bound.times).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_with_fast_metal_the_change_of_pose_raises_the_bound(seed: int) -> None:
+    problem = random_problem(seed, robot=faster_robot(50.0))
+    result = plan(problem)
+    assert result.cost is not None
+    sequence = tuple(phase.mode for phase in result.phases)
+    sequence = sequence if sequence[-1] == RIGID else (*sequence, RIGID)
+    network, bound = network_of(problem, sequence), bound_of(problem, sequence)
+    assert bound is not None
+    task = bending_task(problem)
+    durations = least_durations(sequence, task)
+    tighter = pose_bound(network, task, problem.cost_weights, durations, math.inf)
+    assert bound.cost < tighter <= result.cost.total
+    assert result.cost.total - tighter < 0.6 * (result.cost.total - bound.cost)
+    assert result.gap is not None
+    assert result.gap < 0.08
+    enough = bound.cost + 0.2 * (tighter - bound.cost)
+    early = pose_bound(network, task, problem.cost_weights, durations, enough)
+    assert enough <= early <= tighter + 1e-6
+
+
+def test_without_a_goal_pose_or_a_choice_of_bends_the_pose_proves_nothing() -> None:
+    problem = random_problem(0)
+    task = bending_task(problem)
+    chosen = (RIGID, SOFT_1, SOFT_2, SOFT_BOTH, RIGID)
+    network = network_of(problem, chosen)
+    assert pose_bound(network, task, problem.cost_weights, [0.0] * 5, math.inf) == -math.inf
+    free = problem.model_copy(update={"goal": Goal(kappa_per_m=problem.goal.kappa_per_m)})
+    sequence = (RIGID, SOFT_1, SOFT_2, RIGID)
+    durations = least_durations(sequence, bending_task(free))
+    network = network_of(free, sequence)
+    weights = problem.cost_weights
+    assert pose_bound(network, bending_task(free), weights, durations, math.inf) == -math.inf

@@ -282,7 +282,7 @@ def test_a_gap_that_is_left_is_explained() -> None:
     result = plan(load_problem("rigid-move", gap=0.0))
     assert result.status is Status.FEASIBLE
     assert result.message.endswith(
-        "no mode sequence of up to max_phases = 6 is left to try: the gap is slack of the bounds, "
+        "no mode sequence of up to max_phases = 8 is left to try: the gap is slack of the bounds, "
         "or in longer sequences"
     )
 

@@ -132,7 +132,7 @@ def lineages(tree: ModeTree[Any], depth: int) -> Iterator[list[ModeSequence]]:
     rows = [[tree.root()]]
     for _ in range(depth):
         yield from rows
-        rows = [[*row, child] for row in rows for child in tree.children(row[-1]) or ()]
+        rows = [[*row, child] for row in rows for child in tree.children(row[-1])]
     yield from rows
 
 

@@ -336,7 +336,9 @@ def test_the_plan_of_a_remelt_is_shorter_and_cheaper_than_with_cold_melts() -> N
         problem = load_problem("shape-change", timing=timing)
         network, bound = network_of(problem, sequence), bound_of(problem, sequence)
         assert bound is not None
-        found = next(iter(SequenceSolver(problem)(network, bound, math.inf)))[1]
+        first = next(iter(SequenceSolver(problem)(network, bound)))
+        assert first is not None
+        found = first[1]
         assert found.verification.ok
         costs.append(found.cost)
         motion = sum(phase.end_s - phase.start_s for phase in found.phases)

@@ -123,9 +123,9 @@ class SequenceSolver:
         self.iterations = 0
 
     def __call__(
-        self, network: TemporalNetwork, bound: SequenceBound, target: float
-    ) -> Iterator[tuple[float, Verified]]:
-        """Yield (cost, plan) of the sequence; stops once a plan costs ``target`` or less."""
+        self, network: TemporalNetwork, bound: SequenceBound
+    ) -> Iterator[tuple[float, Verified] | None]:
+        """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
         problem = self.problem
         guess = guess_motion(
             problem.robot,
@@ -136,23 +136,20 @@ class SequenceSolver:
             INTERVALS,
             may_drive(problem, network.sequence),
         )
-        for found in self._checked(timed(guess, network, problem, iterations=0), network):
-            yield found
-            if found[0] <= target:
-                return
+        yield self._checked(timed(guess, network, problem, iterations=0), network)
         if time.perf_counter() > self.deadline:
             return
         candidate = improve(guess, network, problem)
         self.iterations += candidate.iterations if candidate else 0
-        yield from self._checked(candidate, network)
+        yield self._checked(candidate, network)
 
     def _checked(
         self, candidate: Candidate | None, network: TemporalNetwork
-    ) -> Iterator[tuple[float, Verified]]:
-        if candidate is not None:
-            checked = verified(self.problem, candidate, network)
-            if checked.verification.ok:
-                yield checked.cost.total, checked
+    ) -> tuple[float, Verified] | None:
+        if candidate is None:
+            return None
+        checked = verified(self.problem, candidate, network)
+        return (checked.cost.total, checked) if checked.verification.ok else None
 
 
 def bending_task(problem: Problem) -> BendingTask:
@@ -208,9 +205,7 @@ def pose_task(problem: Problem) -> PoseTask | None:
         known_s=float(interval_durations(guess).sum()),
         wheel_matrix=lambda kappa: _rigid_wheel_matrix(problem, kappa),
         wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
-        start=(float(start[3]), float(start[4])),
-        soft_speeds=bending(problem.robot).soft_speeds,
-        soft_speeds_between=bending(problem.robot).soft_speeds_between,
+        soft_motions=bending(problem.robot).motions_between,
     )
 
 

@@ -155,7 +155,7 @@ class Problem(Value):
     heaters_at_once: Annotated[int, Field(ge=1, le=2), BeforeValidator(plain)] = 2
     transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
     modes: Annotated[tuple[ModeField, ...], BeforeValidator(plain)] = MODES
-    max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 6
+    max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     time_limit_s: Positive = 60.0
 

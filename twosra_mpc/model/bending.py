@@ -69,22 +69,31 @@ class Bending:
         rates = _largest_rate(self.robot, mode, lower, upper)
         return float(np.sum(abs(bend) / _PIECES / rates))
 
-    def soft_speeds(self, mode: Mode) -> tuple[Array, Array]:
-        """Upper bounds of b0's speed [m/s] and turning rate [rad/s] in boxes of shapes, (n,) each.
-
-        The boxes cover every shape within the curvature limits.
-        """
-        return _soft_speeds(self.robot, mode)
-
-    def soft_speeds_between(
-        self, mode: Mode, origin: tuple[float, float], bend: float
+    def motions_between(
+        self, mode: Mode, origin: tuple[float, float], along: Array
     ) -> tuple[Array, Array]:
-        """The same in boxes that cover a bend by ``bend`` from (W_1, W_2) = ``origin``."""
-        along = bend * np.linspace(0.0, 1.0, _PIECES + 1)
+        """Enclose what each locomotion unit at full speed does to the robot during a bend.
+
+        Args:
+            mode: A soft mode.
+            origin: (W_1, W_2) where ``along`` is 0.
+            along: Changes of W, increasing; between neighbours lies a box of shapes, (n + 1,).
+
+        Returns:
+            Lower and upper bounds in each box, each (2, 4, n): for LU1 and LU2 b0's twist
+            (u, v, r) [m/s, m/s, rad/s] and dW/dt.
+        """
         edges = [self._curvature(origin[j] + mode[j] * along) for j in (0, 1)]
         lower = np.array([np.minimum(edge[:-1, 0], edge[1:, 0]) for edge in edges])
         upper = np.array([np.maximum(edge[:-1, 1], edge[1:, 1]) for edge in edges])
-        return _speeds_in(self.robot, mode, lower, upper)
+        twists = enclose(_twists(self.robot, mode), lower, upper)
+        rates = enclose(_rates(self.robot, mode), lower, upper)
+        speed = _unit_speed(self.robot)
+        low, high = (
+            speed * np.concatenate([twist.reshape(2, 3, -1), rate[:, None]], axis=1)
+            for twist, rate in zip(twists, rates, strict=True)
+        )
+        return low, high
 
     def _collides(self, coordinates: list[Array]) -> bool:
         """Whether the units overlap by over 0.1 mm in one of the shapes with these W."""
@@ -162,28 +171,6 @@ def _twists(robot: Robot, mode: Mode) -> ca.Function:
     jacobian = kinematics(robot).jacobian(ca.vertcat(0, 0, 0, kappa), mode)
     stacked = ca.vertcat(jacobian[:3, 0], jacobian[:3, 1])
     return ca.Function("twists", [kappa], [ca.densify(stacked)])
-
-
-@lru_cache(maxsize=32)
-def _soft_speeds(robot: Robot, mode: Mode) -> tuple[Array, Array]:
-    limit, boxes = robot.limits.curvature_per_m, _BOXES[2]
-    edges = np.linspace(-limit, limit, boxes + 1)
-    lower = np.array(list(itertools.product(edges[:-1], edges[:-1]))).T
-    upper = np.array(list(itertools.product(edges[1:], edges[1:]))).T
-    return _speeds_in(robot, mode, lower, upper)
-
-
-def _speeds_in(robot: Robot, mode: Mode, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """Bounds of b0's speed and turning rate in boxes, for any speeds of the two units."""
-    low, high = enclose(_twists(robot, mode), lower, upper)
-    middle, half = (high + low).reshape(2, 3, -1) / 2, (high - low).reshape(2, 3, -1) / 2
-    speeds, turns = [], []
-    for sign in (1.0, -1.0):  # the two corners of the units' speeds, up to a common sign
-        twist, slack = middle[0] + sign * middle[1], half.sum(axis=0)
-        speeds.append(np.hypot(np.abs(twist[0]) + slack[0], np.abs(twist[1]) + slack[1]))
-        turns.append(np.abs(twist[2]) + slack[2])
-    fastest = _unit_speed(robot)
-    return np.maximum(*speeds) * fastest, np.maximum(*turns) * fastest
 
 
 def _unit_speed(robot: Robot) -> float:

@@ -11,8 +11,8 @@ import enum
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
 Node = TypeVar("Node")
@@ -29,14 +29,20 @@ class Tree(Protocol[Node, Solution_co]):
     def bound(self, node: Node) -> float:
         """Lower bound on the cost of every leaf at or below ``node``; inf if there is none."""
 
-    def children(self, node: Node) -> Iterable[Node] | None:
-        """Return the children of ``node``; None if a depth limit forbids opening it."""
+    def children(self, node: Node) -> Iterable[Node]:
+        """Return the children of ``node``."""
+
+    def too_deep(self, node: Node) -> bool:
+        """Whether a depth limit forbids opening ``node``, although there may be leaves below."""
 
     def leaf_bound(self, node: Node) -> float:
         """Lower bound on the cost of ``node`` itself as a leaf; inf if it is none or infeasible."""
 
-    def solve(self, node: Node, target: float) -> Iterable[tuple[float, Solution_co]]:
-        """Yield solutions of the leaf ``node`` as they are found; cost ``target`` is enough."""
+    def tighter_bound(self, node: Node, enough: float) -> float:
+        """Another lower bound on the cost of the leaf ``node``, with more effort."""
+
+    def solve(self, node: Node) -> Iterable[tuple[float, Solution_co] | None]:
+        """Yield (cost, solution) of one attempt at the leaf ``node`` after the other."""
 
 
 class Ending(enum.Enum):
@@ -70,13 +76,17 @@ class SearchResult(Generic[Solution]):
 
 
 @dataclass(order=True)
-class _Entry(Generic[Node]):
-    """A node in the queue: to be solved as a leaf (preferred at equal bounds) or to be branched."""
+class _Entry(Generic[Node, Solution]):
+    """A node in the queue: to be solved as a leaf (preferred at equal bounds) or to be branched.
+
+    A leaf goes back into the queue after every attempt to solve it, first with a tighter bound.
+    """
 
     bound: float
     branch: bool
     order: int
     node: Node = field(compare=False)
+    attempts: Iterator[tuple[float, Solution] | None] | None = field(default=None, compare=False)
 
 
 def branch_and_bound(
@@ -94,49 +104,95 @@ def branch_and_bound(
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
     """
-    order = itertools.count()
-    root = tree.root()
-    queue: list[_Entry[Node]] = [_Entry(tree.bound(root), True, next(order), root)]
-    kept = math.inf  # least bound of what is no longer in the queue but not disproved either
-    best: tuple[float, Solution | None] = (math.inf, None)
-    bounded = solved = 0
-
-    def result(ending: Ending) -> SearchResult[Solution]:
-        low = min(kept, queue[0].bound if queue else math.inf, best[0])
-        return SearchResult(ending, best[0], best[1], low, bounded, solved)
-
+    search = _Search(tree, gap)
     try:
-        while queue and queue[0].bound < best[0] and math.isfinite(queue[0].bound):
-            low = min(kept, queue[0].bound)
-            on_progress(best[0], low)
-            if best[0] - low <= gap * best[0] < math.inf:
-                return result(Ending.CLOSED)
+        while search.open:
+            on_progress(search.cost, search.lower_bound)
+            if search.closed:
+                return search.result(Ending.CLOSED)
             if out_of_time():
-                return result(Ending.LIMIT)
-            entry = queue[0]
-            if entry.branch:  # the entry stays in the queue until all that follows it is known
-                opened: list[_Entry[Node]] = []
-                children = tree.children(entry.node)
-                leaf_bound = tree.leaf_bound(entry.node)
-                if math.isfinite(leaf_bound):
-                    bounded += 1
-                    bound = max(leaf_bound, entry.bound)
-                    opened.append(_Entry(bound, False, next(order), entry.node))
-                for child in children or ():
-                    bound = max(tree.bound(child), entry.bound)
-                    opened.append(_Entry(bound, True, next(order), child))
-                for one in opened:
-                    heapq.heappush(queue, one)
-                kept = min(kept, entry.bound) if children is None else kept
-                queue.remove(entry)
-                heapq.heapify(queue)
-            else:
-                for found in tree.solve(entry.node, entry.bound / (1 - gap)):
-                    best = min(best, found, key=lambda one: one[0])
-                heapq.heappop(queue)
-                kept = min(kept, entry.bound)
-                solved += 1
+                return search.result(Ending.LIMIT)
+            search.step()
     except KeyboardInterrupt:
-        return result(Ending.INTERRUPTED)
-    closed = best[0] - min(kept, best[0]) <= gap * best[0] < math.inf
-    return result(Ending.CLOSED if closed else Ending.EXHAUSTED)
+        return search.result(Ending.INTERRUPTED)
+    return search.result(Ending.CLOSED if search.closed else Ending.EXHAUSTED)
+
+
+class _Search(Generic[Node, Solution]):
+    """State of a search; an entry stays in the queue until all that follows from it is known."""
+
+    def __init__(self, tree: Tree[Node, Solution], gap: float) -> None:
+        self.tree, self.gap = tree, gap
+        self.order = itertools.count()
+        root = tree.root()
+        self.queue = [self._entry(tree.bound(root), branch=True, node=root)]
+        self.kept = math.inf  # least bound of what left the queue without being disproved
+        self.cost, self.solution = math.inf, None  # type: float, Solution | None
+        self.bounded = self.solved = 0
+
+    @property
+    def open(self) -> bool:
+        """Whether something in the queue may beat the incumbent."""
+        return bool(self.queue) and self.queue[0].bound < min(self.cost, math.inf)
+
+    @property
+    def lower_bound(self) -> float:
+        """Proved lower bound on every leaf's cost."""
+        return min(self.kept, self.queue[0].bound if self.queue else math.inf, self.cost)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the incumbent is within the gap."""
+        return self.cost - self.lower_bound <= self.gap * self.cost < math.inf
+
+    def result(self, ending: Ending) -> SearchResult[Solution]:
+        """Sum up."""
+        low = self.lower_bound
+        return SearchResult(ending, self.cost, self.solution, low, self.bounded, self.solved)
+
+    def step(self) -> None:
+        """Work on the entry with the least bound."""
+        if self.queue[0].branch:
+            self._branch(self.queue[0])
+        else:
+            self._attempt(self.queue[0])
+
+    def _entry(self, bound: float, *, branch: bool, node: Node) -> _Entry[Node, Solution]:
+        return _Entry(bound, branch, next(self.order), node)
+
+    def _branch(self, entry: _Entry[Node, Solution]) -> None:
+        """Put the node's own leaf and its children in its place."""
+        tree, node, opened = self.tree, entry.node, list[_Entry[Node, Solution]]()
+        kept, leaf_bound = self.kept, tree.leaf_bound(node)
+        if math.isfinite(leaf_bound):
+            self.bounded += 1
+            opened.append(self._entry(max(leaf_bound, entry.bound), branch=False, node=node))
+        for child in tree.children(node):
+            bound = max(tree.bound(child), entry.bound)
+            if tree.too_deep(child):
+                kept = min(kept, bound)
+            else:
+                opened.append(self._entry(bound, branch=True, node=child))
+        for one in opened:
+            heapq.heappush(self.queue, one)
+        self.kept = kept
+        self.queue.remove(entry)
+        heapq.heapify(self.queue)
+
+    def _attempt(self, entry: _Entry[Node, Solution]) -> None:
+        """Try once to solve a leaf; after the first time, tighten its bound if that is of use."""
+        first = entry.attempts is None
+        attempts = iter(self.tree.solve(entry.node)) if entry.attempts is None else entry.attempts
+        bound = entry.bound
+        self.solved += first
+        try:
+            found = next(attempts)
+        except StopIteration:
+            self.kept = min(self.kept, bound)
+            heapq.heappop(self.queue)
+            return
+        if found is not None and found[0] < self.cost:
+            self.cost, self.solution = found
+        if first and self.cost - bound > self.gap * self.cost:
+            bound = max(bound, self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost))
+        heapq.heapreplace(self.queue, replace(entry, bound=bound, attempts=attempts))

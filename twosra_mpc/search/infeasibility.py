@@ -125,6 +125,7 @@ def _shortest(tree: ModeTree[Any], length: int) -> ModeSequence | None:
         leaf = deeper.leaf(node)
         if leaf is not None and len(leaf) == length:
             found.append((deeper.leaf_bound(node), leaf))
-        nodes += [c for c in deeper.children(node) or [] if deeper.bound(c) < math.inf]
+        longer = [child for child in deeper.children(node) if not deeper.too_deep(child)]
+        nodes += [child for child in longer if deeper.bound(child) < math.inf]
     bound, leaf = min(found, default=(math.inf, None))
     return leaf if bound < math.inf else None

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.optimize import linprog
 
 Array = NDArray[np.float64]
@@ -15,7 +17,7 @@ _INFEASIBLE = 2  # SciPy's status code
 
 def minimise(
     objective: Array,
-    rows: Array,
+    rows: Array | sparse.csr_matrix,
     limits: Array,
     bounds: Sequence[tuple[float | None, float | None]],
 ) -> tuple[float, Array] | None:
@@ -26,7 +28,8 @@ def minimise(
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    result = linprog(objective, A_ub=rows, b_ub=limits, bounds=list(bounds), method="highs")
+    matrix: Any = rows  # the stubs know of no sparse ones
+    result = linprog(objective, A_ub=matrix, b_ub=limits, bounds=bounds, method="highs")
     if result.status == _INFEASIBLE:
         return None
     if result.status != 0 or result.x is None or result.fun is None:

@@ -18,13 +18,14 @@ from twosra_mpc.search.bounds import (
     BendingTask,
     SequenceBound,
     least_durations,
+    pose_bound,
     sequence_bound,
     unreachable_reason,
 )
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
 
 Solution = TypeVar("Solution")
-SequenceSolver = Callable[[TemporalNetwork, SequenceBound, float], Iterable[tuple[float, Solution]]]
+SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
 
 
 @dataclass
@@ -40,7 +41,7 @@ class ModeTree(Generic[Solution]):
         task: What the bending coordinates must do.
         weights: Weights of the cost.
         rigid_time: Proved least duration of a plan that never melts anything [s].
-        solver: Yields plans of one sequence, given its network, bound and a sufficient cost.
+        solver: Yields attempts at a plan of one sequence, given its network and bound.
         excluded: Complete sequences that are not to be used.
         unreachable: Filled by the search: why leaves were proved infeasible.
     """
@@ -118,13 +119,13 @@ class ModeTree(Generic[Solution]):
             count += 1 + (self.last[j] == 0)
         return self.weights.energy_s_per_J * energy + self.weights.transition_s * count
 
-    def children(self, node: ModeSequence) -> list[ModeSequence] | None:
-        """Append every other allowed mode; None when that would exceed ``max_phases``."""
-        longer = [(*node, mode) for mode in self.modes if not node or mode != node[-1]]
-        leaves = [self.leaf(child) or child for child in longer]
-        if any(len(leaf) > self.max_phases for leaf in leaves):
-            return None
-        return longer
+    def children(self, node: ModeSequence) -> list[ModeSequence]:
+        """Append every other allowed mode."""
+        return [(*node, mode) for mode in self.modes if not node or mode != node[-1]]
+
+    def too_deep(self, node: ModeSequence) -> bool:
+        """Whether the leaf of ``node``, or of its shortest child, exceeds ``max_phases``."""
+        return len(self.leaf(node) or node) > self.max_phases
 
     def leaf_bound(self, node: ModeSequence) -> float:
         """Optimum of the relaxation of the complete sequence."""
@@ -152,10 +153,19 @@ class ModeTree(Generic[Solution]):
             return max(bound.cost, self.rigid_time())
         return bound.cost
 
-    def solve(self, node: ModeSequence, target: float) -> Iterable[tuple[float, Solution]]:
+    def tighter_bound(self, node: ModeSequence, enough: float) -> float:
+        """Raise the leaf bound by the time the change of pose takes."""
+        leaf = self.leaf(node)
+        if leaf is None:
+            return -math.inf
+        durations = least_durations(leaf, self.task)
+        network = self.timing.network(leaf, self.last, durations)
+        return pose_bound(network, self.task, self.weights, durations, enough)
+
+    def solve(self, node: ModeSequence) -> Iterable[tuple[float, Solution] | None]:
         """Hand the complete sequence to the fixed-sequence solver."""
         leaf = self.leaf(node)
         if leaf is None:
             return ()
         network = self.timing.network(leaf, self.last, [0.0] * len(leaf))
-        return self.solver(network, self._bounds[leaf], target)
+        return self.solver(network, self._bounds[leaf])

@@ -1,41 +1,55 @@
-r"""What the change of pose costs any plan, whatever its mode sequence.
+r"""What the change of pose costs a mode sequence whose bends are known.
 
-As in ``rigid_motion``, let S(x, y, phi) = p . (x, y) + C(phi) grow by at most 1 per second while
-the robot drives rigidly in its start shape, here at every heading, with C of period 2 pi. In any
-other phase i S grows by at most some rate g_i: in a rigid phase of known shape the maximum over the
-vertices of its polytope of twists and all headings; in a soft mode
+Let S_i be functions of pose and bend, one for each phase i, with a common gradient p in the plane,
 
-.. math:: g = \max\; |p|\,|(u, v)| + |r|\,\max |C'|
+.. math:: S_i = p \cdot (x, y) + C_i(\phi) + B_i(W),
 
-over the shapes it can take, with both locomotion units at up to full speed. Summing over a plan,
+C_i of period 2 pi and piecewise linear in the heading, B_i piecewise linear in the bending
+coordinate, 0 where the phase begins. If S_i grows by at most g_i per second whatever the robot
+does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over the phases of a plan
 
-.. math:: \sum_i g_i\,(t_{end,i} - t_{start,i}) \ge S(goal) - S(start).
+.. math:: \sum_i g_i\,(t_{end,i} - t_{start,i}) \;\ge\;
+    p \cdot \Delta(x, y) + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
 
-Where a soft phase must bend by a known amount, which takes T at least, it is outside of the shapes
-of that bend for no longer than it lasts beyond T; so S grows by at most g t - (g - g') T in time t,
-with g' the rate in those shapes.
+a linear constraint on the event times, and the least cost of the temporal network with this
+constraint is a lower bound. It holds for any p, C and B. In a rigid phase g_i is a maximum over the
+vertices of a polytope of twists; in a soft phase over boxes of shapes on the line of its bends, out
+to the curvature limits, and the corners of the two units' speeds.
 
-The linear program of the sequence bound takes this as one more constraint. p and C are those that
-make the right hand side largest.
+On a panel of headings of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends
+and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel.
+
+The S_i that give the highest bound solve a linear program together with the dual of the temporal
+network (y are its multipliers, and g_i the price of time in phase i). Most of its rows are idle, so
+it is solved with few of them and those that are violated are added; what is returned is always
+proved by the true maxima, whether the program was solved to the end or not.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from twosra_mpc.modes import Mode
 from twosra_mpc.search.linear_program import minimise
 from twosra_mpc.search.rigid_motion import twist_vertices
+from twosra_mpc.timing import EventLayout
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-_PANELS = 96
+PANELS = 32  # of headings
+_INSIDE, _OUTSIDE, _BOXES = 4, 2, 24  # pieces of B within the bend, on each side, boxes a piece
+_ROUNDS = 14  # of adding rows
+_CUTS = 120  # rows added a phase and round
+_VIOLATED = 1e-4  # s/s
+_STEEPEST = 3.0  # largest B', in terms of the fastest bending
 _ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-6 rad
 
 
@@ -49,10 +63,9 @@ class PoseTask:
         known_s: Duration of a rigid motion in the start shape that makes the change [s].
         wheel_matrix: (kappa1, kappa2) -> V of the rigid mode, (4, 3) [1/m, 1/m, 1].
         wheel_speed_rad_s: Wheel speed limit.
-        start: Curvatures at the start [1/m].
-        soft_speeds: mode -> upper bounds of |(u, v)| [m/s] and |r| [rad/s] in boxes that cover
-            all shapes, (n,) each.
-        soft_speeds_between: (mode, (W_1, W_2), change of W) -> the same for the shapes of a bend.
+        soft_motions: (mode, (W_1, W_2), changes of W (n + 1,)) -> lower and upper bounds, each
+            (2, 4, n), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, between
+            neighbouring changes of W.
     """
 
     shift: Array
@@ -60,104 +73,263 @@ class PoseTask:
     known_s: float
     wheel_matrix: Callable[[tuple[float, float]], Array]
     wheel_speed_rad_s: float
-    start: tuple[float, float]
-    soft_speeds: Callable[[Mode], tuple[Array, Array]]
-    soft_speeds_between: Callable[[Mode, tuple[float, float], float], tuple[Array, Array]]
+    soft_motions: Callable[[Mode, tuple[float, float], Array], tuple[Array, Array]]
 
-    @cached_property
-    def _subsolution(self) -> Subsolution | None:
-        vertices = twist_vertices(self.wheel_matrix(self.start), self.wheel_speed_rad_s)
-        return None if vertices is None else best_subsolution(vertices, self.shift, self.turn)
+    def rigid_phase(self, shape: tuple[float, float]) -> PhaseMotions | None:
+        """What a rigid phase in a shape (kappa1, kappa2) can do; None if nothing limits it."""
+        twists = twist_vertices(self.wheel_matrix(shape), self.wheel_speed_rad_s)
+        if twists is None:
+            return None
+        motions = np.hstack([twists, np.zeros((len(twists), 1))])
+        none = np.zeros(len(twists), dtype=np.intp)
+        return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1))
 
-    @property
-    def need_s(self) -> float:
-        """S(goal) - S(start): the time it takes at rate 1."""
-        found = self._subsolution
-        return min(found.gain, self.known_s) * (1 - _ROUNDING) if found else 0.0
+    def soft_phase(
+        self, mode: Mode, origin: tuple[float, float], bend: float, room: tuple[float, float]
+    ) -> PhaseMotions:
+        """What a soft phase can do that bends by ``bend`` and may stray within ``room``."""
+        low, high = min(bend, 0.0), max(bend, 0.0)
+        edges = np.unique(
+            np.concatenate(
+                [
+                    np.linspace(min(room[0], low), low, _OUTSIDE + 1),
+                    np.linspace(low, high, _INSIDE + 1),
+                    np.linspace(high, max(room[1], high), _OUTSIDE + 1),
+                ]
+            )
+        )
+        pieces = len(edges) - 1
+        steps = np.linspace(0.0, 1.0, _BOXES, endpoint=False)
+        along = np.append((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel(), edges[-1])
+        least, most = self.soft_motions(mode, origin, along)
+        middle, half = (most + least) / 2, (most - least) / 2
+        corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+        return PhaseMotions(
+            motions=np.concatenate([i * middle[0] + j * middle[1] for i, j in corners], axis=1).T,
+            slack=np.tile((half[0] + half[1]).T, (4, 1)),
+            piece=np.tile(np.repeat(np.arange(pieces), _BOXES), 4),
+            bends=math.copysign(1.0, bend) * np.diff(np.clip(edges, low, high)),
+        )
 
-    def rigid_rate(self, shape: tuple[float, float] | None) -> float:
-        """Largest growth of S per second in a rigid phase; inf if its shape is not known."""
-        found = self._subsolution
-        if found is None or shape is None:
-            return math.inf
-        vertices = twist_vertices(self.wheel_matrix(shape), self.wheel_speed_rad_s)
-        return math.inf if vertices is None else found.growth(vertices) * (1 + _ROUNDING)
 
-    def soft_rate(self, mode: Mode) -> float:
-        """Largest growth of S per second in a soft phase, in any shape."""
-        return self._largest(*self.soft_speeds(mode))
-
-    def bending_rate(self, mode: Mode, origin: tuple[float, float], bend: float) -> float:
-        """Largest growth of S per second in the shapes of a bend."""
-        return self._largest(*self.soft_speeds_between(mode, origin, bend))
-
-    def _largest(self, speed: Array, turning: Array) -> float:
-        found = self._subsolution
-        if found is None:
-            return math.inf
-        return float((np.linalg.norm(found.p) * speed + found.steepest * turning).max())
-
-
-@dataclass(frozen=True, eq=False)
-class Subsolution:
-    """S on panels of headings; see the module.
+class PhaseMotions(NamedTuple):
+    """Extreme motions of a phase.
 
     Attributes:
-        p: Gradient along x and y [s/m], (2,).
-        edges: Edges of the panels of headings, over one turn [rad], (n + 1,).
-        slopes: C' on each panel [s/rad], (n,).
-        gain: S(goal) - S(start) [s].
+        motions: (u, v, r, dW/dt), (n, 4).
+        slack: How far the true motions may lie from them, (n, 4).
+        piece: Piece of B in which they take place, (n,).
+        bends: Change of W in each piece that the phase must make, (pieces,).
     """
 
-    p: Array
-    edges: Array
-    slopes: Array
-    gain: float
-
-    @property
-    def steepest(self) -> float:
-        """Largest abs(C')."""
-        return float(np.abs(self.slopes).max())
-
-    def growth(self, vertices: Array) -> float:
-        """Largest growth per second of twists (u, v, r) in the hull of ``vertices``, (n, 3)."""
-        rows = _growth_rows(self.edges, vertices)
-        return float((rows @ np.concatenate([self.p, self.slopes])).max())
+    motions: Array
+    slack: Array
+    piece: Indices
+    bends: Array
 
 
-def best_subsolution(vertices: Array, shift: Array, turn: float) -> Subsolution:
-    """Find the S that grows most from start to goal (a linear program)."""
-    turn = math.remainder(turn, math.tau)
-    edges = np.unique([*np.linspace(-math.pi, math.pi, _PANELS + 1), 0.0, turn])
-    middle, widths = (edges[1:] + edges[:-1]) / 2, np.diff(edges)
-    between = (middle > min(0.0, turn)) & (middle < max(0.0, turn))
-    gain = np.concatenate([shift, math.copysign(1.0, turn) * widths * between])
-    rows = _growth_rows(edges, vertices)
-    closed = np.concatenate([np.zeros(2), widths])  # C has period 2 pi
-    rows = np.vstack([rows, closed, -closed])
-    limits = np.concatenate([np.ones(len(rows) - 2), np.zeros(2)])
-    optimum = minimise(-gain, rows, limits, [(None, None)] * len(gain))
-    assert optimum is not None, "S = 0 is feasible"
-    value, x = optimum
-    return Subsolution(x[:2], edges, x[2:], -value)
+class PoseConstraint(NamedTuple):
+    """sum of rates[i] (duration of phase i) >= need for every plan of the sequence [s]."""
+
+    rates: Array
+    need: float
 
 
-def _growth_rows(edges: Array, vertices: Array) -> Array:
-    """Rows a with a . (p, slopes) = growth, for every vertex at three points of every panel.
+def best_constraint(
+    task: PoseTask,
+    phases: Sequence[PhaseMotions],
+    layout: EventLayout,
+    least: dict[tuple[int, int], float],
+    cost: Array,
+    bound_with: Callable[[PoseConstraint], float | None],
+    enough: float,
+) -> float:
+    """Find the highest lower bound of this form.
 
-    On a panel of half-width h the arc R(phi) w lies in the triangle of its ends and of
-    R(middle) w / cos h.
+    Args:
+        task: The change of pose.
+        phases: What the phases can do.
+        layout: Numbering of the events.
+        least: {(u, v): w} meaning t[v] - t[u] >= w [s].
+        cost: Cost of the event times, by event.
+        bound_with: Least cost of the network under a further constraint; None if there is none.
+        enough: A bound that need not be exceeded.
     """
-    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-    count = len(middle)
-    blocks = []
-    for angle, size in (
-        (middle - half, np.ones(count)),
-        (middle + half, np.ones(count)),
-        (middle, 1 / np.cos(half)),
-    ):
-        c, s = np.cos(angle) * size, np.sin(angle) * size
-        for u, v, r in vertices:
-            turned = np.column_stack([c * u - s * v, s * u + c * v])
-            blocks.append(np.hstack([turned, np.eye(count) * r]))
-    return np.vstack(blocks)
+    program = _Program(task, phases, layout, least, cost)
+    best = -math.inf
+    for _ in range(_ROUNDS):
+        x = program.solve()
+        if x is None:
+            break
+        constraint, violated = program.read(x)
+        bound = bound_with(constraint)
+        best = max(best, -math.inf if bound is None else bound)
+        if best >= enough or not violated:
+            break
+    return best
+
+
+class _Program:
+    """The linear program for p, C, B, g, e and y; columns in this order."""
+
+    def __init__(
+        self,
+        task: PoseTask,
+        phases: Sequence[PhaseMotions],
+        layout: EventLayout,
+        least: dict[tuple[int, int], float],
+        cost: Array,
+    ) -> None:
+        turn = math.remainder(task.turn, math.tau)
+        self.edges = np.unique([*np.linspace(-math.pi, math.pi, PANELS + 1), 0.0, turn])
+        half = np.diff(self.edges) / 2
+        middle = (self.edges[1:] + self.edges[:-1]) / 2
+        self.widths, self.panels = 2 * half, len(half)
+        angles = np.stack([self.edges[:-1], self.edges[1:], middle], axis=1)
+        size = np.stack([np.ones_like(half), np.ones_like(half), 1 / np.cos(half)], axis=1)
+        self.cos, self.sin = np.cos(angles) * size, np.sin(angles) * size
+        self.phases = phases
+        n = len(phases)
+        pieces = [len(phase.bends) for phase in phases]
+        self.c = 2 + self.panels * np.arange(n)
+        self.b = 2 + self.panels * n + np.concatenate([[0], np.cumsum(pieces)])
+        self.g = int(self.b[-1])
+        self.e = self.g + n
+        self.y = self.e + n - 1
+        self.width = self.y + len(least)
+        self.gain = self._gain(task, list(least.values()), turn)
+        self.bounds = self._bounds(task)
+        self.rows = [self._balance(layout, least), self._switches()]
+        self.limits = [cost[: layout.origin], np.zeros(self.panels * (n - 1))]
+        for i, phase in enumerate(phases):
+            first = np.arange(len(phase.motions))
+            if len(phase.bends) > 1:
+                first = first[first % _BOXES == _BOXES // 2]
+            motion, panel = np.meshgrid(
+                first, np.arange(0, self.panels, 3 if len(first) > 40 else 1)
+            )
+            self._add(i, motion.ravel(), panel.ravel(), np.full(motion.size, 2))
+
+    def _heading(self, angle: float) -> int:
+        return int(np.argmin(np.abs(self.edges - angle))) % self.panels
+
+    def _gain(self, task: PoseTask, least: list[float], turn: float) -> Array:
+        gain = np.zeros(self.width)
+        gain[:2] = task.shift
+        gain[self.c[-1] + self._heading(turn)] += 1.0
+        gain[self.c[0] + self._heading(0.0)] -= 1.0
+        gain[self.b[0] : self.g] = np.concatenate([phase.bends for phase in self.phases])
+        gain[self.e : self.y] = -1.0
+        gain[self.y :] = least
+        return gain
+
+    def _bounds(self, task: PoseTask) -> Array:
+        """Bounds that leave room for every sensible S and keep the program well scaled."""
+        bounds = np.tile([-np.inf, np.inf], (self.width, 1))
+        most = 1.5 * max(task.known_s, 1.0)
+        bounds[:2] = 2.0 * most / max(float(np.hypot(*task.shift)), 0.05) * np.array([-1, 1])
+        bounds[2 : self.b[0]] = -most, most
+        bounds[self.c + self._heading(0.0)] = 0.0
+        for i, phase in enumerate(self.phases):
+            fastest = np.abs(phase.motions[:, 3]).max()
+            steepest = _STEEPEST / fastest if fastest else 0.0
+            bounds[self.b[i] : self.b[i + 1]] = -steepest, steepest
+        bounds[self.g : self.e, 0] = bounds[self.y :, 0] = 0.0
+        return bounds
+
+    def _balance(
+        self, layout: EventLayout, least: dict[tuple[int, int], float]
+    ) -> sparse.csr_matrix:
+        """At every event what flows in costs no more than the event: the dual of the network."""
+        rows = np.zeros((layout.count, self.width))
+        for column, (u, v) in enumerate(least, start=self.y):
+            rows[v, column] += 1.0
+            rows[u, column] -= 1.0
+        for i in range(len(self.phases)):
+            rows[layout.end(i), self.g + i] += 1.0
+            rows[layout.start(i), self.g + i] -= 1.0
+        return sparse.csr_matrix(rows[: layout.origin])
+
+    def _switches(self) -> sparse.csr_matrix:
+        """C_{i+1} - C_i <= e_i at every edge of a panel, hence everywhere."""
+        rows = np.zeros((len(self.phases) - 1, self.panels, self.width))
+        at = np.arange(self.panels)
+        for i, row in enumerate(rows):
+            row[at, self.c[i + 1] + at] = 1.0
+            row[at, self.c[i] + at] = -1.0
+            row[at, self.e + i] = -1.0
+        return sparse.csr_matrix(rows.reshape(-1, self.width))
+
+    def _add(self, i: int, motion: Indices, panel: Indices, point: Indices) -> None:
+        """Rows: growth of S_i by some motions, at some points of some panels, is at most g_i."""
+        phase, count = self.phases[i], len(motion)
+        u, v, r, bending = phase.motions[motion].T
+        c, s = self.cos[panel, point], self.sin[panel, point]
+        steep = r / self.widths[panel]
+        values = [c * u - s * v, s * u + c * v, steep, -steep, bending, -np.ones(count)]
+        columns = [
+            np.zeros(count),
+            np.ones(count),
+            self.c[i] + (panel + 1) % self.panels,
+            self.c[i] + panel,
+            self.b[i] + phase.piece[motion],
+            np.full(count, self.g + i),
+        ]
+        where = (np.tile(np.arange(count), len(columns)), np.concatenate(columns))
+        shape = (count, self.width)
+        self.rows.append(sparse.csr_matrix((np.concatenate(values), where), shape=shape))
+        self.limits.append(np.zeros(count))
+
+    def solve(self) -> Array | None:
+        """Optimum of the program with the rows it has; None if the solver gives up."""
+        rows = sparse.vstack(self.rows, format="csr")
+        bounds = [(low, high) for low, high in self.bounds.tolist()]
+        try:
+            optimum = minimise(-self.gain, rows, np.concatenate(self.limits), bounds)
+        except ArithmeticError:
+            return None
+        return None if optimum is None else optimum[1]
+
+    def read(self, x: Array) -> tuple[PoseConstraint, bool]:
+        """Prove what S in x is worth; add the rows it violates, and tell whether there are any."""
+        n, p = len(self.phases), x[:2]
+        levels = x[2 : self.b[0]].reshape(n, self.panels)
+        steps = np.diff(levels, axis=0).max(axis=1)
+        rates, violated = np.zeros(n), False
+        for i, phase in enumerate(self.phases):
+            slopes = (np.roll(levels[i], -1) - levels[i]) / self.widths
+            steep = x[self.b[i] : self.b[i + 1]][phase.piece]
+            growth = self._growth(phase, p, slopes, steep)
+            loose = np.hypot(*p) * np.hypot(phase.slack[:, 0], phase.slack[:, 1])
+            loose = loose + phase.slack[:, 3] * np.abs(steep)
+            loosest = loose[:, None] + phase.slack[:, 2, None] * np.abs(slopes)
+            rates[i] = max(0.0, float((growth.max(axis=2) + loosest).max()))
+            violated |= self._cut(i, growth - x[self.g + i])
+        gain = float(self.gain[: self.e] @ x[: self.e] - steps.sum())
+        size = float(np.abs(self.gain[: self.e]) @ np.abs(x[: self.e]) + np.abs(steps).sum())
+        return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
+
+    def _growth(self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array) -> Array:
+        """Growth of S by every motion at the three points of every panel, (n, panels, 3)."""
+        u, v, r, bending = phase.motions.T[:, :, None, None]
+        along, across = p[0] * self.cos + p[1] * self.sin, p[1] * self.cos - p[0] * self.sin
+        growth: Array = u * along + v * across + r * slopes[:, None]
+        growth += bending * steep[:, None, None]
+        return growth
+
+    def _cut(self, i: int, excess: Array) -> bool:
+        """Add the worst motion of every panel and piece, where it violates its row."""
+        phase = self.phases[i]
+        worst, point = excess.max(axis=2), excess.argmax(axis=2)
+        panel = np.arange(self.panels)
+        chosen = []
+        for piece in range(len(phase.bends)):
+            inside = np.flatnonzero(phase.piece == piece)
+            chosen.append(np.stack([inside[worst[inside].argmax(axis=0)], panel]))
+        motion, where = np.concatenate(chosen, axis=1)
+        order = np.argsort(-worst[motion, where])[:_CUTS]
+        order = order[worst[motion[order], where[order]] > _VIOLATED]
+        if len(order):
+            motion, where = motion[order], where[order]
+            self._add(i, motion, where, point[motion, where])
+        return bool(len(order))
