@@ -233,7 +233,10 @@ class PlanFollower:
         turn = math.remainder(float(away[2]), math.tau)
         if math.hypot(away[0], away[1]) > CORRIDOR_M or abs(turn) > CORRIDOR_RAD:
             far = f"{1e3 * math.hypot(away[0], away[1]):.0f} mm and {abs(turn):.2f} rad"
-            return Departure("corridor", f"the robot is {far} from the plan")
+            unbent = np.abs(away[3:]) * mode > STIFF_PER_M
+            return Departure(
+                "corridor", f"the robot is {far} from the plan", stiff=bool(unbent.any())
+            )
         apart = abs(float(away[3] - away[4])) / 2
         if mode == SOFT_BOTH and apart > STIFF_PER_M:
             text = f"the segments bend unequally, by {apart:.1f} 1/m more and less than planned"

@@ -73,6 +73,10 @@ class _GreedyRun:
             if self.accuracy.surely(session.error) and self._ended():
                 return Ending.REACHED, f"the goal is reached: {where}"
             mode = self._choice()
+            if mode is None and self.accuracy.of(session.error) <= 1.0:
+                if self._ended():
+                    return Ending.REACHED, f"no mode comes nearer, which is near enough: {where}"
+                continue
             if mode is None:
                 lost = f"; heater {', '.join(map(str, self.broken))} failed" if self.broken else ""
                 kind = Ending.HEATER_FAILED if self.broken else Ending.GAVE_UP

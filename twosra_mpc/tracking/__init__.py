@@ -1,1 +1,14 @@
 """Tracking a plan: linear time-varying model predictive control, one phase at a time."""
+
+from twosra_mpc.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
+from twosra_mpc.tracking.tracker import Command, CommandStatus, Measurement, Tracker
+
+__all__ = [
+    "Command",
+    "CommandStatus",
+    "Measurement",
+    "SolverSettings",
+    "Tracker",
+    "TrackerLimits",
+    "TrackerWeights",
+]
