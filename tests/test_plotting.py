@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
 
@@ -20,21 +21,42 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from twosra_mpc import InputError, NoPlanError, Plan, Status, load_problem, load_robot, plan
+from twosra_mpc import (
+    InputError,
+    NoPlanError,
+    Plan,
+    Status,
+    load_problem,
+    load_robot,
+    plan,
+    plotting,
+)
 from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
 from twosra_mpc.modes import MODES, Mode
 from twosra_mpc.plan import Phase
 from twosra_mpc.plotting import (
+    CHANGING_COLOUR,
     DPI,
     RIGID_COLOUR,
     SOFT_COLOUR,
     TimeStretch,
+    draw_configuration,
+    draw_melt_fractions,
+    draw_outline,
     draw_robot,
+    draw_snapshot,
+    draw_temperatures,
+    draw_timeline,
+    draw_wheel_speeds,
     plan_title,
+    plot_comparison,
     plot_plan,
+    plot_snapshots,
     robot_shape,
     segment_states,
 )
+from twosra_mpc.plotting.robot_drawing import robot_artists
+from twosra_mpc.plotting.style import STATES
 
 ROBOT = load_robot("2sra-v1")
 TIMELINE = 5  # axes over time: stiffness, curvature, wheel speed, temperature, melt fraction
@@ -120,15 +142,38 @@ def test_wheels_stand_and_roll_where_the_kinematics_says(q: tuple[float, ...]) -
         np.testing.assert_allclose(extents, [0.0, 2 * ROBOT.geometry.wheel_radius_m], atol=1e-9)
 
 
+@pytest.mark.parametrize("changing", MODES)
 @pytest.mark.parametrize("mode", MODES)
-def test_a_segment_is_drawn_red_exactly_when_it_is_soft(mode: Mode) -> None:
+def test_a_segment_is_red_blue_or_hatched_as_it_is_soft_rigid_or_changing(
+    mode: Mode, changing: Mode
+) -> None:
     ax = axes_of()
-    artists = draw_robot(ax, ROBOT.geometry, CONFIGURATIONS[2], mode)
-    shape = robot_shape(ROBOT.geometry, CONFIGURATIONS[2])
-    for artist, soft, arc in zip(artists, mode, shape.segments, strict=False):
-        assert same_color(artist.get_color(), colour(soft))
-        np.testing.assert_array_equal(artist.get_xydata(), arc)
+    assert draw_robot(ax, ROBOT.geometry, CONFIGURATIONS[2], mode, changing=changing) is ax
+    arcs = robot_shape(ROBOT.geometry, CONFIGURATIONS[2]).segments
+    for line, soft, changes, arc in zip(ax.lines, mode, changing, arcs, strict=False):
+        assert same_color(line.get_color(), CHANGING_COLOUR if changes else colour(soft))
+        np.testing.assert_array_equal(line.get_xydata(), arc)
+    hatches = [line.get_xydata() for line in ax.lines if same_color(line.get_color(), "white")]
+    expected = [arc for arc, changes in zip(arcs, changing, strict=True) if changes]
+    np.testing.assert_array_equal(hatches, expected)
+
+
+def test_robot_artists_are_all_that_is_drawn() -> None:
+    ax = axes_of()
+    artists = robot_artists(ax, ROBOT.geometry, CONFIGURATIONS[2], (1, 0), changing=(0, 1))
     assert set(artists) == {*ax.lines, *ax.patches}
+
+
+def test_an_outline_is_the_robot_dashed() -> None:
+    ax = axes_of()
+    assert draw_outline(ax, ROBOT.geometry, CONFIGURATIONS[2]) is ax
+    shape = robot_shape(ROBOT.geometry, CONFIGURATIONS[2])
+    for line, arc in zip(ax.lines, shape.segments, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), arc)
+        assert line.get_linestyle() == "--"
+    for patch, unit in zip(ax.patches, shape.units, strict=True):
+        np.testing.assert_array_equal(patch.get_path().vertices[:4], unit)
+        assert not patch.get_fill()
 
 
 # --- the figure
@@ -218,6 +263,59 @@ def test_bars_are_soft_exactly_where_the_mode_is(name: str, planner: str) -> Non
             assert np.all(result.samples.mode[inside, segment - 1] == (state == "soft")), state
 
 
+def test_lanes_heaters_and_motion_stand_where_the_plan_has_them() -> None:
+    result, ax = made("paper-1"), axes_of()
+    assert result.samples is not None
+    assert draw_timeline(ax, result) is ax
+    end_s = float(result.samples.t_s[-1])
+    bars = [patch for patch in ax.patches if patch.get_height() == 0.5]
+    states = [state for segment in (1, 2) for state in segment_states(result, segment, end_s)]
+    for bar, (low, high, state) in zip(bars, states, strict=True):
+        assert (bar.get_x(), bar.get_width()) == pytest.approx((low, high - low))
+        assert same_color(bar.get_facecolor(), STATES[state]["fc"])
+        assert bool(bar.get_hatch()) == (state in ("melting", "freezing"))
+    spans = [patch for patch in ax.patches if patch not in bars]
+    for span, phase in zip(spans, result.phases, strict=True):
+        assert (span.get_x(), span.get_width()) == pytest.approx(
+            (phase.start_s, phase.end_s - phase.start_s)
+        )
+    for heater, current in zip(ax.collections, result.samples.heater_current_A.T, strict=True):
+        on = result.samples.t_s[current > 0]
+        points = heater.get_paths()[0].vertices
+        raised = points[points[:, 1] > points[:, 1].min() + 0.01]
+        assert raised[:, 0].min() == on.min()
+
+
+@pytest.mark.parametrize(
+    ("draw", "values"),
+    [
+        (draw_configuration, "q[:, 3:]"),
+        (partial(draw_configuration, coordinate="position"), "q[:, :2]"),
+        (partial(draw_configuration, coordinate="heading"), "q[:, 2:3]"),
+        (draw_wheel_speeds, "wheel_rad_s"),
+        (draw_temperatures, "temperature_C"),
+        (draw_melt_fractions, "melt_fraction"),
+    ],
+)
+def test_curves_are_the_samples(draw: Callable[..., Axes], values: str) -> None:
+    result, ax = made("paper-1"), axes_of()
+    assert draw(ax, result) is ax
+    assert ax.get_ylabel().endswith("]")
+    name, _, columns = values.partition("[:, ")
+    expected = getattr(result.samples, name)
+    if columns:
+        first, _, last = columns.removesuffix("]").partition(":")
+        expected = expected[:, int(first or 0) : int(last) if last else None]
+    drawn_values = [line.get_ydata() for line in ax.lines if line.get_linewidth() > 1.0]
+    np.testing.assert_array_equal(np.transpose(drawn_values), expected)
+
+
+def test_a_plan_without_samples_has_no_timeline() -> None:
+    for draw in (draw_timeline, draw_configuration, draw_temperatures, draw_wheel_speeds):
+        with pytest.raises(NoPlanError, match="no way"):
+            draw(axes_of(), without_plan())
+
+
 def test_time_axis_is_invertible_and_gives_short_phases_room() -> None:
     phases = [Phase((0, 0), 0.0, 0.05), Phase((1, 0), 63.0, 63.02), Phase((1, 1), 100.0, 300.0)]
     stretch = TimeStretch.of(phases, 300.0 + 1e-12)
@@ -227,6 +325,67 @@ def test_time_axis_is_invertible_and_gives_short_phases_room() -> None:
     for phase in phases:
         assert np.ptp(stretch.forward(np.array(phase[1:]))) > 0.08
     assert {0.0, 63.0, 63.02, 100.0} <= set(stretch.ticks())
+
+
+# --- snapshots
+
+
+def test_a_snapshot_has_the_robot_as_it_is_then_over_its_target() -> None:
+    result, ax = made("paper-1"), axes_of()
+    assert result.samples is not None
+    time_s = result.phases[1].start_s + 1.0  # segment 1 is soft, segment 2 melts
+    assert draw_snapshot(ax, result, time_s) is ax
+    assert ax.get_title() == f"{time_s:.2f} s: soft, melting"
+    q = [np.interp(time_s, result.samples.t_s, column) for column in result.samples.q.T]
+    ghost, robot = ax.lines[:2], ax.lines[5:7]
+    for lines, at in ((ghost, result.samples.q[-1]), (robot, q)):
+        for line, arc in zip(lines, robot_shape(ROBOT.geometry, at).segments, strict=True):
+            np.testing.assert_allclose(line.get_xydata(), arc, rtol=0, atol=1e-9)
+    assert ghost[0].get_alpha() < 0.5 < robot[0].get_alpha()
+    assert same_color(robot[0].get_color(), SOFT_COLOUR)
+    assert same_color(robot[1].get_color(), CHANGING_COLOUR)
+
+
+def test_snapshots_tell_a_plan_from_start_to_end(tmp_path: Path) -> None:
+    figure = plot_snapshots(made("paper-1"), tmp_path / "snapshots.png")
+    titles = [ax.get_title() for ax in figure.axes]
+    assert titles[0] == "0.00 s: both rigid"
+    assert titles[-1] == "334.37 s: both rigid"
+    assert "99.10 s: both soft" in titles
+    assert np.ptp([ax.get_position().width for ax in figure.axes]) < 1e-6
+    assert (tmp_path / "snapshots.png").exists()
+    assert len(plot_snapshots(made("paper-1"), times_s=(0.0, 80.0)).axes) == 2
+
+
+@pytest.mark.parametrize("time_s", [-1.0, 1e4])
+def test_a_moment_outside_the_plan_is_refused(time_s: float) -> None:
+    with pytest.raises(InputError, match=r"a time in the plan, 0 to 334\.3"):
+        draw_snapshot(axes_of(), made("paper-1"), time_s)
+
+
+# --- comparison
+
+
+def test_plans_side_by_side_share_one_time_axis_and_are_named() -> None:
+    rivals = [made("paper-1", planner) for planner in ("optimal", "greedy")]
+    figure = plot_comparison({"paper-1": rivals, "move": [made("rigid-move")]})
+    figure.canvas.draw()
+    titles = [ax.get_title(loc="left") for ax in figure.axes]
+    assert titles[0].startswith("paper-1: [0,0] → [1,0] → [1,1] in 334.4 s: optimal, proved gap")
+    assert "767.2 s: greedy, feasible, no bound proved" in titles[1]
+    assert titles[2].startswith("move: [0,0] in")
+    assert len({ax.get_xlim() for ax in figure.axes}) == 1
+    for ax, result in zip(figure.axes, [*rivals, made("rigid-move")], strict=True):
+        reach = max(patch.get_x() + patch.get_width() for patch in ax.patches)
+        assert reach == pytest.approx(result.duration_s)
+        assert reach <= ax.get_xlim()[1]
+    places = [ax.get_position() for ax in figure.axes]
+    assert len({(round(place.x0, 6), round(place.x1, 6)) for place in places}) == 1
+
+
+def test_nothing_cannot_be_compared() -> None:
+    with pytest.raises(InputError, match="at least one plan"):
+        plot_comparison({"paper-1": []})
 
 
 # --- files and errors
@@ -288,6 +447,16 @@ def test_global_settings_are_left_alone() -> None:
     assert dict(mpl.rcParams) == before
 
 
-def test_no_window_toolkit_is_loaded() -> None:
-    code = "import sys, twosra_mpc.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
+def test_every_public_name_is_there() -> None:
+    for name in plotting.__all__:
+        assert getattr(plotting, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'plot_nothing'"):
+        _ = plotting.plot_nothing
+
+
+def test_neither_window_toolkit_nor_tracker_is_loaded() -> None:
+    code = (
+        "import sys, twosra_mpc.plotting\n"
+        "sys.exit(any(name in sys.modules for name in ('matplotlib.pyplot', 'osqp')))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

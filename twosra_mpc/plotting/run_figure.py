@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -23,31 +21,29 @@ from numpy.typing import NDArray
 
 from twosra_mpc.execution.plant import Truth
 from twosra_mpc.execution.run import CHANGING, Drive, Run, times
-from twosra_mpc.figure_file import check_figure_path, save_figure
 from twosra_mpc.modes import mode_name
 from twosra_mpc.plan import Phase
-from twosra_mpc.plotting import (
+from twosra_mpc.plotting.figure_file import styled_figure
+from twosra_mpc.plotting.robot_drawing import draw_outline, draw_robot
+from twosra_mpc.plotting.style import (
     BESIDE,
-    DPI,
     FAINT,
     METAL_COLOUR,
+    PLANNED_COLOUR,
     RIGID_COLOUR,
     SEGMENT_COLOURS,
     SOFT_COLOUR,
     STATES,
-    STYLE,
     UNIT_COLOUR,
-    TimeStretch,
-    draw_robot,
-    robot_shape,
 )
+from twosra_mpc.plotting.time_axis import TimeStretch
+from twosra_mpc.robot_shape import robot_shape
 
 Array = NDArray[np.float64]
 
 SIZE_IN = (10.0, 10.4)
-PLANNED_COLOUR, ACCURACY_COLOUR = "0.35", "#12997c"
+ACCURACY_COLOUR = "#12997c"
 JOINED_S = 12.0  # drives of one mode that are less than this apart are shown as one
-_OUTLINE: dict[str, Any] = {"fill": False, "ec": PLANNED_COLOUR, "lw": 1.2, "ls": "--", "zorder": 6}
 
 
 def plot_run(run: Run, truth: Truth | None = None, path: str | Path | None = None) -> Figure:
@@ -61,20 +57,12 @@ def plot_run(run: Run, truth: Truth | None = None, path: str | Path | None = Non
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    if path is not None:
-        check_figure_path(path)
     time_s, q = (run.log.time_s, run.log.q) if truth is None else (truth.time_s, truth.q)
-    with rc_context(STYLE):
-        figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
-        FigureCanvasAgg(figure)
+    with styled_figure(SIZE_IN, path) as figure:
         figure.suptitle(run_title(run), wrap=True)
         rows = figure.add_gridspec(2, 1, height_ratios=(0.8, 1.0))
         _draw_plane(figure.add_subfigure(rows[0]), run, time_s, q)
         _draw_timeline(figure.add_subfigure(rows[1]), run, truth, time_s, q)
-        for ax in figure.axes:
-            ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
-        if path is not None:
-            save_figure(figure, path)
     return figure
 
 
@@ -125,7 +113,7 @@ def _draw_overview(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
     geometry = run.problem.robot.geometry
     draw_robot(ax, geometry, q[0], run.problem.start_mode, alpha=FAINT, linewidth=5)
     draw_robot(ax, geometry, q[-1], run.problem.goal.mode, linewidth=5)
-    draw_outline(ax, run, goal_configuration(run))
+    draw_outline(ax, geometry, goal_configuration(run))
     _draw_paths(ax, run, time_s, q, 0.0, math.inf)
     ax.margins(0.12, 0.1)
     ax.set(xlabel="x [m]", ylabel="y [m]")
@@ -148,21 +136,12 @@ def _draw_drive(ax: Axes, run: Run, time_s: Array, q: Array, number: int, drive:
     planned = run.log.planned[rows]
     planned = planned[~np.isnan(planned[:, 0])]
     if len(planned):
-        draw_outline(ax, run, planned[-1])
+        draw_outline(ax, geometry, planned[-1])
     _draw_paths(ax, run, time_s, q, drive.start_s, drive.end_s)
     took = drive.end_s - drive.start_s
     ax.set_title(f"{number + 1}: {mode_name(mode)} at {drive.start_s:.0f} s, {took:.1f} s")
     ax.set(xticks=[], yticks=[])
     ax.spines[:].set(visible=True, color="0.8")
-
-
-def draw_outline(ax: Axes, run: Run, q: Array) -> None:
-    """Draw the robot at q, dashed."""
-    shape = robot_shape(run.problem.robot.geometry, q)
-    for arc in shape.segments:
-        ax.plot(*arc.T, c=PLANNED_COLOUR, lw=1.2, ls="--", zorder=6)
-    for unit in shape.units:
-        ax.fill(*unit.T, **_OUTLINE)
 
 
 def _draw_paths(ax: Axes, run: Run, time_s: Array, q: Array, start_s: float, end_s: float) -> None:
@@ -213,11 +192,8 @@ def _draw_timeline(
 ) -> None:
     axes = figure.subplots(5, 1, sharex=True, height_ratios=(1.0, 1.0, 1.0, 0.9, 1.0))
     stretch, drives = run_stretch(run), joined_drives(run)
-    ticks, end_s = stretch.ticks(), stretch.knots_s[-1]
-    axes[-1].set_xscale("function", functions=(stretch.forward, stretch.inverse))
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
-    axes[-1].set(xlim=(0.0, end_s), xlabel=note)
-    axes[-1].set_xticks(list(ticks), list(ticks.values()))
+    stretch.apply(axes[-1]).set_xlabel(note)
     _draw_stiffness(axes[0], run, stretch, drives)
     _draw_curvatures(axes[1], run, time_s, q)
     _draw_distances(axes[2], run, time_s, q)

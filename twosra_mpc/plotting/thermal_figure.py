@@ -10,22 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from twosra_mpc.figure_file import check_figure_path, save_figure
-from twosra_mpc.plotting import (
-    BESIDE,
-    DPI,
-    HEATER_COLOUR,
-    RIGID_COLOUR,
-    SOFT_COLOUR,
-    STYLE,
-)
+from twosra_mpc.plotting.figure_file import styled_figure
+from twosra_mpc.plotting.style import BESIDE, HEATER_COLOUR, RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.thermal.heating_log import EvenLog, runs
 from twosra_mpc.thermal.identification import ThermalFit
 
@@ -51,11 +42,7 @@ def plot_thermal_fit(fit: ThermalFit, path: str | Path | None = None) -> Figure:
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    if path is not None:
-        check_figure_path(path)
-    with rc_context(STYLE):
-        figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
-        FigureCanvasAgg(figure)
+    with styled_figure(SIZE_IN, path) as figure:
         figure.suptitle(_title(fit), wrap=True)
         axes = figure.subplots(4, 1, sharex=True, height_ratios=(1.5, 1.5, 0.6, 1.0))
         _draw_sensor(axes[0], fit)
@@ -67,10 +54,7 @@ def plot_thermal_fit(fit: ThermalFit, path: str | Path | None = None) -> Figure:
         for ax in axes:
             for first, end in runs(fit.log.held):
                 ax.axvspan(time[first], time[end - 1], **HELD)
-            ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
         figure.align_ylabels(axes)
-        if path is not None:
-            save_figure(figure, path)
     return figure
 
 

@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from twosra_mpc.figure_file import check_figure_path, save_figure
-from twosra_mpc.plotting import BESIDE, CHANGING_COLOUR, DPI, RIGID_COLOUR, SOFT_COLOUR, STYLE
+from twosra_mpc.plotting.figure_file import styled_figure
+from twosra_mpc.plotting.style import BESIDE, CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.thermal.controller import StiffnessController
 from twosra_mpc.thermal.heater_loop import HeaterRun
 from twosra_mpc.thermal.lumped import Lumped
@@ -47,11 +45,7 @@ def plot_heater(
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    if path is not None:
-        check_figure_path(path)
-    with rc_context(STYLE):
-        figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
-        FigureCanvasAgg(figure)
+    with styled_figure(SIZE_IN, path) as figure:
         figure.suptitle(f"Heater of one segment in closed loop: {name}")
         axes = figure.subplots(4, 1, sharex=True, height_ratios=(0.42, 1.9, 0.75, 0.75))
         _draw_stiffness(axes[0], run)
@@ -62,11 +56,7 @@ def plot_heater(
             for ax in axes[1:]:
                 ax.axvline(event.time_s, color="0.85", lw=0.8, zorder=0)
         axes[-1].set(xlim=(0.0, run.time_s[-1]), xlabel="time [s]")
-        for ax in axes:
-            ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
         figure.align_ylabels(axes)
-        if path is not None:
-            save_figure(figure, path)
     return figure
 
 

@@ -10,16 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from twosra_mpc.figure_file import check_figure_path, save_figure
 from twosra_mpc.modes import Mode
 from twosra_mpc.path_fitting import (
     CARDIOID_BEND_RAD,
@@ -29,16 +26,10 @@ from twosra_mpc.path_fitting import (
     exact_path,
     path_curves,
 )
-from twosra_mpc.plotting import (
-    DPI,
-    METAL_COLOUR,
-    RIGID_COLOUR,
-    SOFT_COLOUR,
-    STYLE,
-    UNIT_COLOUR,
-    robot_shape,
-)
+from twosra_mpc.plotting.figure_file import styled_figure
+from twosra_mpc.plotting.style import METAL_COLOUR, RIGID_COLOUR, SOFT_COLOUR, UNIT_COLOUR
 from twosra_mpc.robot import Geometry, Robot
+from twosra_mpc.robot_shape import robot_shape
 
 Array = NDArray[np.float64]
 
@@ -91,18 +82,12 @@ def plot_paths(
         InputError: If a fit fails, matplotlib cannot write such a file, or the folder cannot be
             written.
     """
-    if path is not None:
-        check_figure_path(path)
-    curves = path_curves(robot.geometry, alpha_max)
-    with rc_context(STYLE):
-        figure = Figure(figsize=SIZE_IN, dpi=DPI, layout="constrained")
-        FigureCanvasAgg(figure)
+    with styled_figure(SIZE_IN, path) as figure:
+        curves = path_curves(robot.geometry, alpha_max)
         figure.suptitle(_title(robot), wrap=True)
         for ax, case_curves in zip(figure.subplots(1, 3), curves, strict=True):
             _draw_case(ax, robot.geometry, case_curves)
         _legend(figure, alpha_max)
-        if path is not None:
-            save_figure(figure, path)
     return figure
 
 
