@@ -1,0 +1,442 @@
+"""A report is the plan: its data, its proof, its motion, and nothing that leaks."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import shlex
+import signal
+from collections.abc import Callable
+from dataclasses import fields, replace
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from twosra_mpc import Goal, InputError, Plan, Problem, Start, Status, cli, load_plan, load_problem
+from twosra_mpc.path_choice import with_path_model
+from twosra_mpc.plan import Samples
+from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
+from twosra_mpc.report import Origin, film, report_page, words, write_report
+from twosra_mpc.report import page as page_module
+from twosra_mpc.report.reproduction import scenario_toml
+from twosra_mpc.report.setpoint_table import MOST_ROWS, setpoint_table
+from twosra_mpc.report.timeline import Thermometer, lanes, ticks
+
+Planned = Callable[..., Plan]
+Run = Callable[..., tuple[int, str, str]]
+HOSTILE = (
+    "</script><script>alert(1)</script><img src=https://example.org/x onerror=alert(2)>'\"&{{7}}"
+)
+
+
+class Page(HTMLParser):
+    """What a page is made of: text by id, text of a kind of element, and every attribute."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.by_id: dict[str, str] = {}
+        self.texts: dict[str, list[str]] = {}
+        self.attributes: list[tuple[str, str, str]] = []
+        self._within: list[tuple[str, str | None]] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        self._within = [(tag, dict(attrs).get("id"))]
+        self.texts.setdefault(tag, []).append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._within = []
+
+    def handle_data(self, data: str) -> None:
+        for tag, name in self._within:
+            self.texts[tag][-1] += data
+            if name is not None:
+                self.by_id[name] = self.by_id.get(name, "") + data
+
+
+@pytest.fixture(scope="module")
+def paper(planned: Planned) -> Plan:
+    return planned("paper-1")
+
+
+@pytest.fixture(scope="module")
+def page(paper: Plan) -> str:
+    return report_page(paper)
+
+
+@pytest.fixture(autouse=True)
+def quick_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a test makes a page of its own, its figure is not the point, and takes seconds."""
+    monkeypatch.setattr(page_module, "plot_plan", lambda plan: Figure())
+
+
+def plan_in(html: str, folder: Path) -> Plan:
+    """The plan a reader saves from the page, read back."""
+    path = folder / "saved.json"
+    path.write_text(Page(html).by_id["plan-data"], encoding="utf-8")
+    return load_plan(path)
+
+
+def hostile(made: Plan) -> Plan:
+    robot = made.robot.model_copy(update={"name": HOSTILE, "description": HOSTILE})
+    problem = made.problem.model_copy(update={"robot": robot, "description": HOSTILE})
+    return replace(made, problem=problem, message=HOSTILE)
+
+
+def without_samples(made: Plan, status: Status) -> Plan:
+    empty: dict[str, Any] = {"samples": None, "verification": None, "cost": None}
+    return replace(
+        made, status=status, message="no way", lower_bound=None, phases=(), transitions=(), **empty
+    )
+
+
+# --- the data ------------------------------------------------------------------------------------
+
+
+def test_the_plan_in_the_page_is_the_plan(paper: Plan, page: str, tmp_path: Path) -> None:
+    saved = plan_in(page, tmp_path)
+    assert saved.to_dict() == paper.to_dict()
+    assert saved.samples is not None
+    assert paper.samples is not None
+    for item in fields(Samples):
+        assert np.array_equal(getattr(saved.samples, item.name), getattr(paper.samples, item.name))
+
+
+def test_the_set_points_are_the_whole_grid(paper: Plan, page: str) -> None:
+    assert paper.samples is not None
+    table = setpoint_table(paper.samples, paper.robot)
+    assert len(table.cells) == len(paper.samples) == len(table.time_s)
+    assert table.words in unescape(page)
+    assert [float(row[0]) for row in table.cells] == pytest.approx(table.time_s, abs=5e-5)
+    column = table.names.index("kappa1_per_m")
+    kappa = np.array([[float(cell) for cell in row[column : column + 2]] for row in table.cells])
+    assert np.abs(kappa - paper.samples.q[:, 3:]).max() <= 5e-4
+
+
+def test_a_very_long_table_is_thinned_and_says_so(paper: Plan) -> None:
+    count = 2 * MOST_ROWS + 1
+    widths = {"t_s": (count,), "q": (count, 5), "v": (count, 5), "wheel_rad_s": (count, 4)}
+    columns = {item.name: np.zeros(widths.get(item.name, (count, 2))) for item in fields(Samples)}
+    columns["t_s"] = np.arange(count) / 8
+    table = setpoint_table(Samples(**columns), paper.robot)  # type: ignore[arg-type]
+    assert len(table.cells) <= MOST_ROWS + 1
+    assert table.time_s[0] == 0.0
+    assert table.time_s[-1] == (count - 1) / 8
+    assert table.words.startswith(
+        f"{len(table.cells)} of {count} rows of the plan's own grid, one in 3"
+    )
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"planner": "greedy", "timing": "paper", "gap": 0.5, "max_phases": 3},
+        {"ambient_C": 20.0, "heating": "keep_warm", "transition_quantile": 0.9},
+        {"goal": Goal(x_m=0.1, kappa_per_m=(None, 2.0), mode=(0, 1), phi_modulo=False)},
+        {"weights": {"energy_s_per_J": 0.5}, "modes": [[0, 0], [1, 1]], "heaters_at_once": 1},
+        {"robot": "2sr-v2", "start": Start(x_m=0, y_m=0, phi_rad=1, kappa_per_m=(1, -2))},
+        {"description": 'two lines\nand "quotes", '},
+    ],
+    ids=str,
+)
+def test_the_scenario_can_be_planned_again(change: dict[str, Any], tmp_path: Path) -> None:
+    given = dict(load_problem("paper-1"))
+    problem = Problem(**{**given, **change})
+    path = tmp_path / "scenario.toml"
+    path.write_text(scenario_toml(problem), encoding="utf-8")
+    assert load_problem(path) == problem
+
+
+def test_the_page_carries_the_scenario(paper: Plan, page: str, tmp_path: Path) -> None:
+    path = tmp_path / "scenario.toml"
+    path.write_text(Page(page).by_id["scenario"], encoding="utf-8")
+    assert load_problem(path) == paper.problem
+
+
+def test_another_path_model_is_written_out(paper: Plan, tmp_path: Path) -> None:
+    problem = paper.problem.with_robot(with_path_model(paper.robot, "cardioid"))
+    path = tmp_path / "scenario.toml"
+    path.write_text(scenario_toml(problem), encoding="utf-8")
+    assert load_problem(path).robot == problem.robot != paper.robot
+
+
+# --- the film ------------------------------------------------------------------------------------
+
+
+def film_in(html: str) -> dict[str, Any]:
+    made: dict[str, Any] = json.loads(Page(html).by_id["motion-data"])["film"]
+    return made
+
+
+def coordinates(points: str) -> np.ndarray:
+    """SVG points in mm, y down, as m, y up."""
+    return np.array([[float(v) for v in pair.split(",")] for pair in points.split()]) * (
+        1e-3,
+        -1e-3,
+    )
+
+
+def test_every_frame_shows_the_robot_at_its_time(paper: Plan, page: str) -> None:
+    made, samples = film_in(page), paper.samples
+    assert samples is not None
+    assert made["time_s"][0] == 0.0
+    assert made["time_s"][-1] == pytest.approx(paper.duration_s, abs=1e-6)
+    assert np.all(np.diff(made["time_s"]) >= 0)
+    spans = [segment_states(paper, segment, samples.t_s[-1]) for segment in (1, 2)]
+    for frame in range(0, film.FRAMES, 13):
+        t, pose = made["time_s"][frame], made["poses"][made["pose"][frame]]
+        q = np.array([np.interp(t, samples.t_s, column) for column in samples.q.T])
+        shape = robot_shape(paper.robot.geometry, q, film.ARC_POINTS)
+        for name in ("segments", "links", "units", "wheels"):
+            drawn = np.array([coordinates(points) for points in pose[name]])
+            assert np.abs(drawn - getattr(shape, name)).max() < 2e-5, (name, t)
+        for segment in (0, 1):
+            seen = made["state"][frame][segment]
+            assert any(lo - 1e-5 <= t <= hi + 1e-5 for lo, hi, s in spans[segment] if s == seen)
+
+
+def test_waits_store_one_pose_and_events_are_frames(paper: Plan, page: str) -> None:
+    made = film_in(page)
+    assert len(made["poses"]) < 0.5 * film.FRAMES
+    shown = np.array(made["time_s"])[made["events"]]
+    for t in film.event_times(paper):
+        assert np.abs(shown - t).min() < 1.0
+    for phase in paper.phases:
+        mode = f"[{phase.mode[0]},{phase.mode[1]}]"
+        inside = [d for t, d in zip(made["time_s"], made["doing"], strict=True) if d.endswith(mode)]
+        assert len(inside) > 50  # phases of milliseconds can be seen
+
+
+def test_the_timeline_fills_its_lanes(any_plan: Plan) -> None:
+    samples = any_plan.samples
+    assert samples is not None
+    stretch = TimeStretch.of(any_plan.phases, float(samples.t_s[-1]))
+    made = {lane.name: lane.spans for lane in lanes(any_plan, samples, stretch)}
+    assert list(made) == ["motion", "segment 1", "heater 1", "segment 2", "heater 2"]
+    assert len(made["motion"]) == len(any_plan.phases)
+    for segment in (1, 2):
+        spans = made[f"segment {segment}"]
+        assert sum(span.width for span in spans) == pytest.approx(100, abs=0.05)
+        on = [item for item in any_plan.transitions if item[:2] == (segment, "soft")]
+        assert bool(made[f"heater {segment}"]) == bool(on)
+    marks = ticks(stretch)
+    assert [tick.place for tick in marks] == sorted(tick.place for tick in marks)
+    assert 2 <= sum(tick.on_narrow for tick in marks) < len(marks)
+    scale = Thermometer.of(any_plan, samples)
+    assert 0 < scale.level(samples.temperature_C.min()) < scale.level(scale.liquid_C) < 100
+    assert scale.level(samples.temperature_C.max()) < 100
+
+
+# --- the words -----------------------------------------------------------------------------------
+
+
+def test_the_certificate_says_what_is_proved(paper: Plan, page: str) -> None:
+    said = " ".join(words.bound_sentences(paper))
+    assert f"less than {paper.lower_bound:.4f} s" in said
+    longer = f"also sequences longer than the {paper.problem.max_phases} phases"
+    assert f"[0,0], [0,1], [1,0], [1,1], {longer}" in said
+    assert "Cost is the duration, nothing else." in said
+    assert "log_spiral" in said
+    assert "0.8 A until the set-point of 65 °C" in said
+    assert all(sentence in unescape(page) for sentence in words.caveat_sentences(paper))
+    weighed = paper.problem.model_copy(update={"heating": "least_energy"})
+    said = " ".join(words.bound_sentences(replace(paper, problem=weighed)))
+    assert "the duration in s + 10 s for every joule of heater energy" in said
+
+
+def test_the_bound_names_the_restrictions_it_holds_for(paper: Plan) -> None:
+    def said(**changes: Any) -> str:
+        problem = Problem(**{**dict(paper.problem), **changes})
+        return " ".join(words.bound_sentences(replace(paper, problem=problem)))
+
+    text = said(heating="keep_warm", transition_quantile=0.9, heaters_at_once=1)
+    assert "kept warm" in text
+    assert "90 % of all transitions" in text
+    assert "one heater on at a time" in text
+    assert "constant melt and freeze times of timing “constant”" in said(timing="constant")
+    assert "fixed waits of timing “paper”" in said(timing="paper")
+    assert "kept warm" not in said()
+
+
+def test_without_a_bound_nothing_is_claimed(planned: Planned) -> None:
+    greedy = planned("paper-1", planner="greedy")
+    assert list(words.bound_sentences(greedy)) == []
+    text = report_page(greedy)
+    assert "What is proved" not in text
+    assert "none proved" in text
+    assert "Nothing is proved about how much better" in text
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.0, "0 %"), (7e-8, "< 0.001 %"), (0.00647, "0.65 %"), (0.5, "50 %")]
+)
+def test_a_gap_is_written_with_the_digits_that_count(share: float, text: str) -> None:
+    assert words.percent(share) == text
+
+
+def test_the_verification_is_told_with_its_numbers(paper: Plan) -> None:
+    check = paper.verification
+    assert check is not None
+    rows = {row.name: row for row in words.limit_rows(paper, check)}
+    assert len(rows) == len(check.limits)
+    assert rows["wheel speed"] == ("wheel speed", "at most 10 rad/s", "0: used in full")
+    assert rows["curvature"].margin == "40.5 1/m"
+    assert rows["gap between the units"].limit == "at least 0 m"
+    free = paper.problem.model_copy(update={"goal": Goal(x_m=0.2, tolerance={"x_m": 0.01})})  # type: ignore[arg-type]
+    goal = words.goal_rows(free, replace(check, goal_error=(-0.5, 0, 0, 0, float("nan"))))
+    assert goal[0] == ("x", "m", "0.2 ± 0.01", "5.0e-01")
+    assert [row.asked for row in goal[1:]] == ["free"] * 4
+    lost = replace(check, goal_error=(float("nan"),) * 5)
+    assert words.goal_rows(free, lost)[0].error == "not reached"
+
+
+# --- every status --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("status", list(Status))
+def test_every_status_has_a_report(paper: Plan, status: Status, tmp_path: Path) -> None:
+    found = status in (Status.OPTIMAL, Status.FEASIBLE)
+    made = replace(paper, status=status) if found else without_samples(paper, status)
+    text = report_page(made)
+    assert f'class="status {status}"' in text
+    assert words.status_sentence(made) in unescape(text)
+    assert ("motion-data" in Page(text).by_id) == found
+    assert ("<img" in text) == found
+    assert plan_in(text, tmp_path).to_dict() == made.to_dict()
+
+
+def test_a_motion_that_does_not_verify_is_shown_with_a_warning(paper: Plan) -> None:
+    assert paper.verification is not None
+    check = replace(paper.verification, ok=False, problems=("goal.x_m is missed by 1 m",))
+    failed = replace(paper, status=Status.FAILED, verification=check)
+    text = report_page(failed)
+    assert "Verification failed: goal.x_m is missed by 1 m." in text
+    assert "do not run it" in text
+    assert "This plan costs" not in text
+
+
+def test_a_robot_that_is_there_already_has_a_report(planned: Planned) -> None:
+    start = planned("paper-1").problem.start
+    rest = planned("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
+    text = report_page(rest)
+    assert "The robot stays where it is" in text
+    assert 'id="slider"' not in text
+
+
+# --- nothing leaks -------------------------------------------------------------------------------
+
+
+def test_the_policy_allows_this_page_and_nothing_else(page: str) -> None:
+    parsed = Page(page)
+    policy = next(v for tag, name, v in parsed.attributes if name == "content" and "src" in v)
+    assert policy.startswith("default-src 'none'; img-src data:; ")
+    for kind, text in (("style", parsed.texts["style"][0]), ("script", parsed.texts["script"][-1])):
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+    for _, name, value in parsed.attributes:
+        assert name not in ("style", "onclick", "onload", "onerror")
+        if name in ("src", "href", "data", "action", "srcset"):
+            assert value.startswith("data:image/svg+xml;base64,")
+
+
+def test_names_are_text_and_never_markup(paper: Plan, page: str, tmp_path: Path) -> None:
+    text = report_page(hostile(paper), Origin(HOSTILE, "0" * 64, HOSTILE))
+    made, plain = Page(text), Page(page)
+    for tag in ("script", "img", "style", "a", "h1", "section", "svg"):
+        assert len(made.texts.get(tag, [])) == len(plain.texts.get(tag, [])), tag
+    assert made.texts["h1"] == [HOSTILE]
+    assert made.by_id["commands"].count(shlex.quote(HOSTILE)) == 2
+    assert plan_in(text, tmp_path).robot.name == HOSTILE
+
+
+def test_the_page_is_small_and_made_twice_the_same(paper: Plan, page: str) -> None:
+    assert len(page.encode()) < 3e6
+    again = film_in(report_page(paper))
+    assert again == film_in(page)
+
+
+# --- the command ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    """Run the program in this process, in an empty folder: (exit code, output, errors)."""
+    monkeypatch.chdir(tmp_path)
+
+    def run_once(*arguments: str) -> tuple[int, str, str]:
+        before = signal.getsignal(signal.SIGTERM)
+        with pytest.raises(SystemExit) as caught:
+            cli.main(list(arguments))
+        signal.signal(signal.SIGTERM, before)
+        written = capsys.readouterr()
+        assert isinstance(caught.value.code, int)
+        return caught.value.code, written.out, written.err
+
+    return run_once
+
+
+def test_the_command_writes_the_report_of_a_plan_file(
+    paper: Plan, run: Run, tmp_path: Path
+) -> None:
+    paper.save("plan.json")
+    code, out, err = run("report", "plan.json", "report.html")
+    assert (code, err) == (0, "")
+    assert "report.html" in out
+    assert "optimal" in out
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert plan_in(text, tmp_path).to_dict() == paper.to_dict()
+    content = (tmp_path / "plan.json").read_bytes()
+    assert hashlib.sha256(content).hexdigest() in text
+    again = "twosra plan scenario.toml --out plan.json\ntwosra report plan.json report.html"
+    assert Page(text).by_id["commands"] == again
+
+
+def test_there_is_a_report_of_having_no_plan(paper: Plan, run: Run, tmp_path: Path) -> None:
+    without_samples(paper, Status.INFEASIBLE).save("none.json")
+    code, out, _ = run("report", "none.json", "none.html", "--json")
+    assert code == 0
+    size = (tmp_path / "none.html").stat().st_size
+    assert json.loads(out) == {"file": "none.html", "bytes": size, "status": "infeasible"}
+    assert "no way" in (tmp_path / "none.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "problem"),
+    [
+        ("missing.json", "out.html", "file = 'missing.json' is not acceptable"),
+        ("other.json", "out.html", "'twosra-plan' version 1"),
+        ("text.json", "out.html", "a plan in JSON"),
+        ("plan.json", "out.pdf", "a file ending in .html or .htm"),
+        ("plan.json", "nowhere/out.html", "a file path in a folder that can be written"),
+        ("plan.json", "folder.html", "a file path in a folder that can be written"),
+    ],
+)
+def test_bad_input_is_named(
+    paper: Plan, run: Run, source: str, target: str, problem: str, tmp_path: Path
+) -> None:
+    paper.save("plan.json")
+    Path("other.json").write_text('{"format": "something else"}', encoding="utf-8")
+    Path("text.json").write_text("hello", encoding="utf-8")
+    Path("folder.html").mkdir()
+    before = sorted(tmp_path.iterdir())
+    code, out, err = run("report", source, target)
+    assert (code, out) == (2, "")
+    assert problem in err
+    assert "Traceback" not in err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_writing_from_python_checks_the_ending(paper: Plan, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"ending in \.html"):
+        write_report(paper, tmp_path / "report.txt")
+    with pytest.raises(InputError, match="folder that exists"):
+        write_report(paper, tmp_path / "nowhere" / "report.html")
+    assert list(tmp_path.iterdir()) == []

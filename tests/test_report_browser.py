@@ -1,0 +1,344 @@
+"""A report in Chromium: it moves as the plan says, obeys the keyboard, and asks no network."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from selenium.webdriver import ActionChains, Chrome, ChromeOptions
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+
+from twosra_mpc import Goal, Plan, Status, load_plan, load_problem
+from twosra_mpc.plotting import robot_shape
+from twosra_mpc.report import film, page, write_report
+
+Planned = Callable[..., Plan]
+HOSTILE = (
+    "</script><script>document.title='run'</script><img src=x onerror=\"document.title='run'\">"
+)
+PROGRAMS = [shutil.which(name) for name in ("chromium", "chromedriver")]
+SWITCHES = (
+    *("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run"),
+    *("disable-background-networking", "disable-component-update", "disable-sync"),
+)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    """A browser that logs its console and every request."""
+    program, driver = PROGRAMS
+    if program is None or driver is None:
+        reason = "the programs chromium and chromedriver are not installed"
+        if os.environ.get("TWOSRA_BROWSER") == "required":
+            pytest.fail(reason)
+        pytest.skip(reason)
+    options = ChromeOptions()
+    options.binary_location = program
+    for switch in (*SWITCHES, f"user-data-dir={tmp_path_factory.mktemp('chromium')}"):
+        options.add_argument(f"--{switch}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    started = Chrome(options=options, service=Service(driver))
+    yield started
+    started.quit()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("reports")
+
+
+@pytest.fixture(scope="module")
+def paper(planned: Planned, folder: Path) -> Plan:
+    """The plan of paper-1; its report is written as paper.html."""
+    found = planned("paper-1")
+    write_report(found, folder / "paper.html")
+    return found
+
+
+@pytest.fixture
+def report(browser: Chrome, paper: Plan, folder: Path) -> Chrome:
+    """The browser, showing the report of ``paper``."""
+    return opened(browser, folder / "paper.html")
+
+
+def opened(browser: Chrome, path: Path, width: int = 1000, **media: str) -> Chrome:
+    """Open a page in a window of this width with these media features."""
+    features = [{"name": name.replace("_", "-"), "value": value} for name, value in media.items()]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    for kind in ("browser", "performance"):
+        browser.get_log(kind)
+    browser.get(path.as_uri())
+    return browser
+
+
+def one(browser: Chrome, selector: str) -> WebElement:
+    return browser.find_element(By.CSS_SELECTOR, selector)
+
+
+def move_to(browser: Chrome, frame: int) -> None:
+    """Move the slider as a hand does."""
+    script = "const s = document.getElementById('slider'); s.value = arguments[0];"
+    browser.execute_script(script + "s.dispatchEvent(new Event('input'))", frame)
+
+
+def frame_of(browser: Chrome) -> int:
+    return int(one(browser, "#slider").get_property("value"))
+
+
+def drawn(browser: Chrome, kind: str) -> np.ndarray:
+    """Points of what the page draws of the robot [m, y up]."""
+    found = browser.find_elements(By.CSS_SELECTOR, f"#robot .{kind}")
+    points = [element.get_attribute("points") or "" for element in found]
+    pairs = [[pair.split(",") for pair in part.split()] for part in points]
+    return np.array(pairs, dtype=float) * (1e-3, -1e-3)
+
+
+def eventually(condition: Callable[[], bool], within_s: float = 20.0) -> bool:
+    end = time.monotonic() + within_s
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_the_page_renders_without_a_complaint(report: Chrome, paper: Plan) -> None:
+    assert report.title == "experiment 1 of the paper: plan report"
+    assert report.get_log("browser") == []
+    image = one(report, ".figures img")
+    assert report.execute_script("return arguments[0].naturalWidth", image) > 500
+    style = "return getComputedStyle(arguments[0]).position"
+    assert (
+        report.execute_script(style, one(report, "#cursor")) == "absolute"
+    )  # the style is allowed
+    assert paper.samples is not None
+    rows = report.find_elements(By.CSS_SELECTOR, "#rows tbody tr")
+    assert len(rows) == len(paper.samples)
+
+
+def test_no_request_leaves_the_page(report: Chrome) -> None:
+    one(report, "#next").click()
+    one(report, "#save").click()
+    log = [json.loads(entry["message"])["message"] for entry in report.get_log("performance")]
+    sent = [e["params"] for e in log if e["method"] == "Network.requestWillBeSent"]
+    assert sent  # the page itself: the log is working
+    kinds = {item["request"]["url"].split(":")[0] for item in sent}
+    assert kinds <= {"file", "data", "blob"}
+
+
+def test_the_plan_file_can_be_saved_from_the_page(
+    report: Chrome, paper: Plan, tmp_path: Path
+) -> None:
+    allow = {"behavior": "allow", "downloadPath": str(tmp_path)}
+    report.execute_cdp_cmd("Browser.setDownloadBehavior", allow)
+    one(report, "#save").click()
+    assert eventually((tmp_path / "plan.json").exists)
+    assert load_plan(tmp_path / "plan.json").to_dict() == paper.to_dict()
+
+
+def test_commands_and_scenario_can_be_copied(report: Chrome, paper: Plan, tmp_path: Path) -> None:
+    for name, ending in (("commands", "report.html"), ("scenario", "")):
+        button = one(report, f"[data-copy={name}]")
+        button.click()
+        assert button.text == "Copied"
+        text = report.execute_script("return getSelection().toString()")
+        assert text.strip().endswith(ending)
+    (tmp_path / "copied.toml").write_text(text, encoding="utf-8")
+    assert load_problem(tmp_path / "copied.toml") == paper.problem
+
+
+def test_the_slider_moves_the_robot_where_the_plan_has_it(report: Chrome, paper: Plan) -> None:
+    data = one(report, "#motion-data").get_attribute("textContent") or ""
+    times, samples = json.loads(data)["film"]["time_s"], paper.samples
+    assert samples is not None
+    seen = []
+    for frame in (0, 60, 300, 480, 500, 1000):
+        move_to(report, frame)
+        q = np.array([np.interp(times[frame], samples.t_s, column) for column in samples.q.T])
+        shape = robot_shape(paper.robot.geometry, q, film.ARC_POINTS)
+        for kind, points in (
+            ("unit", shape.units),
+            ("wheel", shape.wheels),
+            ("segment", shape.segments),
+            ("link", shape.links),
+        ):
+            assert np.abs(drawn(report, kind) - points).max() < 2e-5, (kind, frame)
+        seen.append(drawn(report, "unit"))
+    assert min(np.abs(b - seen[0]).max() for b in seen[3:]) > 1e-3
+    minutes, seconds = divmod(float(samples.t_s[-1]), 60.0)
+    assert one(report, "#clock").text == f"{minutes:.0f} min {seconds:05.2f} s"
+
+
+def test_stiffness_and_temperature_follow_the_slider(report: Chrome, paper: Plan) -> None:
+    samples = paper.samples
+    assert samples is not None
+    data = json.loads(one(report, "#motion-data").get_attribute("textContent") or "")["film"]
+    for frame in (0, 220, 460, 700):
+        move_to(report, frame)
+        for number, row in enumerate(report.find_elements(By.CSS_SELECTOR, "#segments tbody tr")):
+            state, warm, *_ = [cell.text for cell in row.find_elements(By.TAG_NAME, "td")]
+            assert state == data["state"][frame][number]
+            expected = np.interp(
+                data["time_s"][frame], samples.t_s, samples.temperature_C[:, number]
+            )
+            assert float(warm) == pytest.approx(expected, abs=0.06)
+        shown = report.find_elements(By.CSS_SELECTOR, "#robot .segment")
+        assert [s.get_attribute("data-state") for s in shown] == data["state"][frame]
+        colours = [s.value_of_css_property("stroke") for s in shown]
+        assert (colours[0] == colours[1]) == (
+            data["state"][frame][0].endswith("ing") == data["state"][frame][1].endswith("ing")
+            and (data["state"][frame][0] == data["state"][frame][1])
+        )
+        marked = report.find_elements(By.CSS_SELECTOR, "#rows tr[aria-current]")
+        assert len(marked) == 1
+        low = float(marked[0].find_element(By.TAG_NAME, "td").text)
+        assert low <= data["time_s"][frame] + 1e-4
+
+
+def test_play_and_pause(report: Chrome) -> None:
+    play = one(report, "#play")
+    assert (play.text, frame_of(report)) == ("Play", 0)
+    play.click()
+    assert play.text == "Pause"
+    assert eventually(lambda: frame_of(report) > 10)
+    play.click()
+    stopped = frame_of(report)
+    assert play.text == "Play"
+    time.sleep(0.15)
+    assert frame_of(report) == stopped
+    move_to(report, film.FRAMES - 4)
+    play.click()
+    assert eventually(lambda: play.text == "Replay")
+    assert frame_of(report) == film.FRAMES - 1
+    play.click()
+    assert eventually(lambda: 0 < frame_of(report) < film.FRAMES - 1)
+
+
+def test_a_higher_speed_plays_faster(report: Chrome) -> None:
+    pace = one(report, "#pace")
+    move_to(report, 700)
+    normal = float(pace.text.split()[0])
+    one(report, "#speed option[value='4']").click()
+    assert float(pace.text.split()[0]) == pytest.approx(4 * normal, rel=0.02)
+
+
+def test_the_keyboard_is_enough(report: Chrome) -> None:
+    slider = one(report, "#slider")
+    slider.send_keys(Keys.ARROW_RIGHT)
+    assert frame_of(report) == 1
+    slider.send_keys(Keys.END)
+    assert frame_of(report) == film.FRAMES - 1
+    assert "the end of the plan" in (slider.get_attribute("aria-valuetext") or "")
+    slider.send_keys(Keys.HOME)
+    slider.send_keys(Keys.SPACE)
+    assert one(report, "#play").text == "Pause"
+    slider.send_keys(Keys.SPACE)
+    assert one(report, "#play").text == "Play"
+
+
+def test_events_are_reached_by_button(report: Chrome, paper: Plan) -> None:
+    seen = [one(report, "#clock").text]
+    while frame_of(report) < film.FRAMES - 1:
+        one(report, "#next").click()
+        seen.append(one(report, "#clock").text)
+    data = json.loads(one(report, "#motion-data").get_attribute("textContent") or "")
+    assert len(seen) == len(data["film"]["events"]) > len(paper.phases) + len(paper.transitions)
+    one(report, "#previous").click()
+    assert one(report, "#clock").text == seen[-2]
+
+
+def test_a_click_on_the_timeline_goes_there(report: Chrome) -> None:
+    track = one(report, "#tracks svg.curve-row")
+    report.execute_script("arguments[0].scrollIntoView({block: 'center'})", track)
+    ActionChains(report).move_to_element(track).click().perform()
+    assert frame_of(report) == pytest.approx(film.FRAMES / 2, abs=5)
+    cursor = one(report, "#cursor").rect["x"] - track.rect["x"]
+    assert cursor == pytest.approx(track.rect["width"] / 2, abs=5)
+
+
+def test_reduced_motion_steps_from_event_to_event(
+    browser: Chrome, paper: Plan, folder: Path
+) -> None:
+    opened(browser, folder / "paper.html", prefers_reduced_motion="reduce")
+    assert "reduced motion" in one(browser, "#pace").text
+    one(browser, "#speed option[value='4']").click()
+    data = json.loads(one(browser, "#motion-data").get_attribute("textContent") or "")
+    events = data["film"]["events"]
+    one(browser, "#play").click()
+    assert eventually(lambda: frame_of(browser) > 0)
+    one(browser, "#play").click()
+    assert frame_of(browser) in events
+
+
+@pytest.mark.parametrize("width", [400, 1000, 1400])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_sticks_out_and_colours_follow(
+    browser: Chrome, paper: Plan, folder: Path, width: int, scheme: str
+) -> None:
+    opened(browser, folder / "paper.html", width, prefers_color_scheme=scheme)
+    inner = browser.execute_script("return document.documentElement.clientWidth")
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= inner
+    for selector in (".plane svg", ".readings", "#segments", "#tracks", ".controls"):
+        box = one(browser, selector).rect
+        assert 0 <= box["x"] <= box["x"] + box["width"] <= inner, selector
+    ground = one(browser, "body").value_of_css_property("background-color")
+    assert ("255, 255, 255" in ground) == (scheme == "light")
+
+
+def test_every_control_has_a_name(report: Chrome) -> None:
+    nodes = report.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    named: dict[str, list[str]] = {}
+    for node in nodes:
+        if not node["ignored"]:
+            role = str(node["role"].get("value"))
+            named.setdefault(role, []).append(str(node.get("name", {}).get("value", "")))
+    for role in ("button", "slider", "combobox", "image", "region"):
+        assert named[role], role
+        assert all(named[role]), (role, named[role])
+
+
+def test_hostile_names_stay_text(
+    browser: Chrome, paper: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = paper.robot.model_copy(update={"name": HOSTILE})
+    problem = paper.problem.model_copy(update={"robot": robot, "description": HOSTILE})
+    monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
+    write_report(replace(paper, problem=problem, message=HOSTILE), folder / "hostile.html")
+    opened(browser, folder / "hostile.html")
+    assert browser.title == f"{HOSTILE}: plan report"
+    assert one(browser, "h1").get_attribute("textContent") == HOSTILE
+    assert browser.get_log("browser") == []
+
+
+def test_pages_without_motion_work_too(
+    browser: Chrome,
+    planned: Planned,
+    paper: Plan,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
+    start = paper.problem.start
+    rest = planned("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
+    nothing: dict[str, Any] = {"samples": None, "cost": None, "verification": None}
+    none = replace(paper, status=Status.FAILED, phases=(), transitions=(), **nothing)
+    for name, made in (("rest.html", rest), ("none.html", none)):
+        write_report(made, folder / name)
+        opened(browser, folder / name)
+        assert browser.get_log("browser") == [], name
+        assert one(browser, "#save").is_displayed()
+        assert browser.find_elements(By.ID, "slider") == []

@@ -1,0 +1,197 @@
+"""A plan's status, bound and verification in words that claim no more than was proved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from twosra_mpc.modes import mode_name
+from twosra_mpc.plan import Plan, Status, Verification
+from twosra_mpc.problem import COORDINATE_UNITS, Problem
+from twosra_mpc.robot import OverlappedTiming, SequentialTiming
+from twosra_mpc.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
+
+_UNITS = {  # ending of a limit's name -> unit, longest first
+    "_rad_s": "rad/s",
+    "_m_s": "m/s",
+    "_per_m": "1/m",
+    "_m": "m",
+    "_C": "°C",
+    "_A": "A",
+}
+_LIMITS = {  # name of a limit in a plan file -> what it is
+    "wheel_speed_rad_s": "wheel speed",
+    "unit_speed_m_s": "speed of a unit while bending",
+    "curvature_per_m": "curvature",
+    "temperature_max_C": "temperature",
+    "heater_current_A": "heater current",
+    "unit_gap_m": "gap between the units",
+    "wheel_independence": "independence of the wheels",
+}
+_NONE = "\N{EN DASH}"
+_COORDINATES = ("x", "y", "heading φ", "curvature κ₁", "curvature κ₂")
+
+
+class GoalRow(NamedTuple):
+    """One coordinate of the goal: what was asked, and how far the re-integrated plan is from it."""
+
+    name: str
+    unit: str
+    asked: str
+    error: str
+
+
+class LimitRow(NamedTuple):
+    """One limit of the robot and the margin that the plan leaves to it."""
+
+    name: str
+    limit: str
+    margin: str
+
+
+def status_sentence(plan: Plan) -> str:
+    """Say what the plan's status means."""
+    match plan.status:
+        case Status.OPTIMAL:
+            asked = f"{100 * plan.problem.gap:g} %"
+            return (
+                "Verified by independent re-integration, and proved to be within the asked gap of"
+                f" {asked} of the best possible plan."
+            )
+        case Status.FEASIBLE if plan.lower_bound is None:
+            return (
+                "Verified by independent re-integration. Nothing is proved about how much better"
+                " another plan could be."
+            )
+        case Status.FEASIBLE:
+            return (
+                "Verified by independent re-integration. How much better another plan could be is"
+                f" proved too, but it is more than the asked gap of {100 * plan.problem.gap:g} %."
+            )
+        case Status.INFEASIBLE:
+            return "It is proved that this problem has no plan; the message at the top says why."
+        case Status.FAILED:
+            return "No verified plan was found, and it is not proved that there is none."
+
+
+def percent(share: float) -> str:
+    """Write a share in per cent with two digits that count, and a tiny one as what it is below."""
+    return "< 0.001 %" if 0 < share < 1e-5 else f"{float(f'{100 * share:.2g}'):g} %"
+
+
+def bound_sentences(plan: Plan) -> Iterator[str]:
+    """Say what is proved about all other plans, and about which; nothing without a bound."""
+    if plan.lower_bound is None:
+        return
+    problem = plan.problem
+    yield (
+        f"No plan for this problem costs less than {plan.lower_bound:.4f} s: this is the optimum"
+        " of a relaxation of it, a proved lower bound and not an estimate."
+    )
+    if plan.found and plan.cost is not None and plan.gap is not None:
+        yield (
+            f"This plan costs {plan.cost.total:.4f} s, so no other one can be better by more than"
+            f" {plan.cost.total - plan.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
+        )
+    yield f"Cost is {_cost_formula(problem)}."
+    modes = ", ".join(mode_name(mode) for mode in problem.modes)
+    yield (
+        f"The bound covers every sequence of the modes {modes}, also sequences longer than the"
+        f" {problem.max_phases} phases that were searched, with every path that path model"
+        f" {problem.robot.path.model} can take within the robot's limits."
+    )
+    yield f"It holds for {_timing(problem)}; a different heater controller has different times."
+
+
+def caveat_sentences(plan: Plan) -> Iterator[str]:
+    """Say what neither the bound nor the verification is about."""
+    yield (
+        "All of this is about the model. On hardware a unit that should hold pivots a little"
+        " while the other one bends: expect about 2 cm after soft phases, and close the loop with"
+        " a camera."
+    )
+    yield "Obstacles and slipping wheels are not part of the model."
+    if plan.status is Status.FAILED and plan.samples is not None:
+        yield "The motion shown here did not pass verification: do not run it."
+
+
+def _cost_formula(problem: Problem) -> str:
+    weights, terms = problem.cost_weights, ["the duration in s"]
+    if weights.energy_s_per_J:
+        terms.append(f"{weights.energy_s_per_J:g} s for every joule of heater energy")
+    if weights.transition_s:
+        terms.append(f"{weights.transition_s:g} s for every melt or freeze")
+    return " + ".join(terms) if len(terms) > 1 else "the duration, nothing else"
+
+
+def _timing(problem: Problem) -> str:
+    heater, timing = problem.robot.heater, problem.transition_times
+    named = f"timing “{problem.timing}”"
+    if isinstance(timing, SequentialTiming):
+        return f"the fixed waits of {named}, through which the robot stands still"
+    if isinstance(timing, OverlappedTiming):
+        words = f"the constant melt and freeze times of {named}"
+    else:
+        words = (
+            f"melt and freeze times from the thermal model ({named}, air of {problem.ambient:g} °C)"
+            f" under one heating policy: {heater.melt_current_A:g} A until the set-point of"
+            f" {heater.soft_setpoint_C:g} °C, then hold"
+        )
+    if problem.heating == "keep_warm":
+        words += ", solid segments kept warm where that costs less"
+    if problem.transition_quantile is not None:
+        words += f", windows that hold {100 * problem.transition_quantile:g} % of all transitions"
+    if problem.heaters_at_once == 1:
+        words += ", one heater on at a time"
+    return words
+
+
+def verification_sentence(check: Verification) -> str:
+    """Say what independent re-integration found."""
+    if not check.ok:
+        return f"Verification failed: {'; '.join(check.problems)}."
+    return (
+        "Verification passed: SciPy integrated the samples anew with adaptive steps, and checked"
+        " limits, order of melts and freezes, heater commands and goal. The samples and their"
+        f" re-integration differ by at most {check.max_defect:.2g} (m, rad or 1/m; allowed are"
+        f" {DEFECT_TOLERANCE:g}); the goal may be missed by {GOAL_TOLERANCE:g}."
+    )
+
+
+def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
+    """Return the goal coordinate by coordinate, with the error after re-integration."""
+    rows = []
+    goal, width = problem.goal.configuration.tolist(), problem.goal.half_width.tolist()
+    items = zip(_COORDINATES, COORDINATE_UNITS, goal, width, check.goal_error, strict=False)
+    for name, unit, asked, box, error in items:
+        if math.isnan(asked):
+            rows.append(GoalRow(name, unit, "free", _NONE))
+        else:
+            words = f"{asked:g}" + (f" ± {box:g}" if box else "")
+            rows.append(GoalRow(name, unit, words, _residual(error)))
+    return rows
+
+
+def _residual(error: float) -> str:
+    if not math.isfinite(error):
+        return "not reached"
+    return f"{abs(error):.1e}" if error else "0"
+
+
+def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
+    """Return the robot's limits with the least margin that the plan leaves to each."""
+    robot, heater = plan.robot, plan.robot.heater
+    limits = {
+        **robot.limits.model_dump(),
+        "temperature_max_C": heater.temperature_max_C,
+        "heater_current_A": heater.current_max_A,
+    }
+    rows = []
+    for name, margin in check.limits.items():
+        unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+        bound = f"{limits[name]:g} {unit}".strip() if name in limits else _NONE
+        least = "at least" if name in ("unit_gap_m", "wheel_independence") else "at most"
+        left = f"{margin:.3g} {unit}".strip() if margin else "0: used in full"
+        rows.append(LimitRow(_LIMITS.get(name, name), f"{least} {bound}", left))
+    return rows
