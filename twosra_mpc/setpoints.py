@@ -146,7 +146,7 @@ def rows(samples: Samples, rate_Hz: float | None, robot: Robot) -> tuple[list[st
         InputError: If the rate is not positive, or beyond 1000 Hz.
     """
     if rate_Hz is not None:
-        samples = _resampled(samples, rate_Hz, robot)
+        samples = resampled(samples, rate_Hz, robot)
     table = np.column_stack(
         [
             samples.t_s,
@@ -172,7 +172,12 @@ def check_rate(rate_Hz: float) -> None:
         raise InputError("rate", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:g} Hz")
 
 
-def _resampled(samples: Samples, rate_Hz: float, robot: Robot) -> Samples:
+def resampled(samples: Samples, rate_Hz: float, robot: Robot) -> Samples:
+    """Samples at a regular rate: inputs in force at each time, configurations on the path.
+
+    Raises:
+        InputError: If the rate is not positive, or beyond 1000 Hz.
+    """
     check_rate(rate_Hz)
     end = float(samples.t_s[-1])
     t = np.arange(int(np.floor(end * rate_Hz + 1e-9)) + 1) / rate_Hz

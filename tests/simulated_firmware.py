@@ -1,0 +1,151 @@
+"""A robot's firmware at the other end of a pseudo-terminal, on a clock that the stream moves."""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.execution.heated_segment import HeatedSegment
+from twosra_mpc.modes import Mode
+from twosra_mpc.plan import Plan
+from twosra_mpc.streaming.port import SerialPort, open_serial_port
+from twosra_mpc.thermal.controller import stiffness_controller
+from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.thermal.thermistor import temperature_sensor
+
+REPORT_PERIOD_S = 0.5
+LONGEST_WAIT_S = 5.0  # of real time, for bytes to come through the pseudo-terminal
+
+
+class Received(NamedTuple):
+    """A command as the firmware understood it, and what the robot truly was at that time."""
+
+    time_s: float
+    wheel_rad_s: tuple[float, ...]
+    heated: Mode
+    tail: tuple[int, ...]
+    truly_soft: Mode
+
+
+class CountingPort(SerialPort):
+    """The real port, which also knows how much it has written."""
+
+    written = 0
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        self.written += len(data)
+
+
+class SimulatedFirmware:
+    """Parses commands, heats two segments, reports temperatures; is also the stream's clock."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        reports: Callable[[float, int, float], bytes] = lambda _t, j, T: b"%c%.2f\n" % (65 + j, T),
+        broken_heaters: tuple[int, ...] = (),
+        numbers: int = 6,
+    ) -> None:
+        """Start it.
+
+        Args:
+            plan: For the robot and its start.
+            reports: Bytes to report at a time for a segment (0, 1) at a temperature [C].
+            broken_heaters: Segments whose heaters are broken.
+            numbers: How many numbers a command has.
+        """
+        self._master, slave = os.openpty()
+        self.port_name = os.ttyname(slave)
+        serial_port = open_serial_port(self.port_name)
+        self.port = CountingPort(serial_port._serial)
+        os.close(slave)
+        self.reports, self._numbers = reports, numbers
+        robot, problem = plan.robot, plan.problem
+        self.segments = [
+            HeatedSegment(
+                segment_model(robot, problem.ambient),
+                temperature_sensor(robot, problem.ambient),
+                stiffness_controller(robot, problem.ambient),
+                problem.temperatures[j],
+                np.random.default_rng(j),
+                rigid_setpoint_C=robot.heater.rigid_setpoint_C,
+                broken_heater=j in broken_heaters,
+            )
+            for j in (0, 1)
+        ]
+        self._setpoints = (robot.heater.rigid_setpoint_C, robot.heater.soft_setpoint_C)
+        self._now_s, self._next_report_s = 0.0, 0.0
+        self._buffer, self._bytes = b"", 0
+        self.heated: Mode = (0, 0)
+        self.received: list[Received] = []
+        self.at: dict[float, Callable[[], None]] = {}
+
+    @property
+    def moves(self) -> list[Received]:
+        """Commands that turn the wheels."""
+        return [item for item in self.received if any(item.wheel_rad_s)]
+
+    def now_s(self) -> float:
+        """Time of the robot and of the stream."""
+        return self._now_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Let time pass on the robot."""
+        self.receive()
+        self._now_s += duration_s
+        for segment, heated in zip(self.segments, self.heated, strict=True):
+            segment.advance(self._setpoints[heated], duration_s)
+        for time_s in [time_s for time_s in self.at if time_s <= self._now_s]:
+            self.at.pop(time_s)()
+        if self._now_s >= self._next_report_s and self._master >= 0:
+            self._next_report_s += REPORT_PERIOD_S
+            self._report()
+
+    def die(self) -> None:
+        """Lose power: the line goes dead."""
+        self.receive()
+        os.close(self._master)
+        self._master = -1
+
+    def close(self) -> None:
+        """Release both ends."""
+        self.port.close()
+        if self._master >= 0:
+            os.close(self._master)
+
+    def receive(self) -> None:
+        """Take in everything that the port has written."""
+        deadline = time.monotonic() + LONGEST_WAIT_S
+        while self._bytes < self.port.written and self._master >= 0:
+            assert time.monotonic() < deadline, "the pseudo-terminal has lost bytes"
+            if select.select([self._master], [], [], 0.1)[0]:
+                data = os.read(self._master, 4096)
+                self._bytes += len(data)
+                self._buffer += data
+        while self._buffer.count(b"\n") >= self._numbers:
+            *numbers, self._buffer = self._buffer.split(b"\n", self._numbers)
+            self._understand(numbers)
+
+    def _understand(self, numbers: list[bytes]) -> None:
+        assert numbers[0].startswith(b"s")
+        numbers[0] = numbers[0][1:]
+        first, second, *tail = (int(number) for number in numbers[4:])
+        self.heated = (first, second)
+        soft = (int(self.segments[0].soft), int(self.segments[1].soft))
+        wheels = tuple(float(number) for number in numbers[:4])
+        self.received.append(Received(self._now_s, wheels, self.heated, tuple(tail), soft))
+
+    def _report(self) -> None:
+        for j, segment in enumerate(self.segments):
+            data = self.reports(self._now_s, j, segment.measured_C)
+            before = self.port._serial.in_waiting
+            os.write(self._master, data)
+            deadline = time.monotonic() + LONGEST_WAIT_S
+            while self.port._serial.in_waiting < before + len(data):
+                assert time.monotonic() < deadline, "the pseudo-terminal has lost bytes"

@@ -1,0 +1,338 @@
+"""What other programs read: MCAP and CSV hold the plan, in the formats that they know."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Planned
+from jsonschema import Draft202012Validator
+from mcap.reader import make_reader
+from test_cli import Run, run  # noqa: F401  # a fixture
+
+from twosra_mpc import InputError, NoPlanError, Plan, Status, plotting
+from twosra_mpc.export import foxglove_messages
+from twosra_mpc.export.authors_csv import COLUMNS, save_authors_csv
+from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
+from twosra_mpc.resampling import refined
+from twosra_mpc.setpoints import SAME_TIME_S
+
+Messages = dict[str, list[tuple[float, dict[str, Any]]]]
+
+# Fields of the official schemas, of which ours may leave some out.
+OFFICIAL = {
+    "foxglove.SceneUpdate": {"deletions", "entities"},
+    "foxglove.SceneEntity": {
+        *("timestamp", "frame_id", "id", "lifetime", "frame_locked", "metadata", "arrows"),
+        *("cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models"),
+    },
+    "foxglove.CubePrimitive": {"pose", "size", "color"},
+    "foxglove.LinePrimitive": {
+        *("type", "pose", "thickness", "scale_invariant", "points", "color", "colors", "indices"),
+    },
+    "foxglove.FrameTransforms": {"transforms"},
+    "foxglove.FrameTransform": {
+        *("timestamp", "parent_frame_id", "child_frame_id", "translation", "rotation"),
+    },
+    "foxglove.Pose": {"position", "orientation"},
+    "foxglove.Vector3": {"x", "y", "z"},
+    "foxglove.Point3": {"x", "y", "z"},
+    "foxglove.Quaternion": {"x", "y", "z", "w"},
+    "foxglove.Color": {"r", "g", "b", "a"},
+    "time": {"sec", "nsec"},
+    "duration": {"sec", "nsec"},
+}
+
+
+def read(path: Path) -> Messages:
+    """Messages by topic with their times [s], each valid by the schema in the file."""
+    found: Messages = {topic.name: [] for topic in TOPICS}
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            assert message.log_time == message.publish_time
+            content = json.loads(message.data)
+            Draft202012Validator(json.loads(schema.data)).validate(content)
+            found[channel.topic].append((message.log_time * 1e-9, content))
+    return found
+
+
+@pytest.fixture(scope="module", params=["paper-1", "paper-2"])
+def exported(
+    request: pytest.FixtureRequest, planned: Planned, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Plan, Messages]:
+    """A plan, and what is read back from its MCAP file."""
+    plan = planned(request.param)
+    path = tmp_path_factory.mktemp("export") / "plan.mcap"
+    save_mcap(plan, path)
+    return plan, read(path)
+
+
+# --- MCAP ----------------------------------------------------------------------------------------
+
+
+def test_tables_are_the_samples(exported: tuple[Plan, Messages]) -> None:
+    plan, messages = exported
+    samples = plan.samples
+    assert samples is not None
+    expected = {
+        "/configuration": samples.q,
+        "/mode": samples.mode,
+        "/wheels": samples.wheel_rad_s,
+        "/heaters": np.hstack([samples.heater_setpoint_C, samples.heater_current_A]),
+        "/temperatures": np.hstack([samples.temperature_C, samples.melt_fraction]),
+    }
+    for topic, table in expected.items():
+        times, contents = zip(*messages[topic], strict=True)
+        np.testing.assert_allclose(times, samples.t_s, atol=1e-9)
+        np.testing.assert_array_equal([list(each.values()) for each in contents], table)
+
+
+def test_the_robot_is_written_whenever_it_moves_or_changes(
+    exported: tuple[Plan, Messages],
+) -> None:
+    plan, messages = exported
+    samples = plan.samples
+    assert samples is not None
+    times = [time_s for time_s, _ in messages["/robot"]]
+    assert times == [time_s for time_s, _ in messages["/tf"]]
+    moved = samples.t_s[1:][np.diff(samples.q, axis=0).any(axis=1)]
+    assert {0.0, *np.round(moved, 9).tolist()} <= set(np.round(times, 9).tolist())
+    for time_s, content in messages["/robot"]:
+        (entity,) = content["entities"]
+        assert entity["timestamp"]["sec"] + entity["timestamp"]["nsec"] * 1e-9 == pytest.approx(
+            time_s
+        )
+
+
+def test_colours_tell_the_stiffness(exported: tuple[Plan, Messages]) -> None:
+    plan, messages = exported
+    colours = {"rigid": "#2a6fbb", "soft": "#c8202f", "changing": "#f6b04e"}
+    seen = set()
+    for time_s, content in messages["/robot"]:
+        for j, line in enumerate(content["entities"][0]["lines"][3:]):
+            state = "soft" if plan.problem.start_mode[j] else "rigid"
+            for item in plan.transitions:
+                if item.segment == j + 1 and time_s >= item.onset_s - SAME_TIME_S:
+                    state = "changing" if time_s < item.done_s - SAME_TIME_S else item.to
+            shade = "".join(f"{round(255 * line['color'][c]):02x}" for c in "rgb")
+            assert f"#{shade}" == colours[state]
+            seen.add(state)
+    assert seen == {"rigid", "soft", "changing"}
+    assert colours == {
+        "rigid": plotting.RIGID_COLOUR,
+        "soft": plotting.SOFT_COLOUR,
+        "changing": plotting.CHANGING_COLOUR,
+    }
+
+
+def test_frames_and_scene_are_the_same_robot(exported: tuple[Plan, Messages]) -> None:
+    plan, messages = exported
+    geometry = plan.robot.geometry
+    h1, (h2, h3) = geometry.side_wheel_m, geometry.front_wheel_m
+    for (_, scene), (_, tf) in zip(messages["/robot"], messages["/tf"], strict=True):
+        placed = {"world": np.eye(3)}
+        for item in tf["transforms"]:
+            assert (item["rotation"]["x"], item["rotation"]["y"]) == (0.0, 0.0)
+            placed[item["child_frame_id"]] = placed[item["parent_frame_id"]] @ matrix(item)
+        entity = scene["entities"][0]
+        for side, frame, line in zip((-1, 1), ("b1", "b2"), entity["lines"][3:], strict=True):
+            points = [[point["x"], point["y"], 1.0] for point in line["points"]]
+            root = placed["b0"] @ [side * geometry.middle_link_m / 2, 0.0, 1.0]
+            np.testing.assert_allclose(points[0], root, atol=1e-12)
+            np.testing.assert_allclose(points[-1], placed[frame] @ [0.0, 0.0, 1.0], atol=1e-12)
+            length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+            assert length == pytest.approx(geometry.segment_length_m, rel=5e-3)  # a polygon
+        centres = [
+            placed["b1"] @ [-h2, 0.0, 1.0],
+            placed["b2"] @ [h2, 0.0, 1.0],
+            placed["b1"] @ [-h1, 0.0, 1.0],
+            placed["b1"] @ [-h2, h3, 1.0],
+            placed["b2"] @ [h1, 0.0, 1.0],
+            placed["b2"] @ [h2, -h3, 1.0],
+        ]
+        for cube, centre in zip(entity["cubes"], centres, strict=True):
+            position = cube["pose"]["position"]
+            np.testing.assert_allclose((position["x"], position["y"]), centre[:2], atol=1e-12)
+            assert position["z"] == pytest.approx(cube["size"]["z"] / 2)  # it stands on the floor
+
+
+def matrix(transform: dict[str, Any]) -> np.ndarray:
+    """Homogeneous matrix of a transform in the plane."""
+    z, w = transform["rotation"]["z"], transform["rotation"]["w"]
+    assert z * z + w * w == pytest.approx(1.0)
+    c, s = w * w - z * z, 2 * w * z
+    at = transform["translation"]
+    return np.array([[c, -s, at["x"]], [s, c, at["y"]], [0.0, 0.0, 1.0]])
+
+
+def test_schemas_are_valid_and_name_only_official_fields() -> None:
+    seen = set()
+
+    def visit(schema: dict[str, Any]) -> None:
+        title = schema.get("title", "")
+        if title in OFFICIAL:
+            seen.add(title)
+            assert set(schema["properties"]) <= OFFICIAL[title], title
+        for child in schema.get("properties", {}).values():
+            visit(child)
+        if "items" in schema:
+            visit(schema["items"])
+
+    for topic in TOPICS:
+        Draft202012Validator.check_schema(topic.schema)
+        visit(topic.schema)
+    assert seen == set(OFFICIAL)
+
+
+def test_a_schema_refuses_what_is_not_in_it() -> None:
+    for topic in TOPICS:
+        validator = Draft202012Validator(topic.schema)
+        assert not validator.is_valid({})
+        assert not validator.is_valid({"entities": "x", "transforms": 3, "mode1": "soft"})
+
+
+def test_a_rate_adds_samples_and_keeps_the_plans_own(planned: Planned, tmp_path: Path) -> None:
+    plan = planned("paper-2")
+    save_mcap(plan, tmp_path / "plan.mcap", rate_Hz=2.0)
+    denser = refined(plan, 2.0).samples
+    assert denser is not None
+    messages = read(tmp_path / "plan.mcap")
+    times, contents = zip(*messages["/configuration"], strict=True)
+    np.testing.assert_allclose(times, denser.t_s, atol=1e-9)
+    np.testing.assert_array_equal([list(each.values()) for each in contents], denser.q)
+    assert np.diff(times).max() <= 0.5 + 1e-9
+
+
+def test_the_file_says_what_it_is(planned: Planned, tmp_path: Path) -> None:
+    plan = planned("paper-2")
+    save_mcap(plan, tmp_path / "plan.mcap")
+    with (tmp_path / "plan.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        (metadata,) = reader.iter_metadata()
+        summary = reader.get_summary()
+    assert metadata.metadata["robot"] == plan.robot.name
+    assert metadata.metadata["status"] == plan.status
+    assert summary is not None
+    assert summary.statistics is not None
+    assert {channel.topic for channel in summary.channels.values()} == {t.name for t in TOPICS}
+
+
+# --- CSV -----------------------------------------------------------------------------------------
+
+
+def rows_of(path: Path) -> tuple[list[str], np.ndarray]:
+    with path.open(newline="") as stream:
+        header, *rows = csv.reader(stream)
+    return header, np.array(rows, dtype=float)
+
+
+def test_csv_values_equal_the_plan(planned: Planned, tmp_path: Path) -> None:
+    plan = planned("paper-1")
+    samples = plan.samples
+    assert samples is not None
+    save_authors_csv(plan, tmp_path / "plan.csv")
+    header, table = rows_of(tmp_path / "plan.csv")
+    assert ",".join(header) == "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"
+    expected = np.column_stack([samples.q, samples.v, samples.mode, samples.t_s])
+    np.testing.assert_array_equal(table, expected)
+
+
+def test_csv_at_a_rate_lies_on_the_path(planned: Planned, tmp_path: Path) -> None:
+    plan = planned("paper-2")
+    save_authors_csv(plan, tmp_path / "plan.csv", rate_Hz=10.0)
+    _, table = rows_of(tmp_path / "plan.csv")
+    times = table[:, COLUMNS.index("time")]
+    np.testing.assert_allclose(np.diff(times)[:-1], 0.1, atol=1e-9)
+    dense = refined(plan, 10.0).samples
+    assert dense is not None
+    for row, time_s in zip(table, times, strict=True):
+        near = int(np.argmin(np.abs(dense.t_s - time_s)))
+        if abs(dense.t_s[near] - time_s) < 1e-9:
+            np.testing.assert_allclose(row[:5], dense.q[near], atol=1e-9)
+
+
+# --- refused -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("save", "name"), [(save_mcap, "p.mcap"), (save_authors_csv, "p.csv")])
+def test_a_plan_that_is_not_verified_is_refused_and_nothing_is_written(
+    planned: Planned, tmp_path: Path, save: Any, name: str
+) -> None:
+    with pytest.raises(NoPlanError):
+        save(replace(planned("paper-2"), status=Status.FAILED), tmp_path / name)
+    with pytest.raises(InputError, match="rate"):
+        save(planned("paper-2"), tmp_path / name, -1.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_export_that_fails_leaves_nothing_behind(
+    planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = itertools.count()
+
+    def fail(heading: float) -> dict[str, float]:
+        if next(calls) > 200:
+            raise RuntimeError("in the middle")
+        return {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+
+    monkeypatch.setattr(foxglove_messages, "_turned", fail)
+    with pytest.raises(RuntimeError, match="in the middle"):
+        save_mcap(planned("paper-2"), tmp_path / "plan.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_mcap_the_error_says_how_to_install_it(
+    planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(InputError, match=r"pip install 'twosra-mpc\[mcap\]'"):
+        save_mcap(planned("paper-2"), tmp_path / "plan.mcap")
+
+
+@pytest.mark.parametrize("name", ["plan.mcap", "plan.csv"])
+def test_the_command_writes_and_says_what(
+    run: Run,  # noqa: F811
+    planned: Planned,
+    tmp_path: Path,
+    name: str,
+) -> None:
+    planned("paper-2").save(tmp_path / "plan.json")
+    outcome = run("export", "plan.json", name, "--rate", "1")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert name in outcome.out
+    assert (tmp_path / name).stat().st_size > 1000
+    assert len(list(tmp_path.iterdir())) == 2
+    outcome = run("export", "plan.json", name, "--json")
+    assert json.loads(outcome.out)["robot"] == "2sra-v1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("plan.json", "plan.bag"), "allowed: a file ending in .mcap or .csv"),
+        (("plan.json", "no/folder/plan.mcap"), "a file path in a folder that can be written"),
+        (("none.json", "plan.mcap"), "none.json"),
+        (("plan.json", "plan.csv", "--rate", "0"), "rate = 0.0 is not acceptable"),
+    ],
+)
+def test_bad_input_is_refused(
+    run: Run,  # noqa: F811
+    planned: Planned,
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+    words: str,
+) -> None:
+    planned("paper-2").save(tmp_path / "plan.json")
+    outcome = run("export", *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert words in outcome.err
+    assert len(list(tmp_path.iterdir())) == 1

@@ -1,0 +1,452 @@
+"""A plan over a serial line: what arrives is the plan, and at the end the robot stands."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from conftest import Planned
+from problems import ROBOT
+from simulated_firmware import SimulatedFirmware
+
+from twosra_mpc import InputError, NoPlanError, Plan
+from twosra_mpc.modes import Mode
+from twosra_mpc.streaming.clock import SteppedClock, SystemClock
+from twosra_mpc.streaming.firmware_lines import stop_command
+from twosra_mpc.streaming.plan_stream import (
+    STOPS,
+    Confirm,
+    Drive,
+    StreamError,
+    StreamState,
+    stream,
+)
+from twosra_mpc.streaming.port import PortError
+from twosra_mpc.streaming.wheel_commands import WheelCommand, wheel_commands
+
+RATE_HZ, SLOW_HZ = 15.0, 5.0
+Connected = Callable[..., SimulatedFirmware]
+
+
+@pytest.fixture
+def connect() -> Iterator[Connected]:
+    """Make simulated firmware, and release it at the end."""
+    made: list[SimulatedFirmware] = []
+
+    def make(*given: object, **options: object) -> SimulatedFirmware:
+        made.append(SimulatedFirmware(*given, **options))  # type: ignore[arg-type]
+        return made[-1]
+
+    yield make
+    for firmware in made:
+        firmware.close()
+
+
+def send(plan: Plan, firmware: SimulatedFirmware, **options: object) -> tuple[Drive, ...]:
+    return stream(plan, firmware.port, firmware, **options)  # type: ignore[arg-type]
+
+
+def commands_of(plan: Plan, rate_Hz: float = RATE_HZ) -> list[tuple[Mode, WheelCommand]]:
+    """Every wheel command of a plan, with the mode it needs."""
+    assert plan.samples is not None
+    return [
+        (phase.mode, order)
+        for phase in plan.phases
+        for order in wheel_commands(plan.samples, phase, rate_Hz)
+    ]
+
+
+def assert_off(firmware: SimulatedFirmware) -> None:
+    """The last commands are stops, as many as promised."""
+    firmware.receive()
+    last = firmware.received[-STOPS:]
+    assert [(item.wheel_rad_s, item.heated) for item in last] == [((0.0,) * 4, (0, 0))] * STOPS
+
+
+# --- wheel commands ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate_Hz", [3.0, 15.0, 120.0])
+@pytest.mark.parametrize("scenario", ["paper-1", "paper-2"])
+def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
+    planned: Planned, scenario: str, rate_Hz: float
+) -> None:
+    plan = planned(scenario)
+    assert plan.samples is not None
+    for phase in plan.phases:
+        orders = wheel_commands(plan.samples, phase, rate_Hz)
+        inside = (plan.samples.t_s[:-1] >= phase.start_s - 1e-9) & (
+            plan.samples.t_s[:-1] < phase.end_s - 1e-9
+        )
+        steps = np.diff(plan.samples.t_s)[inside, None]
+        travel = (plan.samples.wheel_rad_s[:-1][inside] * steps).sum(axis=0)
+        sent = np.sum([order.wheel_rad_s for order in orders], axis=0) / rate_Hz
+        np.testing.assert_allclose(sent, travel, atol=1e-12)
+        fastest = np.abs(plan.samples.wheel_rad_s[:-1][inside]).max(axis=0)
+        assert (np.max(np.abs([o.wheel_rad_s for o in orders]), axis=0) <= fastest + 1e-9).all()
+        lasts = len(orders) / rate_Hz
+        assert 0 <= lasts - (phase.end_s - phase.start_s) + 1e-9 <= 1 / rate_Hz + 1e-9
+
+
+# --- to the end ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["paper-1", "paper-2"])
+def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
+    planned: Planned, connect: Connected, scenario: str
+) -> None:
+    plan = planned(scenario)
+    firmware = connect(plan)
+    drives = send(plan, firmware, confirm=Confirm.REQUIRED)
+    expected = commands_of(plan)
+    assert [move.truly_soft for move in firmware.moves] == [mode for mode, _ in expected]
+    np.testing.assert_allclose(
+        [move.wheel_rad_s for move in firmware.moves],
+        [order.wheel_rad_s for _, order in expected],
+        atol=5.001e-4,  # three decimals
+    )
+    assert [drive.mode for drive in drives] == [phase.mode for phase in plan.phases]
+    assert [segment.soft for segment in firmware.segments] == [False, False]
+    assert_off(firmware)
+
+
+def test_without_reports_everything_happens_at_the_plans_times(
+    planned: Planned, connect: Connected
+) -> None:
+    plan = planned("paper-2")
+    assert plan.samples is not None
+    firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
+    drives = send(plan, firmware)
+    begun_s = drives[0].start_s - plan.phases[0].start_s
+    for drive, phase in zip(drives, plan.phases, strict=True):
+        assert abs(drive.start_s - begun_s - phase.start_s) < 0.2
+    soft_C = plan.robot.heater.soft_setpoint_C
+    for item in firmware.received[:-STOPS]:
+        if item.time_s < begun_s or any(item.wheel_rad_s):
+            continue
+        at = np.abs(plan.samples.t_s - (item.time_s - begun_s)) > 0.3  # a period or two of slack
+        before = np.searchsorted(plan.samples.t_s, item.time_s - begun_s, side="right") - 1
+        if at.all():
+            planned_soft = plan.samples.heater_setpoint_C[before] >= soft_C
+            assert item.heated == tuple(planned_soft.astype(int))
+    assert abs(firmware.now_s() - begun_s - plan.samples.t_s[-1]) < 0.6
+    assert_off(firmware)
+
+
+def test_single_readings_that_are_far_off_and_lines_that_are_none_change_nothing(
+    planned: Planned, connect: Connected
+) -> None:
+    plan, lines = planned("paper-2"), iter(range(10**6))
+
+    def noisy(_time_s: float, segment: int, temperature_C: float) -> bytes:
+        name, number = 65 + segment, next(lines)
+        if number % 14 == 6:
+            return b"%c99.0\n" % name
+        if number % 14 == 9:
+            return b"%c-12\n" % name
+        rubbish = [b"", b"\xff\xfe\n", b"Anan\n", b"B1e9\nA\n", b"ready\r\n\n"][number % 5]
+        return rubbish + b"%c%.2f\r\n" % (name, temperature_C)
+
+    firmware = connect(plan, reports=noisy)
+    send(plan, firmware, confirm=Confirm.REQUIRED, rate_Hz=SLOW_HZ)
+    modes = [mode for mode, _ in commands_of(plan, SLOW_HZ)]
+    assert [move.truly_soft for move in firmware.moves] == modes
+    assert_off(firmware)
+
+
+def test_a_slow_computer_does_not_turn_the_wheels_further(
+    planned: Planned, connect: Connected
+) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan)
+
+    def dawdle(_state: StreamState) -> None:
+        firmware.sleep(0.01)
+
+    drives = send(plan, firmware, on_state=dawdle)
+    for drive, phase in zip(drives, plan.phases, strict=True):
+        periods = len(wheel_commands(plan.samples, phase, RATE_HZ))
+        assert abs(drive.end_s - drive.start_s - periods / RATE_HZ) < 1e-3
+
+
+def test_the_number_of_the_robot_ends_each_command(planned: Planned, connect: Connected) -> None:
+    plan = planned("rigid-move")
+    firmware = connect(plan, numbers=7)
+    send(plan, firmware, robot_id=12)
+    assert {item.tail for item in firmware.received} == {(12,)}
+    assert_off(firmware)
+
+
+def test_a_standing_robot_is_told_again_once_a_second(planned: Planned, connect: Connected) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
+    send(plan, firmware, rate_Hz=SLOW_HZ)
+    times = [item.time_s for item in firmware.received]
+    assert 0.9 < np.diff(times).max() < 1.1
+
+
+def test_the_state_is_told_in_words(planned: Planned, connect: Connected) -> None:
+    plan, states = planned("paper-2"), list[StreamState]()
+    send(plan, connect(plan), on_state=states.append, rate_Hz=SLOW_HZ)
+    told = list(dict.fromkeys(state.during for state in states))
+    assert told == [
+        "listening for temperatures",
+        "in phase 1 of 2 [0,0]",
+        "waiting for phase 2 of 2 [1,0]",
+        "in phase 2 of 2 [1,0]",
+        "waiting for the end [0,0]",
+    ]
+    assert any("segment 1 changing at 5" in state.known for state in states)
+
+
+# --- other endings -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("when_s", [0.4, 2.0, 40.0])
+def test_a_signal_stops_the_robot_however_often_it_comes(
+    planned: Planned, connect: Connected, number: signal.Signals, when_s: float
+) -> None:
+    plan, before = planned("paper-2"), signal.getsignal(number)
+    firmware = connect(plan)
+    for again_s in (0.0, 0.02, 0.1, 0.2, 0.27):
+        firmware.at[when_s + again_s] = lambda: os.kill(os.getpid(), number)
+    with pytest.raises(KeyboardInterrupt):
+        send(plan, firmware)
+    assert firmware.now_s() < when_s + 1.0
+    assert_off(firmware)
+    assert signal.getsignal(number) == before
+
+
+def test_an_error_of_the_caller_stops_the_robot(planned: Planned, connect: Connected) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan)
+
+    def fail(state: StreamState) -> None:
+        if state.time_s > 30:
+            raise RuntimeError("the terminal is gone")
+
+    with pytest.raises(RuntimeError, match="the terminal is gone"):
+        send(plan, firmware, on_state=fail)
+    assert_off(firmware)
+
+
+@pytest.mark.parametrize("rubbish", [b"", b"~\x00\n"])
+def test_firmware_that_falls_silent_is_an_error(
+    planned: Planned, connect: Connected, rubbish: bytes
+) -> None:
+    plan = planned("paper-2")
+
+    def until_30(time_s: float, segment: int, temperature_C: float) -> bytes:
+        return b"%c%.2f\n" % (65 + segment, temperature_C) if time_s < 30 else rubbish
+
+    firmware = connect(plan, reports=until_30)
+    words = r"waiting for phase 2 of 2 \[1,0\]: segment 1: no readable temperature report for 5 s"
+    with pytest.raises(StreamError, match=words):
+        send(plan, firmware)
+    assert 30 < firmware.now_s() < 37
+    assert_off(firmware)
+
+
+def test_one_segment_that_does_not_report_is_an_error(planned: Planned, connect: Connected) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan, reports=lambda _t, j, T: b"A%.1f\n" % T if j == 0 else b"")
+    with pytest.raises(StreamError, match="segment 2 does not report"):
+        send(plan, firmware)
+    assert not firmware.moves
+    assert_off(firmware)
+
+
+def test_required_reports_that_do_not_come_are_an_error(
+    planned: Planned, connect: Connected
+) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
+    with pytest.raises(StreamError, match="no temperature report within 5 s"):
+        send(plan, firmware, confirm=Confirm.REQUIRED)
+    assert not firmware.moves
+    assert_off(firmware)
+
+
+def test_a_heater_that_does_not_heat_is_an_error(planned: Planned, connect: Connected) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan, broken_heaters=(0,))
+    with pytest.raises(StreamError, match="segment 1: heating does not warm it"):
+        send(plan, firmware)
+    assert {move.truly_soft for move in firmware.moves} == {(0, 0)}
+    assert_off(firmware)
+
+
+def test_a_segment_that_is_too_hot_is_an_error(planned: Planned, connect: Connected) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan, reports=lambda t, j, T: b"%c%.1f\n" % (65 + j, T if t < 50 else 90))
+    with pytest.raises(StreamError, match="segment 1: too hot, 90"):
+        send(plan, firmware)
+    assert_off(firmware)
+
+
+def test_a_segment_that_stays_between_soft_and_rigid_is_an_error(
+    planned: Planned, connect: Connected
+) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))
+    with pytest.raises(StreamError, match=r"later than planned, segment 1 changing at 61\.0 C"):
+        send(plan, firmware, rate_Hz=SLOW_HZ)
+    assert {move.truly_soft for move in firmware.moves} == {(0, 0)}
+    assert_off(firmware)
+
+
+def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(
+    planned: Planned, connect: Connected
+) -> None:
+    limits = ROBOT.limits.model_copy(update={"unit_speed_m_s": 0.003})
+    plan = planned("paper-2", robot=ROBOT.model_copy(update={"limits": limits}))
+    firmware = connect(plan)
+    first = len(wheel_commands(plan.samples, plan.phases[0], SLOW_HZ))
+    lost: list[float] = []
+
+    def cold(time_s: float, segment: int, temperature_C: float) -> bytes:
+        """For ten seconds in the middle of the second phase, segment 1 seems to be cold."""
+        if segment == 0 and len(firmware.moves) > first + 20:
+            lost.append(time_s)
+            temperature_C = 25.0 if time_s < lost[0] + 10 else temperature_C
+        return b"%c%.2f\n" % (65 + segment, temperature_C)
+
+    firmware.reports = cold
+    send(plan, firmware, rate_Hz=SLOW_HZ)
+    times = np.array([move.time_s for move in firmware.moves[first:]])
+    gap = int(np.argmax(np.diff(times)))
+    assert lost[0] < times[gap] < lost[0] + 1.5
+    assert lost[0] + 10 < times[gap + 1] < lost[0] + 20
+    assert len(firmware.moves) == len(commands_of(plan, SLOW_HZ))
+    assert_off(firmware)
+
+
+@pytest.mark.parametrize(
+    ("when_s", "during"),
+    [(0.4, "before the plan began"), (2.0, "in phase 1 of 2"), (30.0, "waiting for phase 2 of 2")],
+)
+def test_a_dead_line_is_an_error_that_tells_when_and_to_switch_off(
+    planned: Planned, connect: Connected, when_s: float, during: str
+) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan)
+    firmware.at[when_s] = firmware.die
+    with pytest.raises(StreamError, match="could NOT be told to stop: switch it off") as caught:
+        send(plan, firmware)
+    assert caught.value.during.startswith(during)
+    assert when_s <= caught.value.time_s < when_s + 2.0
+
+
+class FailingPort:
+    """A port whose writes fail from one number to another; an interrupt comes with the first."""
+
+    def __init__(self, first: int, last: float) -> None:
+        self.first, self.last = first, last
+        self.sent: list[bytes] = []
+        self.tries = 0
+
+    def write(self, data: bytes) -> None:
+        self.tries += 1
+        if self.first <= self.tries <= self.last:
+            os.kill(os.getpid(), signal.SIGINT)
+            raise PortError("cannot write")
+        self.sent.append(data)
+
+    def read_lines(self) -> list[bytes]:
+        return []
+
+
+@pytest.mark.parametrize(
+    ("last", "words"), [(10, "the robot was told to stop"), (math.inf, "could NOT be told to stop")]
+)
+def test_a_line_that_fails_once_carries_the_stop_and_a_dead_one_is_told_even_of_an_interrupt(
+    planned: Planned, last: float, words: str
+) -> None:
+    port = FailingPort(10, last)
+    with pytest.raises(StreamError, match=f"cannot write; .*{words}"):
+        stream(planned("paper-2"), port, SteppedClock(), confirm=Confirm.NEVER)
+    assert port.tries == 10 + STOPS
+    assert port.sent[9:] == ([stop_command()] * STOPS if last == 10 else [])
+
+
+def test_an_interrupt_while_the_robot_is_being_stopped_changes_nothing(planned: Planned) -> None:
+    plan, clock, port = planned("rigid-move"), SteppedClock(), FailingPort(0, -1)
+    write = port.write
+
+    def interrupted(data: bytes) -> None:
+        if data == stop_command():
+            os.kill(os.getpid(), signal.SIGINT)
+        write(data)
+
+    port.write = interrupted  # type: ignore[method-assign]
+    stream(plan, port, clock, confirm=Confirm.NEVER)
+    assert port.sent[-STOPS:] == [stop_command()] * STOPS
+
+
+def test_outside_of_the_main_thread_signals_are_left_alone(planned: Planned) -> None:
+    plan, port = planned("rigid-move"), FailingPort(0, -1)
+    worker = threading.Thread(
+        target=stream, args=(plan, port, SteppedClock()), kwargs={"confirm": Confirm.NEVER}
+    )
+    worker.start()
+    worker.join(60)
+    assert port.sent[-STOPS:] == [stop_command()] * STOPS
+
+
+def test_a_computer_that_is_held_up_while_driving_is_an_error(
+    planned: Planned, connect: Connected
+) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan)
+    firmware.at[2.0] = lambda: firmware.sleep(3.0)
+    with pytest.raises(StreamError, match=r"held up for 3\.\d s with turning wheels"):
+        send(plan, firmware)
+    assert_off(firmware)
+
+
+# --- refused -------------------------------------------------------------------------------------
+
+
+class Untouched:
+    """A port that must not be used."""
+
+    def write(self, data: bytes) -> None:
+        raise AssertionError(data)
+
+    def read_lines(self) -> list[bytes]:
+        raise AssertionError
+
+
+def test_a_plan_that_does_not_verify_is_refused(planned: Planned) -> None:
+    from dataclasses import replace
+
+    plan = planned("paper-2")
+    assert plan.samples is not None
+    with pytest.raises(NoPlanError):
+        stream(replace(plan, status="failed"), Untouched(), SystemClock())  # type: ignore[arg-type]
+    wheels = plan.samples.wheel_rad_s.copy()
+    wheels[3] += 0.5
+    forged = replace(plan, samples=replace(plan.samples, wheel_rad_s=wheels))
+    with pytest.raises(
+        NoPlanError, match=r"verified again, at .* the wheels do not turn as v asks"
+    ):
+        stream(forged, Untouched(), SystemClock())
+
+
+@pytest.mark.parametrize("rate_Hz", [0.0, 0.5, 201.0, float("nan"), float("inf")])
+def test_a_rate_that_the_line_does_not_carry_is_refused(planned: Planned, rate_Hz: float) -> None:
+    with pytest.raises(InputError, match="from 1 to 200 Hz"):
+        stream(planned("paper-2"), Untouched(), SystemClock(), rate_Hz=rate_Hz)
+
+
+def test_the_system_clock_goes_on_by_itself() -> None:
+    clock, begun = SystemClock(), time.monotonic()
+    clock.sleep(0.01)
+    assert 0.01 <= clock.now_s() <= time.monotonic() - begun + 0.01

@@ -1,0 +1,264 @@
+"""``twosra stream``: what it prints, what it refuses, and that a killed program stops the robot."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import Planned
+from test_cli import Run, run  # noqa: F401  # a fixture
+
+from twosra_mpc.streaming import port as port_module
+from twosra_mpc.streaming.firmware_lines import Report, command, parse_report, stop_command
+from twosra_mpc.streaming.plan_stream import STOPS, StreamError
+from twosra_mpc.streaming.port import PortError, SerialPort
+
+STOP = stop_command()
+
+
+@pytest.fixture(scope="module")
+def saved(planned: Planned, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan file."""
+    path = tmp_path_factory.mktemp("stream") / "plan.json"
+    planned("paper-2").save(path)
+    return path
+
+
+class Terminal(NamedTuple):
+    """A pseudo-terminal: our end, and the name of the other."""
+
+    ours: int
+    name: str
+
+    def read_until(self, heard: bytes, enough: Callable[[bytes], bool]) -> bytes:
+        """Go on reading after what was heard until it is enough."""
+        while not enough(heard):
+            assert select.select([self.ours], [], [], 30.0)[0], heard
+            heard += os.read(self.ours, 1024)
+        return heard
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    """A line on which a robot could be; nobody answers, and the test closes our end."""
+    ours, theirs = os.openpty()
+    yield Terminal(ours, os.ttyname(theirs))
+    os.close(theirs)
+
+
+# --- lines ---------------------------------------------------------------------------------------
+
+
+def test_a_command_is_written_as_the_firmware_reads_it() -> None:
+    assert (
+        command((1.23456, -0.0001, -10.0, 0.0), (1, 0)) == b"s1.235\n0.000\n-10.000\n0.000\n1\n0\n"
+    )
+    assert command((0.0, 0.0, 0.0, 0.0), (0, 1), 7) == b"s0.000\n0.000\n0.000\n0.000\n0\n1\n7\n"
+    assert STOP == b"s0.000\n0.000\n0.000\n0.000\n0\n0\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "report"),
+    [
+        (b"A58.25", Report(0, 58.25)),
+        (b"B24.9\r", Report(1, 24.9)),
+        (b" B-3 ", Report(1, -3.0)),
+        (b"C24.9", None),
+        (b"58.25", None),
+        (b"A", None),
+        (b"", None),
+        (b"Anan", None),
+        (b"Ainf", None),
+        (b"A126", None),
+        (b"B\xff4", None),
+    ],
+)
+def test_reports_are_read_and_other_lines_are_not(line: bytes, report: Report | None) -> None:
+    assert parse_report(line) == report
+
+
+def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
+    port = port_module.open_serial_port(terminal.name)
+    lines: list[bytes] = []
+    for piece in (b"A2", b"4.5\nB25.", b"5\nA2", b"6\n\n"):
+        os.write(terminal.ours, piece)
+        deadline = time.monotonic() + 5
+        while not port._serial.in_waiting:
+            assert time.monotonic() < deadline
+        lines += port.read_lines()
+    assert lines == [b"A24.5", b"B25.5", b"A26", b""]
+    os.close(terminal.ours)
+    with pytest.raises(PortError, match=f"cannot read from {terminal.name}"):
+        port.read_lines()
+    with pytest.raises(PortError, match=f"cannot write to {terminal.name}"):
+        port.write(STOP)
+    port.close()
+
+
+# --- the program ---------------------------------------------------------------------------------
+
+
+def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path, planned: Planned) -> None:  # noqa: F811
+    plan = planned("paper-2")
+    assert plan.samples is not None
+    outcome = run("stream", saved, "--dry-run", "--rate", "20")
+    assert (outcome.code, outcome.err) == (0, "")
+    words = outcome.out.split()
+    times = np.array([float(word) for word in words[::2]])
+    sent = [word.removeprefix("s").removesuffix("\\n").split("\\n") for word in words[1::2]]
+    values = np.array(sent, dtype=float)
+    assert values.shape[1] == 6
+    travel = (values[:, :4] * np.minimum(np.diff(times, append=times[-1]), 1 / 20)[:, None]).sum(0)
+    steps = np.diff(plan.samples.t_s)[:, None]
+    np.testing.assert_allclose(
+        travel, (plan.samples.wheel_rad_s[:-1] * steps).sum(axis=0), atol=2e-3 * plan.moving_s
+    )
+    assert (values[-STOPS:] == 0).all()
+    listed = json.loads(run("stream", saved, "--dry-run", "--rate", "20", "--json").out)
+    assert [item["line"].split() for item in listed] == [["s" + v[0], *v[1:]] for v in sent]
+    assert abs(times[-STOPS] - plan.samples.t_s[-1]) < 0.2
+
+
+def test_a_plan_is_sent_with_the_real_clock_and_sigterm_stops_the_robot(
+    terminal: Terminal, saved: Path
+) -> None:
+    arguments = ["stream", str(saved), "--port", terminal.name, "--confirm", "never"]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "twosra_mpc", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    heard = terminal.read_until(b"", lambda heard: heard.count(b"s") >= 10)
+    assert heard.startswith(b"s")
+    assert not heard.startswith(STOP)
+    program.send_signal(signal.SIGTERM)
+    terminal.read_until(heard, lambda heard: heard.endswith(STOP * STOPS))
+    out, err = program.communicate(timeout=20)
+    os.close(terminal.ours)
+    assert (program.returncode, out) == (4, "")
+    assert err.splitlines() == [
+        "twosra: nothing confirms the temperatures: phases begin at the plan's times",
+        "twosra: interrupted; wheels and heaters are off",
+    ]
+
+
+def test_a_missing_answer_is_told_with_the_exit_code(
+    run: Run,  # noqa: F811
+    saved: Path,
+    terminal: Terminal,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("twosra_mpc.streaming.plan_stream.LISTEN_S", 0.2)
+    outcome = run("stream", saved, "--port", terminal.name, "--confirm", "required")
+    os.close(terminal.ours)
+    assert (outcome.code, outcome.out) == (4, "")
+    assert "before the plan began: no temperature report within 0.2 s" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "port or dry-run = 'neither' is not acceptable"),
+        (("--dry-run", "--port", "x"), "port or dry-run = 'both' is not acceptable"),
+        (("--port", "/dev/no-such-port"), "port = '/dev/no-such-port' is not acceptable"),
+        (("--dry-run", "--rate", "300"), "rate = 300.0 is not acceptable; allowed: from 1 to 200"),
+        (("--dry-run", "--rate", "nan"), "rate = nan is not acceptable"),
+        (("--dry-run", "--robot-id", "-1"), "Invalid value for '--robot-id'"),
+        (("--dry-run", "--confirm", "maybe"), "Invalid value for '--confirm'"),
+    ],
+)
+def test_bad_input_is_refused(
+    run: Run,  # noqa: F811
+    saved: Path,
+    arguments: tuple[str, ...],
+    words: str,
+) -> None:
+    outcome = run("stream", saved, *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert words in outcome.err
+
+
+def test_a_plan_that_keeps_a_segment_warm_is_refused(
+    run: Run,  # noqa: F811
+    planned: Planned,
+    tmp_path: Path,
+) -> None:
+    from dataclasses import replace
+
+    plan = planned("rigid-move")
+    assert plan.samples is not None
+    warm = np.full_like(plan.samples.heater_setpoint_C, 45.0)
+    replace(plan, samples=replace(plan.samples, heater_setpoint_C=warm)).save(tmp_path / "p.json")
+    outcome = run("stream", tmp_path / "p.json", "--dry-run")
+    assert outcome.code == 2
+    assert "the firmware can heat a segment or not, but not keep it warm" in outcome.err
+
+
+def test_a_plan_that_was_not_found_is_refused(
+    run: Run,  # noqa: F811
+    planned: Planned,
+    tmp_path: Path,
+) -> None:
+    from dataclasses import replace
+
+    from twosra_mpc import Status
+
+    plan = replace(planned("rigid-move"), status=Status.FAILED)
+    plan.save(tmp_path / "p.json")
+    outcome = run("stream", tmp_path / "p.json", "--dry-run")
+    assert (outcome.code, outcome.out) == (4, "")
+    assert "no verified plan (failed)" in outcome.err
+
+
+def test_without_pyserial_the_error_says_how_to_install_it(
+    run: Run,  # noqa: F811
+    saved: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "serial", None)
+    outcome = run("stream", saved, "--port", "/dev/ttyUSB0")
+    assert outcome.code == 2
+    assert "pip install 'twosra-mpc[serial]'" in outcome.err
+
+
+def test_errors_survive_pickling() -> None:
+    import pickle
+
+    error = StreamError(3.0, "in phase 1", "why")
+    again = pickle.loads(pickle.dumps(error))
+    assert (str(again), again.time_s) == (str(error), 3.0)
+
+
+def test_a_port_is_closed_even_if_nothing_could_be_sent(
+    run: Run,  # noqa: F811
+    saved: Path,
+    terminal: Terminal,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    closed: list[SerialPort] = []
+    close = SerialPort.close
+
+    def noted(port: SerialPort) -> None:
+        closed.append(port)
+        close(port)
+
+    monkeypatch.setattr(SerialPort, "close", noted)
+    monkeypatch.setattr(
+        SerialPort, "write", lambda _self, _data: (_ for _ in ()).throw(PortError("cannot write"))
+    )
+    outcome = run("stream", saved, "--port", terminal.name)
+    os.close(terminal.ours)
+    assert outcome.code == 4
+    assert "could NOT be told to stop: switch it off" in outcome.err
+    assert len(closed) == 1

@@ -1,0 +1,176 @@
+"""``twosra stream``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
+from twosra_mpc.errors import InputError
+from twosra_mpc.modes import mode_name
+from twosra_mpc.plan import Plan, load_plan
+from twosra_mpc.streaming.clock import SteppedClock, SystemClock
+from twosra_mpc.streaming.plan_stream import (
+    LISTEN_S,
+    RATE_HZ,
+    Confirm,
+    Drive,
+    StreamError,
+    StreamState,
+    check_command_rate,
+    check_sendable,
+    stream,
+)
+from twosra_mpc.streaming.port import Port, open_serial_port
+
+_HELP = f"""Send PLAN to a robot over a serial line, and switch the robot off at the end.
+
+Wheel speeds [rad/s] and heater states go out in the line format of the authors' firmware at 115200
+baud. If the robot reports temperatures (lines A58.2 and B24.9: readings of segments 1 and 2 in C),
+a phase begins when they confirm that the segments are soft and rigid as it needs. If nothing is
+reported within {LISTEN_S:g} s, phases begin at the plan's times.
+
+Ctrl-C, SIGTERM, a closed terminal and every error stop the wheels and switch the heaters off. Keep
+a hand at the switch all the same: the robot goes on with its last command if the line breaks.
+
+Needs pyserial: pip install 'twosra-mpc[serial]'.
+
+\b
+See what would be sent, without a robot:
+  twosra plan paper-2 --out plan.json
+  twosra stream plan.json --dry-run
+Send it, and refuse to drive on trust:
+  twosra stream plan.json --port /dev/ttyUSB0 --confirm required
+One of several robots on the same radio:
+  twosra stream plan.json --port COM3 --robot-id 1
+"""
+
+
+@click.command("stream", help=_HELP)
+@click.argument("plan", type=click.Path(path_type=Path))
+@click.option("--port", help="Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.")
+@click.option("--dry-run", is_flag=True, help="Print times and lines; needs no port.")
+@click.option(
+    "--rate",
+    "rate_Hz",
+    type=float,
+    metavar="HZ",
+    default=RATE_HZ,
+    show_default=True,
+    help="Commands per second while driving; the default is that of the authors' controller.",
+)
+@click.option(
+    "--confirm",
+    type=click.Choice([choice.value for choice in Confirm]),
+    default=Confirm.IF_REPORTED.value,
+    show_default=True,
+    help="Whether temperature reports are needed for a phase to begin.",
+)
+@click.option("--robot-id", type=click.IntRange(min=0), help="Sent at the end of each command.")
+@output_options
+def stream_command(
+    plan: Path,
+    port: str | None,
+    dry_run: bool,
+    rate_Hz: float,
+    confirm: str,
+    robot_id: int | None,
+    output: Output,
+) -> int:
+    """Send a plan; see ``_HELP``."""
+    if (port is None) != dry_run:
+        given = "both" if dry_run else "neither"
+        raise InputError("port or dry-run", given, "a --port, or --dry-run without one")
+    check_command_rate(rate_Hz)
+    loaded = load_plan(plan)
+    check_sendable(loaded)
+    if port is None:
+        _show(loaded, rate_Hz, robot_id, output)
+        return EXIT_PLANNED
+    opened = open_serial_port(port)
+    try:
+        return _send(loaded, opened, rate_Hz, robot_id, Confirm(confirm), output)
+    finally:
+        opened.close()
+
+
+class _Recorder:
+    """A line to nowhere that keeps what is sent."""
+
+    def __init__(self, clock: SteppedClock) -> None:
+        self._clock = clock
+        self.sent: list[dict[str, Any]] = []
+
+    def write(self, data: bytes) -> None:
+        self.sent.append({"time_s": self._clock.now_s(), "line": data.decode("ascii")})
+
+    def read_lines(self) -> list[bytes]:
+        return []
+
+
+def _show(plan: Plan, rate_Hz: float, robot_id: int | None, output: Output) -> None:
+    """Print what would be sent, and when."""
+    clock = SteppedClock()
+    line = _Recorder(clock)
+    stream(plan, line, clock, rate_Hz=rate_Hz, robot_id=robot_id, confirm=Confirm.NEVER)
+
+    def table() -> None:
+        for item in line.sent:
+            shown = item["line"].replace("\n", "\\n")
+            click.echo(f"{item['time_s']:10.3f}  {shown}")
+
+    output.report(lambda: line.sent, table)
+
+
+def _send(
+    plan: Plan,
+    port: Port,
+    rate_Hz: float,
+    robot_id: int | None,
+    confirm: Confirm,
+    output: Output,
+) -> int:
+    """Send a plan, with its progress on standard error."""
+    options: dict[str, Any] = {"rate_Hz": rate_Hz, "robot_id": robot_id, "confirm": confirm}
+    try:
+        with output.progress("opening the line") as tell:
+            drives = stream(plan, port, SystemClock(), on_state=_Progress(tell), **options)
+    except StreamError as error:
+        click.echo(f"twosra: {error}", err=True)
+        return EXIT_NO_PLAN
+    except KeyboardInterrupt:
+        click.echo("twosra: interrupted; wheels and heaters are off", err=True)
+        return EXIT_NO_PLAN
+    output.report(lambda: {"drives": drives}, lambda: _print_drives(plan, drives))
+    return EXIT_PLANNED
+
+
+class _Progress:
+    """Tells where a stream is, and once if nothing confirms what it does."""
+
+    def __init__(self, tell: Tell) -> None:
+        self._tell = tell
+        self._warned = False
+
+    def __call__(self, state: StreamState) -> None:
+        if state.reported is False and not self._warned:
+            self._warned = True
+            words = "nothing confirms the temperatures: phases begin at the plan's times"
+            click.echo(f"twosra: {words}", err=True)
+        known = f"  ({state.known})" if state.known else ""
+        self._tell(f"{state.time_s:7.1f} s  {state.during}{known}")
+
+
+def _print_drives(plan: Plan, drives: tuple[Drive, ...]) -> None:
+    rows = [
+        (
+            f"drive {mode_name(drive.mode)}",
+            f"{drive.start_s:8.2f} s to {drive.end_s:8.2f} s",
+            f"{phase.start_s:8.2f} s to {phase.end_s:8.2f} s",
+        )
+        for drive, phase in zip(drives, plan.phases, strict=True)
+    ]
+    print_table(("phase", "driven", "planned"), rows)

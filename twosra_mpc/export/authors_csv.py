@@ -1,0 +1,41 @@
+"""A plan as CSV with the columns of the authors' trajectories, for their scripts to read."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+from twosra_mpc.files import write_text
+from twosra_mpc.plan import Plan
+from twosra_mpc.setpoints import resampled
+
+COLUMNS = ("x", "y", "angle", "k1", "k2", "v1", "v2", "u0", "v0", "r0", "s1", "s2", "time")
+
+
+def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
+    """Write configuration, input and stiffness of a plan, one row a sample, atomically.
+
+    Units are SI: m, rad, 1/m, m/s, rad/s, s. Inputs and stiffness hold from their row to the next.
+
+    Args:
+        plan: The plan.
+        path: Where to write it.
+        rate_Hz: Rows per second; default: the plan's own grid. A phase that is shorter than a
+            period can fall between two rows.
+
+    Raises:
+        NoPlanError: If the plan is not verified.
+        InputError: If the rate or the path is not acceptable.
+    """
+    samples = plan.require().samples
+    assert samples is not None, "a verified plan has samples"
+    if rate_Hz is not None:
+        samples = resampled(samples, rate_Hz, plan.robot)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    columns = (samples.q, samples.v, samples.mode, samples.t_s)
+    for q, v, mode, time_s in zip(*(column.tolist() for column in columns), strict=True):
+        writer.writerow((*q, *v, *mode, time_s))
+    write_text(path, text.getvalue())
