@@ -219,7 +219,7 @@ def test_the_path_model_overrides_that_of_the_robot(
 ) -> None:
     asked: list[Problem] = []
 
-    def stop(problem: Problem) -> None:
+    def stop(problem: Problem, **_: Any) -> None:
         asked.append(problem)
         raise KeyboardInterrupt
 
@@ -441,7 +441,7 @@ def test_an_interrupt_outside_the_search_has_no_plan(
     monkeypatch.setattr(planning, "plan", interrupt)
     code, out, err = run("plan", "paper-1")
     assert (code, out) == (4, "")
-    assert err == "twosra: interrupted before there was a plan"
+    assert err == "twosra: interrupted before there was a result"
 
 
 def test_a_termination_is_an_interrupt(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

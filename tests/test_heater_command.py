@@ -13,7 +13,7 @@ from matplotlib import rcParams
 
 from twosra_mpc import cli
 from twosra_mpc.cli.heater_loop import simulate_heater_command
-from twosra_mpc.heater_figure import plot_heater
+from twosra_mpc.plotting.heater_figure import plot_heater
 from twosra_mpc.robot import load_robot
 from twosra_mpc.thermal.controller import StiffnessController, stiffness_controller
 from twosra_mpc.thermal.heater_loop import HeaterRun, simulate_heater

@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 from twosra_mpc import InputError, cli, load_robot
 from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
+from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
 from twosra_mpc.segment import TwoNodeSegment
 from twosra_mpc.thermal.heating_log import EvenLog, HeatingLog, read_heating_log, resample
 from twosra_mpc.thermal.identification import (
@@ -33,7 +34,6 @@ from twosra_mpc.thermal.identified_robot import write_identified_robot
 from twosra_mpc.thermal.log_fit import Fitted, fit, pooled_rms_C, residuals
 from twosra_mpc.thermal.log_plants import OneNodePlant, TwoNodePlant
 from twosra_mpc.thermal.log_response import CORRECTED_S, HeaterLaw, SensorLag
-from twosra_mpc.thermal_figure import plot_thermal_fit
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,6 @@ from twosra_mpc import InputError, load_robot
 from twosra_mpc import path_fitting as fitting
 from twosra_mpc.model.kinematics import fibre_end_pose
 from twosra_mpc.model.path_models import Arc, LogSpiral, path_model
-from twosra_mpc.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
 from twosra_mpc.path_fitting import (
     CASES,
     SPIRAL_BENDS_RAD,
@@ -29,6 +28,7 @@ from twosra_mpc.path_fitting import (
     fitted_path_tables,
     path_curves,
 )
+from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
 from twosra_mpc.robot import Geometry, Robot
 
 Array = NDArray[np.float64]

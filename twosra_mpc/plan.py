@@ -227,7 +227,7 @@ class Plan:
         write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")
 
 
-class _PhaseDocument(NamedTuple):
+class PhaseDocument(NamedTuple):
     mode: tuple[Literal[0, 1], Literal[0, 1]]
     start_s: float
     end_s: float
@@ -245,7 +245,7 @@ class _VerificationDocument(BaseModel):
     problems: tuple[str, ...]
 
 
-class _PlanDocument(BaseModel):
+class PlanDocument(BaseModel):
     """The types of a plan file, for reading one back."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
@@ -262,7 +262,7 @@ class _PlanDocument(BaseModel):
     lower_bound_s: float | None
     gap: float | None
     cost: Cost | None
-    phases: tuple[_PhaseDocument, ...]
+    phases: tuple[PhaseDocument, ...]
     transitions: tuple[Transition, ...]
     samples: dict[str, list[float] | list[list[float]]] | None
     verification: _VerificationDocument | None
@@ -288,9 +288,9 @@ def load_plan(path: str | Path) -> Plan:
         found = (head.get("format"), head.get("version"))
         raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", source)
     try:
-        return _plan(_PlanDocument.model_validate_json(text), source)
+        return _plan(PlanDocument.model_validate_json(text), source)
     except ValidationError as error:
-        first = named_problem(_PlanDocument, error.errors()[0])
+        first = named_problem(PlanDocument, error.errors()[0])
         raise first.within("plan", source) from None
     except InputError as error:
         raise error.within("", source) from None
@@ -298,7 +298,7 @@ def load_plan(path: str | Path) -> Plan:
         raise InputError("plan", str(error), "values that fit together", source) from error
 
 
-def _plan(data: _PlanDocument, source: str) -> Plan:
+def _plan(data: PlanDocument, source: str) -> Plan:
     robot = Robot.parse(data.robot, f"{source} (robot)")
     problem = Problem.parse({**data.scenario, "robot": robot}, f"{source} (scenario)")
     checked = data.verification

@@ -1,33 +1,80 @@
 """Command line: every command in the module of its subject, imported when it is called.
 
-Results go to standard output, progress and errors to standard error. Exit codes: 0 done, 2 bad
-input, 3 proved infeasible, 4 no plan within the limits (the best so far is written, if any).
+Results go to standard output, progress and errors to standard error. Exit codes: see ``output``.
 """
 
 from __future__ import annotations
 
+import difflib
 import importlib
+import os
 import signal
 import sys
 
 import click
 
-from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN
-from twosra_mpc.errors import InputError
+from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_BROKEN_PIPE, EXIT_INFEASIBLE, EXIT_NO_PLAN
+from twosra_mpc.errors import InputError, NoPlanError
+from twosra_mpc.plan import Status
 from twosra_mpc.version import __version__
 
+# Section of the help -> command -> its module in this package, and what it does in one line.
 _COMMANDS = {
-    "plan": "planning",
-    "explain": "explain",
-    "scenarios": "robots",
-    "robots": "robots",
-    "check-robot": "robots",
-    "fit-paths": "paths",
-    "compare-models": "paths",
-    "fit-thermal": "thermal_fit",
-    "simulate-heater": "heater_loop",
-    "simulate": "simulate",
+    "Plan": {
+        "plan": ("planning", "Plan a scenario, with a proved gap."),
+        "explain": ("explain", "Say why a plan is what it is, and what others would cost."),
+        "compare": ("compare", "Plan scenarios by both planners, side by side."),
+        "compare-models": ("paths", "Plan under each path model, and run under the others."),
+    },
+    "Use a plan": {
+        "verify": ("verify", "Check plan files independently of what they say."),
+        "resample": ("resample", "Write set-points at a regular rate, or a denser plan."),
+        "export": ("export", "Write a plan in the format of another program."),
+        "report": ("report", "Write a plan as an HTML page."),
+        "animate": ("animate", "Animate a plan."),
+        "figures": ("figures", "Draw the paper's figures from our own runs."),
+        "stream": ("stream", "Send a plan to a robot over a serial line."),
+    },
+    "Simulate": {
+        "simulate": ("simulate", "Plan and run in closed loop on a simulated robot."),
+        "simulate-heater": ("heater_loop", "Run the closed loop of one heater."),
+    },
+    "Describe robots and problems": {
+        "scenarios": ("robots", "List the built-in scenarios."),
+        "robots": ("robots", "List the built-in robots."),
+        "check-robot": ("robots", "Check a robot file and its wheels."),
+        "fit-paths": ("paths", "Fit spirals and cardioids to a fibre's lengths."),
+        "fit-thermal": ("thermal_fit", "Identify a segment from a heating log."),
+        "schema": ("schema", "Print JSON Schemas of the files, for editors."),
+    },
+    "This installation": {
+        "doctor": ("doctor", "Check versions, solvers and extras; plan and verify."),
+    },
 }
+_MODULES = {name: module for section in _COMMANDS.values() for name, (module, _) in section.items()}
+
+_HELP = """Plan motions of the self-reconfigurable soft-rigid agent (2SRA).
+
+\b
+Start here:
+  twosra plan paper-1 --out plan.json --plot plan.png
+  twosra verify plan.json
+  twosra COMMAND --help
+
+Results go to standard output, as tables or with --json as JSON; progress and errors go to standard
+error.
+
+\b
+Exit codes:
+  0  done
+  1  whoever was reading the output stopped doing so
+  2  bad input, or a file that cannot be read or written
+  3  proved infeasible
+  4  no plan, not verified, or not reached (the best so far is written, if any)
+
+Completion of commands and options: put eval "$(_TWOSRA_COMPLETE=bash_source twosra)" into ~/.bashrc
+(zsh_source into ~/.zshrc, or fish_source).
+"""
 
 
 class _Commands(click.Group):
@@ -35,22 +82,38 @@ class _Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         del ctx
-        return list(_COMMANDS)
+        return list(_MODULES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         del ctx
-        if cmd_name not in _COMMANDS:
+        if cmd_name not in _MODULES:
             return None
-        module = importlib.import_module(f"twosra_mpc.cli.{_COMMANDS[cmd_name]}")
+        module = importlib.import_module(f"twosra_mpc.cli.{_MODULES[cmd_name]}")
         command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         assert isinstance(command, click.Command)
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        close = difflib.get_close_matches(args[0], _MODULES, n=1)
+        if args[0] not in _MODULES and close:
+            ctx.fail(f"No such command {args[0]!r}. Did you mean {close[0]}?")
+        return super().resolve_command(ctx, args)
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        del ctx
+        width = max(map(len, _MODULES))
+        for title, section in _COMMANDS.items():
+            with formatter.section(title):
+                rows = [(name.ljust(width), words) for name, (_, words) in section.items()]
+                formatter.write_dl(rows)
+
+
+@click.group(cls=_Commands, help=_HELP, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="twosra")
 def commands() -> None:
-    """Plan motions of the self-reconfigurable soft-rigid agent (2SRA)."""
+    """Choose a command; see ``_HELP``."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -58,13 +121,29 @@ def main(arguments: list[str] | None = None) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = commands.main(arguments, prog_name="twosra", standalone_mode=False)
+        sys.stdout.flush()
     except InputError as error:
         click.echo(f"twosra: {error}", err=True)
         code = EXIT_BAD_INPUT
+    except NoPlanError as error:
+        click.echo(f"twosra: {error}", err=True)
+        code = EXIT_INFEASIBLE if error.status == Status.INFEASIBLE else EXIT_NO_PLAN
     except click.ClickException as error:
         error.show()
         code = EXIT_BAD_INPUT
+    except BrokenPipeError:  # whoever read the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = EXIT_BROKEN_PIPE
+    except OSError as error:
+        click.echo(f"twosra: {_in_words(error)}", err=True)
+        code = EXIT_BAD_INPUT
     except (click.Abort, KeyboardInterrupt):
-        click.echo("twosra: interrupted before there was a plan", err=True)
+        click.echo("twosra: interrupted before there was a result", err=True)
         code = EXIT_NO_PLAN
     sys.exit(code or 0)
+
+
+def _in_words(error: OSError) -> str:
+    """What the operating system refused, and on which file."""
+    reason = error.strerror or str(error)
+    return f"{error.filename}: {reason}" if error.filename else reason

@@ -6,43 +6,77 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, print_table
-from twosra_mpc.critical_path import in_words
+from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.critical_path import Activity, in_words
 from twosra_mpc.explanation import Explanation, explain
 from twosra_mpc.plan import Status
-from twosra_mpc.problem import Problem, load_problem
+from twosra_mpc.problem import load_problem
+
+_HELP = """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
+
+Every other plan is found by planning again: the next best mode sequence, each mode forbidden, one
+heater, slower metal. Ctrl-C prints what is known so far.
+
+\b
+Why these modes, in this order?
+  twosra explain paper-4
+At most five seconds for each of the plans, and the prices as JSON:
+  twosra explain paper-4 --time-limit 5 --json
+"""
 
 
-@click.command("explain")
+@click.command("explain", help=_HELP)
 @click.argument("scenario")
 @click.option("--time-limit", "time_limit_s", type=float, help="Plan at most this long each [s].")
-def explain_command(scenario: str, **overrides: Any) -> int:
-    """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
-
-    Ctrl-C prints what is known so far.
-    """
+@output_options
+def explain_command(scenario: str, output: Output, **overrides: Any) -> int:
+    """Explain a plan; see ``_HELP``."""
     given = {key: value for key, value in overrides.items() if value is not None}
-    result = _explain_with_progress(load_problem(scenario, **given))
-    _print_reasons(result)
-    _print_duration(result)
-    if result.alternatives:
-        rows = [(other.change, other.price, other.outcome) for other in result.alternatives]
-        print_table(("instead", "costs more", "outcome"), rows)
+    problem = load_problem(scenario, **given)
+    with output.progress("planning") as tell:
+        result = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
+    output.report(lambda: _document(result), lambda: _print(result))
     if not result.complete:
         click.echo("twosra: interrupted before all alternatives were planned", err=True)
     return _exit_code(result)
 
 
-def _explain_with_progress(problem: Problem) -> Explanation:
-    """Say on standard error what is being planned, where that is a terminal."""
-    from rich.console import Console
-    from rich.status import Status as Spinner
+def _document(result: Explanation) -> dict[str, Any]:
+    """The explanation as plain data."""
+    return {
+        "plan": result.plan.to_dict(),
+        "why": result.why,
+        "critical_path": [_activity(item) for item in result.critical_path],
+        "hidden": [
+            {**_activity(one.activity), "during": [str(item) for item in one.during]}
+            for one in result.hidden
+        ],
+        "alternatives": [
+            {
+                "change": other.change,
+                "difference_s": other.difference_s,
+                "difference": other.difference,
+                "outcome": other.outcome,
+                "status": None if other.plan is None else str(other.plan.status),
+                "duration_s": None if other.plan is None else other.plan.duration_s,
+            }
+            for other in result.alternatives
+        ],
+        "complete": result.complete,
+    }
 
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        return explain(problem)
-    with Spinner("planning", console=console) as spinner:
-        return explain(problem, on_progress=lambda words: spinner.update(f"planning {words}"))
+
+def _activity(item: Activity) -> dict[str, Any]:
+    return {**vars(item), "duration_s": item.duration_s, "words": str(item)}
+
+
+def _print(result: Explanation) -> None:
+    _print_reasons(result)
+    _print_duration(result)
+    if result.alternatives:
+        rows = [(other.change, other.price, other.outcome) for other in result.alternatives]
+        print_table(("instead", "costs more", "outcome"), rows)
 
 
 def _print_reasons(result: Explanation) -> None:

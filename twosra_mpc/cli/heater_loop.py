@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.output import EXIT_PLANNED, check_writable, print_table
+from twosra_mpc.cli.options import file_option, output_options, plot_option
+from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.modes import Stiffness
 from twosra_mpc.robot import load_robot
@@ -63,8 +64,9 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
     help="Thermistor in a divider, or the paper's straight line.",
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the sensor's noise.")
-@click.option("--out", type=click.Path(path_type=Path), help="Write every sample as CSV.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the run (png, pdf, svg).")
+@file_option("--out", "Write every sample as CSV.")
+@plot_option("Draw the run")
+@output_options
 def simulate_heater_command(
     robot: str,
     profile: str,
@@ -74,35 +76,34 @@ def simulate_heater_command(
     seed: int,
     out: Path | None,
     plot: Path | None,
+    output: Output,
 ) -> int:
     """Run the loop; see ``_HELP``."""
     described = load_robot(robot)
     targets, duration_s = parse_profile(profile)
-    for target in (out, plot):
-        check_writable(target)
-    if plot is not None:
-        from twosra_mpc.figure_file import check_figure_path  # matplotlib takes a second
-
-        check_figure_path(plot)
     air_C = described.heater.ambient_C if ambient is None else ambient
     controller = stiffness_controller(described, air_C)
-    run = simulate_heater(
-        segment_model(described, air_C),
-        temperature_sensor(described, air_C, _SENSORS[sensor]),
-        controller,
-        targets,
-        duration_s,
-        start_temperature_C=start_temperature,
-        seed=seed,
-    )
-    if out is not None:
-        save_run(run, out)
-    if plot is not None:
-        from twosra_mpc.heater_figure import plot_heater
+    with output.progress("running"):
+        run = simulate_heater(
+            segment_model(described, air_C),
+            temperature_sensor(described, air_C, _SENSORS[sensor]),
+            controller,
+            targets,
+            duration_s,
+            start_temperature_C=start_temperature,
+            seed=seed,
+        )
+        if out is not None:
+            save_run(run, out)
+        if plot is not None:
+            from twosra_mpc.plotting.heater_figure import plot_heater
 
-        plot_heater(run, controller, described.name, plot)
-    _print_stretches(stretches(run, controller.soft_setpoint_C))
-    _print_events(run)
+            plot_heater(run, controller, described.name, plot)
+    summed_up = stretches(run, controller.soft_setpoint_C)
+    output.report(
+        lambda: {"robot": described.name, "stretches": summed_up, "events": run.events},
+        lambda: _print_run(run, summed_up),
+    )
     return EXIT_PLANNED
 
 
@@ -135,6 +136,11 @@ def _seconds(text: str, field: str) -> float:
     if not 0 < value < math.inf:
         raise InputError(field, text, "a positive number of seconds after the colon")
     return value
+
+
+def _print_run(run: HeaterRun, summed_up: tuple[Stretch, ...]) -> None:
+    _print_stretches(summed_up)
+    _print_events(run)
 
 
 def _print_stretches(summed_up: tuple[Stretch, ...]) -> None:

@@ -1,15 +1,58 @@
-"""What the commands share: exit codes, tables, and the check of output paths."""
+"""What the commands share: exit codes, tables or JSON, progress, and the check of output paths."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
+
+import click
+import numpy as np
 
 from twosra_mpc.errors import InputError
 
 EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4
+EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Output:
+    """How a command talks, as chosen by ``--json`` and ``--quiet``.
+
+    Attributes:
+        as_json: One JSON document on standard output, and nothing else there.
+        quiet: Neither tables nor progress.
+    """
+
+    as_json: bool
+    quiet: bool
+
+    def report(self, document: Callable[[], Any], tables: Callable[[], None]) -> None:
+        """Print a result: as plain data with ``--json``, else as tables unless ``--quiet``."""
+        if self.as_json:
+            click.echo(json.dumps(plain_data(document()), allow_nan=False))
+        elif not self.quiet:
+            tables()
+
+    @contextmanager
+    def progress(self, words: str) -> Iterator[Tell]:
+        """Show a line of progress on standard error where that is a terminal; yields its update."""
+        from rich.console import Console
+        from rich.status import Status as Spinner
+
+        console = Console(stderr=True)
+        if self.quiet or not console.is_terminal:
+            yield lambda _: None
+            return
+        with Spinner(words, console=console) as spinner:
+            yield lambda text: spinner.update(text)
 
 
 def check_writable(target: Path | None) -> None:
@@ -35,9 +78,28 @@ def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Non
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = 240
-    console.print(table)
+    with console.capture() as captured:
+        console.print(table)
+    click.echo(captured.get(), nl=False)
 
 
 def numbers(values: Any) -> str:
     """Join numbers by commas; one that is not a number is free."""
     return ", ".join("free" if value != value else f"{value:g}" for value in values)
+
+
+def plain_data(value: Any) -> Any:
+    """Turn a value into what JSON can hold: arrays to lists, NaN and infinities to None."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if is_dataclass(value):
+        value = {item.name: getattr(value, item.name) for item in fields(value)}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(key): plain_data(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_data(item) for item in value]
+    return value

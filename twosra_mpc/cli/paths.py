@@ -8,18 +8,30 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.output import EXIT_PLANNED, check_writable, print_table
-from twosra_mpc.model_comparison import compare_models
+from twosra_mpc.cli.options import file_option, output_options, plot_option
+from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
+from twosra_mpc.model_comparison import ModelComparison, compare_models
 from twosra_mpc.modes import sequence_name
 from twosra_mpc.path_choice import write_fitted_robot
 from twosra_mpc.path_fitting import CASES, fit_cardioids, fit_spirals
 from twosra_mpc.problem import load_problem
 from twosra_mpc.robot import CardioidPath, LogSpiralPath, Robot, load_robot
 
+_FIT_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 
-@click.command("fit-paths")
+The spirals are fitted as Table I of the paper was; the table printed shows both.
+
+\b
+How well do spirals and cardioids follow the exact arcs?
+  twosra fit-paths 2sra-v1 --plot paths.png
+A robot file for your own fibre's lengths, with its comments kept:
+  twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
+"""
+
+
+@click.command("fit-paths", help=_FIT_HELP)
 @click.argument("robot")
-@click.option("--out", type=click.Path(path_type=Path), help="Write a robot file with the fit.")
+@file_option("--out", "Write a robot file with the fit.")
 @click.option(
     "--model",
     type=click.Choice(["log_spiral", "log_spiral_corrected", "cardioid"]),
@@ -27,31 +39,65 @@ from twosra_mpc.robot import CardioidPath, LogSpiralPath, Robot, load_robot
     show_default=True,
     help="Which fit goes into --out.",
 )
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw exact and fitted paths.")
-def fit_paths_command(robot: str, out: Path | None, model: str, plot: Path | None) -> int:
-    """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file)."""
+@plot_option("Draw exact and fitted paths")
+@output_options
+def fit_paths_command(
+    robot: str, out: Path | None, model: str, plot: Path | None, output: Output
+) -> int:
+    """Fit paths; see ``_FIT_HELP``."""
     described = load_robot(robot)
-    for target in (out, plot):
-        check_writable(target)
-    if plot is not None:
-        from twosra_mpc.figure_file import check_figure_path
+    with output.progress("fitting"):
+        if out is not None:
+            write_fitted_robot(robot, out, described, model)
+        if plot is not None:
+            from twosra_mpc.plotting.path_figure import plot_paths  # importing matplotlib is slow
 
-        check_figure_path(plot)
-    if out is not None:
-        write_fitted_robot(robot, out, described, model)
-    if plot is not None:
-        from twosra_mpc.path_figure import plot_paths  # only now: importing matplotlib is slow
-
-        plot_paths(described, plot)
-    _print_fits(described)
+            plot_paths(described, plot)
+    output.report(lambda: _fits(described), lambda: _print_fits(described))
     return EXIT_PLANNED
 
 
-@click.command("compare-models")
+_COMPARE_HELP = """Plan SCENARIO under each path model, and execute each plan under the others.
+
+\b
+How far does the robot end from the goal if it bends otherwise than planned?
+  twosra compare-models paper-2
+"""
+
+
+@click.command("compare-models", help=_COMPARE_HELP)
 @click.argument("scenario")
-def compare_models_command(scenario: str) -> int:
-    """Plan SCENARIO under each path model, and execute each plan under the others."""
-    result = compare_models(load_problem(scenario))
+@output_options
+def compare_models_command(scenario: str, output: Output) -> int:
+    """Compare path models; see ``_COMPARE_HELP``."""
+    problem = load_problem(scenario)
+    with output.progress("planning under each path model"):
+        result = compare_models(problem)
+    output.report(lambda: _comparison(result), lambda: _print_comparison(result))
+    return EXIT_PLANNED
+
+
+def _comparison(result: ModelComparison) -> dict[str, Any]:
+    """The comparison as plain data; end errors as [x m, y m, phi rad, kappa1, kappa2 1/m]."""
+    plans = []
+    for i, made in enumerate(result.plans):
+        ends = dict(zip(result.models, result.end_errors[i], strict=True))
+        plans.append(
+            {
+                "model": result.models[i],
+                "speed": result.speeds[i],
+                "status": str(made.status),
+                "duration_s": made.duration_s,
+                "moving_s": made.moving_s,
+                "gap": made.gap,
+                "modes": [phase.mode for phase in made.phases],
+                "end_error_under": ends if made.samples is not None else None,
+            }
+        )
+    return {"scenario": result.plans[0].problem.scenario(), "plans": plans}
+
+
+def _print_comparison(result: ModelComparison) -> None:
     rows = []
     for name, speed, made in zip(result.models, result.speeds, result.plans, strict=True):
         if made.samples is None or made.cost is None:
@@ -69,7 +115,17 @@ def compare_models_command(scenario: str) -> int:
         errors.append((f"planned with {maker}", *cells))
     click.echo("End error: position [mm], heading [deg], kappa1 and kappa2 [1/m]. Executed by:")
     print_table(("", *result.models), errors)
-    return EXIT_PLANNED
+
+
+def _fits(robot: Robot) -> dict[str, Any]:
+    """The fits as plain data; what stands in the robot file is in ``path``."""
+    return {
+        "robot": robot.name,
+        "path": robot.path.model_dump(mode="json"),
+        "cases": CASES,
+        "spirals": fit_spirals(robot.geometry),
+        "cardioids": fit_cardioids(robot.geometry),
+    }
 
 
 def _print_fits(robot: Robot) -> None:

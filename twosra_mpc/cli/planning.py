@@ -2,31 +2,46 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import click
 
+from twosra_mpc.cli.options import file_option, output_options, plot_option, rate_option
 from twosra_mpc.cli.output import (
     EXIT_INFEASIBLE,
     EXIT_NO_PLAN,
     EXIT_PLANNED,
-    check_writable,
+    Output,
     print_table,
 )
 from twosra_mpc.path_choice import with_path_model
 from twosra_mpc.plan import Plan, Status
 from twosra_mpc.planner import Progress, plan
 from twosra_mpc.problem import Problem, load_problem
-from twosra_mpc.setpoints import check_rate, save_setpoints
+from twosra_mpc.setpoints import save_setpoints
+
+_HELP = """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.
+
+\b
+Plan the first published experiment, and keep plan, figure and set-points at 20 Hz:
+  twosra plan paper-1 --out plan.json --plot plan.png --csv setpoints.csv --rate 20
+What the greedy rule of the paper would do:
+  twosra plan paper-1 --planner greedy
+Another robot, and how good the plan is proved to be, for a program to read:
+  twosra plan shape-change --robot 2sra-v1-arc --json
+
+Ctrl-C and --time-limit end the search; the best plan so far is written, with its true gap.
+"""
 
 
-@click.command("plan")
+@click.command("plan", help=_HELP)
 @click.argument("scenario")
-@click.option("--out", type=click.Path(path_type=Path), help="Write the plan as JSON.")
-@click.option("--csv", type=click.Path(path_type=Path), help="Write the set-points as CSV.")
-@click.option("--rate", type=float, help="Rows per second of --csv [Hz]; default: the plan's grid.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the plan (png, pdf, svg).")
+@file_option("--out", "Write the plan as JSON.")
+@file_option("--csv", "Write the set-points as CSV.")
+@rate_option("Rows per second of --csv; default: the plan's grid.")
+@plot_option("Draw the plan")
 @click.option("--planner", type=click.Choice(["optimal", "greedy"]), help="Override the scenario.")
 @click.option("--robot", help="Override the robot: a built-in name or a file.")
 @click.option("--path-model", help="Override the robot's path model, e.g. arc.")
@@ -34,59 +49,49 @@ from twosra_mpc.setpoints import check_rate, save_setpoints
 @click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01.")
 @click.option("--time-limit", "time_limit_s", type=float, help="Search for at most this long [s].")
 @click.option("--max-phases", type=int, help="Longest mode sequence that is searched.")
+@output_options
 def plan_command(
     scenario: str,
     out: Path | None,
     csv: Path | None,
-    rate: float | None,
+    rate_Hz: float | None,
     plot: Path | None,
     path_model: str | None,
+    output: Output,
     **overrides: Any,
 ) -> int:
-    """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file."""
+    """Plan a scenario; see ``_HELP``."""
+    if rate_Hz is not None and csv is None:
+        raise click.UsageError("--rate is the rate of --csv, which is not given")
     given = {key: value for key, value in overrides.items() if value is not None}
     problem = load_problem(scenario, **given)
     if path_model is not None:
         problem = problem.with_robot(with_path_model(problem.robot, path_model))
-    if rate is not None:
-        check_rate(rate)
-    for target in (out, csv, plot):
-        check_writable(target)
-    if plot is not None:
-        from twosra_mpc.figure_file import check_figure_path  # matplotlib takes a second
+    result = plan_with_progress(problem, output)
+    with output.progress("writing"):
+        if out is not None:
+            result.save(out)
+        if csv is not None and result.samples is not None:
+            save_setpoints(result, csv, rate_Hz)
+        if plot is not None and result.samples is not None:
+            from twosra_mpc.plotting import plot_plan
 
-        check_figure_path(plot)
-    result = _plan_with_progress(problem)
-    if out is not None:
-        result.save(out)
-    if csv is not None and result.samples is not None:
-        save_setpoints(result, csv, rate)
-    if plot is not None and result.samples is not None:
-        from twosra_mpc.plotting import plot_plan
-
-        plot_plan(result, plot)
+            plot_plan(result, plot)
     if result.samples is None and (csv or plot):
         unwritten = " and ".join(str(target) for target in (csv, plot) if target is not None)
         click.echo(f"twosra: there is no plan to write to {unwritten}", err=True)
-    _print_summary(result)
+    output.report(result.to_dict, lambda: _print_summary(result))
     return _exit_code(result)
 
 
-def _plan_with_progress(problem: Problem) -> Plan:
+def plan_with_progress(problem: Problem, output: Output) -> Plan:
     """Plan with one line of live progress on standard error, where that is a terminal."""
-    from rich.console import Console
-    from rich.status import Status as Spinner
+    with output.progress(f"planning ({problem.planner})") as tell:
 
-    console = Console(stderr=True)
-    spinner = Spinner(f"planning ({problem.planner})", console=console)
-    if not console.is_terminal:
-        return plan(problem)
+        def show(progress: Progress) -> None:
+            best = "none yet" if progress.cost == math.inf else f"{progress.cost:.1f} s"
+            tell(f"best plan {best}, no plan below {progress.lower_bound:.1f} s")
 
-    def show(progress: Progress) -> None:
-        best = "none yet" if progress.cost == float("inf") else f"{progress.cost:.1f} s"
-        spinner.update(f"best plan {best}, no plan below {progress.lower_bound:.1f} s")
-
-    with spinner:
         return plan(problem, on_progress=show)
 
 

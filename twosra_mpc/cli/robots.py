@@ -2,53 +2,118 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
-from twosra_mpc.cli.output import EXIT_PLANNED, numbers, print_table
+from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.output import EXIT_PLANNED, Output, numbers, print_table
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.problem import load_problem, scenario_names
-from twosra_mpc.robot import load_robot, robot_names
-from twosra_mpc.shape import condition_number, singular_shapes
+from twosra_mpc.problem import Problem, load_problem, scenario_names
+from twosra_mpc.robot import Robot, load_robot, robot_names
+from twosra_mpc.shape import SingularShape, condition_number, singular_shapes
+
+_SCENARIOS_HELP = """List the built-in scenarios.
+
+\b
+What is there to plan?
+  twosra scenarios
+One of them with every default filled in, as a start for your own:
+  twosra scenarios --json
+"""
 
 
-@click.command("scenarios")
-def scenarios_command() -> int:
-    """List the built-in scenarios."""
+@click.command("scenarios", help=_SCENARIOS_HELP)
+@output_options
+def scenarios_command(output: Output) -> int:
+    """List the built-in scenarios; see ``_SCENARIOS_HELP``."""
+    problems = {name: load_problem(name) for name in scenario_names()}
+    output.report(
+        lambda: [{"name": name, **each.scenario()} for name, each in problems.items()],
+        lambda: _print_scenarios(problems),
+    )
+    return EXIT_PLANNED
+
+
+def _print_scenarios(problems: dict[str, Problem]) -> None:
     rows = []
-    for name in scenario_names():
-        problem = load_problem(name)
+    for name, problem in problems.items():
         start, goal = problem.start.configuration, problem.goal.configuration
         rows.append((name, problem.description, numbers(start), numbers(goal)))
     print_table(("scenario", "what it asks", "start", "goal [m, m, rad, 1/m, 1/m]"), rows)
-    return EXIT_PLANNED
 
 
-@click.command("robots")
-def robots_command() -> int:
-    """List the built-in robots."""
+_ROBOTS_HELP = """List the built-in robots.
+
+\b
+Which robots are there?
+  twosra robots
+All their numbers, SI, unit in the name:
+  twosra robots --json
+"""
+
+
+@click.command("robots", help=_ROBOTS_HELP)
+@output_options
+def robots_command(output: Output) -> int:
+    """List the built-in robots; see ``_ROBOTS_HELP``."""
     robots = [load_robot(name) for name in robot_names()]
     rows = [(r.name, r.path.model, ", ".join(r.timing), r.description) for r in robots]
-    print_table(("robot", "path model", "timings", "description"), rows)
+    output.report(
+        lambda: [robot.model_dump(mode="json") for robot in robots],
+        lambda: print_table(("robot", "path model", "timings", "description"), rows),
+    )
     return EXIT_PLANNED
 
 
-@click.command("check-robot")
+_CHECK_HELP = """Check ROBOT (a name or a file) and report shapes in which its wheels lose control.
+
+\b
+A built-in robot:
+  twosra check-robot 2sra-v1
+Your own, which must be a valid robot file; a mistake is named with its key:
+  twosra check-robot my-robot.toml
+"""
+
+
+@click.command("check-robot", help=_CHECK_HELP)
 @click.argument("robot")
-def check_robot_command(robot: str) -> int:
-    """Check ROBOT (a name or a file) and report shapes in which its wheels lose control."""
+@output_options
+def check_robot_command(robot: str, output: Output) -> int:
+    """Check a robot; see ``_CHECK_HELP``."""
     described = load_robot(robot)
-    limit = described.limits.curvature_per_m
+    condition = condition_number(described, (0.0, 0.0))
+    with output.progress("looking for shapes in which the wheels lose control"):
+        shapes = singular_shapes(described)
+    output.report(
+        lambda: _check_document(described, condition, shapes),
+        lambda: _print_check(described, condition, shapes),
+    )
+    return EXIT_PLANNED
+
+
+def _check_document(robot: Robot, condition: float, shapes: list[SingularShape]) -> dict[str, Any]:
+    return {
+        "robot": robot.name,
+        "path_model": robot.path.model,
+        "speed": path_model(robot).speed,
+        "curvature_limit_per_m": robot.limits.curvature_per_m,
+        "condition_number_straight": condition,
+        "singular_shapes": shapes,
+    }
+
+
+def _print_check(robot: Robot, condition: float, shapes: list[SingularShape]) -> None:
     rows = [
-        ("path model", f"{described.path.model}; v_j: {path_model(described).speed}"),
-        ("curvature limit", f"{limit:g} 1/m"),
-        ("wheel condition number, straight", f"{condition_number(described, (0.0, 0.0)):.2f}"),
+        ("path model", f"{robot.path.model}; v_j: {path_model(robot).speed}"),
+        ("curvature limit", f"{robot.limits.curvature_per_m:g} 1/m"),
+        ("wheel condition number, straight", f"{condition:.2f}"),
     ]
-    for shape in singular_shapes(described):
+    for shape in shapes:
         gap = 1e3 * shape.unit_gap_m
         state = f"units {gap:.1f} mm apart" if gap > 0 else f"units overlap by {-gap:.1f} mm"
         where = f"kappa = ({shape.kappa1_per_m:.1f}, {shape.kappa2_per_m:.1f}) 1/m; {state}"
         rows.append(("wheels singular", f"{where}; the planner does not drive near it"))
-    if len(rows) == 3:
+    if not shapes:
         rows.append(("wheels singular", "nowhere within the curvature limits"))
-    print_table((described.name, described.description), rows)
-    return EXIT_PLANNED
+    print_table((robot.name, robot.description), rows)

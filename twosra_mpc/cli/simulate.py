@@ -8,13 +8,15 @@ from typing import Any
 
 import click
 
+from twosra_mpc.cli.options import animate_option, file_option, output_options, plot_option
 from twosra_mpc.cli.output import (
     EXIT_INFEASIBLE,
     EXIT_NO_PLAN,
     EXIT_PLANNED,
-    check_writable,
+    Output,
     print_table,
 )
+from twosra_mpc.cli.planning import plan_with_progress
 from twosra_mpc.execution.disturbance import LEVELS, disturbance_level
 from twosra_mpc.execution.metrics import Metrics, spread
 from twosra_mpc.execution.plant import PLANTS, plant_robot
@@ -22,7 +24,6 @@ from twosra_mpc.execution.run import save_document, times
 from twosra_mpc.execution.simulation import EXECUTORS, Simulation, simulate
 from twosra_mpc.path_choice import with_path_model
 from twosra_mpc.plan import Plan, Status
-from twosra_mpc.planner import plan as find_plan
 from twosra_mpc.problem import Problem, load_problem
 
 _HELP = f"""Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
@@ -37,8 +38,8 @@ How its fibre really bends (--plant): {", ".join(PLANTS)}
 \b
 A run with its figure and its film:
   twosra simulate paper-1 --seed 1 --out run.json --plot run.png --animate run.gif
-What to expect of the same task on twenty robots:
-  twosra simulate paper-1 --path-model arc --runs 20
+What to expect of the same task on ten robots:
+  twosra simulate paper-1 --path-model arc --runs 10
 A heater fails; here the other segment alone cannot reach the goal, and the reason is given:
   twosra simulate paper-2 --broken-heater 1
 """
@@ -63,9 +64,10 @@ A heater fails; here the other segment alone cannot reach the goal, and the reas
 @click.option("--robot", help="Override the robot: a built-in name or a file.")
 @click.option("--path-model", help="Path model to plan with, e.g. arc.")
 @click.option("--timing", help="Override the set of transition times, e.g. paper.")
-@click.option("--out", type=click.Path(path_type=Path), help="Write the (first) run as JSON.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw it (png, pdf, svg).")
-@click.option("--animate", type=click.Path(path_type=Path), help="Film it (gif; mp4 with ffmpeg).")
+@file_option("--out", "Write the (first) run as JSON.")
+@plot_option("Draw it")
+@animate_option("Film it")
+@output_options
 def simulate_command(
     scenario: str,
     plant: str,
@@ -78,6 +80,7 @@ def simulate_command(
     out: Path | None,
     plot: Path | None,
     animate: Path | None,
+    output: Output,
     **overrides: Any,
 ) -> int:
     """Plan and run a scenario; see ``_HELP``."""
@@ -87,36 +90,26 @@ def simulate_command(
         problem = problem.with_robot(with_path_model(problem.robot, path_model))
     disturbance_level(disturbance)
     plant_robot(problem.robot, plant)
-    _check_outputs(out, plot, animate)
-    plan = find_plan(problem.model_copy(update={"planner": "optimal"}))
+    plan = plan_with_progress(problem.model_copy(update={"planner": "optimal"}), output)
     if executor == "optimal" and not plan.found:
         click.echo(f"twosra: there is nothing to run: {plan.message}", err=True)
         return EXIT_INFEASIBLE if plan.status is Status.INFEASIBLE else EXIT_NO_PLAN
     options: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
     options |= {"broken_heaters": broken, "plan": plan}
-    first = simulate(problem, seed=seed, **options)
-    _write(first, out, plot, animate)
-    others = range(seed + 1, seed + runs)
-    found = [first.metrics]
-    found += [simulate(problem, seed=other, **options).metrics for other in others]
+    with output.progress("running") as tell:
+        first = simulate(problem, seed=seed, **options)
+        tell("writing")
+        _write(first, out, plot, animate)
+        found = [first.metrics]
+        for other in range(seed + 1, seed + runs):
+            tell(f"running: {len(found)} of {runs} done")
+            found.append(simulate(problem, seed=other, **options).metrics)
     if runs == 1:
-        _print_run(first)
+        output.report(first.to_dict, lambda: _print_run(first))
     else:
-        _print_runs(problem, plan, found)
+        document = {"plan": plan.to_dict(), "first_seed": seed, "runs": found}
+        output.report(lambda: document, lambda: _print_runs(problem, plan, found))
     return EXIT_PLANNED if all(each.reached for each in found) else EXIT_NO_PLAN
-
-
-def _check_outputs(out: Path | None, plot: Path | None, animate: Path | None) -> None:
-    for target in (out, plot, animate):
-        check_writable(target)
-    if plot is not None:
-        from twosra_mpc.figure_file import check_figure_path  # matplotlib takes a second
-
-        check_figure_path(plot)
-    if animate is not None:
-        from twosra_mpc.animation import check_animation_path
-
-        check_animation_path(animate)
 
 
 def _write(
@@ -125,11 +118,11 @@ def _write(
     if out is not None:
         save_document(simulation.to_dict(), out)
     if plot is not None:
-        from twosra_mpc.run_figure import plot_run
+        from twosra_mpc.plotting.run_figure import plot_run
 
         plot_run(simulation.run, simulation.truth, plot)
     if animate is not None:
-        from twosra_mpc.animation import animate_run
+        from twosra_mpc.plotting.run_animation import animate_run
 
         animate_run(simulation.run, animate, simulation.truth)
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import click
 
-from twosra_mpc.cli.output import EXIT_PLANNED, check_writable, print_table
+from twosra_mpc.cli.options import file_option, output_options, plot_option
+from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
 from twosra_mpc.robot import Robot, load_robot
 from twosra_mpc.thermal.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.thermal.identification import (
@@ -36,12 +38,24 @@ _NAMES = {
 }
 
 
-@click.command("fit-thermal")
+_HELP = """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
+
+LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
+
+\b
+Fit the robot's segment, and see how well each cycle is told by the others:
+  twosra fit-thermal heating.csv --robot 2sr-v2 --out fitted.toml --plot fit.png
+How well does the robot as it is explain a log?
+  twosra fit-thermal heating.csv --robot 2sr-v2 --score
+"""
+
+
+@click.command("fit-thermal", help=_HELP)
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--robot", required=True, help="Whose segment it is: a built-in name or a file.")
 @click.option("--ambient", "ambient_C", type=float, help="Air [C]; default: the first reading.")
-@click.option("--out", type=click.Path(path_type=Path), help="Write a robot file with the fit.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the fit (png, pdf, svg).")
+@file_option("--out", "Write a robot file with the fit.")
+@plot_option("Draw the fit")
 @click.option(
     "--held-out",
     "others",
@@ -50,6 +64,7 @@ _NAMES = {
     help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
 )
 @click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
+@output_options
 def fit_thermal_command(
     log: Path,
     robot: str,
@@ -58,55 +73,68 @@ def fit_thermal_command(
     plot: Path | None,
     others: tuple[Path, ...],
     only_score: bool,
+    output: Output,
 ) -> int:
-    """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
-
-    LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
-    """
+    """Identify or score; see ``_HELP``."""
     described = load_robot(robot)
     if only_score and (out or plot):
         raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
-    for target in (out, plot):
-        check_writable(target)
-    if plot is not None:
-        from twosra_mpc.figure_file import check_figure_path  # matplotlib takes a second
-
-        check_figure_path(plot)
     recorded = read_heating_log(log, ambient_C)
     unseen = [read_heating_log(path) for path in others]
     if only_score:
-        _print_scores(described, [recorded, *unseen])
+        own = two_node_segment(described)
+        scores = [(each, score(each, own)) for each in (recorded, *unseen)]
+        output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
         return EXIT_PLANNED
-    fit = _identify_with_progress(recorded, described)
+    with output.progress("fitting") as tell:
+        fit = identify(recorded, described, lambda n, all_: tell(f"fitting: {n} of {all_} done"))
     if out is not None:
         write_identified_robot(robot, out, fit)
     if plot is not None:
-        from twosra_mpc.thermal_figure import plot_thermal_fit
+        from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
 
         plot_thermal_fit(fit, plot)
-    _print_parameters(fit, described)
-    _print_models(fit, [(each, score(each, fit.segment, fit.parameters.law)) for each in unseen])
-    _print_cycles(fit.held_out)
-    click.echo(_scored(recorded, fit))
+    scores = [(each, score(each, fit.segment, fit.parameters.law)) for each in unseen]
+    output.report(
+        lambda: _document(fit, scores), lambda: _print_fit(recorded, fit, described, scores)
+    )
     return EXIT_PLANNED
 
 
-def _identify_with_progress(log: HeatingLog, robot: Robot) -> ThermalFit:
-    """Identify with one line of live progress on standard error, where that is a terminal."""
-    from rich.console import Console
-    from rich.status import Status
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        return identify(log, robot)
-    with Status("fitting", console=console) as spinner:
-        return identify(log, robot, lambda n, all_: spinner.update(f"fitting: {n} of {all_} done"))
+Scores = list[tuple[HeatingLog, Score]]
 
 
-def _print_scores(robot: Robot, logs: list[HeatingLog]) -> None:
+def _document(fit: ThermalFit, scores: Scores) -> dict[str, Any]:
+    """The fit as plain data; a number that is not known is null."""
+    return {
+        "log": fit.source,
+        "robot": fit.robot,
+        "segment": fit.segment.model_dump(mode="json"),
+        "parameters": fit.parameters,
+        "standard_errors": fit.standard_errors,
+        "residuals": fit.residuals,
+        "held_out": fit.held_out,
+        "models": fit.rows,
+        "scores": _scores(scores),
+    }
+
+
+def _scores(scores: Scores) -> list[dict[str, Any]]:
+    return [
+        {"log": log.source, "residuals": found.residuals, "law": found.law} for log, found in scores
+    ]
+
+
+def _print_fit(log: HeatingLog, fit: ThermalFit, robot: Robot, scores: Scores) -> None:
+    _print_parameters(fit, robot)
+    _print_models(fit, scores)
+    _print_cycles(fit.held_out)
+    click.echo(_scored(log, fit))
+
+
+def _print_scores(robot: Robot, scores: Scores) -> None:
     rows = []
-    for log in logs:
-        found = score(log, two_node_segment(robot))
+    for log, found in scores:
         law = f"K_p {found.law.gain_per_K:.4f} 1/K, duty at 54 C {found.law.duty_at_54C:.3f}"
         rows.append((log.source, *_residuals(found), law))
     print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
@@ -132,7 +160,7 @@ def _print_parameters(fit: ThermalFit, robot: Robot) -> None:
 _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
 
-def _print_models(fit: ThermalFit, unseen: list[tuple[HeatingLog, Score]]) -> None:
+def _print_models(fit: ThermalFit, unseen: Scores) -> None:
     rows = [
         (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
         for row in fit.rows

@@ -1,0 +1,360 @@
+"""How every command talks: JSON, quiet, progress, errors of the system, help and its examples."""
+
+from __future__ import annotations
+
+import errno
+import json
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+import pytest
+from conftest import Planned
+from heating import course, write_log
+from test_cli import SHARED_BEND
+from test_problem import write
+
+from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
+from twosra_mpc.cli import explain, output, paths, planning, simulate
+from twosra_mpc.execution.simulation import simulate as run_simulation
+from twosra_mpc.plotting import run_animation
+from twosra_mpc.problem import Problem
+
+COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
+TALKING = [  # commands that take --json and --quiet
+    *("plan", "explain", "compare-models", "verify", "resample", "simulate", "simulate-heater"),
+    *("scenarios", "robots", "check-robot", "fit-paths", "fit-thermal", "doctor"),
+]
+OWN_TESTS = ("simulate-heater", "doctor")  # their examples run there
+# Examples that start at a scenario are run on one that takes less time.
+SLOW = {explain: "shape-change", paths: "shape-change", simulate: "shape-change"}
+
+
+class Outcome(NamedTuple):
+    """What a run of the program left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Iterator[Run]:
+    """Run the program in this process, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+
+    def run_once(*arguments: object) -> Outcome:
+        with pytest.raises(SystemExit) as caught:
+            cli.main([str(argument) for argument in arguments])
+        assert isinstance(caught.value.code, int)
+        return Outcome(caught.value.code, *capsys.readouterr())
+
+    yield run_once
+    signal.signal(signal.SIGTERM, before)
+
+
+def load_instead(name: str, _asked: str, **overrides: Any) -> Problem:
+    """Load another scenario than was asked for."""
+    return load_problem(name, **overrides)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run slow commands on tasks that take less time, and film nothing."""
+    for module, name in SLOW.items():
+        monkeypatch.setattr(module, "load_problem", partial(load_instead, name))
+    monkeypatch.setattr(
+        run_animation, "animate_run", lambda *given: Path(given[1]).write_text("film")
+    )
+
+
+@pytest.fixture
+def one_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let all simulated robots be alike."""
+    simulated = lru_cache(1)(lambda: run_simulation(load_problem("shape-change")))
+    monkeypatch.setattr(simulate, "simulate", lambda *_, **__: simulated())
+
+
+def command(name: str) -> click.Command:
+    found = cli.commands.get_command(click.Context(cli.commands), name)
+    assert found is not None
+    return found
+
+
+# --- JSON and quiet ------------------------------------------------------------------------------
+
+
+def test_nothing_but_json_is_printed_for_programs(run: Run, planned: Planned) -> None:
+    code, out, err = run("plan", "shape-change", "--json", "--out", "plan.json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found == json.loads(Path("plan.json").read_text(encoding="utf-8"))
+    assert found["samples"] == json.loads(json.dumps(planned("shape-change").to_dict()))["samples"]
+
+
+def test_a_plan_that_there_is_not_is_json_too(run: Run) -> None:
+    write(SHARED_BEND, Path("shared-bend.toml"))
+    code, out, err = run("plan", "shared-bend.toml", "--json")
+    assert (code, err) == (3, "")
+    assert json.loads(out)["status"] == "infeasible"
+
+
+def test_an_explanation_is_json(run: Run) -> None:
+    code, out, err = run("explain", "shape-change", "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["complete"] is True
+    total = sum(item["duration_s"] for item in found["critical_path"])
+    assert total == pytest.approx(found["plan"]["duration_s"])
+    assert found["why"]
+    assert all(other["change"] for other in found["alternatives"])
+    assert {type(other["difference_s"]) for other in found["alternatives"]} <= {float, type(None)}
+
+
+def test_the_lists_are_json(run: Run) -> None:
+    scenarios = json.loads(run("scenarios", "--json").out)
+    assert [each.pop("name") for each in scenarios] == scenario_names()
+    assert scenarios == [load_problem(name).scenario() for name in scenario_names()]
+    robots = json.loads(run("robots", "--json").out)
+    assert [each["name"] for each in robots] == robot_names()
+
+
+def test_a_checked_robot_is_json(run: Run) -> None:
+    found = json.loads(run("check-robot", "2sra-v1", "--json").out)
+    assert found["robot"] == "2sra-v1"
+    assert any(shape["unit_gap_m"] < 0 for shape in found["singular_shapes"])
+    assert found["condition_number_straight"] > 1
+
+
+def test_fitted_paths_are_json(run: Run) -> None:
+    found = json.loads(run("fit-paths", "2sra-v1", "--json").out)
+    assert found["cases"] == ["I", "II", "III"]
+    assert found["spirals"][0]["growth"] == pytest.approx(found["path"]["growth"][0], abs=2e-3)
+    assert len(found["cardioids"]) == 3
+
+
+@pytest.mark.usefixtures("quick")
+def test_compared_models_are_json(run: Run) -> None:
+    found = json.loads(run("compare-models", "paper-2", "--json").out)
+    for made in found["plans"]:
+        assert made["status"] == "optimal"
+        assert np.abs(made["end_error_under"][made["model"]]).max() < 1e-6
+
+
+def test_simulations_are_json(run: Run) -> None:
+    one = json.loads(run("simulate", "rigid-move", "--json", "--seed", 3).out)
+    assert (one["format"], one["seed"]) == ("twosra-run", 3)
+    many = json.loads(run("simulate", "rigid-move", "--json", "--seed", 3, "--runs", 2).out)
+    assert many["first_seed"] == 3
+    assert [each["reached"] for each in many["runs"]] == [True, True]
+    assert many["runs"][0]["time_s"] == one["metrics"]["time_s"]
+
+
+def test_a_simulated_heater_is_json(run: Run) -> None:
+    found = json.loads(run("simulate-heater", "--profile", "soft:60", "--json").out)
+    (stretch,) = found["stretches"]
+    assert stretch["setpoint"] == "soft"
+    assert found["events"][-1]["kind"] == "soft"
+
+
+def test_a_scored_log_is_json(run: Run, tmp_path: Path) -> None:
+    log = write_log(course((40.0,)).log(1.0), tmp_path / "log.csv")
+    found = json.loads(run("fit-thermal", log, "--robot", "2sr-v2", "--score", "--json").out)
+    assert found[0]["residuals"]["rms_C"] > 0
+
+
+def test_quiet_prints_nothing_and_does_the_work(run: Run) -> None:
+    assert run("plan", "rigid-move", "--quiet", "--out", "plan.json") == (0, "", "")
+    assert Path("plan.json").is_file()
+    assert run("scenarios", "-q") == (0, "", "")
+
+
+def test_quiet_still_tells_errors(run: Run) -> None:
+    code, out, err = run("plan", "no-such", "--quiet")
+    assert (code, out) == (2, "")
+    assert "no-such" in err
+
+
+@pytest.mark.parametrize("name", TALKING)
+def test_every_command_has_both_options(name: str) -> None:
+    options = {opt for param in command(name).params for opt in param.opts}
+    assert {"--json", "--quiet", "-q"} <= options
+
+
+def test_numbers_that_are_not_finite_are_null() -> None:
+    data = {"a": np.array([1.0, np.nan]), 2: (np.float64("inf"), "text", None, True)}
+    assert output.plain_data(data) == {"a": [1.0, None], "2": [None, "text", None, True]}
+
+
+# --- progress ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let standard error pass for a terminal."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+
+
+PROGRESS: list[tuple[list[str], str]] = [
+    (["plan", "rigid-move", "--json"], "no plan below"),
+    (["compare-models", "paper-2", "--json"], "planning under each path model"),
+    (["simulate", "rigid-move", "--json"], "running"),
+    (["verify", "plan.json", "--json"], "verifying"),
+    (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),
+]
+
+
+@pytest.mark.usefixtures("terminal", "quick", "one_run")
+@pytest.mark.parametrize(("arguments", "words"), PROGRESS, ids=[a[0] for a, _ in PROGRESS])
+def test_progress_is_shown_on_a_terminal_only_and_not_with_quiet(
+    run: Run, planned: Planned, arguments: list[str], words: str
+) -> None:
+    planned("rigid-move").save("plan.json")
+    code, out, err = run(*arguments)
+    assert code == 0
+    assert words in err
+    json.loads(out)
+    assert run(*arguments, "--quiet") == (0, out, "") or "wall_s" in out
+
+
+# --- what the system refuses ---------------------------------------------------------------------
+
+
+def test_a_full_disk_is_a_message(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "plan.json")
+
+    monkeypatch.setattr(planning, "plan", full)
+    expected = "twosra: plan.json: No space left on device\n"
+    assert run("plan", "rigid-move") == (2, "", expected)
+
+
+def test_an_error_of_the_system_without_a_file_is_a_message(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def odd(*_: Any, **__: Any) -> None:
+        raise OSError("something odd")
+
+    monkeypatch.setattr(planning, "plan", odd)
+    assert run("plan", "rigid-move") == (2, "", "twosra: something odd\n")
+
+
+@pytest.mark.parametrize(("status", "code"), [("infeasible", 3), ("failed", 4)])
+def test_a_plan_that_was_needed_is_a_message(
+    run: Run, monkeypatch: pytest.MonkeyPatch, status: str, code: int
+) -> None:
+    def none(*_: Any, **__: Any) -> None:
+        raise NoPlanError(status, "for a reason")
+
+    monkeypatch.setattr(planning, "plan", none)
+    expected = f"twosra: no verified plan ({status}): for a reason\n"
+    assert run("plan", "rigid-move") == (code, "", expected)
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    program = [sys.executable, "-m", "twosra_mpc", "schema", "plan"]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        told = process.stderr.read()
+    assert (process.returncode, told) == (output.EXIT_BROKEN_PIPE, b"")
+
+
+# --- help ----------------------------------------------------------------------------------------
+
+
+def test_the_help_lists_every_command_in_one_line(run: Run) -> None:
+    out = run("--help").out
+    for title, section in cli._COMMANDS.items():
+        assert f"\n{title}:\n" in out
+        for name, (_, words) in section.items():
+            assert f"\n  {name.ljust(15)}  {words}\n" in out
+
+
+def test_the_help_tells_exit_codes_and_completion(run: Run) -> None:
+    out = run("--help").out
+    for code in ("0  done", "2  bad input", "3  proved infeasible", "4  no plan"):
+        assert f"    {code}" in out
+    assert "_TWOSRA_COMPLETE=bash_source" in out
+
+
+def test_commands_and_options_are_completed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("_TWOSRA_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", "twosra ver")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    assert run().out == "plain,verify\n"
+    monkeypatch.setenv("COMP_WORDS", "twosra verify --q")
+    monkeypatch.setenv("COMP_CWORD", "2")
+    assert run().out == "plain,--quiet\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plna"], "No such command 'plna'. Did you mean plan?"),
+        (["check_robot", "x"], "Did you mean check-robot?"),
+        (["plan", "paper-1", "--pot", "a.png"], "--plot"),
+        (["xyzzy"], "No such command 'xyzzy'"),
+    ],
+)
+def test_the_nearest_command_or_option_is_suggested(
+    run: Run, arguments: list[str], words: str
+) -> None:
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+
+
+def test_a_rate_without_a_csv_file_is_refused(run: Run) -> None:
+    code, out, err = run("plan", "rigid-move", "--rate", 20)
+    assert (code, out) == (2, "")
+    assert "--rate is the rate of --csv, which is not given" in err
+
+
+def examples(name: str) -> list[str]:
+    text = command(name).help or ""
+    return [line.strip() for line in text.splitlines() if line.startswith("  twosra ")]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_teaches_by_example(name: str) -> None:
+    found = examples(name)
+    assert any(example.startswith(f"twosra {name} ") or example == f"twosra {name}"
+               for example in found)  # fmt: skip
+
+
+@pytest.mark.usefixtures("quick", "one_run")
+@pytest.mark.parametrize("name", [n for n in [*TALKING, "schema"] if n not in OWN_TESTS])
+def test_every_example_runs(name: str, run: Run, planned: Planned, tmp_path: Path) -> None:
+    for target in ("plan.json", "other.json"):
+        planned("shape-change").save(tmp_path / target)
+    robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
+    (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
+    write_log(course((40.0,)).log(0.5), tmp_path / "heating.csv")
+    for example in examples(name):
+        words = shlex.split(example)[1:]
+        words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]
+        code, out, err = run(*words)
+        assert (code, err) == (0, ""), example
+        assert (out == "") == ("--quiet" in words), example
+        if "--json" in words or name == "schema":
+            json.loads(out)
+        for option in ("--out", "--plot", "--csv", "--animate"):
+            if option in words:
+                assert (tmp_path / words[words.index(option) + 1]).stat().st_size > 0, example

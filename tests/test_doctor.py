@@ -1,0 +1,165 @@
+"""``twosra doctor``: what works passes, and whatever is broken is a line that says so."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Callable, Iterator
+from importlib import metadata
+from typing import Any, NamedTuple
+
+import pytest
+
+from twosra_mpc import __version__, cli, plan
+from twosra_mpc.cli import doctor
+
+
+class Outcome(NamedTuple):
+    """What a run of the program left behind; output with its white space made single."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+    """Run ``twosra doctor`` in this process, on a wide terminal."""
+    monkeypatch.setenv("COLUMNS", "250")
+    before = signal.getsignal(signal.SIGTERM)
+
+    def run_once(*arguments: str) -> Outcome:
+        with pytest.raises(SystemExit) as caught:
+            cli.main(["doctor", *arguments])
+        assert isinstance(caught.value.code, int)
+        out, err = (" ".join(text.split()) for text in capsys.readouterr())
+        return Outcome(caught.value.code, out, err)
+
+    yield run_once
+    signal.signal(signal.SIGTERM, before)
+
+
+def requires(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
+    """Let the installed package require these."""
+    monkeypatch.setattr(metadata, "requires", lambda _: list(lines))
+
+
+@pytest.fixture
+def no_planning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what takes time."""
+    monkeypatch.setattr(doctor, "ipopt", lambda _: "solves")
+    monkeypatch.setattr(doctor, "osqp", lambda _: "solves")
+    monkeypatch.setattr(doctor, "verified", lambda _: "verified")
+
+
+def test_a_sound_installation_passes(run: Run) -> None:
+    code, out, err = run()
+    assert (code, err) == (0, ""), out
+    assert f"twosra-mpc {__version__}" in out
+    for name in ("casadi", "scipy", "pydantic"):
+        assert f"PASS {name} {metadata.version(name)}" in out
+    assert "PASS HiGHS (linear programs) solves" in out
+    assert "PASS IPOPT (nonlinear programs) solves (" in out
+    assert "PASS OSQP (tracker) solves" in out
+    assert "PASS self-test: a plan is written, read and verified" in out
+    assert "FAIL" not in out
+
+
+@pytest.mark.usefixtures("no_planning")
+class TestWithoutPlanning:
+    """What does not depend on the solvers."""
+
+    def test_a_program_reads_json(self, run: Run) -> None:
+        code, out, err = run("--json")
+        assert (code, err) == (0, "")
+        found = json.loads(out)
+        assert found["ok"] is True
+        assert {"what": "OSQP (tracker)", "verdict": "PASS", "details": "solves"} in found[
+            "findings"
+        ]
+
+    def test_quiet_leaves_the_exit_code(self, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+        assert run("--quiet") == (0, "", "")
+        requires(monkeypatch, "numpy>=99")
+        assert run("--quiet") == (4, "", "")
+
+    def test_an_old_package_fails(self, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+        requires(monkeypatch, "numpy>=99.1", "scipy")
+        code, out, _ = run()
+        assert code == 4
+        assert f"FAIL numpy RuntimeError: {metadata.version('numpy')} is too old" in out
+        assert "at least 99.1" in out
+        assert f"PASS scipy {metadata.version('scipy')}" in out
+
+    def test_a_missing_package_fails(self, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+        requires(monkeypatch, "no-such-package>=1.0")
+        code, out, _ = run()
+        assert code == 4
+        assert "FAIL no-such-package PackageNotFoundError" in out
+
+    def test_a_missing_extra_says_how_to_install_it(
+        self, run: Run, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        requires(
+            monkeypatch,
+            "numpy>=1.26; extra == 'there'",
+            "no-such-package>=1.0 ; extra == 'away'",
+            'numpy ; extra == "away"',
+        )
+        code, out, _ = run()
+        assert code == 0
+        assert "PASS extra: there numpy" in out
+        how = "pip install 'twosra-mpc[away]' (missing: no-such-package)"
+        assert f"none extra: away {how}" in out
+
+    def test_a_package_that_is_not_installed_fails(
+        self, run: Run, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def missing(name: str) -> Any:
+            raise metadata.PackageNotFoundError(name)
+
+        monkeypatch.setattr(metadata, "requires", missing)
+        code, out, _ = run()
+        assert code == 4
+        assert "FAIL packages not known: install twosra-mpc with pip" in out
+
+    def test_ffmpeg_is_no_must(self, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(doctor.shutil, "which", lambda _: None)
+        code, out, _ = run()
+        assert code == 0
+        assert "none ffmpeg films as mp4 need it" in out
+        monkeypatch.setattr(doctor.shutil, "which", lambda _: "/usr/bin/ffmpeg")
+        assert "PASS ffmpeg /usr/bin/ffmpeg" in run().out
+
+    def test_a_solver_that_gives_up_fails(self, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(doctor, "minimise", lambda *_: None)
+        code, out, _ = run()
+        assert code == 4
+        assert "FAIL HiGHS (linear programs) RuntimeError: a wrong optimum: None" in out
+
+
+def test_a_planner_that_fails_leaves_nothing_to_track_or_verify(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any) -> Any:
+        raise RuntimeError("Plugin 'ipopt' is not found\nwith a long list of paths")
+
+    monkeypatch.setattr(doctor, "plan", broken)
+    code, out, _ = run()
+    assert code == 4
+    assert "FAIL IPOPT (nonlinear programs) RuntimeError: Plugin 'ipopt' is not found" in out
+    assert "long list" not in out
+    assert "FAIL OSQP (tracker) RuntimeError: there is no plan to track" in out
+    assert "verified RuntimeError: there is no plan to verify" in out
+
+
+def test_a_plan_without_the_nonlinear_program_does_not_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    easy = lambda problem: plan(problem.model_copy(update={"gap": 0.5}))  # noqa: E731
+    monkeypatch.setattr(doctor, "plan", easy)
+    with pytest.raises(RuntimeError, match="of no use"):
+        doctor.ipopt([])

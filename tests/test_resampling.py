@@ -1,0 +1,154 @@
+"""``twosra resample``: regular rows for a controller, or a denser plan that is still a plan."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import Planned
+
+from twosra_mpc import InputError, NoPlanError, Plan, cli, load_plan, load_problem, plan
+from twosra_mpc.plan_check import check_plan
+from twosra_mpc.resampling import refined
+from twosra_mpc.setpoints import SAME_TIME_S, save_setpoints
+
+
+class Outcome(NamedTuple):
+    """What a run of the program left behind; output with its white space made single."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    planned: Planned,
+) -> Iterator[Run]:
+    """Run ``twosra resample`` in this process, in a folder with ``plan.json``."""
+    monkeypatch.chdir(tmp_path)
+    planned("shape-change").save("plan.json")
+    before = signal.getsignal(signal.SIGTERM)
+
+    def run_once(*arguments: object) -> Outcome:
+        with pytest.raises(SystemExit) as caught:
+            cli.main(["resample", *(str(argument) for argument in arguments)])
+        assert isinstance(caught.value.code, int)
+        out, err = (" ".join(text.split()) for text in capsys.readouterr())
+        return Outcome(caught.value.code, out, err)
+
+    yield run_once
+    signal.signal(signal.SIGTERM, before)
+
+
+def test_a_refined_plan_passes_every_check(any_plan: Plan, tmp_path: Path) -> None:
+    dense = refined(any_plan, 1.7)
+    dense.save(tmp_path / "dense.json")
+    found = check_plan(tmp_path / "dense.json")
+    assert found.ok, found.problems
+
+
+def test_a_refined_plan_has_the_plan_s_samples_and_the_regular_ones(planned: Planned) -> None:
+    given = planned("paper-1")
+    dense, samples = refined(given, 2.0).samples, given.samples
+    assert dense is not None
+    assert samples is not None
+    kept = np.isin(dense.t_s, samples.t_s)
+    assert kept.sum() == len(samples)
+    for name in ("q", "v", "mode", "heater_setpoint_C", "heater_current_A"):
+        np.testing.assert_array_equal(getattr(dense, name)[kept], getattr(samples, name))
+    for name in ("wheel_rad_s", "temperature_C", "melt_fraction"):
+        np.testing.assert_allclose(getattr(dense, name)[kept], getattr(samples, name), atol=1e-9)
+    assert np.isin(np.round(dense.t_s[~kept] * 2.0, 9) % 1.0, 0.0).all()
+    regular = np.arange(int(samples.t_s[-1] * 2.0) + 1) / 2.0
+    assert np.abs(dense.t_s[:, None] - regular).min(axis=0).max() <= SAME_TIME_S
+    assert np.diff(dense.t_s).min() > 0
+    assert np.diff(dense.t_s).max() <= 0.5 + 2 * SAME_TIME_S
+
+
+def test_refining_keeps_everything_but_samples_and_verification(planned: Planned) -> None:
+    given = planned("paper-1")
+    before, after = given.to_dict(), refined(given, 1.0).to_dict()
+    for key in before.keys() - {"samples", "verification"}:
+        assert before[key] == after[key]
+
+
+def test_a_plan_that_rests_has_one_sample() -> None:
+    resting = plan(load_problem("rigid-move", goal={"x_m": 0.0}))
+    dense = refined(resting, 10.0)
+    assert dense.samples is not None
+    assert len(dense.samples) == 1
+
+
+def test_what_cannot_be_refined_is_refused(planned: Planned) -> None:
+    with pytest.raises(InputError, match="at most 1000 Hz"):
+        refined(planned("paper-1"), 1e4)
+    with pytest.raises(NoPlanError):
+        refined(plan(load_problem("paper-1", time_limit_s=1e-9)), 1.0)
+
+
+# --- program -------------------------------------------------------------------------------------
+
+
+def test_csv_has_one_row_a_tick(run: Run, tmp_path: Path, planned: Planned) -> None:
+    code, out, err = run("plan.json", "a.csv", "--rate", 10)
+    assert (code, err) == (0, "")
+    assert "rate_Hz 10.0" in out
+    save_setpoints(planned("shape-change"), "b.csv", 10.0)
+    assert (tmp_path / "a.csv").read_text() == (tmp_path / "b.csv").read_text()
+    with (tmp_path / "a.csv").open(encoding="utf-8") as file:
+        times = [float(row["t_s"]) for row in csv.DictReader(file)]
+    assert times[:-1] == pytest.approx([i / 10 for i in range(len(times) - 1)])
+
+
+def test_json_stays_a_plan(run: Run, tmp_path: Path, planned: Planned) -> None:
+    code, out, err = run("plan.json", "dense.json", "--rate", 4, "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["file"] == "dense.json"
+    dense, given = load_plan(tmp_path / "dense.json"), planned("shape-change")
+    assert dense.cost == given.cost
+    assert len(dense.samples or ()) > 5 * len(given.samples or ())
+    assert check_plan(tmp_path / "dense.json").ok
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plan.json", "a.csv"], ["--rate"]),
+        (["plan.json", "a.csv", "--rate", "0"], ["rate = 0.0", "at most 1000 Hz"]),
+        (["plan.json", "a.csv", "--rate", "fast"], ["--rate", "fast"]),
+        (["plan.json", "a.txt", "--rate", "1"], ["output = 'a.txt'", ".csv or .json"]),
+        (["plan.json", "no/a.csv", "--rate", "1"], ["output = 'no/a.csv'", "folder"]),
+        (["plam.json", "a.csv", "--rate", "1"], ["plam.json", "No such file"]),
+    ],
+)
+def test_bad_input_is_named_and_nothing_is_written(
+    run: Run, arguments: list[str], words: list[str], tmp_path: Path
+) -> None:
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    for word in words:
+        assert word in err
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+
+
+def test_a_file_without_a_plan_has_nothing_to_resample(run: Run, tmp_path: Path) -> None:
+    goal = {"kappa_per_m": (20.0, -10.0)}
+    stuck = plan(load_problem("shape-change", goal=goal, modes=((0, 0), (1, 1))))
+    stuck.save("stuck.json")
+    code, out, err = run("stuck.json", "a.csv", "--rate", 1)
+    assert (code, out) == (3, "")
+    assert "no verified plan (infeasible): proved infeasible" in err
+    assert not (tmp_path / "a.csv").exists()

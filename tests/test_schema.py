@@ -1,0 +1,227 @@
+"""``twosra schema``: the JSON Schemas accept what the program accepts, and not what it refuses."""
+
+from __future__ import annotations
+
+import json
+import signal
+import tomllib
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any, get_args
+
+import pytest
+from conftest import Planned
+from jsonschema import Draft7Validator
+from test_problem import ROBOT, SCENARIO, changed
+
+from twosra_mpc import InputError, Plan, cli, load_problem, plan, robot_names, scenario_names
+from twosra_mpc.plan import PlanDocument
+from twosra_mpc.problem import Problem
+from twosra_mpc.robot import Robot
+from twosra_mpc.schema import Subject, describe, json_schema
+
+Schema = dict[str, Any]
+VALIDATORS = {subject: Draft7Validator(json_schema(subject)) for subject in get_args(Subject)}
+
+
+def built_in(folder: str, name: str) -> Schema:
+    text = files("twosra_mpc").joinpath(folder, f"{name}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def keys(schema: Any) -> Iterator[tuple[str, Schema]]:
+    """Every key of a file, with its schema."""
+    if isinstance(schema, list):
+        for item in schema:
+            yield from keys(item)
+    elif isinstance(schema, dict):
+        yield from schema.get("properties", {}).items()
+        for item in schema.values():
+            yield from keys(item)
+
+
+# --- what is right fits --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("subject", get_args(Subject))
+def test_a_schema_is_a_schema_of_draft_7(subject: Subject) -> None:
+    schema = json_schema(subject)
+    Draft7Validator.check_schema(schema)
+    assert schema["$schema"].endswith("draft-07/schema#")
+    text = json.dumps(schema)
+    assert "prefixItems" not in text  # of a later draft
+    assert "$defs" not in text
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_built_in_scenario_fits(name: str) -> None:
+    VALIDATORS["scenario"].validate(built_in("scenarios", name))
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_every_built_in_robot_fits(name: str) -> None:
+    VALIDATORS["robot"].validate(built_in("robots", name))
+    VALIDATORS["scenario"].validate({**SCENARIO, "robot": built_in("robots", name)})
+
+
+def test_every_saved_plan_fits(any_plan: Plan) -> None:
+    VALIDATORS["plan"].validate(json.loads(json.dumps(any_plan.to_dict())))
+
+
+def test_a_file_without_a_plan_fits() -> None:
+    found = plan(load_problem("paper-1", time_limit_s=1e-9))
+    VALIDATORS["plan"].validate(json.loads(json.dumps(found.to_dict())))
+
+
+def test_free_curvatures_fit() -> None:
+    VALIDATORS["scenario"].validate(changed(SCENARIO, "goal.kappa_per_m", ["free", 3.0]))
+    VALIDATORS["scenario"].validate(changed(SCENARIO, "goal.kappa_per_m", [3.0, "free"]))
+
+
+# --- what is wrong does not, and the program agrees ----------------------------------------------
+
+WRONG_SCENARIOS: list[tuple[str, object]] = [
+    ("start.x_m", "left"),
+    ("start.kappa_per_m", [1.0]),
+    ("start.kappa_per_m", [1.0, 2.0, 3.0]),
+    ("start.x", 0.0),
+    ("start", 3.0),
+    ("goal.kappa_per_m", ["fre", 3.0]),
+    ("goal.mode", [0, 2]),
+    ("planner", "best"),
+    ("gap", 1.5),
+    ("gap", -0.1),
+    ("time_limit_s", 0.0),
+    ("max_phases", 2.5),
+    ("max_phases", 0),
+    ("heaters_at_once", 3),
+    ("heating", "slowest"),
+    ("weights", {"energy_s_per_J": -1.0}),
+    ("colour", "red"),
+    ("robot", 7),
+]
+
+
+@pytest.mark.parametrize(("key", "value"), WRONG_SCENARIOS)
+def test_a_wrong_scenario_does_not_fit(key: str, value: object) -> None:
+    document = changed(SCENARIO, key, value)
+    with pytest.raises(InputError):
+        Problem.parse(document, "test")
+    assert not VALIDATORS["scenario"].is_valid(document)
+
+
+WRONG_ROBOTS: list[tuple[str, object]] = [
+    ("name", ""),
+    ("geometry.segment_length_m", -0.04),
+    ("geometry.length_m", 0.04),
+    ("path.model", "spline"),
+    ("path.scale", [1.0, 2.0]),
+    ("limits.wheel_speed_rad_s", "fast"),
+    ("heater", {}),
+    ("timing", {}),
+]
+
+
+@pytest.mark.parametrize(("key", "value"), WRONG_ROBOTS)
+def test_a_wrong_robot_does_not_fit(key: str, value: object) -> None:
+    document = changed(ROBOT, key, value)
+    with pytest.raises(InputError):
+        Robot.parse(document, "test")
+    assert not VALIDATORS["robot"].is_valid(document)
+
+
+WRONG_PLANS: list[tuple[str, object]] = [
+    ("format", "plan"),
+    ("version", 2),
+    ("status", "best"),
+    ("planner", "best"),
+    ("gap", "small"),
+    ("cost", {"total": 1.0}),
+    ("cost", [1.0, 1.0, 1.0, 1]),
+    ("phases", [{"mode": [0, 0], "start_s": 0.0}]),
+    ("transitions", [{"segment": 3, "to": "soft", "heater_s": 0, "onset_s": 0, "done_s": 0}]),
+    ("samples.q", [[0.0, 0.0]]),
+    ("samples.mode", [[0, 2]]),
+    ("samples", {}),
+    ("stats", {"wall_s": 1.0}),
+    ("scenario.start.x_m", "left"),
+    ("robot.geometry.segment_length_m", -1.0),
+    ("unknown", 1),
+]
+
+
+@pytest.mark.parametrize(("key", "value"), WRONG_PLANS)
+def test_a_wrong_plan_does_not_fit(key: str, value: object, planned: Planned) -> None:
+    document = json.loads(json.dumps(planned("paper-1").to_dict()))
+    assert not VALIDATORS["plan"].is_valid(changed(document, key, value))
+
+
+@pytest.mark.parametrize("key", sorted(PlanDocument.model_fields))
+def test_a_plan_needs_all_its_keys(key: str, planned: Planned) -> None:
+    document = planned("paper-1").to_dict()
+    del document[key]
+    assert not VALIDATORS["plan"].is_valid(json.loads(json.dumps(document)))
+
+
+# --- descriptions --------------------------------------------------------------------------------
+
+UNITS = {"_m": "m", "_rad": "rad", "_s": "s", "_C": "degrees C", "_A": "A", "_J": "J"}
+
+
+@pytest.mark.parametrize("subject", get_args(Subject))
+def test_every_key_is_described_with_its_unit(subject: Subject) -> None:
+    found = list(keys(json_schema(subject)))
+    assert len(found) > 60
+    for name, schema in found:
+        assert schema["description"] == describe(name)
+        if any(name.endswith(ending) for ending in UNITS):
+            assert schema["description"].endswith("]"), name
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("x_m", "m"),
+        ("time_limit_s", "s"),
+        ("kappa_per_m", "1/m"),
+        ("wheel_speed_rad_s", "rad/s"),
+        ("unit_speed_m_s", "m/s"),
+        ("resistivity_ohm_m", "ohm m"),
+        ("energy_s_per_J", "s/J"),
+        ("latent_heat_J_per_kg", "J/kg"),
+        ("heat_solid_J_per_kg_K", "J/(kg K)"),
+        ("convection_W_per_m2_K", "W/(m2 K)"),
+        ("core_heat_J_per_K", "J/K"),
+        ("power_K_per_s", "K/s"),
+        ("t_s", "s"),
+        ("melting_point_C", "degrees C"),
+    ],
+)
+def test_the_unit_is_that_of_the_name(key: str, unit: str) -> None:
+    assert describe(key).endswith(f" [{unit}]")
+
+
+# --- program -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("subject", get_args(Subject))
+def test_the_command_prints_the_schema(
+    subject: Subject, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["schema", subject])
+    signal.signal(signal.SIGTERM, before)
+    assert caught.value.code == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out) == json_schema(subject)
+    assert err == ""
+
+
+def test_other_subjects_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["schema", "run"])
+    signal.signal(signal.SIGTERM, before)
+    assert caught.value.code == 2
+    assert "'scenario', 'robot', 'plan'" in capsys.readouterr().err

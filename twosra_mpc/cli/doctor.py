@@ -1,0 +1,208 @@
+"""``twosra doctor``."""
+
+from __future__ import annotations
+
+import importlib
+import platform
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import click
+import numpy as np
+
+from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.plan import Plan
+from twosra_mpc.plan_check import check_plan
+from twosra_mpc.planner import plan
+from twosra_mpc.problem import load_problem
+from twosra_mpc.search.linear_program import minimise
+from twosra_mpc.tracking.tracker import CommandStatus, Measurement, Tracker
+from twosra_mpc.version import __version__
+
+DISTRIBUTION = "twosra-mpc"
+_NAME, _FLOOR = re.compile(r"([\w.-]+)"), re.compile(r">=\s*([\d.]+)")
+_EXTRA = re.compile(r"extra\s*==\s*['\"]([^'\"]+)['\"]")
+
+_HELP = """Check this installation: versions, solvers, extras, and a plan made and verified.
+
+Every line says PASS, FAIL, or "none" for something optional that is not there. The exit code is 4
+if anything fails.
+
+\b
+Does everything work here?
+  twosra doctor
+For a bug report, or for a program:
+  twosra doctor --json
+"""
+
+
+class Finding(NamedTuple):
+    """What was looked at, and what was found."""
+
+    what: str
+    verdict: Literal["PASS", "FAIL", "none"]
+    details: str
+
+
+class Requirement(NamedTuple):
+    """A dependency: name, lowest version, and the extra it belongs to (empty: always needed)."""
+
+    name: str
+    floor: str
+    extra: str
+
+
+@click.command("doctor", help=_HELP)
+@output_options
+def doctor_command(output: Output) -> int:
+    """Check the installation; see ``_HELP``."""
+    findings: list[Finding] = []
+    with output.progress("checking") as tell:
+        for finding in examine():
+            findings.append(finding)
+            tell(f"checking: {finding.what} {finding.verdict}")
+    failed = any(each.verdict == "FAIL" for each in findings)
+    output.report(
+        lambda: {"ok": not failed, "findings": findings},
+        lambda: print_table(
+            ("", "twosra doctor", "found"),
+            [(each.verdict, each.what, each.details) for each in findings],
+        ),
+    )
+    return EXIT_NO_PLAN if failed else EXIT_PLANNED
+
+
+def examine() -> Iterator[Finding]:
+    """Look at everything, one after the other."""
+    yield Finding("system", "PASS", f"{platform.platform()}, {DISTRIBUTION} {__version__}")
+    yield _tried("Python", python_version)
+    try:
+        needed = requirements()
+    except metadata.PackageNotFoundError:
+        yield Finding("packages", "FAIL", f"not known: install {DISTRIBUTION} with pip")
+        needed = []
+    for item in needed:
+        if not item.extra:
+            yield _tried(item.name, lambda item=item: package(item))  # type: ignore[misc]
+    yield from _extras(needed)
+    ffmpeg = shutil.which("ffmpeg")
+    missing = Finding("ffmpeg", "none", "films as mp4 need it; gif works without")
+    yield Finding("ffmpeg", "PASS", ffmpeg) if ffmpeg else missing
+    yield _tried("HiGHS (linear programs)", highs)
+    made: list[Plan] = []
+    yield _tried("IPOPT (nonlinear programs)", lambda: ipopt(made))
+    yield _tried("OSQP (tracker)", lambda: osqp(made))
+    yield _tried("self-test: a plan is written, read and verified", lambda: verified(made))
+
+
+def _tried(what: str, probe: Callable[[], str]) -> Finding:
+    """Look at one thing; whatever goes wrong is what was found."""
+    try:
+        return Finding(what, "PASS", probe())
+    except Exception as error:
+        first = (str(error).splitlines() or [""])[0]
+        return Finding(what, "FAIL", f"{type(error).__name__}: {first}")
+
+
+def requirements() -> list[Requirement]:
+    """What the installed package says it needs."""
+    lines = metadata.requires(DISTRIBUTION) or []
+    return [Requirement(_part(_NAME, x), _part(_FLOOR, x), _part(_EXTRA, x)) for x in lines]
+
+
+def _part(pattern: re.Pattern[str], text: str) -> str:
+    """What a pattern finds in a requirement; empty if nothing."""
+    found = pattern.search(text)
+    return found[1] if found else ""
+
+
+def python_version() -> str:
+    """Version of Python, if it is new enough."""
+    floor = metadata.metadata(DISTRIBUTION)["Requires-Python"].removeprefix(">=")
+    _at_least(platform.python_version(), floor)
+    return f"{platform.python_version()}, {sys.executable}"
+
+
+def package(item: Requirement) -> str:
+    """Version of a dependency, if it is new enough and can be imported."""
+    version = metadata.version(item.name)
+    _at_least(version, item.floor)
+    importlib.import_module(item.name)
+    return version
+
+
+def _at_least(version: str, floor: str) -> None:
+    have, need = (tuple(map(int, re.findall(r"\d+", text)[:3])) for text in (version, floor))
+    if have < need:
+        raise RuntimeError(f"{version} is too old: at least {floor} is needed")
+
+
+def _extras(needed: list[Requirement]) -> Iterator[Finding]:
+    """Each extra: complete, or how to install it."""
+    for extra in dict.fromkeys(item.extra for item in needed if item.extra):
+        names = [item.name for item in needed if item.extra == extra]
+        missing = [name for name in names if not _installed(name)]
+        how = f"pip install '{DISTRIBUTION}[{extra}]' (missing: {', '.join(missing)})"
+        complete = Finding(f"extra: {extra}", "PASS", ", ".join(names))
+        yield Finding(f"extra: {extra}", "none", how) if missing else complete
+
+
+def _installed(name: str) -> bool:
+    try:
+        metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def highs() -> str:
+    """Solve a linear program whose optimum is known: the least x + y with x + 2 y >= 2."""
+    optimum = minimise(
+        np.ones(2), np.array([[-1.0, -2.0]]), np.array([-2.0]), [(0.0, None), (0.0, None)]
+    )
+    if optimum is None or abs(optimum[0] - 1.0) > 1e-9:
+        raise RuntimeError(f"a wrong optimum: {optimum}")
+    return "solves"
+
+
+def ipopt(made: list[Plan]) -> str:
+    """Plan a change of shape to a gap that takes a nonlinear program, and keep the plan."""
+    made.append(plan(load_problem("shape-change", gap=0.0)).require())
+    iterations = made[0].stats.nlp_iterations
+    if not iterations:
+        raise RuntimeError("its solutions were of no use")
+    return f"solves ({iterations} iterations)"
+
+
+def osqp(made: list[Plan]) -> str:
+    """Track the plan for a step from its start."""
+    if not made:
+        raise RuntimeError("there is no plan to track")
+    planned = made[0]
+    tracker = Tracker(planned.robot)
+    tracker.reset(planned)
+    begin_s, start = planned.phases[0].start_s, planned.problem.start.configuration
+    command = tracker.step(Measurement(time_s=begin_s, phase=0, q=start))
+    if command.status is not CommandStatus.SOLVED:
+        raise RuntimeError(command.message)
+    return "solves"
+
+
+def verified(made: list[Plan]) -> str:
+    """Write the plan to a file, and check that file."""
+    if not made:
+        raise RuntimeError("there is no plan to verify")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "plan.json"
+        made[0].save(path)
+        found = check_plan(path)
+    if not found.ok:
+        raise RuntimeError("; ".join(found.problems))
+    return f"{len(found.checks)} checks passed; {made[0].message}"

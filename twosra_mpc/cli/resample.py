@@ -1,0 +1,56 @@
+"""``twosra resample``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twosra_mpc.cli.options import output_options, rate_option
+from twosra_mpc.cli.output import EXIT_PLANNED, Output, check_writable, print_table
+from twosra_mpc.errors import InputError
+from twosra_mpc.plan import Plan, load_plan
+from twosra_mpc.resampling import refined
+from twosra_mpc.setpoints import save_setpoints
+
+_HELP = """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
+
+CSV has one row a tick: what is in force at that time, for a controller that sends it and waits for
+the next tick. JSON stays a plan, whose inputs hold from a sample to the next: samples are added at
+the ticks, and those of the plan stay, because its inputs change between ticks too. "twosra verify"
+accepts the outcome.
+
+\b
+Set-points for a controller that runs at 20 Hz:
+  twosra resample plan.json setpoints.csv --rate 20
+The same plan, dense enough to look at:
+  twosra resample plan.json dense.json --rate 5
+"""
+
+
+@click.command("resample", help=_HELP)
+@click.argument("plan", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@rate_option("Ticks per second.", required=True)
+@output_options
+def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> int:
+    """Resample a plan; see ``_HELP``."""
+    check_writable(out)
+    if out.suffix not in (".csv", ".json"):
+        raise InputError("output", str(out), "a file ending in .csv or .json")
+    given = load_plan(plan).require()
+    with output.progress(f"resampling at {rate_Hz:g} Hz"):
+        if out.suffix == ".csv":
+            save_setpoints(given, out, rate_Hz)
+        else:
+            given = refined(given, rate_Hz).require()
+            given.save(out)
+    document = _document(given, out, rate_Hz)
+    rows = [(name, f"{value}") for name, value in document.items()]
+    output.report(lambda: document, lambda: print_table((given.robot.name, "resampled"), rows))
+    return EXIT_PLANNED
+
+
+def _document(plan: Plan, out: Path, rate_Hz: float) -> dict[str, Any]:
+    return {"file": str(out), "rate_Hz": rate_Hz, "duration_s": plan.duration_s}

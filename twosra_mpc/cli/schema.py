@@ -1,0 +1,34 @@
+"""``twosra schema``."""
+
+from __future__ import annotations
+
+import json
+from typing import get_args
+
+import click
+
+from twosra_mpc.cli.output import EXIT_PLANNED
+from twosra_mpc.schema import Subject, json_schema
+
+_HELP = """Print the JSON Schema of scenario, robot or plan files: keys, types, ranges, units.
+
+\b
+Completion and checking while you type, in VS Code with the extension "Even Better TOML":
+  twosra schema scenario > scenario.schema.json
+and then, as the first line of your scenario:
+  #:schema ./scenario.schema.json
+The same for robots:
+  twosra schema robot > robot.schema.json
+For programs that read plans:
+  twosra schema plan > plan.schema.json
+
+For scenarios and plans in JSON, VS Code takes the file in its setting "json.schemas".
+"""
+
+
+@click.command("schema", help=_HELP)
+@click.argument("subject", type=click.Choice(get_args(Subject)))
+def schema_command(subject: Subject) -> int:
+    """Print a schema; see ``_HELP``."""
+    click.echo(json.dumps(json_schema(subject), indent=2))
+    return EXIT_PLANNED

@@ -1,0 +1,211 @@
+"""JSON Schemas of the files, for editors and other programs; from the records that read them.
+
+Draft 7, which is what editors of TOML understand. A schema cannot say everything: a file that fits
+may still contradict itself, e.g. ask for more curvature than its robot has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any, Literal
+
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema
+
+from twosra_mpc.plan import Cost, PhaseDocument, PlanDocument, Samples, Stats
+from twosra_mpc.problem import Problem
+from twosra_mpc.robot import Robot
+from twosra_mpc.timing import Transition
+
+Subject = Literal["scenario", "robot", "plan"]
+Schema = dict[str, Any]
+
+_DRAFT = "http://json-schema.org/draft-07/schema#"
+_UNITS = {  # ending of a key -> unit; the longest that fits counts
+    **{"_m": "m", "_s": "s", "_A": "A", "_C": "degrees C", "_J": "J", "_rad": "rad"},
+    **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s"},
+    **{"_per_m": "1/m", "_per_s": "1/s", "_per_K": "1/K", "_s_per_J": "s/J"},
+    **{"_J_per_K": "J/K", "_W_per_K": "W/K", "_K_per_s": "K/s", "_kg_per_m3": "kg/m3"},
+    **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
+}
+_WORDS = {  # key -> what it is, where the key alone does not say it
+    "ambient_C": "temperature of the air",
+    "angle_ratio": "turns of spirals I, II, III per bending angle",
+    "body_ratio": "heat capacity of the body over that of the core",
+    "coil": "the heating wire",
+    "cost": "what the plan costs, and what that is made of; null without a plan",
+    "description": "one line for people",
+    "done_s": "when the segment has changed",
+    "fill": "share of the annulus that is metal",
+    "gap": "proved relative gap (cost - lower bound) / cost; in a scenario, the gap to stop at",
+    "geometry": "lengths of the fibre and the locomotion units",
+    "goal": "where the robot should be; a coordinate left out is free",
+    "goal_error": "distance to the goal box [m, m, rad, 1/m, 1/m]",
+    "growth": "b of spirals I, II, III",
+    "heater": "temperatures, currents and coil of one segment's heater",
+    "heater_s": "when the heater is switched",
+    "heaters_at_once": "how many heaters the supply feeds at a time",
+    "heating": "what counts beyond time: fastest, least_energy or keep_warm",
+    "kappa_per_m": "curvatures of the two segments",
+    "limits": "limits of motion and shape; in a verification, the margin to each",
+    "lower_bound_s": "proved lower bound on the cost of any plan",
+    "max_defect": "largest difference of the samples to their re-integration [m, rad, 1/m]",
+    "max_phases": "longest mode sequence that is searched",
+    "message": "one sentence a person can act on",
+    "metal": "the low-melting metal",
+    "mode": "stiffness of the two segments: 1 soft, 0 rigid",
+    "model": "which model the other keys of this table belong to",
+    "modes": "stiffness modes that may be used",
+    "name": "name of the robot",
+    "nlp_iterations": "iterations of the nonlinear solver",
+    "ok": "whether everything holds",
+    "onset_s": "when the segment begins to change; nothing may move from then on",
+    "overlap": "whether transitions may overlap: none, full, or thermal (times from the segment)",
+    "package": "version of the program that wrote the file",
+    "path": "how the fibre bends when a unit moves",
+    "phases": "motion phases in order; holds are the gaps between them",
+    "phi_modulo": "whether headings that differ by full turns are the same",
+    "phi_per_alpha": "slope of the polar angle over the bending angle in cases I, II, III",
+    "planner": "optimal, or greedy as in the paper",
+    "problems": "what does not hold, in words",
+    "q": "configuration [x m, y m, phi rad, kappa1 1/m, kappa2 1/m]",
+    "ranges": "5 % and 95 % values of uncertain parameters",
+    "robot": "the robot: a built-in name, a path to its file, or its table",
+    "rubber": "the silicone of core and tube",
+    "samples": "the plan on its grid, inputs hold to the next sample; null without a plan",
+    "scale": "a of spirals I, II, III, in segment lengths",
+    "scenario": "the problem, defaults filled in",
+    "segment": "how a segment warms and cools; of a transition, which segment: 1 or 2",
+    "sensor_gain": "reading above the air per degree of the core",
+    "sequences_bounded": "mode sequences whose lower bound was found",
+    "sequences_solved": "mode sequences that were solved",
+    "speed_reference": "whose speed v_j is: fibre_end or side_wheel",
+    "start": "where the robot is, and its shape",
+    "stats": "effort spent",
+    "status": "what is known about the plan",
+    "stopped_early": "whether a limit or an interrupt ended the search",
+    "t_s": "time of each sample",
+    "temperature_C": "temperatures of the two segments",
+    "timing": "sets of transition times by name; in a scenario, the name of one",
+    "to": "what the segment becomes",
+    "tolerance": "half-widths of the goal box",
+    "total": "cost [s]: time, energy and transitions by their weights",
+    "transition_quantile": "share of early and of late transitions that windows must hold",
+    "transition_s": "cost of a transition",
+    "transitions": "melts and freezes; in a cost, how many",
+    "turns": "turns of the coil",
+    "v": "input [v1 m/s, v2 m/s, u0 m/s, v0 m/s, r0 rad/s]",
+    "verification": "what the independent check found",
+    "wall_s": "time spent",
+    "weights": "weights of energy and transitions in the cost, which is in seconds",
+    "wheel_independence": "least singular value of the wheel matrix with which the robot drives",
+    "wheels": "where the four wheels sit and point; left out, they follow from the lengths",
+}
+
+
+class _Quiet(GenerateJsonSchema):
+    """Leaves out defaults that are no JSON (frozen tables) without a warning."""
+
+    ignored_warning_kinds = {"skipped-choice", "non-serializable-default"}  # noqa: RUF012
+
+
+def json_schema(subject: Subject) -> Schema:
+    """Return the JSON Schema (draft 7) of a scenario, robot or plan file; units in descriptions."""
+    match subject:
+        case "scenario":
+            schema = _scenario()
+        case "robot":
+            schema = _of(Robot)
+        case "plan":
+            schema = _plan()
+    for name, key in _keys(schema):
+        key["description"] = describe(name)
+    return {"$schema": _DRAFT, "title": f"twosra_mpc {subject}", **schema}
+
+
+def describe(key: str) -> str:
+    """Say what a key is, with its unit in brackets where it has one."""
+    endings = sorted((end for end in _UNITS if f"_{key}".endswith(end)), key=len)
+    words = _WORDS.get(key)
+    if not endings:
+        return words or key.replace("_", " ")
+    unit = _UNITS[endings[-1]]
+    return f"{words or key.removesuffix(endings[-1]).replace('_', ' ')} [{unit}]"
+
+
+def _of(model: type[BaseModel]) -> Schema:
+    """Pydantic's schema of a record in draft 7."""
+    template = "#/definitions/{model}"
+    schema = model.model_json_schema(ref_template=template, schema_generator=_Quiet)
+    schema["definitions"] = schema.pop("$defs", {})
+    return _draft_7(schema)
+
+
+def _draft_7(schema: Schema) -> Schema:
+    """Name the items of tuples as draft 7 does, and drop titles that only repeat the key."""
+    found: Schema = {}
+    for name, item in schema.items():
+        if name != "title":
+            key = "items" if name == "prefixItems" else name
+            found[key] = _draft_7(item) if isinstance(item, dict) else item
+            if isinstance(item, list):
+                found[key] = [_draft_7(one) if isinstance(one, dict) else one for one in item]
+    return found
+
+
+def _scenario() -> Schema:
+    schema = _of(Problem)
+    kappa = schema["definitions"]["Goal"]["properties"]["kappa_per_m"]["anyOf"][0]
+    kappa["items"] = [{"anyOf": [{"type": "number"}, {"const": "free"}]}] * 2
+    schema["properties"]["robot"] = {
+        "anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}],
+    }
+    return schema
+
+
+def _plan() -> Schema:
+    schema, scenario, robot = _of(PlanDocument), _scenario(), _of(Robot)
+    definitions = {**scenario.pop("definitions"), **robot.pop("definitions")}
+    definitions |= {**schema["definitions"], "Scenario": scenario, "Robot": robot}
+    for record in (Cost, Transition, PhaseDocument):  # tables in the file
+        definitions[record.__name__] = _table(definitions[record.__name__]["items"], record._fields)
+    properties = schema["properties"]
+    properties["robot"] = {"$ref": "#/definitions/Robot"}
+    properties["scenario"] = {"$ref": "#/definitions/Scenario"}
+    properties["samples"]["anyOf"][0] = _samples()
+    effort = tuple(item.name for item in fields(Stats))
+    properties["stats"] = _table([{"type": "number"} for _ in effort], effort)
+    return {**schema, "definitions": definitions}
+
+
+def _samples() -> Schema:
+    """A list of numbers a sample for time, else a list of rows of fixed width."""
+    widths = {"q": 5, "v": 5, "wheel_rad_s": 4}
+    properties: dict[str, Schema] = {}
+    for item in fields(Samples):
+        width = widths.get(item.name, 2)
+        cell: Schema = {"enum": [0, 1]} if item.name == "mode" else {"type": "number"}
+        row = {"type": "array", "items": cell, "minItems": width, "maxItems": width}
+        properties[item.name] = {"type": "array", "items": cell if item.name == "t_s" else row}
+    return _table(list(properties.values()), tuple(properties))
+
+
+def _table(values: list[Schema], keys: tuple[str, ...]) -> Schema:
+    return {
+        "type": "object",
+        "properties": dict(zip(keys, values, strict=True)),
+        "required": list(keys),
+        "additionalProperties": False,
+    }
+
+
+def _keys(schema: Any) -> Iterator[tuple[str, Schema]]:
+    """Every key that a file may have, with its schema."""
+    if isinstance(schema, list):
+        for item in schema:
+            yield from _keys(item)
+    elif isinstance(schema, dict):
+        yield from schema.get("properties", {}).items()
+        for item in schema.values():
+            yield from _keys(item)
