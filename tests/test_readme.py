@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -47,6 +48,26 @@ def test_the_main_command_runs_after_its_set_up(tmp_path: Path) -> None:
     )
     written = {path.name for path in tmp_path.iterdir()}
     assert written == {"plan.json", "setpoints.csv", "plan.png"}
+
+
+def test_every_other_command_runs_in_the_order_given(tmp_path: Path) -> None:
+    plan(load_problem("paper-1")).save(tmp_path / "plan.json")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    lines = [line for block in blocks("sh") for line in block.splitlines()]
+    commands = [line.split(" #")[0].strip() for line in lines if line.startswith("twosra ")]
+    assert len(commands) > 8
+    for command in commands:
+        done = subprocess.run(
+            command,
+            shell=True,
+            cwd=tmp_path,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+    for written in ("report.html", "plan.gif", "both.png", "run.png", "plan.mcap", "plan.csv"):
+        assert (tmp_path / written).stat().st_size > 0
 
 
 def test_the_scenario_is_planned(tmp_path: Path) -> None:

@@ -134,7 +134,9 @@ def package(item: Requirement) -> str:
     """Version of a dependency, if it is new enough and can be imported."""
     version = metadata.version(item.name)
     _at_least(version, item.floor)
-    importlib.import_module(item.name)
+    for module, sources in metadata.packages_distributions().items():
+        if item.name in (source.lower() for source in sources):
+            importlib.import_module(module)
     return version
 
 
