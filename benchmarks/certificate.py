@@ -41,6 +41,7 @@ from twosra_mpc.timing import TemporalNetwork, transition_model
 
 FACTORS = (1.0, 10.0, 50.0)
 TOLERANCE_S = 1e-6
+GAP = 1e-3  # of the search
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def judge(label: str, problem: Problem, factor: float, starts: int, phases: int)
             violated += min(costs) < bound.cost - TOLERANCE_S
             tightest = min(tightest, (min(costs) - bound.cost) / min(costs))
             best = min(best, *costs)
-    found = plan(problem.model_copy(update={"max_phases": phases}))
+    found = plan(problem.model_copy(update={"max_phases": phases, "gap": GAP}))
     return Outcome(
         label=label,
         factor=factor,
