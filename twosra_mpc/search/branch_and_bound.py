@@ -79,7 +79,7 @@ class SearchResult(Generic[Solution]):
 class _Entry(Generic[Node, Solution]):
     """A node in the queue: to be solved as a leaf (preferred at equal bounds) or to be branched.
 
-    A leaf goes back into the queue after every attempt to solve it, first with a tighter bound.
+    A leaf goes back into the queue after every attempt to solve it, once with a tighter bound.
     """
 
     bound: float
@@ -87,6 +87,7 @@ class _Entry(Generic[Node, Solution]):
     order: int
     node: Node = field(compare=False)
     attempts: Iterator[tuple[float, Solution] | None] | None = field(default=None, compare=False)
+    tight: bool = field(default=False, compare=False)
 
 
 def branch_and_bound(
@@ -127,13 +128,14 @@ class _Search(Generic[Node, Solution]):
         root = tree.root()
         self.queue = [self._entry(tree.bound(root), branch=True, node=root)]
         self.kept = math.inf  # least bound of what left the queue without being disproved
-        self.cost, self.solution = math.inf, None  # type: float, Solution | None
+        self.cost = math.inf
+        self.solution: Solution | None = None
         self.bounded = self.solved = 0
 
     @property
     def open(self) -> bool:
         """Whether something in the queue may beat the incumbent."""
-        return bool(self.queue) and self.queue[0].bound < min(self.cost, math.inf)
+        return bool(self.queue) and self.queue[0].bound < self.cost
 
     @property
     def lower_bound(self) -> float:
@@ -180,11 +182,11 @@ class _Search(Generic[Node, Solution]):
         heapq.heapify(self.queue)
 
     def _attempt(self, entry: _Entry[Node, Solution]) -> None:
-        """Try once to solve a leaf; after the first time, tighten its bound if that is of use."""
-        first = entry.attempts is None
-        attempts = iter(self.tree.solve(entry.node)) if entry.attempts is None else entry.attempts
-        bound = entry.bound
-        self.solved += first
+        """Try once to solve a leaf; then tighten its bound, if that is of use and not yet done."""
+        attempts, bound, tight = entry.attempts, entry.bound, entry.tight
+        if attempts is None:
+            attempts = iter(self.tree.solve(entry.node))
+            self.solved += 1
         try:
             found = next(attempts)
         except StopIteration:
@@ -193,6 +195,7 @@ class _Search(Generic[Node, Solution]):
             return
         if found is not None and found[0] < self.cost:
             self.cost, self.solution = found
-        if first and self.cost - bound > self.gap * self.cost:
+        if not tight and self.cost - bound > self.gap * self.cost:
             bound = max(bound, self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost))
-        heapq.heapreplace(self.queue, replace(entry, bound=bound, attempts=attempts))
+            tight = True
+        heapq.heapreplace(self.queue, replace(entry, bound=bound, attempts=attempts, tight=tight))
