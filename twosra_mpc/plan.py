@@ -228,6 +228,8 @@ class Plan:
 
 
 class PhaseDocument(NamedTuple):
+    """A phase in a plan file; times in s."""
+
     mode: tuple[Literal[0, 1], Literal[0, 1]]
     start_s: float
     end_s: float
