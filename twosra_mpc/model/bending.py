@@ -14,11 +14,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, shape_margins_of
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.modes import SOFT_BOTH, Mode
+from twosra_mpc.modes import SOFT_1, SOFT_BOTH, Mode
 from twosra_mpc.robot import Robot
 
 Array = NDArray[np.float64]
@@ -42,9 +43,10 @@ class Bending:
         return _coordinate(self.robot, kappa)
 
     def curvature(self, coordinates: Array) -> Array:
-        """Inverse of ``coordinate``, interpolated to 1e-6 rad; clipped just beyond the limits."""
-        kappa, table = _inverse_table(self.robot)
-        return np.interp(coordinates, table, kappa)
+        """Inverse of ``coordinate``, interpolated to 1e-9 rad; clipped just beyond the limits."""
+        _, table = _inverse_table(self.robot)
+        inverse: Array = _inverse(self.robot)(np.clip(coordinates, table[0], table[-1]))
+        return inverse
 
     def fastest(self, mode: Mode, kappa: tuple[float | None, float | None]) -> float:
         """Upper bound of abs(dW/dt) of a soft segment with both locomotion units at full speed.
@@ -144,6 +146,15 @@ def _inverse_table(robot: Robot) -> tuple[Array, Array]:
     return kappa, np.concatenate([-cumulative[:0:-1], cumulative])
 
 
+@lru_cache(maxsize=32)
+def _inverse(robot: Robot) -> CubicHermiteSpline:
+    """W -> kappa through the table, with the slope dkappa / dW = g / l at its points."""
+    kappa, table = _inverse_table(robot)
+    length = robot.geometry.segment_length_m
+    slopes = 1 / (length * _density(robot)(kappa[None] * length).full()[0])
+    return CubicHermiteSpline(table, kappa, slopes)
+
+
 @lru_cache(maxsize=64)
 def _rates(robot: Robot, mode: Mode) -> ca.Function:
     """(kappa1, kappa2) -> dW/ds of a soft segment per travel of LU1 and of LU2."""
@@ -153,7 +164,8 @@ def _rates(robot: Robot, mode: Mode) -> ca.Function:
         rates = ca.vertcat(path.both(alpha[0], alpha[1]), path.both(alpha[1], alpha[0]))
     else:
         soft, own = alpha[mode.index(1)], alpha[mode.index(0)]
-        rates = ca.vertcat(path.adjacent(soft), path.opposite(soft, own)) / path.share(soft)
+        near, far = path.adjacent(soft), path.opposite(soft, own)  # LU next to it, the other LU
+        rates = ca.vertcat(*((near, far) if mode == SOFT_1 else (far, near))) / path.share(soft)
     return ca.Function("rates", [kappa], [ca.densify(rates)])
 
 

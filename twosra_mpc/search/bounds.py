@@ -185,9 +185,12 @@ def pose_bound(
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
 
-    def bound_with(constraint: PoseConstraint) -> float | None:
-        bound = _linear_program_bound(network, task, weights, least_durations, constraint)
-        return None if bound is None else bound.cost
+    def bound_with(constraint: PoseConstraint) -> float:
+        try:
+            bound = _linear_program_bound(network, task, weights, least_durations, constraint)
+        except ArithmeticError:  # the solver gave up: nothing is proved
+            return -math.inf
+        return -math.inf if bound is None else bound.cost
 
     least = with_durations(network, least_durations).least
     return best_constraint(task.pose, phases, network.layout, least, cost, bound_with, enough)
@@ -196,28 +199,40 @@ def pose_bound(
 def _phase_motions(
     sequence: ModeSequence, task: BendingTask, bends: Array
 ) -> list[PhaseMotions] | None:
-    """What each phase can do; None without a goal pose, or if a rigid phase has no limits."""
+    """What each phase can do; None without a goal pose, or if nothing limits one of them."""
     if task.pose is None:
         return None
     here, found = task.origin, list[PhaseMotions]()
     for i, mode in enumerate(sequence):
         if any(mode):
-            room = [
-                tuple(end + task.origin[j] - here[j] for end in task.room[j])
-                for j in (0, 1)
-                if mode[j]
-            ]
-            within = max(low for low, _ in room), min(high for _, high in room)
             bend = float(bends[i])
-            found.append(task.pose.soft_phase(mode, here, bend, within))
+            motions = task.pose.soft_phase(mode, here, bend, _room(mode, here, task))
             here = here[0] + bend * mode[0], here[1] + bend * mode[1]
-            continue
-        opening = not any(any(before) for before in sequence[:i])
-        motions = task.pose.rigid_phase(task.start if opening else task.curvature(here))
+        else:
+            motions = task.pose.rigid_phase(_shape(sequence, i, here, task))
         if motions is None:
             return None
         found.append(motions)
     return found
+
+
+def _room(mode: Mode, here: tuple[float, float], task: BendingTask) -> tuple[float, float]:
+    """Changes of W from ``here`` that the curvature limits allow to all soft segments of a mode."""
+    soft = [j for j in (0, 1) if mode[j]]
+    least, most = ([task.origin[j] + task.room[j][end] - here[j] for j in soft] for end in (0, 1))
+    return max(least), min(most)
+
+
+def _shape(
+    sequence: ModeSequence, phase: int, here: tuple[float, float], task: BendingTask
+) -> tuple[float, float]:
+    """Curvatures in a rigid phase: the start's or the goal's, or else those with these W."""
+    known = _known_curvatures(sequence, phase, task)
+    first, second = (
+        given if given is not None else bent
+        for given, bent in zip(known, task.curvature(here), strict=True)
+    )
+    return first, second
 
 
 def _linear_program_bound(

@@ -12,17 +12,19 @@ does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over th
     p \cdot \Delta(x, y) + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
 
 a linear constraint on the event times, and the least cost of the temporal network with this
-constraint is a lower bound. It holds for any p, C and B. In a rigid phase g_i is a maximum over the
-vertices of a polytope of twists; in a soft phase over boxes of shapes on the line of its bends, out
-to the curvature limits, and the corners of the two units' speeds.
+constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
+about, or bend too far and back. In a rigid phase g_i is a maximum over the vertices of a polytope
+of twists; in a soft phase over boxes of shapes on the line of its bends, out to the curvature
+limits, and the corners of the two units' speeds (growth is linear in both, and what limits the
+wheels besides is left out).
 
 On a panel of headings of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends
 and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel.
 
 The S_i that give the highest bound solve a linear program together with the dual of the temporal
 network (y are its multipliers, and g_i the price of time in phase i). Most of its rows are idle, so
-it is solved with few of them and those that are violated are added; what is returned is always
-proved by the true maxima, whether the program was solved to the end or not.
+it is solved with few of them and those that are violated are added. What is returned is always
+proved by the true maxima, whether or not the program was solved to the end, or well.
 """
 
 from __future__ import annotations
@@ -44,13 +46,14 @@ from twosra_mpc.timing import EventLayout
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-PANELS = 32  # of headings
+PANELS = 32  # of headings, and one edge more near the goal's
+_GRID = 5  # decimals of a turn to which edges are rounded, so that no panel is tiny
 _INSIDE, _OUTSIDE, _BOXES = 4, 2, 24  # pieces of B within the bend, on each side, boxes a piece
 _ROUNDS = 14  # of adding rows
 _CUTS = 120  # rows added a phase and round
 _VIOLATED = 1e-4  # s/s
 _STEEPEST = 3.0  # largest B', in terms of the fastest bending
-_ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-6 rad
+_ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-9 rad
 
 
 @dataclass(frozen=True)
@@ -86,22 +89,25 @@ class PoseTask:
 
     def soft_phase(
         self, mode: Mode, origin: tuple[float, float], bend: float, room: tuple[float, float]
-    ) -> PhaseMotions:
-        """What a soft phase can do that bends by ``bend`` and may stray within ``room``."""
+    ) -> PhaseMotions | None:
+        """What a soft phase can do that bends by ``bend`` and may stray within ``room``.
+
+        None if nothing limits it. Where there is no room, pieces have no length.
+        """
         low, high = min(bend, 0.0), max(bend, 0.0)
-        edges = np.unique(
-            np.concatenate(
-                [
-                    np.linspace(min(room[0], low), low, _OUTSIDE + 1),
-                    np.linspace(low, high, _INSIDE + 1),
-                    np.linspace(high, max(room[1], high), _OUTSIDE + 1),
-                ]
-            )
+        edges = np.concatenate(
+            [
+                np.linspace(min(room[0], low), low, _OUTSIDE, endpoint=False),
+                np.linspace(low, high, _INSIDE, endpoint=False),
+                np.linspace(high, max(room[1], high), _OUTSIDE + 1),
+            ]
         )
         pieces = len(edges) - 1
         steps = np.linspace(0.0, 1.0, _BOXES, endpoint=False)
         along = np.append((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel(), edges[-1])
         least, most = self.soft_motions(mode, origin, along)
+        if not (np.isfinite(least).all() and np.isfinite(most).all()):
+            return None
         middle, half = (most + least) / 2, (most - least) / 2
         corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
         return PhaseMotions(
@@ -141,7 +147,7 @@ def best_constraint(
     layout: EventLayout,
     least: dict[tuple[int, int], float],
     cost: Array,
-    bound_with: Callable[[PoseConstraint], float | None],
+    bound_with: Callable[[PoseConstraint], float],
     enough: float,
 ) -> float:
     """Find the highest lower bound of this form.
@@ -152,7 +158,7 @@ def best_constraint(
         layout: Numbering of the events.
         least: {(u, v): w} meaning t[v] - t[u] >= w [s].
         cost: Cost of the event times, by event.
-        bound_with: Least cost of the network under a further constraint; None if there is none.
+        bound_with: Lower bound under a further constraint; -inf if that is not known.
         enough: A bound that need not be exceeded.
     """
     program = _Program(task, phases, layout, least, cost)
@@ -162,8 +168,7 @@ def best_constraint(
         if x is None:
             break
         constraint, violated = program.read(x)
-        bound = bound_with(constraint)
-        best = max(best, -math.inf if bound is None else bound)
+        best = max(best, bound_with(constraint))
         if best >= enough or not violated:
             break
     return best
@@ -180,8 +185,8 @@ class _Program:
         least: dict[tuple[int, int], float],
         cost: Array,
     ) -> None:
-        turn = math.remainder(task.turn, math.tau)
-        self.edges = np.unique([*np.linspace(-math.pi, math.pi, PANELS + 1), 0.0, turn])
+        turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
+        self.edges = math.tau * np.unique(np.round(turns, _GRID))  # of the panels, from the start's
         half = np.diff(self.edges) / 2
         middle = (self.edges[1:] + self.edges[:-1]) / 2
         self.widths, self.panels = 2 * half, len(half)
@@ -197,10 +202,10 @@ class _Program:
         self.e = self.g + n
         self.y = self.e + n - 1
         self.width = self.y + len(least)
-        self.gain = self._gain(task, list(least.values()), turn)
+        self.gain = self._gain(task, list(least.values()))
         self.bounds = self._bounds(task)
-        self.rows = [self._balance(layout, least), self._switches()]
-        self.limits = [cost[: layout.origin], np.zeros(self.panels * (n - 1))]
+        self.cost = cost[: layout.origin]
+        self.rows = [self._balance(layout, least), self._switches()]  # then those of the growth
         for i, phase in enumerate(phases):
             first = np.arange(len(phase.motions))
             if len(phase.bends) > 1:
@@ -210,14 +215,16 @@ class _Program:
             )
             self._add(i, motion.ravel(), panel.ravel(), np.full(motion.size, 2))
 
-    def _heading(self, angle: float) -> int:
-        return int(np.argmin(np.abs(self.edges - angle))) % self.panels
-
-    def _gain(self, task: PoseTask, least: list[float], turn: float) -> Array:
+    def _gain(self, task: PoseTask, least: list[float]) -> Array:
+        """What S gains from start to goal, whose heading lies within a panel or at its edge."""
         gain = np.zeros(self.width)
         gain[:2] = task.shift
-        gain[self.c[-1] + self._heading(turn)] += 1.0
-        gain[self.c[0] + self._heading(0.0)] -= 1.0
+        gain[self.c[0]] -= 1.0
+        turn = task.turn % math.tau
+        panel = min(int(np.searchsorted(self.edges, turn, "right")), self.panels) - 1
+        part = (turn - self.edges[panel]) / self.widths[panel]
+        gain[self.c[-1] + panel] += 1.0 - part
+        gain[self.c[-1] + (panel + 1) % self.panels] += part
         gain[self.b[0] : self.g] = np.concatenate([phase.bends for phase in self.phases])
         gain[self.e : self.y] = -1.0
         gain[self.y :] = least
@@ -229,7 +236,7 @@ class _Program:
         most = 1.5 * max(task.known_s, 1.0)
         bounds[:2] = 2.0 * most / max(float(np.hypot(*task.shift)), 0.05) * np.array([-1, 1])
         bounds[2 : self.b[0]] = -most, most
-        bounds[self.c + self._heading(0.0)] = 0.0
+        bounds[self.c] = 0.0  # at the heading of the start
         for i, phase in enumerate(self.phases):
             fastest = np.abs(phase.motions[:, 3]).max()
             steepest = _STEEPEST / fastest if fastest else 0.0
@@ -278,14 +285,14 @@ class _Program:
         where = (np.tile(np.arange(count), len(columns)), np.concatenate(columns))
         shape = (count, self.width)
         self.rows.append(sparse.csr_matrix((np.concatenate(values), where), shape=shape))
-        self.limits.append(np.zeros(count))
 
     def solve(self) -> Array | None:
         """Optimum of the program with the rows it has; None if the solver gives up."""
         rows = sparse.vstack(self.rows, format="csr")
+        limits = np.pad(self.cost, (0, rows.shape[0] - len(self.cost)))
         bounds = [(low, high) for low, high in self.bounds.tolist()]
         try:
-            optimum = minimise(-self.gain, rows, np.concatenate(self.limits), bounds)
+            optimum = minimise(-self.gain, rows, limits, bounds)
         except ArithmeticError:
             return None
         return None if optimum is None else optimum[1]

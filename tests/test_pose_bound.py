@@ -1,0 +1,224 @@
+"""The bound from the change of pose: no plan of a sequence is faster, however it was found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from problems import faster_robot, network_of
+
+from twosra_mpc import Goal, Problem, Robot, Start, load_robot
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.motion import Motion, interval_durations, roll_out
+from twosra_mpc.path_choice import with_path_model
+from twosra_mpc.planner import bending_task
+from twosra_mpc.search import bounds
+from twosra_mpc.search.bounds import least_durations, pose_bound
+from twosra_mpc.search.rigid_motion import twist_vertices
+from twosra_mpc.search.schedule import cost_coefficients, schedule
+
+Array = NDArray[np.float64]
+
+V1 = load_robot("2sra-v1")
+ROBOTS = {
+    "log_spiral": V1,
+    "log_spiral_corrected": with_path_model(V1, "log_spiral_corrected"),
+    "cardioid": with_path_model(V1, "cardioid"),
+    "side_wheel": load_robot("2sra-v1-arc"),
+    "2sr-v2": load_robot("2sr-v2"),
+}
+SOFT_MODES = (SOFT_1, SOFT_2, SOFT_BOTH)
+
+each_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys())
+
+
+def fast(robot: Robot, factor: float = 500.0) -> Robot:
+    """The robot with the melting and freezing times of ``faster_robot``."""
+    return robot.model_copy(update={"timing": faster_robot(factor).timing})
+
+
+def unit_speed(robot: Robot) -> float:
+    limits = robot.limits
+    by_wheel = limits.wheel_speed_rad_s * robot.geometry.wheel_radius_m
+    return (
+        limits.unit_speed_m_s if robot.path.model == "arc" else min(limits.unit_speed_m_s, by_wheel)
+    )
+
+
+def problem_between(
+    robot: Robot, start: Array, end: Array, modes: tuple[Mode, Mode] = (RIGID, RIGID)
+) -> Problem:
+    """From q ``start`` to q ``end``, with these stiffnesses at the start and at the end."""
+    warm = tuple(80.0 if soft else 25.0 for soft in modes[0])
+    x, y, phi, *kappa = end.tolist()
+    return Problem(
+        robot=robot,
+        start=Start(
+            x_m=start[0],
+            y_m=start[1],
+            phi_rad=start[2],
+            kappa_per_m=start[3:],
+            temperature_C=warm,
+        ),
+        goal=Goal(x_m=x, y_m=y, phi_rad=phi, kappa_per_m=kappa, mode=modes[1]),
+    )
+
+
+def proved(problem: Problem, sequence: ModeSequence) -> float:
+    task = bending_task(problem)
+    durations = least_durations(sequence, task)
+    network = network_of(problem, sequence, problem.goal.mode)
+    return pose_bound(network, task, problem.cost_weights, durations, math.inf)
+
+
+# --- what the phases can do -----------------------------------------------------------------
+
+
+@each_robot
+@pytest.mark.parametrize("mode", SOFT_MODES)
+def test_what_each_unit_does_to_the_robot_is_enclosed(robot: Robot, mode: Mode) -> None:
+    facts, rng = bending(robot), np.random.default_rng(1)
+    limit = robot.limits.curvature_per_m
+    for _ in range(4):
+        kappa = rng.uniform(-0.5 * limit, 0.5 * limit, 2)
+        origin = (facts.coordinate(float(kappa[0])), facts.coordinate(float(kappa[1])))
+        reach = 0.3 * facts.coordinate(limit)
+        along = np.linspace(-reach, reach, 13)
+        low, high = facts.motions_between(mode, origin, along)
+        for box, share in enumerate(rng.uniform(size=12)):
+            change = along[box] + share * (along[box + 1] - along[box])
+            shape = facts.curvature(np.array(origin) + np.array(mode) * change)
+            j, step = mode.index(1), 1e-3
+            steep = facts.coordinate(shape[j] + step) - facts.coordinate(shape[j] - step)
+            moved = kinematics(robot).jacobian([0, 0, 0, *shape], mode).full()[:, :2]
+            motion = unit_speed(robot) * np.vstack([moved[:3], moved[3 + j] * steep / (2 * step)])
+            assert (low[:, :, box] - 1e-7 <= motion.T).all()
+            assert (high[:, :, box] + 1e-7 >= motion.T).all()
+
+
+@each_robot
+def test_the_shape_between_bends_is_known_exactly(robot: Robot) -> None:
+    limit, facts = robot.limits.curvature_per_m, bending(robot)
+    kappa = np.random.default_rng(2).uniform(-limit, limit, 200)
+    found = facts.curvature(np.array([facts.coordinate(k) for k in kappa.tolist()]))
+    assert np.abs(found - kappa).max() * robot.geometry.segment_length_m < 1e-9
+
+
+# --- random plans ---------------------------------------------------------------------------
+
+
+def random_motion(robot: Robot, rng: np.random.Generator) -> Motion | None:
+    """One or two bends between rigid phases, some left out; fast, slow, or to and fro.
+
+    None if it leaves the curvature range.
+    """
+    soft = [SOFT_MODES[k] for k in rng.permutation(3)[: rng.integers(1, 3)]]
+    phases = [mode for bend in soft for mode in (RIGID, bend)] + [RIGID]
+    sequence = tuple(mode for mode in phases if any(mode) or rng.random() < 0.7)
+    limit, intervals = robot.limits.curvature_per_m, 3
+    start = np.array([0.1, -0.1, *rng.uniform(-1, 1, 3) * [3.5, 0.7 * limit, 0.7 * limit]])
+    inputs = np.zeros((len(sequence), intervals, 5))
+    motion = roll_out(robot, start, sequence[:1], inputs[:1])
+    style = rng.integers(3)  # any speeds; limits of speed, to and fro; limits of speed, one way
+    for i, mode in enumerate(sequence):
+        time = rng.exponential(0.5) / intervals
+        speed = rng.uniform(0.0, 1.0, (intervals, 1)) if style == 0 else 1.0
+        if any(mode):
+            corner = rng.choice([-1.0, 1.0], (intervals, 2))
+            inputs[i, :, :2] = unit_speed(robot) * time * speed * corner
+        else:
+            matrix = kinematics(robot).wheel_matrix(motion.end, RIGID).full()[:, 2:]
+            vertices = twist_vertices(matrix, robot.limits.wheel_speed_rad_s)
+            assert vertices is not None
+            corner = vertices[rng.integers(len(vertices), size=intervals)]
+            inputs[i, :, 2:] = time * speed * corner
+        if style == 2:
+            inputs[i] = inputs[i, 0]
+        motion = roll_out(robot, start, sequence[: i + 1], inputs[: i + 1])
+        if np.abs(motion.states[:, :, 3:]).max() > limit:
+            return None
+    return motion
+
+
+@each_robot
+def test_no_random_plan_costs_less_than_its_bound(robot: Robot) -> None:
+    robot = fast(robot, 5000.0)
+    judged = 0
+    for seed in range(5):
+        motion = random_motion(robot, np.random.default_rng(seed))
+        if motion is None:
+            continue
+        sequence = motion.sequence
+        problem = problem_between(
+            robot, motion.states[0, 0], motion.end, (sequence[0], sequence[-1])
+        )
+        if not np.isfinite(least_durations(sequence, bending_task(problem))).all():
+            continue  # the units overlap on the way
+        network = network_of(problem, sequence, sequence[-1])
+        durations = interval_durations(motion).sum(axis=1)
+        times = schedule(network, durations, problem.cost_weights)
+        assert times is not None
+        coefficients, constant = cost_coefficients(network, problem.cost_weights)
+        assert proved(problem, sequence) <= float(coefficients @ times) + constant + 1e-9, seed
+        judged += 1
+    assert judged >= 2
+
+
+def test_units_that_move_against_each_other_are_not_faster_than_the_bound() -> None:
+    # Segment 2 alone is soft, LU1 forwards and LU2 backwards: little bend, much change of pose.
+    robot = fast(ROBOTS["2sr-v2"])
+    start, inputs = np.array([0.0, 0.0, 0.0, -5.0, 7.0]), np.zeros((1, 4, 5))
+    inputs[0, :, :2] = 0.0016, -0.0016
+    motion = roll_out(robot, start, (SOFT_2,), inputs)
+    problem = problem_between(robot, start, motion.end, (SOFT_2, SOFT_2))
+    least = float(interval_durations(motion).sum())
+    assert 0.9 * least < proved(problem, (SOFT_2,)) <= least
+
+
+# --- awkward tasks --------------------------------------------------------------------------
+
+
+def turned(turn: float, phi: float = 0.0) -> Problem:
+    start = np.array([0.0, 0.0, phi, 10.0, -20.0])
+    return problem_between(fast(V1), start, np.array([0.2, 0.1, phi + turn, 30.0, -20.0]))
+
+
+@pytest.mark.parametrize("turn", [0.0, math.pi / 16, math.pi])
+def test_a_goal_heading_next_to_the_edge_of_a_panel_is_like_any_other(turn: float) -> None:
+    sequence = (RIGID, SOFT_1, RIGID)
+    reference = proved(turned(turn), sequence)
+    assert reference > 0
+    for off in (-1e-5, 1e-16):
+        assert proved(turned(turn + off), sequence) == pytest.approx(reference, rel=1e-2)
+    assert proved(turned(turn + math.tau), sequence) == pytest.approx(reference, rel=1e-2)
+
+
+def test_a_soft_phase_without_room_to_bend_is_bounded_too() -> None:
+    limit = V1.limits.curvature_per_m
+    start = np.array([0.0, 0.0, 0.0, limit, -limit])
+    problem = problem_between(fast(V1), start, start + np.array([0.1, 0.1, 1, 0, 0]))
+    sequence = (RIGID, SOFT_BOTH, RIGID)
+    assert 0 < proved(problem, sequence) < math.inf
+
+
+def test_shapes_in_which_a_unit_can_bend_without_limit_prove_nothing() -> None:
+    arc = fast(ROBOTS["side_wheel"])
+    geometry = arc.geometry.model_copy(update={"middle_link_m": 0.2})
+    robot = arc.model_copy(update={"geometry": geometry})
+    start, end = np.array([0.0, 0.0, 0.0, 30.0, 30.0]), np.array([0.1, 0.1, 1.0, -20.0, -20.0])
+    assert proved(problem_between(robot, start, end), (RIGID, SOFT_BOTH, RIGID)) == -math.inf
+
+
+def test_where_the_solver_gives_up_nothing_is_proved(monkeypatch: pytest.MonkeyPatch) -> None:
+    def give_up(*_: object) -> None:
+        raise ArithmeticError("linear program without optimum")
+
+    monkeypatch.setattr(bounds, "minimise", give_up)
+    assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
+    monkeypatch.undo()
+    monkeypatch.setattr("twosra_mpc.search.pose_bound.minimise", give_up)
+    assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
