@@ -11,7 +11,6 @@ Runs are appended to a file of JSON lines and not repeated; a table is printed a
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +19,9 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
+from benchmarks import markdown
 from benchmarks.problem_set import load_set
+from benchmarks.report_file import out_option, publish
 from twosra_mpc import Problem, with_path_model
 from twosra_mpc.execution.disturbance import LEVELS
 from twosra_mpc.execution.metrics import Metrics, spread
@@ -29,6 +30,11 @@ from twosra_mpc.execution.simulation import EXECUTORS, simulate
 PATH_MODELS = {"arc": "exact arcs", "log_spiral": "the paper's spirals"}
 WORDS = {"optimal": "this package", "greedy": "greedy rule"}
 RANDOM_PROBLEMS = 20
+_HEADER = (
+    *("driven by", "planned with", "level", "reached", "time [s] median / p90 / max"),
+    *("transitions mean", "planned again", "energy [J] median"),
+    "error median / max [mm, degrees, 1/m]",
+)
 
 
 class Case(NamedTuple):
@@ -88,18 +94,14 @@ def load_done(path: Path) -> dict[Case, Metrics]:
 
 def table(done: dict[Case, Metrics]) -> str:
     """The Markdown table, and every run that did not reach its goal."""
-    lines = [
-        "| driven by | planned with | level | reached | time [s] median / p90 / max "
-        "| transitions mean | planned again | energy [J] median "
-        "| error median / max [mm, degrees, 1/m] |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     groups = dict.fromkeys((case.executor, case.path_model, case.level) for case in done)
     for executor, model, level in groups:
         runs = [found for case, found in done.items() if case[:3] == (executor, model, level)]
-        lines.append(_row(executor, model, level, runs))
+        rows.append(_row(executor, model, level, runs))
+    lines = markdown.table(_HEADER, rows)
     lost = [(case, found) for case, found in done.items() if not found.reached]
-    lines += ["", f"Not reached ({len(lost)}):" if lost else "Every run reached its goal."]
+    lines += [f"Not reached ({len(lost)}):" if lost else "Every run reached its goal."]
     for case, found in lost:
         where = f"{case.executor}, {case.path_model}, {case.problem}, seed {case.seed}"
         lines.append(f"- {where}: {found.ending}: {found.reason}")
@@ -114,7 +116,7 @@ def _unjustified(case: Case, found: Metrics) -> bool:
     return case.executor == "optimal" and found.transitions > found.allowed
 
 
-def _row(executor: str, model: str, level: str, runs: Sequence[Metrics]) -> str:
+def _row(executor: str, model: str, level: str, runs: Sequence[Metrics]) -> tuple[str, ...]:
     reached = sum(found.reached for found in runs)
     time = spread(runs, lambda found: found.time_s)
     energy = spread(runs, lambda found: found.energy_J)
@@ -124,7 +126,7 @@ def _row(executor: str, model: str, level: str, runs: Sequence[Metrics]) -> str:
     transitions = sum(found.transitions for found in runs) / len(runs)
     again = sum(found.replans > 0 for found in runs)
     replanned = f"{again} of {len(runs)}" if executor == "optimal" else ""
-    cells = (
+    return (
         WORDS[executor],
         PATH_MODELS[model],
         level,
@@ -136,7 +138,6 @@ def _row(executor: str, model: str, level: str, runs: Sequence[Metrics]) -> str:
         f"{position.median:.1f}, {heading.median:.2f}, {shape.median:.2f} / "
         f"{position.largest:.1f}, {heading.largest:.2f}, {shape.largest:.2f}",
     )
-    return f"| {' | '.join(cells)} |"
 
 
 @click.command()
@@ -147,7 +148,7 @@ def _row(executor: str, model: str, level: str, runs: Sequence[Metrics]) -> str:
     show_default=True,
     help="File of JSON lines; runs that are in it are not repeated.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Write the table here as well.")
+@out_option("Write the table here as well.")
 @click.option("--level", type=click.Choice(list(LEVELS)), default="moderate", show_default=True)
 @click.option("--seeds", type=click.IntRange(min=1), default=8, show_default=True)
 @click.option("--executor", "executors", multiple=True, type=click.Choice(EXECUTORS))
@@ -173,10 +174,7 @@ def main(
                 record = {"case": case._asdict(), "metrics": done[case]._asdict()}
                 file.write(json.dumps(record) + "\n")
                 file.flush()
-    text = table({case: done[case] for case in asked})
-    if out is not None:
-        out.write_text(text, encoding="utf-8")
-    sys.stdout.write(text)
+    publish(table({case: done[case] for case in asked}), out)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import importlib.util
 import platform
-import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +18,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.report_file import out_option, publish
 from benchmarks.tracker_nlps import Fatrop, Gekko, Ipopt
 from benchmarks.tracker_solvers import Answer, Piqp, PlainOsqp, Recorded, Solver, TrackerStep
 from twosra_mpc import Plan, load_problem, plan
@@ -167,7 +167,7 @@ def table(scenario: str, phase: int) -> list[str]:
 
 
 @click.command()
-@click.option("--out", type=click.Path(path_type=Path), help="Write the report here as well.")
+@out_option("Write the report here as well.")
 def main(out: Path | None) -> None:
     """Print a Markdown report."""
     lines = [
@@ -185,10 +185,7 @@ def main(out: Path | None) -> None:
         "of the step before it. Machines differ: compare within one run only.",
         "",
     ]
-    text = "\n".join(lines)
-    if out is not None:
-        out.write_text(text, encoding="utf-8")
-    sys.stdout.write(text)
+    publish("\n".join(lines), out)
 
 
 if __name__ == "__main__":

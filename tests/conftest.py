@@ -1,14 +1,16 @@
-"""Plans that several test files look at, computed once a session."""
+"""What several test files need: plans, computed once a session, and runs of the program."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
 
 import pytest
 from hypothesis import settings
 
-from twosra_mpc import Plan, load_problem, plan
+from twosra_mpc import Plan, cli, load_problem, plan
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
@@ -41,3 +43,44 @@ def any_plan(request: pytest.FixtureRequest, planned: Planned) -> Plan:
     """The plan of paper-1 by each planner with each set of transition times."""
     planner, timing = request.param
     return planned("paper-1", planner=planner, timing=timing)
+
+
+class Outcome(NamedTuple):
+    """What a run of the program left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+Run: TypeAlias = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run_as_is(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Iterator[Run]:
+    """Run the program in this process, in an empty folder, on a wide terminal."""
+    monkeypatch.setenv("COLUMNS", "300")
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+
+    def run_once(*arguments: object) -> Outcome:
+        with pytest.raises(SystemExit) as caught:
+            cli.main([str(argument) for argument in arguments])
+        assert isinstance(caught.value.code, int)
+        return Outcome(caught.value.code, *capsys.readouterr())
+
+    yield run_once
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.fixture
+def run(run_as_is: Run) -> Run:
+    """Run the program as ``run_as_is`` does; output with its white space made single."""
+
+    def run_once(*arguments: object) -> Outcome:
+        code, out, err = run_as_is(*arguments)
+        return Outcome(code, " ".join(out.split()), " ".join(err.split()))
+
+    return run_once

@@ -17,6 +17,7 @@ import pytest
 from click.testing import CliRunner, Result
 from rich.console import Console
 
+from benchmarks import closed_loop
 from benchmarks.__main__ import main, run_suite
 from benchmarks.cold_start.processes import own_import_times
 from benchmarks.cold_start.tables import breakdown
@@ -24,6 +25,7 @@ from benchmarks.comparison.tables import report_lines
 from benchmarks.measurement import timed_in_turns
 from benchmarks.plan_record import PlanRecord
 from benchmarks.problem_set import load_set, set_names
+from benchmarks.report_file import publish
 from benchmarks.run_log import NAME, RunLog
 from benchmarks.suite import Record, Run, Suite
 from benchmarks.suite_file import FOLDER, load_suite, suite_names
@@ -336,3 +338,20 @@ def test_cold_start_parts_add_up_to_the_whole() -> None:
     assert parts["import pydantic"] == pytest.approx(0.2)
     assert parts["building functions"] == pytest.approx(0.7)
     assert parts["everything else"] == pytest.approx(0.3)
+
+
+def test_a_report_is_printed_and_written_where_that_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    publish("# report\n", None)
+    publish("# report\n", tmp_path / "report.md")
+    assert capsys.readouterr().out == 2 * "# report\n"
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["# report\n"]
+
+
+def test_a_report_that_cannot_be_written_is_refused_before_any_run(tmp_path: Path) -> None:
+    missing = str(tmp_path / "missing" / "report.md")
+    refused = CliRunner().invoke(closed_loop.main, ["--out", missing])
+    assert refused.exit_code == 2
+    assert "a folder that can be written" in " ".join(refused.output.split())
+    assert not list(tmp_path.iterdir())

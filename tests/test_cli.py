@@ -7,15 +7,16 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
+from conftest import Outcome, Run
 from test_problem import ROBOT, SCENARIO, changed, write
 
-from twosra_mpc import __version__, cli, load_plan, load_robot, planner, robot_names, scenario_names
+from twosra_mpc import __version__, load_plan, load_robot, planner, robot_names, scenario_names
 from twosra_mpc.cli import output, planning
 from twosra_mpc.problem import Problem, load_problem
 
@@ -37,38 +38,6 @@ def rigid_move() -> dict[str, Any]:
 def written(table: dict[str, Any]) -> dict[str, Any]:
     """A table without None, which TOML cannot write."""
     return {key: value for key, value in table.items() if value is not None}
-
-
-class Outcome(NamedTuple):
-    """What a run of the program left behind; output with its white space made single."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> Iterator[Run]:
-    """Run the program in this process, in an empty folder, on a wide terminal."""
-    monkeypatch.setenv("COLUMNS", "250")
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: object) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        code = caught.value.code
-        assert isinstance(code, int)
-        return Outcome(code, " ".join(captured.out.split()), " ".join(captured.err.split()))
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.fixture

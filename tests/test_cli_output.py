@@ -5,81 +5,54 @@ from __future__ import annotations
 import errno
 import json
 import shlex
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from contextlib import ExitStack
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 import numpy as np
 import pytest
-from conftest import Planned
+from conftest import Planned, Run
 from heating import course, write_log
+from matplotlib.figure import Figure
+from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
 from test_problem import write
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.cli import explain, output, paths, planning, simulate
+from twosra_mpc.cli import options, output, planning, simulate, stream
 from twosra_mpc.execution.simulation import simulate as run_simulation
-from twosra_mpc.plotting import run_animation
+from twosra_mpc.plotting import film, paper_figures
 from twosra_mpc.problem import Problem
+from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
-TALKING = [  # commands that take --json and --quiet
-    *("plan", "explain", "compare-models", "verify", "resample", "simulate", "simulate-heater"),
-    *("scenarios", "robots", "check-robot", "fit-paths", "fit-thermal", "doctor"),
-]
 OWN_TESTS = ("simulate-heater", "doctor")  # their examples run there
-# Examples that start at a scenario are run on one that takes less time.
-SLOW = {explain: "shape-change", paths: "shape-change", simulate: "shape-change"}
-
-
-class Outcome(NamedTuple):
-    """What a run of the program left behind."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
 
 
 @pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> Iterator[Run]:
-    """Run the program in this process, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: object) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main([str(argument) for argument in arguments])
-        assert isinstance(caught.value.code, int)
-        return Outcome(caught.value.code, *capsys.readouterr())
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
+def run(run_as_is: Run) -> Run:
+    """Run the program; output as it is."""
+    return run_as_is
 
 
-def load_instead(name: str, _asked: str, **overrides: Any) -> Problem:
-    """Load another scenario than was asked for."""
-    return load_problem(name, **overrides)
+def load_quick(_asked: str, **overrides: Any) -> Problem:
+    """Load a scenario that takes less time than the one that was asked for."""
+    return load_problem("shape-change", **overrides)
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run slow commands on tasks that take less time, and film nothing."""
-    for module, name in SLOW.items():
-        monkeypatch.setattr(module, "load_problem", partial(load_instead, name))
-    monkeypatch.setattr(
-        run_animation, "animate_run", lambda *given: Path(given[1]).write_text("film")
-    )
+    """Let commands that start at a scenario plan a quick one, and draw and film little."""
+    monkeypatch.setattr(options, "load_problem", load_quick)
+    monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
+    monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
+    monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
 
 @pytest.fixture
@@ -189,7 +162,7 @@ def test_quiet_still_tells_errors(run: Run) -> None:
     assert "no-such" in err
 
 
-@pytest.mark.parametrize("name", TALKING)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_both_options(name: str) -> None:
     options = {opt for param in command(name).params for opt in param.opts}
     assert {"--json", "--quiet", "-q"} <= options
@@ -198,6 +171,32 @@ def test_every_command_has_both_options(name: str) -> None:
 def test_numbers_that_are_not_finite_are_null() -> None:
     data = {"a": np.array([1.0, np.nan]), 2: (np.float64("inf"), "text", None, True)}
     assert output.plain_data(data) == {"a": [1.0, None], "2": [None, "text", None, True]}
+
+
+# --- overrides of a scenario ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate"])
+def test_a_path_model_that_there_is_not_is_refused_wherever_one_can_be_given(
+    name: str, run: Run
+) -> None:
+    code, out, err = run(name, "rigid-move", "--path-model", "straight")
+    assert (code, out) == (2, "")
+    assert "path.model = 'straight' is not acceptable" in err
+
+
+def test_the_path_model_asked_for_is_planned_with(run: Run) -> None:
+    for name in ("plan", "simulate"):
+        asked = (name, "rigid-move", "--path-model", "arc", "--gap", "0.05", "--json")
+        made = json.loads(run(*asked).out)
+        assert made["robot"]["path"]["model"] == "arc"
+        assert made["scenario"]["gap"] == 0.05
+
+
+@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate", "compare-models"])
+def test_a_search_can_be_limited_wherever_there_is_one(name: str) -> None:
+    known = {opt for param in command(name).params for opt in param.opts}
+    assert {"--robot", "--timing", "--gap", "--time-limit"} <= known
 
 
 # --- progress ------------------------------------------------------------------------------------
@@ -211,16 +210,21 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 PROGRESS: list[tuple[list[str], str]] = [
-    (["plan", "rigid-move", "--json"], "no plan below"),
+    (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
+    (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
     (["compare-models", "paper-2", "--json"], "planning under each path model"),
-    (["simulate", "rigid-move", "--json"], "running"),
+    (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
     (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),
+    (["export", "plan.json", "out.csv", "--json"], "writing out.csv"),
+    (["report", "plan.json", "out.html", "--json"], "drawing the report"),
+    (["animate", "plan.json", "out.gif", "--json"], "animating: frame 2 of 2"),
+    (["figures", "folder", "--json"], "drawing blank"),
 ]
 
 
 @pytest.mark.usefixtures("terminal", "quick", "one_run")
-@pytest.mark.parametrize(("arguments", "words"), PROGRESS, ids=[a[0] for a, _ in PROGRESS])
+@pytest.mark.parametrize(("arguments", "words"), PROGRESS, ids=[" ".join(a) for a, _ in PROGRESS])
 def test_progress_is_shown_on_a_terminal_only_and_not_with_quiet(
     run: Run, planned: Planned, arguments: list[str], words: str
 ) -> None:
@@ -230,6 +234,12 @@ def test_progress_is_shown_on_a_terminal_only_and_not_with_quiet(
     assert words in err
     json.loads(out)
     assert run(*arguments, "--quiet") == (0, out, "") or "wall_s" in out
+
+
+@pytest.mark.usefixtures("terminal", "quick", "one_run")
+def test_a_film_of_a_run_shows_its_progress(run: Run) -> None:
+    assert "filming: frame 2 of 2" in run("simulate", "rigid-move", "--animate", "run.gif").err
+    assert Path("run.gif").is_file()
 
 
 # --- what the system refuses ---------------------------------------------------------------------
@@ -339,9 +349,25 @@ def test_every_command_teaches_by_example(name: str) -> None:
                for example in found)  # fmt: skip
 
 
+@pytest.fixture
+def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
+    """Put a simulated robot, and its clock, at the end of a line: commands have so many numbers."""
+    with ExitStack() as stack:
+
+        def connect_once(numbers: int) -> None:
+            firmware = SimulatedFirmware(planned("shape-change"), numbers=numbers)
+            stack.callback(firmware.close)
+            monkeypatch.setattr(stream, "open_serial_port", lambda _: firmware.port)
+            monkeypatch.setattr(stream, "SystemClock", lambda: firmware)
+
+        yield connect_once
+
+
 @pytest.mark.usefixtures("quick", "one_run")
-@pytest.mark.parametrize("name", [n for n in [*TALKING, "schema"] if n not in OWN_TESTS])
-def test_every_example_runs(name: str, run: Run, planned: Planned, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in OWN_TESTS])
+def test_every_example_runs(
+    name: str, run: Run, planned: Planned, connect: Callable[[int], None], tmp_path: Path
+) -> None:
     for target in ("plan.json", "other.json"):
         planned("shape-change").save(tmp_path / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
@@ -350,6 +376,8 @@ def test_every_example_runs(name: str, run: Run, planned: Planned, tmp_path: Pat
     for example in examples(name):
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]
+        if "--port" in words:
+            connect(7 if "--robot-id" in words else 6)
         code, out, err = run(*words)
         assert (code, err) == (0, ""), example
         assert (out == "") == ("--quiet" in words), example

@@ -3,43 +3,21 @@
 from __future__ import annotations
 
 import json
-import signal
-from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import metadata
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
+from conftest import Run
 
-from twosra_mpc import __version__, cli, plan
+from twosra_mpc import __version__, plan
 from twosra_mpc.cli import doctor
 
 
-class Outcome(NamedTuple):
-    """What a run of the program left behind; output with its white space made single."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
-    """Run ``twosra doctor`` in this process, on a wide terminal."""
-    monkeypatch.setenv("COLUMNS", "250")
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: str) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main(["doctor", *arguments])
-        assert isinstance(caught.value.code, int)
-        out, err = (" ".join(text.split()) for text in capsys.readouterr())
-        return Outcome(caught.value.code, out, err)
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
+def run(run: Run) -> Run:
+    """Run ``twosra doctor``; see ``conftest``."""
+    return partial(run, "doctor")
 
 
 def requires(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:

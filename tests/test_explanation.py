@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import signal
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import pytest
+from conftest import Run
 
 import twosra_mpc.cli.explain as command
 import twosra_mpc.explanation as explanation_module
 import twosra_mpc.planner as planner_module
-from twosra_mpc import InputError, Plan, Status, cli, load_problem, plan
+from twosra_mpc import InputError, Plan, Status, load_problem, plan
 from twosra_mpc.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.explanation import Alternative, Explanation, explain
 from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
@@ -391,32 +391,6 @@ def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
 # --- twosra explain ------------------------------------------------------------------------------
 
 
-class Outcome(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
-    """Run the program in this process; output with its white space made single."""
-    monkeypatch.setenv("COLUMNS", "300")
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: str) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main(list(arguments))
-        captured, code = capsys.readouterr(), caught.value.code
-        assert isinstance(code, int)
-        return Outcome(code, " ".join(captured.out.split()), " ".join(captured.err.split()))
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
-
-
 def test_the_command_prints_all_of_it(run: Run, explained: Callable[[str], Explanation]) -> None:
     result = explained("paper-1")
     code, out, err = run("explain", "paper-1")
@@ -445,7 +419,7 @@ def test_the_command_says_that_it_was_interrupted(
 
 def test_the_command_says_why_there_is_no_plan(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     stuck = load_problem("paper-1", modes=[RIGID, SOFT_BOTH])
-    monkeypatch.setattr(command, "load_problem", lambda *_, **__: stuck)
+    monkeypatch.setattr("twosra_mpc.cli.options.load_problem", lambda *_, **__: stuck)
     code, out, _ = run("explain", "paper-1")
     assert code == 3
     assert "proved infeasible" in out

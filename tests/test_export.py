@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned
+from conftest import Planned, Run
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
-from test_cli import Run, run  # noqa: F401  # a fixture
 
 from twosra_mpc import InputError, NoPlanError, Plan, Status, plotting
 from twosra_mpc.export import foxglove_messages
@@ -300,7 +299,7 @@ def test_without_mcap_the_error_says_how_to_install_it(
 
 @pytest.mark.parametrize("name", ["plan.mcap", "plan.csv"])
 def test_the_command_writes_and_says_what(
-    run: Run,  # noqa: F811
+    run: Run,
     planned: Planned,
     tmp_path: Path,
     name: str,
@@ -312,7 +311,9 @@ def test_the_command_writes_and_says_what(
     assert (tmp_path / name).stat().st_size > 1000
     assert len(list(tmp_path.iterdir())) == 2
     outcome = run("export", "plan.json", name, "--json")
-    assert json.loads(outcome.out)["robot"] == "2sra-v1"
+    found = json.loads(outcome.out)
+    assert found["robot"] == "2sra-v1"
+    assert found.get("topics") == ([t.name for t in TOPICS] if name == "plan.mcap" else None)
 
 
 @pytest.mark.parametrize(
@@ -325,7 +326,7 @@ def test_the_command_writes_and_says_what(
     ],
 )
 def test_bad_input_is_refused(
-    run: Run,  # noqa: F811
+    run: Run,
     planned: Planned,
     tmp_path: Path,
     arguments: tuple[str, ...],

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from conftest import Run
 from heating import AIR_C, GAIN, TRUE, Course, course, write_log
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twosra_mpc import InputError, cli, load_robot
+from twosra_mpc import InputError, load_robot
 from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
 from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
@@ -424,38 +424,6 @@ def test_the_figure_shows_the_fit_and_is_written(fitted: ThermalFit, tmp_path: P
 def test_a_figure_of_an_unknown_ending_is_refused(fitted: ThermalFit, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="ending in"):
         plot_thermal_fit(fitted, tmp_path / "fit.docx")
-
-
-class Outcome(NamedTuple):
-    """What a run of the program left behind; output with its white space made single."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
-@pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> Iterator[Run]:
-    """Run the program in this process, in an empty folder, on a wide terminal."""
-    monkeypatch.setenv("COLUMNS", "250")
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: object) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        assert isinstance(caught.value.code, int)
-        out, err = (" ".join(text.split()) for text in captured)
-        return Outcome(caught.value.code, out, err)
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
 
 
 def test_the_command_prints_and_writes_what_the_function_finds(

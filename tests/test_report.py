@@ -6,7 +6,6 @@ import base64
 import hashlib
 import json
 import shlex
-import signal
 from collections.abc import Callable
 from dataclasses import fields, replace
 from html import unescape
@@ -16,9 +15,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Run
 from matplotlib.figure import Figure
 
-from twosra_mpc import Goal, InputError, Plan, Problem, Start, Status, cli, load_plan, load_problem
+from twosra_mpc import Goal, InputError, Plan, Problem, Start, Status, load_plan, load_problem
 from twosra_mpc.path_choice import with_path_model
 from twosra_mpc.plan import Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
@@ -29,7 +29,6 @@ from twosra_mpc.report.setpoint_table import MOST_ROWS, setpoint_table
 from twosra_mpc.report.timeline import Thermometer, lanes, ticks
 
 Planned = Callable[..., Plan]
-Run = Callable[..., tuple[int, str, str]]
 HOSTILE = (
     "</script><script>alert(1)</script><img src=https://example.org/x onerror=alert(2)>'\"&{{7}}"
 )
@@ -367,20 +366,9 @@ def test_the_page_is_small_and_made_twice_the_same(paper: Plan, page: str) -> No
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
-    """Run the program in this process, in an empty folder: (exit code, output, errors)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run_once(*arguments: str) -> tuple[int, str, str]:
-        before = signal.getsignal(signal.SIGTERM)
-        with pytest.raises(SystemExit) as caught:
-            cli.main(list(arguments))
-        signal.signal(signal.SIGTERM, before)
-        written = capsys.readouterr()
-        assert isinstance(caught.value.code, int)
-        return caught.value.code, written.out, written.err
-
-    return run_once
+def run(run_as_is: Run) -> Run:
+    """Run the program; output as it is."""
+    return run_as_is
 
 
 def test_the_command_writes_the_report_of_a_plan_file(

@@ -4,53 +4,24 @@ from __future__ import annotations
 
 import csv
 import json
-import signal
-from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
-from conftest import Planned
+from conftest import Planned, Run
 
-from twosra_mpc import InputError, NoPlanError, Plan, cli, load_plan, load_problem, plan
+from twosra_mpc import InputError, NoPlanError, Plan, load_plan, load_problem, plan
 from twosra_mpc.plan_check import check_plan
 from twosra_mpc.resampling import refined
 from twosra_mpc.setpoints import SAME_TIME_S, save_setpoints
 
 
-class Outcome(NamedTuple):
-    """What a run of the program left behind; output with its white space made single."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
 @pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    planned: Planned,
-) -> Iterator[Run]:
-    """Run ``twosra resample`` in this process, in a folder with ``plan.json``."""
-    monkeypatch.chdir(tmp_path)
+def run(run: Run, planned: Planned) -> Run:
+    """Run ``twosra resample``, in a folder with ``plan.json``."""
     planned("shape-change").save("plan.json")
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: object) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main(["resample", *(str(argument) for argument in arguments)])
-        assert isinstance(caught.value.code, int)
-        out, err = (" ".join(text.split()) for text in capsys.readouterr())
-        return Outcome(caught.value.code, out, err)
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
+    return partial(run, "resample")
 
 
 def test_a_refined_plan_passes_every_check(any_plan: Plan, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob(
 ALLOWED = {
     "casadi": ("model/", "nlp/", "motion.py", "tracking/"),
     "matplotlib": ("plotting/",),
-    "tomlkit": ("path_choice.py", "thermal/identified_robot.py", "report/"),
+    "tomlkit": ("robot_document.py", "path_choice.py", "thermal/identified_robot.py", "report/"),
     "jinja2": ("report/",),
     "osqp": ("tracking/",),
     "serial": ("streaming/port.py",),
@@ -33,7 +33,7 @@ STAGES = [
     ("version.py", "errors.py", "modes.py", "files.py", "validation.py"),
     ("segment.py",),
     ("robot.py",),
-    ("path_fitting.py", "robot_shape.py"),
+    ("path_fitting.py", "robot_shape.py", "robot_document.py"),
     ("path_choice.py",),
     ("thermal/",),
     ("problem.py",),

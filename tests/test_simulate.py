@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-import signal
-from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from conftest import Run
 from matplotlib import rcParams
 from PIL import Image
 
 from benchmarks import closed_loop
 from benchmarks.closed_loop import Case
-from twosra_mpc import cli, load_problem
+from twosra_mpc import load_problem
 from twosra_mpc.execution.metrics import Metrics
 from twosra_mpc.execution.simulation import Simulation, simulate
 from twosra_mpc.plotting import film
@@ -34,35 +33,10 @@ from twosra_mpc.plotting.scene import Scene
 ARC = "2sra-v1-arc"
 
 
-class Outcome(NamedTuple):
-    """What a run of the program left behind; output with its white space made single."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
 @pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> Iterator[Run]:
-    """Run the program in this process, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: object) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main(["simulate", *(str(argument) for argument in arguments)])
-        captured = capsys.readouterr()
-        code = caught.value.code
-        assert isinstance(code, int)
-        return Outcome(code, " ".join(captured.out.split()), " ".join(captured.err.split()))
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
+def run(run: Run) -> Run:
+    """Run ``twosra simulate``; see ``conftest``."""
+    return partial(run, "simulate")
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from conftest import Planned
-from test_cli import Run, run  # noqa: F401  # a fixture
+from conftest import Planned, Run
 
 from twosra_mpc.streaming import port as port_module
 from twosra_mpc.streaming.firmware_lines import Report, command, parse_report, stop_command
@@ -108,7 +107,7 @@ def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
 # --- the program ---------------------------------------------------------------------------------
 
 
-def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path, planned: Planned) -> None:  # noqa: F811
+def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path, planned: Planned) -> None:
     plan = planned("paper-2")
     assert plan.samples is not None
     outcome = run("stream", saved, "--dry-run", "--rate", "20")
@@ -154,7 +153,7 @@ def test_a_plan_is_sent_with_the_real_clock_and_sigterm_stops_the_robot(
 
 
 def test_a_missing_answer_is_told_with_the_exit_code(
-    run: Run,  # noqa: F811
+    run: Run,
     saved: Path,
     terminal: Terminal,
     monkeypatch: pytest.MonkeyPatch,
@@ -179,7 +178,7 @@ def test_a_missing_answer_is_told_with_the_exit_code(
     ],
 )
 def test_bad_input_is_refused(
-    run: Run,  # noqa: F811
+    run: Run,
     saved: Path,
     arguments: tuple[str, ...],
     words: str,
@@ -190,7 +189,7 @@ def test_bad_input_is_refused(
 
 
 def test_a_plan_that_keeps_a_segment_warm_is_refused(
-    run: Run,  # noqa: F811
+    run: Run,
     planned: Planned,
     tmp_path: Path,
 ) -> None:
@@ -206,7 +205,7 @@ def test_a_plan_that_keeps_a_segment_warm_is_refused(
 
 
 def test_a_plan_that_was_not_found_is_refused(
-    run: Run,  # noqa: F811
+    run: Run,
     planned: Planned,
     tmp_path: Path,
 ) -> None:
@@ -222,7 +221,7 @@ def test_a_plan_that_was_not_found_is_refused(
 
 
 def test_without_pyserial_the_error_says_how_to_install_it(
-    run: Run,  # noqa: F811
+    run: Run,
     saved: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -241,7 +240,7 @@ def test_errors_survive_pickling() -> None:
 
 
 def test_a_port_is_closed_even_if_nothing_could_be_sent(
-    run: Run,  # noqa: F811
+    run: Run,
     saved: Path,
     terminal: Terminal,
     monkeypatch: pytest.MonkeyPatch,

@@ -2,51 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
-from conftest import Planned
+from conftest import Planned, Run
 
-from twosra_mpc import InputError, Plan, cli, load_problem, plan
+from twosra_mpc import InputError, Plan, load_problem, plan
 from twosra_mpc.plan_check import check_plan
+from twosra_mpc.verification import examine
 
 Document = dict[str, Any]
 Tamper = Callable[[Document], object]
 
 
-class Outcome(NamedTuple):
-    """What a run of the program left behind; output with its white space made single."""
-
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
-
-
 @pytest.fixture
-def run(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> Iterator[Run]:
-    """Run ``twosra verify`` in this process, in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    before = signal.getsignal(signal.SIGTERM)
-
-    def run_once(*arguments: object) -> Outcome:
-        with pytest.raises(SystemExit) as caught:
-            cli.main(["verify", *(str(argument) for argument in arguments)])
-        assert isinstance(caught.value.code, int)
-        out, err = (" ".join(text.split()) for text in capsys.readouterr())
-        return Outcome(caught.value.code, out, err)
-
-    yield run_once
-    signal.signal(signal.SIGTERM, before)
+def run(run: Run) -> Run:
+    """Run ``twosra verify``; see ``conftest``."""
+    return partial(run, "verify")
 
 
 @pytest.fixture
@@ -221,6 +199,36 @@ def test_a_changed_plan_is_not_verified(how: str, document: Document, tmp_path: 
     assert not found.ok
     assert any(told in problem for problem in found.problems), found.problems
     assert not all(check.ok for check in found.checks)  # the table shows it too
+
+
+@pytest.mark.parametrize(
+    ("how", "rule"),
+    [
+        ("a phase before the melt is done", "stiffness while moving"),
+        ("a phase at another time", "samples and phases"),
+        ("another set-point", "wheels and heaters"),
+        ("a freeze that is too short", "transitions"),
+    ],
+)
+def test_the_rule_that_is_broken_is_named(
+    how: str, rule: str, document: Document, tmp_path: Path
+) -> None:
+    TAMPERINGS[how][0](document)
+    found = check_plan(write(document, tmp_path / "plan.json"))
+    (check,) = (check for check in found.checks if check.name == rule)
+    assert not check.ok
+    assert check.found in found.problems
+
+
+def test_of_a_time_that_runs_backwards_nothing_else_is_said(planned: Planned) -> None:
+    made = planned("paper-1")
+    assert made.samples is not None
+    checked = examine(made.problem, made.samples, made.phases, made.transitions)
+    assert all(not broken for broken in checked.rules.values())
+    backwards = dataclasses.replace(made.samples, t_s=made.samples.t_s[::-1])
+    checked = examine(made.problem, backwards, made.phases, made.transitions)
+    assert checked.rules == {"time grid": ("the time of the samples does not grow",)}
+    assert not checked.verification.ok
 
 
 def test_a_plan_of_the_authors_sleeps_is_judged_by_its_own_rules(

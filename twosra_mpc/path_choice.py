@@ -8,9 +8,10 @@ from typing import Any
 import tomlkit
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import locate, write_text
+from twosra_mpc.files import write_text
 from twosra_mpc.path_fitting import fitted_path_tables
 from twosra_mpc.robot import LogSpiralPath, Robot
+from twosra_mpc.robot_document import robot_document
 
 PATH_MODELS = ("log_spiral", "log_spiral_corrected", "arc", "cardioid")
 SPIRALS = ("log_spiral", "log_spiral_corrected")
@@ -47,10 +48,7 @@ def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, mod
     Raises:
         InputError: If ``source`` is not TOML, or ``target`` cannot be written.
     """
-    path = locate(source, "robots", "robot")
-    if path.suffix == ".json":
-        raise InputError("robot", str(source), "a TOML file, to be copied with its comments")
-    document = tomlkit.parse(path.read_text(encoding="utf-8"))
+    document = robot_document(source)
     table = tomlkit.table()
     for key, value in fitted_path_tables(robot)[model].items():
         table.add(key, value)

@@ -23,7 +23,7 @@ from twosra_mpc.plan import Cost, Plan, Samples, Status, Verification, load_plan
 from twosra_mpc.problem import COORDINATE_UNITS, COORDINATES, Problem
 from twosra_mpc.robot import ThermalTiming
 from twosra_mpc.thermal.model import segment_model
-from twosra_mpc.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, verify
+from twosra_mpc.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
@@ -80,26 +80,25 @@ def check_plan(path: str | Path) -> PlanCheck:
     if plan.samples is None or plan.cost is None:
         nothing = Check("plan", f"none in this file: {plan.message}", ok=False)
         return PlanCheck(plan, (nothing,), (f"there is no plan: {plan.message}",))
-    found = verify(plan.problem, plan.samples, plan.phases, plan.transitions)
+    found = examine(plan.problem, plan.samples, plan.phases, plan.transitions)
     claims = (
         _allowed_modes(plan),
         _currents(plan.samples),
         *_cost(plan, plan.samples, plan.cost),
         *_proof(plan, plan.cost),
         *_copies(plan, plan.cost, document),
-        _stored(plan.verification, found),
+        _stored(plan.verification, found.verification),
     )
     false = (f"{claim.name}: {claim.found}" for claim in claims if not claim.ok)
-    return PlanCheck(plan, (*_rules(found), *claims), (*found.problems, *false))
+    return PlanCheck(plan, (*_rules(found), *claims), (*found.verification.problems, *false))
 
 
-def _rules(found: Verification) -> tuple[Check, ...]:
-    """Every rule of motion: those with a margin, and all others as one."""
-    measured = (*_motion(found), *_limits(found))
-    broken = len(found.problems) - sum(not check.ok for check in measured)
-    text = f"{broken} rules broken" if broken else "follow the rules"
-    name = "stiffness, phases, wheels, heaters, transitions"
-    return (*measured, Check(name, text, broken == 0))
+def _rules(found: Findings) -> Iterator[Check]:
+    """Every rule of motion: first those with a margin."""
+    yield from _motion(found.verification)
+    yield from _limits(found.verification)
+    for name, broken in found.rules.items():
+        yield Check(name, broken[0] if broken else "kept", not broken)
 
 
 def _motion(found: Verification) -> Iterator[Check]:

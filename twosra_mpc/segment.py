@@ -60,7 +60,8 @@ class Rubber(Value):
 class LumpedSegment(Value):
     """A segment by geometry and materials: one temperature, one melting plateau.
 
-    ``ranges`` gives the 5 % and 95 % values of derived parameters (fields of ``thermal.Lumped``).
+    ``ranges`` gives the 5 % and 95 % values of derived parameters, which are fields of
+    ``thermal.lumped.Lumped``.
     """
 
     model: Literal["lumped"]

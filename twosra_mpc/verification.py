@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,18 @@ _SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
 
 
+class Findings(NamedTuple):
+    """What was found in a plan.
+
+    Attributes:
+        verification: The outcome, as it stands in a plan file.
+        rules: Rules that have no margin; for each the problems that break it.
+    """
+
+    verification: Verification
+    rules: dict[str, tuple[str, ...]]
+
+
 def verify(
     problem: Problem,
     samples: Samples,
@@ -40,28 +53,43 @@ def verify(
     transitions: Sequence[Transition],
 ) -> Verification:
     """Re-integrate a plan and check limits, transitions and goal."""
-    unusable = list(_grid_problems(samples))
-    if unusable:  # nothing can be integrated on such a grid
-        return Verification(np.inf, (np.inf,) * 5, {}, ok=False, problems=tuple(unusable))
+    return examine(problem, samples, phases, transitions).verification
+
+
+def examine(
+    problem: Problem,
+    samples: Samples,
+    phases: Sequence[Phase],
+    transitions: Sequence[Transition],
+) -> Findings:
+    """Verify a plan, and say of every rule whether it holds."""
+    grid = {"time grid": tuple(_grid_problems(samples))}
+    if unusable := grid["time grid"]:  # nothing can be integrated on such a grid
+        nothing = Verification(np.inf, (np.inf,) * 5, {}, ok=False, problems=unusable)
+        return Findings(nothing, grid)
     reached = reintegrate(problem, samples)
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
     limits = _margins(problem, samples)
+    rules = grid | {
+        "stiffness while moving": tuple(_stiffness_problems(problem, samples, transitions)),
+        "samples and phases": tuple(_coverage_problems(samples, phases, transitions)),
+        "wheels and heaters": tuple(_command_problems(problem, samples, transitions)),
+        "transitions": tuple(transition_problems(problem, samples, phases, transitions)),
+    }
     problems = [
         *_motion_problems(defect, goal_error),
         *(f"limit {name} exceeded by {-m:.3g}" for name, m in limits.items() if m < 0),
-        *_stiffness_problems(problem, samples, transitions),
-        *_coverage_problems(samples, phases, transitions),
-        *_command_problems(problem, samples, transitions),
-        *transition_problems(problem, samples, phases, transitions),
+        *itertools.chain.from_iterable(rules.values()),
     ]
-    return Verification(
+    verification = Verification(
         max_defect=defect,
         goal_error=tuple(float(error) for error in goal_error),
         limits=limits,
         ok=not problems,
         problems=tuple(problems),
     )
+    return Findings(verification, rules)
 
 
 def reintegrate(problem: Problem, samples: Samples) -> Array:

@@ -17,9 +17,9 @@ from benchmarks.peers.integral_approximation import IntegralApproximation
 from benchmarks.peers.minlp import TimeGridMinlp
 from benchmarks.peers.report import report
 from benchmarks.problem_set import load_set, set_names
+from benchmarks.report_file import out_option, publish
 from benchmarks.run_log import RunLog
 from twosra_mpc import InputError, Problem
-from twosra_mpc.files import write_text
 
 PEERS: tuple[Peer, ...] = (TimeGridMinlp(), IntegralApproximation(), Enumeration())
 MOST = 10  # problems of a set; more would take hours
@@ -28,11 +28,9 @@ _BAD_INPUT = 2
 
 @click.command()
 @click.argument("name", metavar="[SET]", type=click.Choice(set_names()), required=False)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Write the report to this file too. Finished rows are kept in a folder beside it, else in "
-    "the folder for temporary files; a run that was interrupted goes on there.",
+@out_option(
+    "Write the report to this file too. Finished rows are kept in a folder beside it, else in "
+    "the folder for temporary files; a run that was interrupted goes on there."
 )
 def main(name: str | None, out: Path | None) -> None:
     """Compare peer planners with ours on the first ten problems of a SET.
@@ -48,10 +46,7 @@ def main(name: str | None, out: Path | None) -> None:
     except InputError as error:
         console.print(f"benchmarks: {error}", highlight=False, markup=False)
         sys.exit(_BAD_INPUT)
-    text = report(_with_progress(problems, log, console), PEERS)
-    if out is not None:
-        write_text(out, text)
-    sys.stdout.write(text)
+    publish(report(_with_progress(problems, log, console), PEERS), out)
 
 
 def _with_progress(problems: list[tuple[str, Problem]], log: RunLog, console: Console) -> list[Row]:

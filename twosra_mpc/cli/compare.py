@@ -8,24 +8,16 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import output_options, plot_option
-from twosra_mpc.cli.output import (
-    EXIT_INFEASIBLE,
-    EXIT_NO_PLAN,
-    EXIT_PLANNED,
-    Output,
-    print_table,
-)
+from twosra_mpc.cli.options import Load, output_options, plot_option, scenario_options
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.modes import sequence_name
-from twosra_mpc.plan import Plan, Status
-from twosra_mpc.planner import plan
-from twosra_mpc.problem import Problem, load_problem
+from twosra_mpc.plan import Plan
+from twosra_mpc.problem import Problem
 
 PLANNERS = ("optimal", "greedy")
-HEADER = (
-    *("scenario", "planner", "mode sequence", "duration", "waiting", "moving", "transitions"),
-    *("energy", "gap", "status", "cost ratio"),
-)
+PLANS = ("scenario", "planner", "mode sequence", "duration", "cost ratio", "gap", "status")
+EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
 _HELP = """Plan every SCENARIO by this planner and by the greedy rule, side by side.
 
@@ -42,36 +34,33 @@ For a program:
 
 @click.command("compare", help=_HELP)
 @click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...")
-@click.option("--robot", help="Override the robot: a built-in name or a file.")
-@click.option("--timing", help="Override the set of transition times, e.g. paper.")
-@click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01.")
-@click.option("--time-limit", "time_limit_s", type=float, help="Search for at most this long [s].")
+@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @plot_option("Draw them on one time axis")
 @output_options
 def compare_command(
-    scenarios: tuple[str, ...], plot: Path | None, output: Output, **overrides: Any
+    scenarios: tuple[str, ...], load: Load, plot: Path | None, output: Output
 ) -> int:
     """Compare planners; see ``_HELP``."""
-    given = {key: value for key, value in overrides.items() if value is not None}
-    problems = {name: load_problem(name, **given) for name in scenarios}
-    plans = _plans(problems, output)
+    plans = _plans({name: load(name) for name in scenarios}, output)
     if plot is not None:
-        _draw(plans, plot)
+        with output.progress("drawing"):
+            _draw(plans, plot)
     records = [_record(name, made, each) for name, each in plans.items() for made in each]
-    output.report(lambda: records, lambda: print_table(HEADER, [_cells(one) for one in records]))
-    return _exit_code([each[0] for each in plans.values()])
+    output.report(lambda: records, lambda: _print_records(records))
+    return exit_code(*(each[0] for each in plans.values()))  # the greedy rule may find nothing
 
 
 def _plans(problems: dict[str, Problem], output: Output) -> dict[str, tuple[Plan, ...]]:
     """Plans of both planners by name of the problem."""
     plans: dict[str, tuple[Plan, ...]] = {}
-    with output.progress("planning") as tell:
-        for number, (name, problem) in enumerate(problems.items(), start=1):
-            made = []
-            for planner in PLANNERS:
-                tell(f"planning {name} ({number} of {len(problems)}): {planner}")
-                made.append(plan(problem.model_copy(update={"planner": planner})))
-            plans[name] = tuple(made)
+    for number, (name, problem) in enumerate(problems.items(), start=1):
+        words = f"planning {name} ({number} of {len(problems)})"
+        plans[name] = tuple(
+            plan_with_progress(
+                problem.model_copy(update={"planner": planner}), output, f"{words}, {planner}"
+            )
+            for planner in PLANNERS
+        )
     return plans
 
 
@@ -108,29 +97,21 @@ def _record(name: str, made: Plan, rivals: Sequence[Plan]) -> dict[str, Any]:
     }
 
 
-def _cells(record: dict[str, Any]) -> tuple[str, ...]:
-    """A row of the table; empty where there is no number."""
-    formats = {
-        "duration_s": "{:.1f} s",
-        "waiting_s": "{:.1f} s",
-        "moving_s": "{:.2f} s",
-        "transitions": "{}",
-        "energy_J": "{:.0f} J",
-        "cost_ratio": "{:.3f}",
-    }
-    cells = {
-        key: "" if record[key] is None else form.format(record[key])
-        for key, form in formats.items()
-    }
-    modes = sequence_name(record["modes"]) if record["duration_s"] is not None else ""
-    ratio, gap = cells.pop("cost_ratio"), record["gap"]
-    proved = "" if gap is None else f"{100 * gap:.2g} %" if gap > 1e-5 else "< 0.001 %"
-    named = (record["scenario"], record["planner"], modes)
-    return (*named, *cells.values(), proved, record["status"], ratio)
-
-
-def _exit_code(plans: Sequence[Plan]) -> int:
-    """Judge by the optimal planner; that the greedy rule finds nothing is a result."""
-    if any(made.status is Status.INFEASIBLE for made in plans):
-        return EXIT_INFEASIBLE
-    return EXIT_PLANNED if all(m.found and not m.stopped_early for m in plans) else EXIT_NO_PLAN
+def _print_records(records: Sequence[dict[str, Any]]) -> None:
+    """Print what each plan is, and what it takes; cells are empty where there is no number."""
+    plans, effort = [], []
+    for record in records:
+        named = (record["scenario"], record["planner"])
+        if record["duration_s"] is None:
+            plans.append((*named, "", "", "", "", record["status"]))
+            continue
+        gap, ratio = record["gap"], record["cost_ratio"]
+        proved = "" if gap is None else f"{100 * gap:.2g} %" if gap > 1e-5 else "< 0.001 %"
+        compared = "" if ratio is None else f"{ratio:.3f}"
+        duration, modes = f"{record['duration_s']:.1f} s", sequence_name(record["modes"])
+        plans.append((*named, modes, duration, compared, proved, record["status"]))
+        times = (f"{record['waiting_s']:.1f} s", f"{record['moving_s']:.2f} s")
+        effort.append((*named, *times, f"{record['transitions']}", f"{record['energy_J']:.0f} J"))
+    print_table(PLANS, plans)
+    if effort:
+        print_table(EFFORT, effort)

@@ -6,34 +6,32 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.options import Load, output_options, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.critical_path import Activity, in_words
 from twosra_mpc.explanation import Explanation, explain
 from twosra_mpc.plan import Status
-from twosra_mpc.problem import load_problem
 
 _HELP = """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
 Every other plan is found by planning again: the next best mode sequence, each mode forbidden, one
-heater, slower metal. Ctrl-C prints what is known so far.
+heater, slower metal. --time-limit is for each of the plans. Ctrl-C prints what is known so far.
 
 \b
 Why these modes, in this order?
   twosra explain paper-4
-At most five seconds for each of the plans, and the prices as JSON:
-  twosra explain paper-4 --time-limit 5 --json
+With another model of how the fibre bends, and at most five seconds for each of the plans, as JSON:
+  twosra explain paper-4 --path-model arc --time-limit 5 --json
 """
 
 
 @click.command("explain", help=_HELP)
 @click.argument("scenario")
-@click.option("--time-limit", "time_limit_s", type=float, help="Plan at most this long each [s].")
+@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @output_options
-def explain_command(scenario: str, output: Output, **overrides: Any) -> int:
+def explain_command(scenario: str, load: Load, output: Output) -> int:
     """Explain a plan; see ``_HELP``."""
-    given = {key: value for key, value in overrides.items() if value is not None}
-    problem = load_problem(scenario, **given)
+    problem = load(scenario)
     with output.progress("planning") as tell:
         result = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
     output.report(lambda: _document(result), lambda: _print(result))

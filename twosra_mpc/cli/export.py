@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import output_options, rate_option
-from twosra_mpc.cli.output import EXIT_PLANNED, Output, check_writable, print_table
-from twosra_mpc.errors import InputError
+from twosra_mpc.cli.options import ending, out_argument, output_options, rate_option
+from twosra_mpc.cli.output import EXIT_PLANNED, Output
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.plan import load_plan
@@ -33,23 +33,20 @@ The plan's own grid as the authors' scripts read it:
 
 @click.command("export", help=_HELP)
 @click.argument("plan", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
+@out_argument(ending(".mcap", ".csv"))
 @rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
 @output_options
 def export_command(plan: Path, out: Path, rate_Hz: float | None, output: Output) -> int:
     """Export a plan; see ``_HELP``."""
-    check_writable(out)
-    if out.suffix not in (".mcap", ".csv"):
-        raise InputError("output", str(out), "a file ending in .mcap or .csv")
     given = load_plan(plan).require()
     with output.progress(f"writing {out}"):
         if out.suffix == ".csv":
             save_authors_csv(given, out, rate_Hz)
         else:
             save_mcap(given, out, rate_Hz)
-    document = {"file": str(out), "robot": given.robot.name, "duration_s": given.duration_s}
+    robot, duration_s = given.robot.name, given.duration_s
+    document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
     if out.suffix == ".mcap":
-        document["topics"] = ", ".join(topic.name for topic in TOPICS)
-    rows = [(name, str(value)) for name, value in document.items()]
-    output.report(lambda: document, lambda: print_table(("exported", ""), rows))
+        document["topics"] = [topic.name for topic in TOPICS]
+    output.record((robot, "exported"), document)
     return EXIT_PLANNED

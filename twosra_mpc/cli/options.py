@@ -1,4 +1,4 @@
-"""Options that several commands share: how to talk, and files that are checked before any work."""
+"""What commands share: how to talk, overrides of a scenario, files checked before any work."""
 
 from __future__ import annotations
 
@@ -10,10 +10,26 @@ from typing import Any
 import click
 
 from twosra_mpc.cli.output import Output, check_writable
+from twosra_mpc.errors import InputError
+from twosra_mpc.path_choice import with_path_model
+from twosra_mpc.problem import Problem, load_problem
 from twosra_mpc.setpoints import check_rate
 
 Function = Callable[..., Any]
 Decorator = Callable[[Function], Function]
+Check = Callable[[Path], None]
+Load = Callable[[str], Problem]
+
+_PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
+_SCENARIO_OPTIONS: dict[str, Decorator] = {
+    "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
+    "robot": click.option("--robot", help="Override the robot: a built-in name or a file."),
+    "path_model": click.option("--path-model", help="Override the robot's path model, e.g. arc."),
+    "timing": click.option("--timing", help="Override the set of transition times, e.g. paper."),
+    "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
+    "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
+    "max_phases": click.option("--max-phases", type=int, help="Longest mode sequence searched."),
+}
 
 
 def output_options(function: Function) -> Function:
@@ -28,19 +44,64 @@ def output_options(function: Function) -> Function:
     return command
 
 
+def scenario_options(*names: str) -> Decorator:
+    """Add options that override keys of a scenario; the command is given ``load``, to load one so.
+
+    Args:
+        names: Keys of a scenario file, or ``path_model``, which is the robot's.
+    """
+
+    def decorate(function: Function) -> Function:
+        @functools.wraps(function)
+        def command(*args: Any, **given: Any) -> Any:
+            asked = {name: given.pop(name) for name in names}
+            chosen = {name: value for name, value in asked.items() if value is not None}
+            return function(*args, load=functools.partial(_load, **chosen), **given)
+
+        decorated: Function = command
+        for name in reversed(names):
+            decorated = _SCENARIO_OPTIONS[name](decorated)
+        return decorated
+
+    return decorate
+
+
+def _load(scenario: str, path_model: str | None = None, **overrides: Any) -> Problem:
+    problem = load_problem(scenario, **overrides)
+    if path_model is None:
+        return problem
+    return problem.with_robot(with_path_model(problem.robot, path_model))
+
+
+def out_argument(check: Check) -> Decorator:
+    """Add OUT, the file to write; one that cannot be written, or may not be, is refused at once."""
+    path = click.Path(path_type=Path)
+    return click.argument("out", type=path, callback=_checked(check_writable, check))
+
+
+def ending(*allowed: str) -> Check:
+    """Return the check that a file has one of these endings."""
+
+    def check(target: Path) -> None:
+        if target.suffix not in allowed:
+            raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
+
+    return check
+
+
 def file_option(name: str, words: str) -> Decorator:
     """Add an option for a file to write; one that cannot be written is refused at once."""
-    return _path_option(name, words, check_writable)
+    return _path_option(name, words)
 
 
 def plot_option(words: str) -> Decorator:
     """Add ``--plot`` for a figure."""
-    return _path_option("--plot", f"{words} (png, pdf, svg).", _check_figure)
+    return _path_option("--plot", f"{words} (png, pdf, svg).", _figure)
 
 
 def animate_option(words: str) -> Decorator:
     """Add ``--animate`` for a film."""
-    return _path_option("--animate", f"{words} (gif; mp4 with ffmpeg).", _check_animation)
+    return _path_option("--animate", f"{words} (gif; mp4 with ffmpeg).", animation)
 
 
 def rate_option(words: str, *, required: bool = False) -> Decorator:
@@ -55,24 +116,31 @@ def rate_option(words: str, *, required: bool = False) -> Decorator:
     return click.option("--rate", "rate_Hz", type=float, metavar="HZ", **asked)
 
 
-def _path_option(name: str, words: str, check: Callable[[Path], None]) -> Decorator:
+def _path_option(name: str, words: str, *checks: Check) -> Decorator:
+    path = click.Path(path_type=Path)
+    return click.option(name, type=path, callback=_checked(check_writable, *checks), help=words)
+
+
+def _checked(*checks: Check) -> Callable[..., Path | None]:
+    """What click calls with a path that was given, or with None."""
+
     def checked(_ctx: click.Context, _param: click.Parameter, target: Path | None) -> Path | None:
         if target is not None:
-            check(target)
+            for check in checks:
+                check(target)
         return target
 
-    return click.option(name, type=click.Path(path_type=Path), callback=checked, help=words)
+    return checked
 
 
-def _check_figure(target: Path) -> None:
-    from twosra_mpc.plotting.figure_file import check_figure_path  # matplotlib takes a second
-
-    check_writable(target)
-    check_figure_path(target)
-
-
-def _check_animation(target: Path) -> None:
+def animation(target: Path) -> None:
+    """Check that an animation of this ending can be written here."""
     from twosra_mpc.plotting.film import check_animation_path  # matplotlib takes a second
 
-    check_writable(target)
     check_animation_path(target)
+
+
+def _figure(target: Path) -> None:
+    from twosra_mpc.plotting.figure_file import check_figure_path  # matplotlib takes a second
+
+    check_figure_path(target)

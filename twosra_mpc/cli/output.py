@@ -41,6 +41,11 @@ class Output:
         elif not self.quiet:
             tables()
 
+    def record(self, title: tuple[str, str], record: Mapping[str, Any]) -> None:
+        """Print a result that is a few names with their values."""
+        rows = [(name, _cell(value)) for name, value in record.items()]
+        self.report(lambda: record, lambda: print_table(title, rows))
+
     @contextmanager
     def progress(self, words: str) -> Iterator[Tell]:
         """Show a line of progress on standard error where that is a terminal; yields its update."""
@@ -55,9 +60,15 @@ class Output:
             yield lambda text: spinner.update(text)
 
 
-def check_writable(target: Path | None) -> None:
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return str(round(value, 6))
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def check_writable(target: Path) -> None:
     """Refuse an output path before an hour of planning is lost to it."""
-    if target is not None and _cannot_be_written(target):
+    if _cannot_be_written(target):
         raise InputError("output", str(target), "a file path in a folder that can be written")
 
 

@@ -8,13 +8,18 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import file_option, output_options, plot_option
+from twosra_mpc.cli.options import (
+    Load,
+    file_option,
+    output_options,
+    plot_option,
+    scenario_options,
+)
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
 from twosra_mpc.model_comparison import ModelComparison, compare_models
 from twosra_mpc.modes import sequence_name
 from twosra_mpc.path_choice import write_fitted_robot
 from twosra_mpc.path_fitting import CASES, fit_cardioids, fit_spirals
-from twosra_mpc.problem import load_problem
 from twosra_mpc.robot import CardioidPath, LogSpiralPath, Robot, load_robot
 
 _FIT_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
@@ -62,15 +67,18 @@ _COMPARE_HELP = """Plan SCENARIO under each path model, and execute each plan un
 \b
 How far does the robot end from the goal if it bends otherwise than planned?
   twosra compare-models paper-2
+The same with constant times of melting and freezing, for a program to read:
+  twosra compare-models paper-2 --timing constant --json
 """
 
 
 @click.command("compare-models", help=_COMPARE_HELP)
 @click.argument("scenario")
+@scenario_options("robot", "timing", "gap", "time_limit_s")
 @output_options
-def compare_models_command(scenario: str, output: Output) -> int:
+def compare_models_command(scenario: str, load: Load, output: Output) -> int:
     """Compare path models; see ``_COMPARE_HELP``."""
-    problem = load_problem(scenario)
+    problem = load(scenario)
     with output.progress("planning under each path model"):
         result = compare_models(problem)
     output.report(lambda: _comparison(result), lambda: _print_comparison(result))

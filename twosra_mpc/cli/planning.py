@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import file_option, output_options, plot_option, rate_option
+from twosra_mpc.cli.options import (
+    Load,
+    file_option,
+    output_options,
+    plot_option,
+    rate_option,
+    scenario_options,
+)
 from twosra_mpc.cli.output import (
     EXIT_INFEASIBLE,
     EXIT_NO_PLAN,
@@ -16,10 +22,9 @@ from twosra_mpc.cli.output import (
     Output,
     print_table,
 )
-from twosra_mpc.path_choice import with_path_model
 from twosra_mpc.plan import Plan, Status
 from twosra_mpc.planner import Progress, plan
-from twosra_mpc.problem import Problem, load_problem
+from twosra_mpc.problem import Problem
 from twosra_mpc.setpoints import save_setpoints
 
 _HELP = """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.
@@ -42,13 +47,7 @@ Ctrl-C and --time-limit end the search; the best plan so far is written, with it
 @file_option("--csv", "Write the set-points as CSV.")
 @rate_option("Rows per second of --csv; default: the plan's grid.")
 @plot_option("Draw the plan")
-@click.option("--planner", type=click.Choice(["optimal", "greedy"]), help="Override the scenario.")
-@click.option("--robot", help="Override the robot: a built-in name or a file.")
-@click.option("--path-model", help="Override the robot's path model, e.g. arc.")
-@click.option("--timing", help="Override the set of transition times, e.g. paper.")
-@click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01.")
-@click.option("--time-limit", "time_limit_s", type=float, help="Search for at most this long [s].")
-@click.option("--max-phases", type=int, help="Longest mode sequence that is searched.")
+@scenario_options("planner", "robot", "path_model", "timing", "gap", "time_limit_s", "max_phases")
 @output_options
 def plan_command(
     scenario: str,
@@ -56,18 +55,14 @@ def plan_command(
     csv: Path | None,
     rate_Hz: float | None,
     plot: Path | None,
-    path_model: str | None,
+    load: Load,
     output: Output,
-    **overrides: Any,
 ) -> int:
     """Plan a scenario; see ``_HELP``."""
     if rate_Hz is not None and csv is None:
         raise click.UsageError("--rate is the rate of --csv, which is not given")
-    given = {key: value for key, value in overrides.items() if value is not None}
-    problem = load_problem(scenario, **given)
-    if path_model is not None:
-        problem = problem.with_robot(with_path_model(problem.robot, path_model))
-    result = plan_with_progress(problem, output)
+    problem = load(scenario)
+    result = plan_with_progress(problem, output, f"planning ({problem.planner})")
     with output.progress("writing"):
         if out is not None:
             result.save(out)
@@ -81,16 +76,16 @@ def plan_command(
         unwritten = " and ".join(str(target) for target in (csv, plot) if target is not None)
         click.echo(f"twosra: there is no plan to write to {unwritten}", err=True)
     output.report(result.to_dict, lambda: _print_summary(result))
-    return _exit_code(result)
+    return exit_code(result)
 
 
-def plan_with_progress(problem: Problem, output: Output) -> Plan:
+def plan_with_progress(problem: Problem, output: Output, words: str) -> Plan:
     """Plan with one line of live progress on standard error, where that is a terminal."""
-    with output.progress(f"planning ({problem.planner})") as tell:
+    with output.progress(words) as tell:
 
         def show(progress: Progress) -> None:
             best = "none yet" if progress.cost == math.inf else f"{progress.cost:.1f} s"
-            tell(f"best plan {best}, no plan below {progress.lower_bound:.1f} s")
+            tell(f"{words}: best plan {best}, no plan below {progress.lower_bound:.1f} s")
 
         return plan(problem, on_progress=show)
 
@@ -120,7 +115,9 @@ def _print_summary(result: Plan) -> None:
     print_table((f"{result.robot.name}", result.planner), rows)
 
 
-def _exit_code(result: Plan) -> int:
-    if result.status is Status.INFEASIBLE:
+def exit_code(*plans: Plan) -> int:
+    """Exit code of a command that makes these plans: of the worst of them."""
+    if any(made.status is Status.INFEASIBLE for made in plans):
         return EXIT_INFEASIBLE
-    return EXIT_PLANNED if result.found and not result.stopped_early else EXIT_NO_PLAN
+    finished = all(made.found and not made.stopped_early for made in plans)
+    return EXIT_PLANNED if finished else EXIT_NO_PLAN

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import output_options
-from twosra_mpc.cli.output import EXIT_PLANNED, Output, check_writable, print_table
+from twosra_mpc.cli.options import out_argument, output_options
+from twosra_mpc.cli.output import EXIT_PLANNED, Output
 from twosra_mpc.plan import load_plan
 
 _HELP = """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
@@ -23,20 +23,23 @@ A plan and its report:
 """
 
 
+def _page(target: Path) -> None:
+    from twosra_mpc.report import check_report_path  # matplotlib takes a second
+
+    check_report_path(target)
+
+
 @click.command("report", help=_HELP)
 @click.argument("plan", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
+@out_argument(_page)
 @output_options
 def report_command(plan: Path, out: Path, output: Output) -> int:
     """Write a report; see ``_HELP``."""
-    from twosra_mpc.report import Origin, check_report_path, write_report  # takes a second
+    from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
 
-    check_writable(out)
-    check_report_path(out)
     given = load_plan(plan)
-    with output.progress("drawing"):
+    with output.progress("drawing the report"):
         write_report(given, out, Origin.of(plan))
     document = {"file": str(out), "bytes": out.stat().st_size, "status": str(given.status)}
-    rows = [(name, f"{value}") for name, value in document.items()]
-    output.report(lambda: document, lambda: print_table((given.robot.name, "report"), rows))
+    output.record((given.robot.name, "report"), document)
     return EXIT_PLANNED

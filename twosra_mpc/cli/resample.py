@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import output_options, rate_option
-from twosra_mpc.cli.output import EXIT_PLANNED, Output, check_writable, print_table
-from twosra_mpc.errors import InputError
-from twosra_mpc.plan import Plan, load_plan
+from twosra_mpc.cli.options import ending, out_argument, output_options, rate_option
+from twosra_mpc.cli.output import EXIT_PLANNED, Output
+from twosra_mpc.plan import load_plan
 from twosra_mpc.resampling import refined
 from twosra_mpc.setpoints import save_setpoints
 
@@ -31,26 +29,17 @@ The same plan, dense enough to look at:
 
 @click.command("resample", help=_HELP)
 @click.argument("plan", type=click.Path(path_type=Path))
-@click.argument("out", type=click.Path(path_type=Path))
+@out_argument(ending(".csv", ".json"))
 @rate_option("Ticks per second.", required=True)
 @output_options
 def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> int:
     """Resample a plan; see ``_HELP``."""
-    check_writable(out)
-    if out.suffix not in (".csv", ".json"):
-        raise InputError("output", str(out), "a file ending in .csv or .json")
     given = load_plan(plan).require()
     with output.progress(f"resampling at {rate_Hz:g} Hz"):
         if out.suffix == ".csv":
             save_setpoints(given, out, rate_Hz)
         else:
-            given = refined(given, rate_Hz).require()
-            given.save(out)
-    document = _document(given, out, rate_Hz)
-    rows = [(name, f"{value}") for name, value in document.items()]
-    output.report(lambda: document, lambda: print_table((given.robot.name, "resampled"), rows))
+            refined(given, rate_Hz).require().save(out)
+    document = {"file": str(out), "rate_Hz": rate_Hz, "duration_s": given.duration_s}
+    output.record((given.robot.name, "resampled"), document)
     return EXIT_PLANNED
-
-
-def _document(plan: Plan, out: Path, rate_Hz: float) -> dict[str, Any]:
-    return {"file": str(out), "rate_Hz": rate_Hz, "duration_s": plan.duration_s}

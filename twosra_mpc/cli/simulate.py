@@ -8,23 +8,23 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import animate_option, file_option, output_options, plot_option
-from twosra_mpc.cli.output import (
-    EXIT_INFEASIBLE,
-    EXIT_NO_PLAN,
-    EXIT_PLANNED,
-    Output,
-    print_table,
+from twosra_mpc.cli.options import (
+    Load,
+    animate_option,
+    file_option,
+    output_options,
+    plot_option,
+    scenario_options,
 )
-from twosra_mpc.cli.planning import plan_with_progress
+from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
+from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.disturbance import LEVELS, disturbance_level
 from twosra_mpc.execution.metrics import Metrics, spread
 from twosra_mpc.execution.plant import PLANTS, plant_robot
 from twosra_mpc.execution.run import save_document, times
 from twosra_mpc.execution.simulation import EXECUTORS, Simulation, simulate
-from twosra_mpc.path_choice import with_path_model
-from twosra_mpc.plan import Plan, Status
-from twosra_mpc.problem import Problem, load_problem
+from twosra_mpc.plan import Plan
+from twosra_mpc.problem import Problem
 
 _HELP = f"""Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
 
@@ -61,9 +61,7 @@ A heater fails; here the other segment alone cannot reach the goal, and the reas
     "--runs", type=click.IntRange(min=1), default=1, help="Run as many robots, and sum up."
 )
 @click.option("--broken-heater", "broken", type=click.IntRange(1, 2), multiple=True, help="1 or 2.")
-@click.option("--robot", help="Override the robot: a built-in name or a file.")
-@click.option("--path-model", help="Path model to plan with, e.g. arc.")
-@click.option("--timing", help="Override the set of transition times, e.g. paper.")
+@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @file_option("--out", "Write the (first) run as JSON.")
 @plot_option("Draw it")
 @animate_option("Film it")
@@ -76,34 +74,29 @@ def simulate_command(
     executor: str,
     runs: int,
     broken: tuple[int, ...],
-    path_model: str | None,
+    load: Load,
     out: Path | None,
     plot: Path | None,
     animate: Path | None,
     output: Output,
-    **overrides: Any,
 ) -> int:
     """Plan and run a scenario; see ``_HELP``."""
-    given = {key: value for key, value in overrides.items() if value is not None}
-    problem = load_problem(scenario, **given)
-    if path_model is not None:
-        problem = problem.with_robot(with_path_model(problem.robot, path_model))
+    problem = load(scenario)
     disturbance_level(disturbance)
     plant_robot(problem.robot, plant)
-    plan = plan_with_progress(problem.model_copy(update={"planner": "optimal"}), output)
+    plan = plan_with_progress(problem.model_copy(update={"planner": "optimal"}), output, "planning")
     if executor == "optimal" and not plan.found:
         click.echo(f"twosra: there is nothing to run: {plan.message}", err=True)
-        return EXIT_INFEASIBLE if plan.status is Status.INFEASIBLE else EXIT_NO_PLAN
+        return exit_code(plan)
     options: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
     options |= {"broken_heaters": broken, "plan": plan}
-    with output.progress("running") as tell:
+    with output.progress(f"running 1 of {runs}") as tell:
         first = simulate(problem, seed=seed, **options)
-        tell("writing")
-        _write(first, out, plot, animate)
+        _write(first, out, plot, animate, tell)
         found = [first.metrics]
-        for other in range(seed + 1, seed + runs):
-            tell(f"running: {len(found)} of {runs} done")
-            found.append(simulate(problem, seed=other, **options).metrics)
+        for other in range(1, runs):
+            tell(f"running {other + 1} of {runs}")
+            found.append(simulate(problem, seed=seed + other, **options).metrics)
     if runs == 1:
         output.report(first.to_dict, lambda: _print_run(first))
     else:
@@ -113,8 +106,13 @@ def simulate_command(
 
 
 def _write(
-    simulation: Simulation, out: Path | None, plot: Path | None, animate: Path | None
+    simulation: Simulation,
+    out: Path | None,
+    plot: Path | None,
+    animate: Path | None,
+    tell: Tell,
 ) -> None:
+    tell("writing")
     if out is not None:
         save_document(simulation.to_dict(), out)
     if plot is not None:
@@ -124,7 +122,12 @@ def _write(
     if animate is not None:
         from twosra_mpc.plotting.run_animation import animate_run
 
-        animate_run(simulation.run, animate, simulation.truth)
+        animate_run(
+            simulation.run,
+            animate,
+            simulation.truth,
+            on_progress=lambda done, total: tell(f"filming: frame {done} of {total}"),
+        )
 
 
 def _print_run(simulation: Simulation) -> None:

@@ -88,12 +88,12 @@ def fit_thermal_command(
         return EXIT_PLANNED
     with output.progress("fitting") as tell:
         fit = identify(recorded, described, lambda n, all_: tell(f"fitting: {n} of {all_} done"))
-    if out is not None:
-        write_identified_robot(robot, out, fit)
-    if plot is not None:
-        from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
+        if out is not None:
+            write_identified_robot(robot, out, fit)
+        if plot is not None:
+            from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
 
-        plot_thermal_fit(fit, plot)
+            plot_thermal_fit(fit, plot)
     scores = [(each, score(each, fit.segment, fit.parameters.law)) for each in unseen]
     output.report(
         lambda: _document(fit, scores), lambda: _print_fit(recorded, fit, described, scores)

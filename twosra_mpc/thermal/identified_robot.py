@@ -7,8 +7,8 @@ from pathlib import Path
 import tomlkit
 from tomlkit.items import Table
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.files import locate, read_text, write_text
+from twosra_mpc.files import write_text
+from twosra_mpc.robot_document import robot_document
 from twosra_mpc.thermal.identification import SEGMENT_FIELDS, ThermalFit
 
 
@@ -20,10 +20,7 @@ def write_identified_robot(source: str | Path, target: str | Path, fit: ThermalF
     Raises:
         InputError: If ``source`` is not TOML, or ``target`` cannot be written.
     """
-    path = locate(source, "robots", "robot")
-    if path.suffix == ".json":
-        raise InputError("robot", str(source), "a TOML file, to be copied with its comments")
-    document = tomlkit.parse(read_text(path, str(source)))
+    document = robot_document(source)
     segment = document["segment"]
     assert isinstance(segment, Table)
     for name in SEGMENT_FIELDS:

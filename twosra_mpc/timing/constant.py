@@ -13,6 +13,7 @@ from twosra_mpc.timing.network import (
     Hold,
     TemporalNetwork,
     events_of,
+    network_of_events,
     phase_order,
 )
 from twosra_mpc.timing.one_heater import successive
@@ -78,11 +79,10 @@ class Overlapped:
         layout = EventLayout(len(sequence))
         least = phase_order(layout)
         holds: list[Hold] = []
-        melts: list[int] = []
-        freezes: list[int] = []
         heated = 0.0
         previous = layout.origin
-        for event in events_of(sequence, self.first, last):
+        events = tuple(events_of(sequence, self.first, last))
+        for event in events:
             onset = layout.onset(event.gap, event.segment)
             least[layout.end(event.gap - 1), onset] = 0.0
             least[onset, layout.start(event.gap)] = self._plateau(event.to)
@@ -93,27 +93,15 @@ class Overlapped:
             else:
                 least[previous, onset] = self.times.melt_changing_s
             if event.to == "soft":
-                melts.append(onset)
                 heated += self._lead(event.segment, event.number) + self.times.melt_changing_s
-            else:
-                freezes.append(onset)
-                if event.number:
-                    heated -= self._power * self.times.melt_changing_s / self._melt_power
-                    holds.append(Hold(previous, onset, self._power))
+            elif event.number:
+                heated -= self._power * self.times.melt_changing_s / self._melt_power
+                holds.append(Hold(previous, onset, self._power))
             previous = onset
         if self.heaters_at_once == 1:
             least |= self._one_at_a_time(sequence, last, layout)
-        return TemporalNetwork(
-            sequence=sequence,
-            last=last,
-            layout=layout,
-            least=least,
-            holds=tuple(holds),
-            melt_onsets=tuple(melts),
-            freeze_onsets=tuple(freezes),
-            transitions=len(melts) + len(freezes),
-            melt_energy_J=heated * self._melt_power,
-        )
+        energy = heated * self._melt_power
+        return network_of_events(sequence, last, events, least, holds, energy)
 
     @property
     def _melt_power(self) -> float:

@@ -12,7 +12,7 @@ lower bound.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -168,3 +168,30 @@ def events_of(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[Event
                 stiffness = mode[segment]
                 yield Event(segment, gap, "soft" if stiffness else "rigid", number)
                 number += 1
+
+
+def network_of_events(
+    sequence: ModeSequence,
+    last: Mode,
+    events: Sequence[Event],
+    least: dict[tuple[int, int], float],
+    holds: Sequence[Hold],
+    melt_energy_J: float,
+) -> TemporalNetwork:
+    """Put together the network of a sequence whose transitions are these events."""
+    layout = EventLayout(len(sequence))
+    soft, rigid = (
+        tuple(layout.onset(event.gap, event.segment) for event in events if event.to == to)
+        for to in ("soft", "rigid")
+    )
+    return TemporalNetwork(
+        sequence=sequence,
+        last=last,
+        layout=layout,
+        least=least,
+        holds=tuple(holds),
+        melt_onsets=soft,
+        freeze_onsets=rigid,
+        transitions=len(events),
+        melt_energy_J=melt_energy_J,
+    )

@@ -22,6 +22,7 @@ from twosra_mpc.timing.network import (
     Hold,
     TemporalNetwork,
     events_of,
+    network_of_events,
     phase_order,
 )
 from twosra_mpc.timing.one_heater import overlapping, successive
@@ -70,24 +71,21 @@ class Thermal:
         layout = EventLayout(len(sequence))
         least = phase_order(layout)
         holds: list[Hold] = []
-        melts: list[int] = []
-        freezes: list[int] = []
         energy, molten = 0.0, 0
         previous = layout.origin
         before: float | None = None  # least time from the onset of the transition before
-        for event in events_of(sequence, self.first, last):
+        events = tuple(events_of(sequence, self.first, last))
+        for event in events:
             history = self._histories[event.segment]
             onset, begin = layout.onset(event.gap, event.segment), layout.start(event.gap)
             least[layout.end(event.gap - 1), onset] = 0.0
             if event.number == 0:
                 previous, before = layout.origin, None
             if event.to == "soft":
-                melts.append(onset)
                 energy += history.first_energy_J if before is None else history.energy_J
                 least[previous, onset] = history.first_lead_s if before is None else before
                 before = history.first_melting_s if before is None else history.melting_s
             else:
-                freezes.append(onset)
                 if event.number:
                     holds.append(Hold(layout.start(molten), onset, history.liquid_power_W))
                 if before is None:
@@ -101,17 +99,7 @@ class Thermal:
             previous, molten = onset, event.gap
         if self.heaters_at_once == 1:
             least |= self._least_handovers(sequence, last, least, layout)
-        return TemporalNetwork(
-            sequence=sequence,
-            last=last,
-            layout=layout,
-            least=least,
-            holds=tuple(holds),
-            melt_onsets=tuple(melts),
-            freeze_onsets=tuple(freezes),
-            transitions=len(melts) + len(freezes),
-            melt_energy_J=energy,
-        )
+        return network_of_events(sequence, last, events, least, holds, energy)
 
     def _least_handovers(
         self,

@@ -1,0 +1,35 @@
+"""What ``import twosra_mpc`` offers, and what it leaves alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import twosra_mpc
+
+SLOW = ("matplotlib", "jinja2", "osqp", "scipy.signal", "twosra_mpc.thermal.identification")
+
+
+@pytest.mark.parametrize("name", twosra_mpc.__all__)
+def test_every_public_name_is_there(name: str) -> None:
+    found = getattr(twosra_mpc, name)
+    if callable(found):
+        assert found.__doc__, f"{name} does not say what it is for"
+
+
+def test_another_name_is_not_there() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'solve'"):
+        twosra_mpc.solve  # noqa: B018  # it is the access that is tested
+
+
+def test_the_import_leaves_slow_libraries_alone_until_they_are_needed() -> None:
+    code = f"""
+import sys, twosra_mpc
+print([name for name in {SLOW!r} if name in sys.modules])
+twosra_mpc.identify
+print("twosra_mpc.thermal.identification" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split("\n") == ["[]", "True", ""]
