@@ -100,8 +100,8 @@ class ModeTree(Generic[Solution]):
     def _least_time(self, sequence: ModeSequence) -> float:
         """Duration of the transitions of ``sequence``, which every completion has to make too.
 
-        Phases put in between add transitions, or spread those of one gap over several; they take
-        none away.
+        Completions of a node append phases. Those before the melt of a segment that was solid so
+        far delay it, and the freeze after it; the other segment has to freeze in any case.
         """
         if self.timing.refusal(sequence, RIGID) is not None:
             return math.inf
