@@ -13,10 +13,9 @@ from twosra_mpc import Goal, Problem, Start, Status, load_problem, load_robot, p
 from twosra_mpc.model.bending import bending
 from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.path_choice import PATH_MODELS, with_path_model
-from twosra_mpc.planner import bending_task, plan_without
+from twosra_mpc.planner import bending_task, mode_tree, plan_without
 from twosra_mpc.search.bounds import unreachable_reason
 from twosra_mpc.search.infeasibility import impossibility
-from twosra_mpc.search.mode_tree import ModeTree
 from twosra_mpc.timing import transition_model
 
 ROBOT = load_robot("2sra-v1")
@@ -172,20 +171,6 @@ def test_the_invariants_forbid_exactly_what_the_modes_cannot_bend() -> None:
             assert (unreachable_reason((RIGID, *modes), task) is None) == (count >= 2)
 
 
-def tree_of(case: Problem) -> ModeTree[None]:
-    return ModeTree(
-        first=case.start_mode,
-        last=case.goal.mode,
-        modes=case.modes,
-        max_phases=case.max_phases,
-        timing=transition_model(case),
-        task=bending_task(case),
-        weights=case.cost_weights,
-        rigid_time=lambda: 0.0,
-        solver=lambda *_: (),
-    )
-
-
 @pytest.mark.parametrize("heaters", [1, 2])
 @pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
 def test_nothing_is_called_impossible_that_some_sequence_bends(timing: str, heaters: int) -> None:
@@ -203,7 +188,7 @@ def test_nothing_is_called_impossible_that_some_sequence_bends(timing: str, heat
                 timing=timing,
                 heaters_at_once=heaters,
             )
-            reason = impossibility(tree_of(case))
+            reason = impossibility(mode_tree(case, lambda *_: ()))
             found = bending_sequences(case)
             assert reason is None or not found, (modes, last, goal, reason)
             if case.start_mode == RIGID:  # metal that is liquid already may coast: no proof then

@@ -20,7 +20,7 @@ from thermal_problems import SEQUENCES, V1, V2, earliest_finish, thermal_problem
 
 from twosra_mpc import Goal, Plan, Problem, Start, Status, load_problem, plan
 from twosra_mpc.modes import MODES, Mode, ModeSequence
-from twosra_mpc.planner import bending_task, rigid_time
+from twosra_mpc.planner import bending_task, mode_tree
 from twosra_mpc.search.bounds import unreachable_reason
 from twosra_mpc.search.mode_tree import ModeTree
 from twosra_mpc.thermal.model import segment_model
@@ -114,20 +114,6 @@ GOAL = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (12.0, 0.0)}
 # --- bounds of nodes -----------------------------------------------------------------------------
 
 
-def tree_of(problem: Problem) -> ModeTree[Any]:
-    return ModeTree(
-        first=problem.start_mode,
-        last=problem.goal.mode,
-        modes=problem.modes,
-        max_phases=problem.max_phases,
-        timing=transition_model(problem),
-        task=bending_task(problem),
-        weights=problem.cost_weights,
-        rigid_time=lambda: rigid_time(problem),
-        solver=lambda *_: (),
-    )
-
-
 def lineages(tree: ModeTree[Any], depth: int) -> Iterator[list[ModeSequence]]:
     """Every node down to a depth, with its ancestors from the root on."""
     rows = [[tree.root()]]
@@ -152,7 +138,7 @@ def test_no_leaf_is_bounded_below_a_node_above_it(seed: int, timing: str, heater
     if timing == "nominal":
         given["transition_quantile"] = [None, 0.9, 0.8][seed]
     problem = random_problem(seed, weights=weights, **given)
-    tree = tree_of(problem)
+    tree = mode_tree(problem, lambda *_: ())
     leaves = 0
     for *above, node in lineages(tree, 3):
         bounds = [tree.bound(item) for item in (*above, node)]
@@ -185,7 +171,7 @@ def test_no_sequence_of_transitions_is_cheaper_than_the_bound_of_its_beginning(
     whole = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
     cost = earliest_finish(whole) + weights.energy_s_per_J * whole.melt_energy_J
     cost += weights.transition_s * whole.transitions
-    assert tree_of(problem).bound(sequence[:cut]) <= cost + 1e-6
+    assert mode_tree(problem, lambda *_: ()).bound(sequence[:cut]) <= cost + 1e-6
 
 
 # --- plans that were tampered with ---------------------------------------------------------------

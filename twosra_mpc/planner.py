@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from twosra_mpc.shape import check_shapes, may_drive
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
+Solution = TypeVar("Solution")
 
 
 class Progress(NamedTuple):
@@ -71,18 +72,7 @@ def plan_without(
     if (resting := _rest(problem)) is not None:
         return resting
     solver = SequenceSolver(problem, started + problem.time_limit_s)
-    tree = ModeTree(
-        first=problem.start_mode,
-        last=problem.goal.mode,
-        modes=problem.modes,
-        max_phases=problem.max_phases,
-        timing=transition_model(problem),
-        task=bending_task(problem),
-        weights=problem.cost_weights,
-        rigid_time=lambda: rigid_time(problem),
-        solver=solver,
-        excluded=excluded,
-    )
+    tree = mode_tree(problem, solver, excluded)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
@@ -96,6 +86,26 @@ def plan_without(
         nlp_iterations=solver.iterations,
     )
     return _conclude(problem, result, tree, stats)
+
+
+def mode_tree(
+    problem: Problem,
+    solver: Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]],
+    excluded: frozenset[ModeSequence] = frozenset(),
+) -> ModeTree[Solution]:
+    """Build the tree of mode sequences of ``problem``; ``solver`` makes plans of one of them."""
+    return ModeTree(
+        first=problem.start_mode,
+        last=problem.goal.mode,
+        modes=problem.modes,
+        max_phases=problem.max_phases,
+        timing=transition_model(problem),
+        task=bending_task(problem),
+        weights=problem.cost_weights,
+        rigid_time=lambda: rigid_time(problem),
+        solver=solver,
+        excluded=excluded,
+    )
 
 
 def _rest(problem: Problem) -> Plan | None:
