@@ -23,12 +23,11 @@ from rich.progress import Progress
 from benchmarks.problem_set import load_set
 from benchmarks.transition_sweep.thermal_scale import thermally_faster
 from twosra_mpc import Problem, plan
-from twosra_mpc.modes import MODES, RIGID, ModeSequence
-from twosra_mpc.nlp.fixed_sequence import INTERVALS, improve, timed
-from twosra_mpc.nlp.guess import guess_motion
-from twosra_mpc.outcome import verified
-from twosra_mpc.planner import bending_task, rigid_time
-from twosra_mpc.search.bounds import (
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, improve, timed
+from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.outcome import verified
+from twosra_mpc.planning.planner import bending_task, rigid_time
+from twosra_mpc.planning.search.bounds import (
     BendingTask,
     SequenceBound,
     least_durations,
@@ -36,7 +35,8 @@ from twosra_mpc.search.bounds import (
     sequence_bound,
     unreachable_reason,
 )
-from twosra_mpc.shape import may_drive
+from twosra_mpc.problem.shape import may_drive
+from twosra_mpc.robot.modes import MODES, RIGID, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 FACTORS = (1.0, 10.0, 50.0)

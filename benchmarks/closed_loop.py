@@ -23,9 +23,9 @@ from benchmarks import markdown
 from benchmarks.problem_set import load_set
 from benchmarks.report_file import out_option, publish
 from twosra_mpc import Problem, with_path_model
-from twosra_mpc.execution.disturbance import LEVELS
-from twosra_mpc.execution.metrics import Metrics, spread
-from twosra_mpc.execution.simulation import EXECUTORS, simulate
+from twosra_mpc.execution.simulation.disturbance import LEVELS
+from twosra_mpc.execution.simulation.metrics import Metrics, spread
+from twosra_mpc.execution.simulation.simulate import EXECUTORS, simulate
 
 PATH_MODELS = {"arc": "exact arcs", "log_spiral": "the paper's spirals"}
 WORDS = {"optimal": "this package", "greedy": "greedy rule"}

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.offsetbox import AnnotationBbox, DrawingArea
 from matplotlib.patches import Patch, Rectangle
 
-from twosra_mpc.modes import ModeSequence
 from twosra_mpc.plotting.figure_file import save_figure
+from twosra_mpc.robot.modes import ModeSequence
 
 BLACK, BLUE, ORANGE = "#000000", "#0072B2", "#E69F00"
 GREEN, VERMILLION, PURPLE, SKY = "#009E73", "#D55E00", "#CC79A7", "#56B4E9"

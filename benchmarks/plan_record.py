@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.measurement import Timing
 from twosra_mpc import Plan, Status
-from twosra_mpc.modes import ModeSequence, sequence_name
+from twosra_mpc.robot.modes import ModeSequence, sequence_name
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 
@@ -79,7 +79,7 @@ class PlanRecord:
 
 
 def plan_record(label: str, plan: Plan, timing: Timing) -> PlanRecord:
-    """Write down a plan of ``twosra_mpc.plan``."""
+    """Write down a plan of ``twosra_mpc.plans.plan``."""
     checked = plan.verification
     errors = [abs(error) for error in checked.goal_error] if checked else [math.inf]
     return PlanRecord(

@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from benchmarks.tracker_solvers import Answer, Recorded, Taken
-from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID
-from twosra_mpc.tracking.linearisation import (
+from twosra_mpc.execution.tracking.linearisation import (
     RATE_LIMITED_PERIODS,
     SLACK_UNIT,
     tracking_program,
 )
-from twosra_mpc.tracking.prediction import believed_start, motion
-from twosra_mpc.tracking.setup import Setup
-from twosra_mpc.tracking.stage import stage_model
+from twosra_mpc.execution.tracking.prediction import believed_start, motion
+from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.stage import stage_model
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.robot.modes import RIGID
 
 Array = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from twosra_mpc import Plan
-from twosra_mpc.tracking.linearisation import TrackingProgram, tracking_program
-from twosra_mpc.tracking.settings import SolverSettings
-from twosra_mpc.tracking.setup import Setup
-from twosra_mpc.tracking.solver import QuadraticProgram
-from twosra_mpc.tracking.tracker import CommandStatus, Measurement, Tracker
+from twosra_mpc.execution.tracking.linearisation import TrackingProgram, tracking_program
+from twosra_mpc.execution.tracking.settings import SolverSettings
+from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.solver import QuadraticProgram
+from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 
 Array = NDArray[np.float64]
 

@@ -22,14 +22,14 @@ from benchmarks.report_file import out_option, publish
 from benchmarks.tracker_nlps import Fatrop, Gekko, Ipopt
 from benchmarks.tracker_solvers import Answer, Piqp, PlainOsqp, Recorded, Solver, TrackerStep
 from twosra_mpc import Plan, load_problem, plan
+from twosra_mpc.execution.tracking.linearisation import tracking_program
+from twosra_mpc.execution.tracking.reference import PhaseReference
+from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
+from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.solver import ProgramInPlace
+from twosra_mpc.execution.tracking.stage import stage_model
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.modes import RIGID, mode_name
-from twosra_mpc.tracking.linearisation import tracking_program
-from twosra_mpc.tracking.reference import PhaseReference
-from twosra_mpc.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
-from twosra_mpc.tracking.setup import Setup
-from twosra_mpc.tracking.solver import ProgramInPlace
-from twosra_mpc.tracking.stage import stage_model
+from twosra_mpc.robot.modes import RIGID, mode_name
 
 Array = NDArray[np.float64]
 

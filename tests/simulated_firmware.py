@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.execution.heated_segment import HeatedSegment
-from twosra_mpc.modes import Mode
-from twosra_mpc.plan import Plan
-from twosra_mpc.streaming.port import SerialPort, open_serial_port
-from twosra_mpc.thermal.controller import stiffness_controller
+from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.thermistor import temperature_sensor
+from twosra_mpc.execution.serial.port import SerialPort, open_serial_port
+from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.thermal.model import segment_model
-from twosra_mpc.thermal.thermistor import temperature_sensor
 
 REPORT_PERIOD_S = 0.5
 LONGEST_WAIT_S = 5.0  # of real time, for bytes to come through the pseudo-terminal

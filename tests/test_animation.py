@@ -19,12 +19,12 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from twosra_mpc import InputError, NoPlanError, Plan, Status, load_problem, plan
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import animate_plan, check_animation_path, film
 from twosra_mpc.plotting.animation import plan_story
 from twosra_mpc.plotting.film import Film, Moment, record
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.plotting.style import CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR, STYLE
-from twosra_mpc.robot_shape import robot_shape
 from twosra_mpc.timing import Transition
 
 COLOURS = {"rigid": RIGID_COLOUR, "soft": SOFT_COLOUR}

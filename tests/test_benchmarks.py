@@ -33,7 +33,7 @@ from benchmarks.summary import ecdf, power_law, shifted_geometric_mean
 from benchmarks.transition_sweep.tables import report_lines as sweep_lines
 from benchmarks.transition_sweep.thermal_scale import thermally_faster
 from twosra_mpc import InputError, Robot, load_robot
-from twosra_mpc.modes import RIGID, SOFT_1
+from twosra_mpc.robot.modes import RIGID, SOFT_1
 from twosra_mpc.thermal.model import segment_model
 
 SWEEP = """

@@ -11,12 +11,12 @@ import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 from twosra_mpc import Goal, Problem, plan
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.nlp.fixed_sequence import improve, timed
-from twosra_mpc.nlp.guess import guess_motion
-from twosra_mpc.outcome import verified
-from twosra_mpc.planner import bending_task
-from twosra_mpc.search.bounds import least_durations, pose_bound, unreachable_reason
+from twosra_mpc.planning.nlp.fixed_sequence import improve, timed
+from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.outcome import verified
+from twosra_mpc.planning.planner import bending_task
+from twosra_mpc.planning.search.bounds import least_durations, pose_bound, unreachable_reason
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 
 SOFT_SEQUENCES = [
     soft

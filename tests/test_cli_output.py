@@ -26,9 +26,9 @@ from test_problem import write
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
 from twosra_mpc.cli import options, output, planning, simulate, stream
-from twosra_mpc.execution.simulation import simulate as run_simulation
+from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.plotting import film, paper_figures
-from twosra_mpc.problem import Problem
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]

@@ -12,12 +12,12 @@ import pytest
 
 from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
-from twosra_mpc.execution.disturbance import disturbance_level
 from twosra_mpc.execution.executor import Executor, ExecutorSettings
-from twosra_mpc.execution.plant import SimulatedRobot
 from twosra_mpc.execution.run import Ending
-from twosra_mpc.execution.simulation import Simulation, simulate
-from twosra_mpc.path_choice import with_path_model
+from twosra_mpc.execution.simulation.disturbance import disturbance_level
+from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.execution.simulation.simulate import Simulation, simulate
+from twosra_mpc.identification.path_choice import with_path_model
 
 
 @lru_cache(maxsize=16)

@@ -9,10 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.modes import Stiffness
-from twosra_mpc.robot import load_robot
-from twosra_mpc.thermal.controller import (
+from twosra_mpc.control.controller import (
     LUMPED_GAINS,
     TWO_NODE_GAINS,
     ControllerState,
@@ -20,6 +17,9 @@ from twosra_mpc.thermal.controller import (
     StiffnessController,
     stiffness_controller,
 )
+from twosra_mpc.errors import InputError
+from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.modes import Stiffness
 
 STEP_S = 0.1
 PAPER = stiffness_controller(load_robot("2sra-v1"), 25.0)

@@ -23,10 +23,10 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Problem, Robot
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, Stiffness
-from twosra_mpc.thermal.course import Course, Heating
-from twosra_mpc.thermal.heating_plan import HeatingPlan, KeepWarm, Timed
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, Stiffness
+from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm, Timed
 from twosra_mpc.thermal.model import State
+from twosra_mpc.thermal.trajectory import Course, Heating
 
 TWO_SOFT_PHASES = (RIGID, SOFT_1, RIGID, SOFT_1, RIGID)
 robots = pytest.mark.parametrize("robot", [V1, V2], ids=lambda robot: robot.name)

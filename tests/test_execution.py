@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from twosra_mpc import InputError, NoPlanError, Plan, Problem, load_problem, plan
 from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.camera_filter import CameraFilter
-from twosra_mpc.execution.disturbance import LEVELS
 from twosra_mpc.execution.executor import Executor, ExecutorSettings
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.heater_schedule import Progress, heater_schedule
-from twosra_mpc.execution.metrics import metrics, spread
-from twosra_mpc.execution.plant import SimulatedRobot
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
-from twosra_mpc.execution.simulation import Simulation, simulate
-from twosra_mpc.robot import Robot
+from twosra_mpc.execution.simulation.disturbance import LEVELS
+from twosra_mpc.execution.simulation.metrics import metrics, spread
+from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.execution.simulation.simulate import Simulation, simulate
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.lumped import Lumped
 
 Array = NDArray[np.float64]

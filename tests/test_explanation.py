@@ -10,16 +10,16 @@ from typing import Any
 import pytest
 from conftest import Run
 
+import twosra_mpc.analysis.explanation as explanation_module
 import twosra_mpc.cli.explain as command
-import twosra_mpc.explanation as explanation_module
-import twosra_mpc.planner as planner_module
+import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import InputError, Plan, Status, load_problem, plan
-from twosra_mpc.critical_path import activities, critical_path, hidden_activities, in_words
-from twosra_mpc.explanation import Alternative, Explanation, explain
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
-from twosra_mpc.planner import plan_without
-from twosra_mpc.segment import LumpedSegment
-from twosra_mpc.transition_speed import reference_s, slowed
+from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
+from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
+from twosra_mpc.analysis.transition_speed import reference_s, slowed
+from twosra_mpc.planning.planner import plan_without
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+from twosra_mpc.robot.segment import LumpedSegment
 
 SCENARIOS = ("paper-1", "shape-change")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from problems import ROBOT, random_problem
 
-import twosra_mpc.greedy.planner as greedy
+import twosra_mpc.planning.greedy as greedy
 from twosra_mpc import Status, load_problem, plan
-from twosra_mpc.greedy.planner import GreedyEnding, greedy_path
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+from twosra_mpc.planning.greedy import GreedyEnding, greedy_path
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 # Mode sequences of the published simulations; the autonomous Jacobian gives the same ones.
 PUBLISHED = {

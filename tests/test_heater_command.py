@@ -13,12 +13,12 @@ from matplotlib import rcParams
 
 from twosra_mpc import cli
 from twosra_mpc.cli.heater_loop import simulate_heater_command
+from twosra_mpc.control.controller import StiffnessController, stiffness_controller
+from twosra_mpc.control.heater_loop import HeaterRun, simulate_heater
+from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.plotting.heater_figure import plot_heater
-from twosra_mpc.robot import load_robot
-from twosra_mpc.thermal.controller import StiffnessController, stiffness_controller
-from twosra_mpc.thermal.heater_loop import HeaterRun, simulate_heater
+from twosra_mpc.robot.description import load_robot
 from twosra_mpc.thermal.model import segment_model
-from twosra_mpc.thermal.thermistor import temperature_sensor
 
 # --- the figure ----------------------------------------------------------------------------------
 

@@ -20,25 +20,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.modes import Stiffness
-from twosra_mpc.robot import load_robot
-from twosra_mpc.thermal.controller import StiffnessController, stiffness_controller
-from twosra_mpc.thermal.heater_loop import (
+from twosra_mpc.control.controller import StiffnessController, stiffness_controller
+from twosra_mpc.control.heater_loop import (
     HeaterRun,
     Profile,
     save_run,
     simulate_heater,
     stretches,
 )
-from twosra_mpc.thermal.lumped import Lumped
-from twosra_mpc.thermal.model import SegmentModel, segment_model
-from twosra_mpc.thermal.thermistor import (
+from twosra_mpc.control.thermistor import (
     LinearMap,
     NtcDivider,
     TemperatureSensor,
     temperature_sensor,
 )
+from twosra_mpc.errors import InputError
+from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.modes import Stiffness
+from twosra_mpc.thermal.lumped import Lumped
+from twosra_mpc.thermal.model import SegmentModel, segment_model
 from twosra_mpc.thermal.two_node import TwoNode
 
 SOFT_C = 65.0

@@ -14,9 +14,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
-from twosra_mpc.heating import ConstantHeating, SegmentHeating, ThermalHeating, segment_heating
-from twosra_mpc.plan import Samples
-from twosra_mpc.robot import OverlappedTiming, SequentialTiming
+from twosra_mpc.plans.heating import (
+    ConstantHeating,
+    SegmentHeating,
+    ThermalHeating,
+    segment_heating,
+)
+from twosra_mpc.plans.plan import Samples
+from twosra_mpc.robot.description import OverlappedTiming, SequentialTiming
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]

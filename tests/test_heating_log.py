@@ -11,7 +11,7 @@ import pytest
 from heating import AIR_C, course, write_log
 
 from twosra_mpc import InputError
-from twosra_mpc.thermal.heating_log import HeatingLog, read_heating_log, resample, runs
+from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log, resample, runs
 
 COURSE = course((30.0, 20.0))
 LOG = COURSE.log(rate_Hz=2.0)

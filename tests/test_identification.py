@@ -19,10 +19,12 @@ from scipy.integrate import solve_ivp
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
-from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
-from twosra_mpc.segment import TwoNodeSegment
-from twosra_mpc.thermal.heating_log import EvenLog, HeatingLog, read_heating_log, resample
-from twosra_mpc.thermal.identification import (
+from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, read_heating_log, resample
+from twosra_mpc.identification.identified_robot import write_identified_robot
+from twosra_mpc.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
+from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
+from twosra_mpc.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
+from twosra_mpc.identification.thermal import (
     SEGMENT_FIELDS,
     Parameters,
     ThermalFit,
@@ -30,10 +32,8 @@ from twosra_mpc.thermal.identification import (
     score,
     two_nodes,
 )
-from twosra_mpc.thermal.identified_robot import write_identified_robot
-from twosra_mpc.thermal.log_fit import Fitted, fit, pooled_rms_C, residuals
-from twosra_mpc.thermal.log_plants import OneNodePlant, TwoNodePlant
-from twosra_mpc.thermal.log_response import CORRECTED_S, HeaterLaw, SensorLag
+from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
+from twosra_mpc.robot.segment import TwoNodeSegment
 
 Array = NDArray[np.float64]
 

@@ -20,15 +20,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import DOP853, quad, solve_ivp
 
-from twosra_mpc.greedy.published_model import published_jacobian
+from twosra_mpc.checking.verification import DEFECT_TOLERANCE
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import hybrid_jacobian, kinematics, wheel_travel
+from twosra_mpc.model.motion import FINE_STEPS, roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.model.series import sagitta_ratio, sinc, versine_ratio, versine_ratio_squared
-from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, mode_name
-from twosra_mpc.motion import FINE_STEPS, roll_out
-from twosra_mpc.robot import ArcPath, LogSpiralPath, Robot, load_robot
-from twosra_mpc.verification import DEFECT_TOLERANCE
+from twosra_mpc.reproduction.published_model import published_jacobian
+from twosra_mpc.robot.description import ArcPath, LogSpiralPath, Robot, load_robot
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, mode_name
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.robot import load_robot
+from twosra_mpc.robot.description import load_robot
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.model import segment_model
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from twosra_mpc import InputError, Status, load_problem, load_robot
+from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
 from twosra_mpc.cli import main
-from twosra_mpc.model_comparison import ModelComparison, compare_models
-from twosra_mpc.path_choice import PATH_MODELS, with_path_model, write_fitted_robot
-from twosra_mpc.path_fitting import fit_spirals
-from twosra_mpc.robot import CardioidPath, LogSpiralPath
+from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model, write_fitted_robot
+from twosra_mpc.identification.path_fitting import fit_spirals
+from twosra_mpc.robot.description import CardioidPath, LogSpiralPath
 
 
 @pytest.fixture(scope="module")

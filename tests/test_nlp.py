@@ -13,9 +13,8 @@ from twosra_mpc import Problem, load_problem
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import bending_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.motion import Motion, interval_durations, roll_out
-from twosra_mpc.nlp.fixed_sequence import (
+from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.planning.nlp.fixed_sequence import (
     IPOPT_STATUS,
     Candidate,
     SolveStatus,
@@ -23,10 +22,11 @@ from twosra_mpc.nlp.fixed_sequence import (
     solve_status,
     timed,
 )
-from twosra_mpc.nlp.guess import guess_motion
-from twosra_mpc.nlp.landing import LANDED, land
-from twosra_mpc.nlp.multiple_shooting import transcribe
-from twosra_mpc.outcome import verified
+from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.nlp.landing import LANDED, land
+from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.outcome import verified
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork
 
 SEQUENCE = (RIGID, SOFT_1, SOFT_BOTH, RIGID)

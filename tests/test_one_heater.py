@@ -20,9 +20,9 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.thermal.course import Course, Heating
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.least_times import LeastTimes
+from twosra_mpc.thermal.trajectory import Course, Heating
 from twosra_mpc.timing import transition_model
 from twosra_mpc.timing.constant import ONE_HEATER
 

@@ -9,7 +9,7 @@ import pytest
 
 import twosra_mpc
 
-SLOW = ("matplotlib", "jinja2", "osqp", "scipy.signal", "twosra_mpc.thermal.identification")
+SLOW = ("matplotlib", "jinja2", "osqp", "scipy.signal", "twosra_mpc.identification.thermal")
 
 
 @pytest.mark.parametrize("name", twosra_mpc.__all__)
@@ -29,7 +29,7 @@ def test_the_import_leaves_slow_libraries_alone_until_they_are_needed() -> None:
 import sys, twosra_mpc
 print([name for name in {SLOW!r} if name in sys.modules])
 twosra_mpc.identify
-print("twosra_mpc.thermal.identification" in sys.modules)
+print("twosra_mpc.identification.thermal" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split("\n") == ["[]", "True", ""]

@@ -13,10 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc import path_fitting as fitting
-from twosra_mpc.model.kinematics import fibre_end_pose
-from twosra_mpc.model.path_models import Arc, LogSpiral, path_model
-from twosra_mpc.path_fitting import (
+from twosra_mpc.identification import path_fitting as fitting
+from twosra_mpc.identification.path_fitting import (
     CASES,
     SPIRAL_BENDS_RAD,
     CardioidFit,
@@ -28,8 +26,10 @@ from twosra_mpc.path_fitting import (
     fitted_path_tables,
     path_curves,
 )
+from twosra_mpc.model.kinematics import fibre_end_pose
+from twosra_mpc.model.path_models import Arc, LogSpiral, path_model
 from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
-from twosra_mpc.robot import Geometry, Robot
+from twosra_mpc.robot.description import Geometry, Robot
 
 Array = NDArray[np.float64]
 

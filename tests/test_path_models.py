@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from problems import ROBOT, random_problem
 
 from twosra_mpc import InputError, Robot, Status, load_robot, plan
+from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
-from twosra_mpc.path_choice import PATH_MODELS, with_path_model
-from twosra_mpc.robot import ArcPath
+from twosra_mpc.robot.description import ArcPath
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 
 V2 = load_robot("2sr-v2")
 FIBRE_END = ROBOT.model_copy(update={"path": ArcPath(model="arc", speed_reference="fibre_end")})

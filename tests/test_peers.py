@@ -23,8 +23,8 @@ from benchmarks.peers.time_grid import as_motion, waits
 from benchmarks.peers.worker import Worker, WorkerDiedError
 from benchmarks.run_log import RunLog
 from twosra_mpc import InputError, Problem, load_problem
-from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
-from twosra_mpc.planner import plan
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 TINY: tuple[Peer, ...] = (
     TimeGridMinlp(stages=3, time_limit_s=5.0, longest_stage_s=2.0),

@@ -34,9 +34,9 @@ from twosra_mpc import (
 )
 from twosra_mpc.files import atomic_path, write_text
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.plan import Cost, Samples
-from twosra_mpc.robot import Robot
-from twosra_mpc.setpoints import SAME_TIME_S, rows
+from twosra_mpc.plans.plan import Cost, Samples
+from twosra_mpc.plans.setpoints import SAME_TIME_S, rows
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.model import segment_model
 
 Array = NDArray[np.float64]

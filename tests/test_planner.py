@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
-import twosra_mpc.planner as planner_module
+import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
-from twosra_mpc.planner import Progress, SequenceSolver, bending_task
-from twosra_mpc.search.bounds import unreachable_reason
+from twosra_mpc.planning.planner import Progress, SequenceSolver, bending_task
+from twosra_mpc.planning.search.bounds import unreachable_reason
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 PAPER = [f"paper-{n}" for n in range(1, 6)]
 

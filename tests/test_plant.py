@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from twosra_mpc import InputError, Plan, Problem, load_problem
-from twosra_mpc.execution.disturbance import LEVELS, Disturbance, disturbance_level
 from twosra_mpc.execution.heater_schedule import warm_setpoint_C
-from twosra_mpc.execution.plant import PLANTS, SimulatedRobot, plant_robot, with_ranges
 from twosra_mpc.execution.robot_interface import Camera
+from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
+from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot, with_ranges
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import NO_DRIFT, Drift, rolling
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.plotting import robot_shape
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.model import segment_model
 

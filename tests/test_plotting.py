@@ -32,8 +32,7 @@ from twosra_mpc import (
     plotting,
 )
 from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
-from twosra_mpc.modes import MODES, Mode
-from twosra_mpc.plan import Phase
+from twosra_mpc.plans.plan import Phase
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
     DPI,
@@ -57,6 +56,7 @@ from twosra_mpc.plotting import (
 )
 from twosra_mpc.plotting.robot_drawing import robot_artists
 from twosra_mpc.plotting.style import STATES
+from twosra_mpc.robot.modes import MODES, Mode
 
 ROBOT = load_robot("2sra-v1")
 TIMELINE = 5  # axes over time: stiffness, curvature, wheel speed, temperature, melt fraction

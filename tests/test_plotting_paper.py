@@ -11,7 +11,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from twosra_mpc import cli, load_problem
-from twosra_mpc.greedy.published import published_trajectory
 from twosra_mpc.plotting import paper_figures
 from twosra_mpc.plotting.paper_figures import (
     LEAST_SHARE,
@@ -24,6 +23,7 @@ from twosra_mpc.plotting.paper_figures import (
     plot_forward_kinematics,
     plot_published_tasks,
 )
+from twosra_mpc.reproduction.published import published_trajectory
 
 
 @cache

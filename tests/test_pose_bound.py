@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from problems import faster_robot, network_of
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
+from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
-from twosra_mpc.motion import Motion, interval_durations, roll_out
-from twosra_mpc.path_choice import with_path_model
-from twosra_mpc.planner import bending_task
-from twosra_mpc.search import bounds
-from twosra_mpc.search.bounds import least_durations, pose_bound
-from twosra_mpc.search.rigid_motion import twist_vertices
-from twosra_mpc.search.schedule import cost_coefficients, schedule
+from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.planning.planner import bending_task
+from twosra_mpc.planning.search import bounds
+from twosra_mpc.planning.search.bounds import least_durations, pose_bound
+from twosra_mpc.planning.search.rigid_motion import twist_vertices
+from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 
 Array = NDArray[np.float64]
 
@@ -220,5 +220,5 @@ def test_where_the_solver_gives_up_nothing_is_proved(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(bounds, "minimise", give_up)
     assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
     monkeypatch.undo()
-    monkeypatch.setattr("twosra_mpc.search.pose_bound.minimise", give_up)
+    monkeypatch.setattr("twosra_mpc.planning.search.pose_bound.minimise", give_up)
     assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf

@@ -34,8 +34,8 @@ from twosra_mpc import (
     robot_names,
     scenario_names,
 )
-from twosra_mpc.modes import MODES
-from twosra_mpc.robot import ArcPath, OverlappedTiming, SequentialTiming, ThermalTiming
+from twosra_mpc.robot.description import ArcPath, OverlappedTiming, SequentialTiming, ThermalTiming
+from twosra_mpc.robot.modes import MODES
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.greedy.published import PublishedTrajectory, StopReason, published_trajectory
-from twosra_mpc.greedy.published_model import published_jacobian
-from twosra_mpc.modes import MODES, Mode
+from twosra_mpc.reproduction.published import PublishedTrajectory, StopReason, published_trajectory
+from twosra_mpc.reproduction.published_model import published_jacobian
+from twosra_mpc.robot.modes import MODES, Mode
 
 Q = tuple[float, float, float, float, float]
 FloatArray = NDArray[np.float64]

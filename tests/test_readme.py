@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from twosra_mpc import load_problem, plan
-from twosra_mpc.modes import mode_name
+from twosra_mpc.robot.modes import mode_name
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

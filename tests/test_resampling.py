@@ -12,9 +12,9 @@ import pytest
 from conftest import Planned, Run
 
 from twosra_mpc import InputError, NoPlanError, Plan, load_plan, load_problem, plan
-from twosra_mpc.plan_check import check_plan
-from twosra_mpc.resampling import refined
-from twosra_mpc.setpoints import SAME_TIME_S, save_setpoints
+from twosra_mpc.checking.plan_file import check_plan
+from twosra_mpc.checking.resampling import refined
+from twosra_mpc.plans.setpoints import SAME_TIME_S, save_setpoints
 
 
 @pytest.fixture

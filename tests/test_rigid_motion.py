@@ -12,9 +12,9 @@ from problems import ROBOT
 
 from twosra_mpc import Goal, Problem, Start
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID
-from twosra_mpc.planner import rigid_time
-from twosra_mpc.search.rigid_motion import least_time
+from twosra_mpc.planning.planner import rigid_time
+from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.robot.modes import RIGID
 
 LIMIT = ROBOT.limits.wheel_speed_rad_s
 

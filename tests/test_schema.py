@@ -15,9 +15,9 @@ from jsonschema import Draft7Validator
 from test_problem import ROBOT, SCENARIO, changed
 
 from twosra_mpc import InputError, Plan, cli, load_problem, plan, robot_names, scenario_names
-from twosra_mpc.plan import PlanDocument
-from twosra_mpc.problem import Problem
-from twosra_mpc.robot import Robot
+from twosra_mpc.plans.plan import PlanDocument
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.schema import Subject, describe, json_schema
 
 Schema = dict[str, Any]

@@ -12,15 +12,15 @@ from problems import ROBOT, random_problem
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, plan
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_BOTH
-from twosra_mpc.robot import Wheel
-from twosra_mpc.shape import (
+from twosra_mpc.problem.shape import (
     check_shapes,
     condition_number,
     may_drive,
     shape_margins,
     singular_shapes,
 )
+from twosra_mpc.robot.description import Wheel
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_BOTH
 
 KAPPA = st.tuples(st.floats(-78, 78), st.floats(-78, 78))
 

@@ -16,8 +16,8 @@ from PIL import Image
 from benchmarks import closed_loop
 from benchmarks.closed_loop import Case
 from twosra_mpc import load_problem
-from twosra_mpc.execution.metrics import Metrics
-from twosra_mpc.execution.simulation import Simulation, simulate
+from twosra_mpc.execution.simulation.metrics import Metrics
+from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.plotting import film
 from twosra_mpc.plotting.film import Moment
 from twosra_mpc.plotting.run_animation import animate_run, run_story

@@ -16,10 +16,9 @@ from problems import ROBOT
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, NoPlanError, Plan
-from twosra_mpc.modes import Mode
-from twosra_mpc.streaming.clock import SteppedClock, SystemClock
-from twosra_mpc.streaming.firmware_lines import stop_command
-from twosra_mpc.streaming.plan_stream import (
+from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
+from twosra_mpc.execution.serial.firmware_lines import stop_command
+from twosra_mpc.execution.serial.plan_stream import (
     STOPS,
     Confirm,
     Drive,
@@ -27,8 +26,9 @@ from twosra_mpc.streaming.plan_stream import (
     StreamState,
     stream,
 )
-from twosra_mpc.streaming.port import PortError
-from twosra_mpc.streaming.wheel_commands import WheelCommand, wheel_commands
+from twosra_mpc.execution.serial.port import PortError
+from twosra_mpc.execution.serial.wheel_commands import WheelCommand, wheel_commands
+from twosra_mpc.robot.modes import Mode
 
 RATE_HZ, SLOW_HZ = 15.0, 5.0
 Connected = Callable[..., SimulatedFirmware]

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from conftest import Planned, Run
 
-from twosra_mpc.streaming import port as port_module
-from twosra_mpc.streaming.firmware_lines import Report, command, parse_report, stop_command
-from twosra_mpc.streaming.plan_stream import STOPS, StreamError
-from twosra_mpc.streaming.port import PortError, SerialPort
+from twosra_mpc.execution.serial import port as port_module
+from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_report, stop_command
+from twosra_mpc.execution.serial.plan_stream import STOPS, StreamError
+from twosra_mpc.execution.serial.port import PortError, SerialPort
 
 STOP = stop_command()
 
@@ -158,7 +158,7 @@ def test_a_missing_answer_is_told_with_the_exit_code(
     terminal: Terminal,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("twosra_mpc.streaming.plan_stream.LISTEN_S", 0.2)
+    monkeypatch.setattr("twosra_mpc.execution.serial.plan_stream.LISTEN_S", 0.2)
     outcome = run("stream", saved, "--port", terminal.name, "--confirm", "required")
     os.close(terminal.ours)
     assert (outcome.code, outcome.out) == (4, "")

@@ -19,10 +19,10 @@ from test_verification import Case, assert_found, case_of
 from thermal_problems import SEQUENCES, V1, V2, earliest_finish, thermal_problems
 
 from twosra_mpc import Goal, Plan, Problem, Start, Status, load_problem, plan
-from twosra_mpc.modes import MODES, Mode, ModeSequence
-from twosra_mpc.planner import bending_task, mode_tree
-from twosra_mpc.search.bounds import unreachable_reason
-from twosra_mpc.search.mode_tree import ModeTree
+from twosra_mpc.planning.planner import bending_task, mode_tree
+from twosra_mpc.planning.search.bounds import unreachable_reason
+from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.robot.modes import MODES, Mode, ModeSequence
 from twosra_mpc.thermal.model import segment_model
 from twosra_mpc.timing import transition_model
 

@@ -11,9 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.robot import load_robot
-from twosra_mpc.thermal.thermistor import (
+from twosra_mpc.control.thermistor import (
     Characteristic,
     LinearMap,
     NtcDivider,
@@ -22,6 +20,8 @@ from twosra_mpc.thermal.thermistor import (
     follow,
     temperature_sensor,
 )
+from twosra_mpc.errors import InputError
+from twosra_mpc.robot.description import load_robot
 
 FALLING = NtcDivider()
 RISING = NtcDivider(fixed_ohm=15.18e3, supply_V=3.536, ntc_to_ground=False)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from problems import network_of, random_problem
 
 from twosra_mpc import Goal, Problem, Start, load_problem
-from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.search.schedule import cost_coefficients, schedule
+from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 
 # Constants of the built-in robot: melt 63 s (the last 37 s changing), freeze 253 s (the last 235 s

@@ -27,16 +27,16 @@ from twosra_mpc import (
     plan,
     with_path_model,
 )
+from twosra_mpc.execution.tracking.linearisation import tracking_program
+from twosra_mpc.execution.tracking.outputs import OUTPUTS
+from twosra_mpc.execution.tracking.reference import PhaseReference
+from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
+from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.solver import QuadraticProgram
+from twosra_mpc.execution.tracking.tracker import Command, CommandStatus, Measurement, Tracker
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
-from twosra_mpc.tracking.linearisation import tracking_program
-from twosra_mpc.tracking.outputs import OUTPUTS
-from twosra_mpc.tracking.reference import PhaseReference
-from twosra_mpc.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
-from twosra_mpc.tracking.setup import Setup
-from twosra_mpc.tracking.solver import QuadraticProgram
-from twosra_mpc.tracking.tracker import Command, CommandStatus, Measurement, Tracker
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from twosra_mpc.robot import load_robot
+from twosra_mpc.robot.description import load_robot
 from twosra_mpc.thermal.model import segment_model
 from twosra_mpc.thermal.two_node import TwoNode
 

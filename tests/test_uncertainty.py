@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from thermal_problems import V1, V2, settled, thermal_model, thermal_problem, transitions_of
 
 from twosra_mpc import InputError, Robot, plan
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.model import SegmentModel, segment_model
 from twosra_mpc.thermal.uncertainty import EXACT, Windows, draws, windows
 from twosra_mpc.timing import Transition

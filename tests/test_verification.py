@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
-from twosra_mpc.modes import MODES, Mode, mode_name
-from twosra_mpc.plan import Phase, Samples, Verification
-from twosra_mpc.problem import COORDINATES
-from twosra_mpc.robot import SequentialTiming
-from twosra_mpc.shape import shape_margins
+from twosra_mpc.checking.verification import reintegrate, verify
+from twosra_mpc.plans.plan import Phase, Samples, Verification
+from twosra_mpc.problem.problem import COORDINATES
+from twosra_mpc.problem.shape import shape_margins
+from twosra_mpc.robot.description import SequentialTiming
+from twosra_mpc.robot.modes import MODES, Mode, mode_name
 from twosra_mpc.timing import Transition
-from twosra_mpc.verification import reintegrate, verify
 
 Array = NDArray[np.float64]
 TIMINGS = ["nominal", "constant", "paper"]

@@ -14,8 +14,8 @@ import pytest
 from conftest import Planned, Run
 
 from twosra_mpc import InputError, Plan, load_problem, plan
-from twosra_mpc.plan_check import check_plan
-from twosra_mpc.verification import examine
+from twosra_mpc.checking.plan_file import check_plan
+from twosra_mpc.checking.verification import examine
 
 Document = dict[str, Any]
 Tamper = Callable[[Document], object]

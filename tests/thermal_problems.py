@@ -9,9 +9,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
-from twosra_mpc.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
-from twosra_mpc.search.schedule import schedule
-from twosra_mpc.thermal.course import Course
+from twosra_mpc.planning.search.schedule import schedule
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.thermal.trajectory import Course
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 from twosra_mpc.timing.network import events_of
 from twosra_mpc.timing.thermal import Thermal

@@ -10,33 +10,71 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from twosra_mpc.errors import InputError, NoPlanError, TwosraError
-from twosra_mpc.explanation import Explanation, explain
-from twosra_mpc.model_comparison import compare_models
-from twosra_mpc.modes import Mode
-from twosra_mpc.path_choice import with_path_model
-from twosra_mpc.plan import Plan, Status, load_plan
-from twosra_mpc.plan_check import PlanCheck, check_plan
-from twosra_mpc.planner import Progress, plan
-from twosra_mpc.problem import (
-    Goal,
-    Problem,
-    Start,
-    Tolerance,
-    Weights,
-    load_problem,
-    scenario_names,
-)
-from twosra_mpc.resampling import refined
-from twosra_mpc.robot import Robot, load_robot, robot_names
-from twosra_mpc.robot_shape import RobotShape, robot_shape
-from twosra_mpc.schema import json_schema
-from twosra_mpc.setpoints import save_setpoints
 from twosra_mpc.version import __version__
 
 if TYPE_CHECKING:
-    from twosra_mpc.thermal.heating_log import HeatingLog, read_heating_log
-    from twosra_mpc.thermal.identification import ThermalFit, identify
+    from twosra_mpc.analysis.explanation import Explanation, explain
+    from twosra_mpc.analysis.model_comparison import compare_models
+    from twosra_mpc.checking.plan_file import PlanCheck, check_plan
+    from twosra_mpc.checking.resampling import refined
+    from twosra_mpc.errors import InputError, NoPlanError, TwosraError
+    from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
+    from twosra_mpc.identification.path_choice import with_path_model
+    from twosra_mpc.identification.thermal import ThermalFit, identify
+    from twosra_mpc.model.outline import RobotShape, robot_shape
+    from twosra_mpc.planning.planner import Progress, plan
+    from twosra_mpc.plans.plan import Plan, Status, load_plan
+    from twosra_mpc.plans.setpoints import save_setpoints
+    from twosra_mpc.problem.problem import (
+        Goal,
+        Problem,
+        Start,
+        Tolerance,
+        Weights,
+        load_problem,
+        scenario_names,
+    )
+    from twosra_mpc.robot.description import Robot, load_robot, robot_names
+    from twosra_mpc.robot.modes import Mode
+    from twosra_mpc.schema import json_schema
+
+# Public name -> module, imported when the name is first asked for: solvers take a second to load.
+_MODULES = {
+    "Explanation": "analysis.explanation",
+    "Goal": "problem.problem",
+    "HeatingLog": "identification.heating_log",
+    "InputError": "errors",
+    "Mode": "robot.modes",
+    "NoPlanError": "errors",
+    "Plan": "plans.plan",
+    "PlanCheck": "checking.plan_file",
+    "Problem": "problem.problem",
+    "Progress": "planning.planner",
+    "Robot": "robot.description",
+    "RobotShape": "model.outline",
+    "Start": "problem.problem",
+    "Status": "plans.plan",
+    "ThermalFit": "identification.thermal",
+    "Tolerance": "problem.problem",
+    "TwosraError": "errors",
+    "Weights": "problem.problem",
+    "check_plan": "checking.plan_file",
+    "compare_models": "analysis.model_comparison",
+    "explain": "analysis.explanation",
+    "identify": "identification.thermal",
+    "json_schema": "schema",
+    "load_plan": "plans.plan",
+    "load_problem": "problem.problem",
+    "load_robot": "robot.description",
+    "plan": "planning.planner",
+    "read_heating_log": "identification.heating_log",
+    "refined": "checking.resampling",
+    "robot_names": "robot.description",
+    "robot_shape": "model.outline",
+    "save_setpoints": "plans.setpoints",
+    "scenario_names": "problem.problem",
+    "with_path_model": "identification.path_choice",
+}
 
 __all__ = [
     "Explanation",
@@ -76,16 +114,14 @@ __all__ = [
     "with_path_model",
 ]
 
-_OF_LOGS = {
-    "HeatingLog": "heating_log",
-    "read_heating_log": "heating_log",
-    "ThermalFit": "identification",
-    "identify": "identification",
-}
-
 
 def __getattr__(name: str) -> Any:
-    """Import what identifies segments when it is asked for: signal processing takes a second."""
-    if name not in _OF_LOGS:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.thermal.{_OF_LOGS[name]}"), name)
+    value = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -13,9 +13,9 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from twosra_mpc.plan import Cost, PhaseDocument, PlanDocument, Samples, Stats
-from twosra_mpc.problem import Problem
-from twosra_mpc.robot import Robot
+from twosra_mpc.plans.plan import Cost, PhaseDocument, PlanDocument, Samples, Stats
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.timing import Transition
 
 Subject = Literal["scenario", "robot", "plan"]

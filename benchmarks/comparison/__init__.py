@@ -13,7 +13,7 @@ from benchmarks.measurement import Timing, timed_in_turns
 from benchmarks.plan_record import PlanRecord, plan_record
 from benchmarks.suite import Choices, Record, Run, Suite, chosen
 from twosra_mpc import Plan, Problem, plan
-from twosra_mpc.greedy.published import PublishedTrajectory, published_trajectory
+from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
 from twosra_mpc.validation import Positive
 
 

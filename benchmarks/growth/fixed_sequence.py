@@ -11,9 +11,9 @@ import numpy as np
 
 from benchmarks.measurement import Timing, timed_in_turns
 from twosra_mpc import Problem
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, ModeSequence
-from twosra_mpc.motion import roll_out
-from twosra_mpc.nlp.fixed_sequence import improve
+from twosra_mpc.model.motion import roll_out
+from twosra_mpc.planning.nlp.fixed_sequence import improve
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, ModeSequence
 from twosra_mpc.timing import transition_model
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from twosra_mpc import Problem
-from twosra_mpc.motion import Motion
-from twosra_mpc.nlp.fixed_sequence import timed
-from twosra_mpc.outcome import verified
+from twosra_mpc.model.motion import Motion
+from twosra_mpc.planning.nlp.fixed_sequence import timed
+from twosra_mpc.planning.outcome import verified
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Settings = Mapping[str, str | int | float]

@@ -16,7 +16,7 @@ from benchmarks.peers.answer import Answer, Judgement, Peer, judged
 from benchmarks.peers.worker import Worker, WorkerDiedError
 from benchmarks.run_log import RunLog
 from twosra_mpc import Problem, plan
-from twosra_mpc.modes import sequence_name
+from twosra_mpc.robot.modes import sequence_name
 
 CALLS = 5  # of our planner, after one that compiles; their medians count
 _BUDGET_S = 60.0  # for these calls

@@ -15,9 +15,9 @@ from benchmarks.peers.answer import Answer, Settings, network_of
 from benchmarks.peers.shooting import INTERVALS, cold_guess, compile_programs, solved
 from benchmarks.peers.time_grid import bent_segments
 from twosra_mpc import Problem
-from twosra_mpc.modes import RIGID, ModeSequence
-from twosra_mpc.nlp.fixed_sequence import Candidate
-from twosra_mpc.outcome import verified
+from twosra_mpc.planning.nlp.fixed_sequence import Candidate
+from twosra_mpc.planning.outcome import verified
+from twosra_mpc.robot.modes import RIGID, ModeSequence
 
 
 @dataclass(frozen=True)

@@ -40,11 +40,11 @@ from benchmarks.peers.time_grid import (
 )
 from twosra_mpc import Problem, Robot
 from twosra_mpc.model.kinematics import kinematics, wheel_travel
-from twosra_mpc.modes import MODES
-from twosra_mpc.motion import Motion
-from twosra_mpc.nlp.fixed_sequence import SolveStatus, solve_status
-from twosra_mpc.nlp.landing import available_inputs
-from twosra_mpc.nlp.multiple_shooting import GAP_SCALE, INPUT_SCALE, STATE_SCALE
+from twosra_mpc.model.motion import Motion
+from twosra_mpc.planning.nlp.fixed_sequence import SolveStatus, solve_status
+from twosra_mpc.planning.nlp.landing import available_inputs
+from twosra_mpc.planning.nlp.multiple_shooting import GAP_SCALE, INPUT_SCALE, STATE_SCALE
+from twosra_mpc.robot.modes import MODES
 
 Array = NDArray[np.float64]
 

@@ -41,7 +41,7 @@ from benchmarks.peers.time_grid import (
 from twosra_mpc import Problem, Robot
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics, wheel_travel
-from twosra_mpc.nlp.multiple_shooting import GAP_SCALE, INPUT_SCALE, STATE_SCALE
+from twosra_mpc.planning.nlp.multiple_shooting import GAP_SCALE, INPUT_SCALE, STATE_SCALE
 
 Array = NDArray[np.float64]
 

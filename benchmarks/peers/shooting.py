@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from benchmarks.peers.answer import network_of
 from benchmarks.peers.time_grid import straight_line
 from twosra_mpc import Problem
-from twosra_mpc.modes import RIGID, SOFT_1, ModeSequence
-from twosra_mpc.motion import Motion
-from twosra_mpc.nlp.fixed_sequence import Candidate, improve
-from twosra_mpc.nlp.landing import available_inputs
-from twosra_mpc.nlp.multiple_shooting import INPUT_SCALE
+from twosra_mpc.model.motion import Motion
+from twosra_mpc.planning.nlp.fixed_sequence import Candidate, improve
+from twosra_mpc.planning.nlp.landing import available_inputs
+from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE
+from twosra_mpc.robot.modes import RIGID, SOFT_1, ModeSequence
 
 Array = NDArray[np.float64]
 

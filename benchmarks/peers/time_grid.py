@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc import Problem
-from twosra_mpc.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
-from twosra_mpc.motion import Motion, roll_out
-from twosra_mpc.nlp.landing import available_inputs
+from twosra_mpc.model.motion import Motion, roll_out
+from twosra_mpc.planning.nlp.landing import available_inputs
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.timing import earliest_times, transition_model
 
 Array = NDArray[np.float64]

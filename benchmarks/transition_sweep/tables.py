@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.markdown import figure, milliseconds, percent, share, table
 from benchmarks.plan_record import PlanRecord
 from benchmarks.summary import quantiles
-from twosra_mpc.modes import sequence_name
+from twosra_mpc.robot.modes import sequence_name
 
 SEQUENCES, TOTAL_TIME, PROOFS = "sequences.png", "total-time.png", "gap-and-wall-time.png"
 

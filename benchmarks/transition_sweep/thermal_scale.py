@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from twosra_mpc import InputError, Robot
-from twosra_mpc.segment import LumpedSegment
+from twosra_mpc.robot.segment import LumpedSegment
 
 
 def thermally_faster(robot: Robot, factor: float) -> Robot:

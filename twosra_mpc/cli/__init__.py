@@ -15,7 +15,7 @@ import click
 
 from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_BROKEN_PIPE, EXIT_INFEASIBLE, EXIT_NO_PLAN
 from twosra_mpc.errors import InputError, NoPlanError
-from twosra_mpc.plan import Status
+from twosra_mpc.plans.plan import Status
 from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.

@@ -8,7 +8,7 @@ import click
 
 from twosra_mpc.cli.options import animation, out_argument, output_options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output
-from twosra_mpc.plan import load_plan
+from twosra_mpc.plans.plan import load_plan
 
 _HELP = """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
 

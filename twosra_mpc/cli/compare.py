@@ -11,9 +11,9 @@ import click
 from twosra_mpc.cli.options import Load, output_options, plot_option, scenario_options
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.modes import sequence_name
-from twosra_mpc.plan import Plan
-from twosra_mpc.problem import Problem
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import sequence_name
 
 PLANNERS = ("optimal", "greedy")
 PLANS = ("scenario", "planner", "mode sequence", "duration", "cost ratio", "gap", "status")

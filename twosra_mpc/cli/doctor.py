@@ -16,14 +16,14 @@ from typing import Literal, NamedTuple
 import click
 import numpy as np
 
+from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.cli.options import output_options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
-from twosra_mpc.plan import Plan
-from twosra_mpc.plan_check import check_plan
-from twosra_mpc.planner import plan
-from twosra_mpc.problem import load_problem
-from twosra_mpc.search.linear_program import minimise
-from twosra_mpc.tracking.tracker import CommandStatus, Measurement, Tracker
+from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.version import __version__
 
 DISTRIBUTION = "twosra-mpc"

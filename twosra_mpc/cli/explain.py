@@ -6,11 +6,11 @@ from typing import Any
 
 import click
 
+from twosra_mpc.analysis.critical_path import Activity, in_words
+from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli.options import Load, output_options, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
-from twosra_mpc.critical_path import Activity, in_words
-from twosra_mpc.explanation import Explanation, explain
-from twosra_mpc.plan import Status
+from twosra_mpc.plans.plan import Status
 
 _HELP = """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 

@@ -9,24 +9,24 @@ import click
 
 from twosra_mpc.cli.options import file_option, output_options, plot_option
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
-from twosra_mpc.errors import InputError
-from twosra_mpc.modes import Stiffness
-from twosra_mpc.robot import load_robot
-from twosra_mpc.thermal.controller import stiffness_controller
-from twosra_mpc.thermal.heater_loop import (
+from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.heater_loop import (
     HeaterRun,
     Stretch,
     save_run,
     simulate_heater,
     stretches,
 )
-from twosra_mpc.thermal.model import segment_model
-from twosra_mpc.thermal.thermistor import (
+from twosra_mpc.control.thermistor import (
     Characteristic,
     LinearMap,
     NtcDivider,
     temperature_sensor,
 )
+from twosra_mpc.errors import InputError
+from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.modes import Stiffness
+from twosra_mpc.thermal.model import segment_model
 
 _SENSORS: dict[str, Characteristic] = {"ntc": NtcDivider(), "linear": LinearMap()}
 

@@ -11,9 +11,9 @@ import click
 
 from twosra_mpc.cli.output import Output, check_writable
 from twosra_mpc.errors import InputError
-from twosra_mpc.path_choice import with_path_model
-from twosra_mpc.problem import Problem, load_problem
-from twosra_mpc.setpoints import check_rate
+from twosra_mpc.identification.path_choice import with_path_model
+from twosra_mpc.plans.setpoints import check_rate
+from twosra_mpc.problem.problem import Problem, load_problem
 
 Function = Callable[..., Any]
 Decorator = Callable[[Function], Function]

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
 from twosra_mpc.cli.options import (
     Load,
     file_option,
@@ -16,11 +17,10 @@ from twosra_mpc.cli.options import (
     scenario_options,
 )
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
-from twosra_mpc.model_comparison import ModelComparison, compare_models
-from twosra_mpc.modes import sequence_name
-from twosra_mpc.path_choice import write_fitted_robot
-from twosra_mpc.path_fitting import CASES, fit_cardioids, fit_spirals
-from twosra_mpc.robot import CardioidPath, LogSpiralPath, Robot, load_robot
+from twosra_mpc.identification.path_choice import write_fitted_robot
+from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
+from twosra_mpc.robot.description import CardioidPath, LogSpiralPath, Robot, load_robot
+from twosra_mpc.robot.modes import sequence_name
 
 _FIT_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 

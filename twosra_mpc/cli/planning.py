@@ -22,10 +22,10 @@ from twosra_mpc.cli.output import (
     Output,
     print_table,
 )
-from twosra_mpc.plan import Plan, Status
-from twosra_mpc.planner import Progress, plan
-from twosra_mpc.problem import Problem
-from twosra_mpc.setpoints import save_setpoints
+from twosra_mpc.planning.planner import Progress, plan
+from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.setpoints import save_setpoints
+from twosra_mpc.problem.problem import Problem
 
 _HELP = """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.
 

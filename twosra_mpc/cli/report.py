@@ -8,7 +8,7 @@ import click
 
 from twosra_mpc.cli.options import out_argument, output_options
 from twosra_mpc.cli.output import EXIT_PLANNED, Output
-from twosra_mpc.plan import load_plan
+from twosra_mpc.plans.plan import load_plan
 
 _HELP = """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
+from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import ending, out_argument, output_options, rate_option
 from twosra_mpc.cli.output import EXIT_PLANNED, Output
-from twosra_mpc.plan import load_plan
-from twosra_mpc.resampling import refined
-from twosra_mpc.setpoints import save_setpoints
+from twosra_mpc.plans.plan import load_plan
+from twosra_mpc.plans.setpoints import save_setpoints
 
 _HELP = """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
 

@@ -18,13 +18,13 @@ from twosra_mpc.cli.options import (
 )
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.execution.disturbance import LEVELS, disturbance_level
-from twosra_mpc.execution.metrics import Metrics, spread
-from twosra_mpc.execution.plant import PLANTS, plant_robot
 from twosra_mpc.execution.run import save_document, times
-from twosra_mpc.execution.simulation import EXECUTORS, Simulation, simulate
-from twosra_mpc.plan import Plan
-from twosra_mpc.problem import Problem
+from twosra_mpc.execution.simulation.disturbance import LEVELS, disturbance_level
+from twosra_mpc.execution.simulation.metrics import Metrics, spread
+from twosra_mpc.execution.simulation.plant import PLANTS, plant_robot
+from twosra_mpc.execution.simulation.simulate import EXECUTORS, Simulation, simulate
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
 
 _HELP = f"""Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
 

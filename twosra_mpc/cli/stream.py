@@ -10,10 +10,8 @@ import click
 from twosra_mpc.cli.options import output_options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.errors import InputError
-from twosra_mpc.modes import mode_name
-from twosra_mpc.plan import Plan, load_plan
-from twosra_mpc.streaming.clock import SteppedClock, SystemClock
-from twosra_mpc.streaming.plan_stream import (
+from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
+from twosra_mpc.execution.serial.plan_stream import (
     LISTEN_S,
     RATE_HZ,
     Confirm,
@@ -24,7 +22,9 @@ from twosra_mpc.streaming.plan_stream import (
     check_sendable,
     stream,
 )
-from twosra_mpc.streaming.port import Port, open_serial_port
+from twosra_mpc.execution.serial.port import Port, open_serial_port
+from twosra_mpc.plans.plan import Plan, load_plan
+from twosra_mpc.robot.modes import mode_name
 
 _HELP = f"""Send PLAN to a robot over a serial line, and switch the robot off at the end.
 

@@ -10,9 +10,10 @@ import click
 
 from twosra_mpc.cli.options import file_option, output_options, plot_option
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
-from twosra_mpc.robot import Robot, load_robot
-from twosra_mpc.thermal.heating_log import HeatingLog, read_heating_log
-from twosra_mpc.thermal.identification import (
+from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
+from twosra_mpc.identification.identified_robot import write_identified_robot
+from twosra_mpc.identification.log_response import CORRECTED_S
+from twosra_mpc.identification.thermal import (
     SEGMENT_FIELDS,
     HeldOut,
     Parameters,
@@ -23,8 +24,7 @@ from twosra_mpc.thermal.identification import (
     score,
     two_node_segment,
 )
-from twosra_mpc.thermal.identified_robot import write_identified_robot
-from twosra_mpc.thermal.log_response import CORRECTED_S
+from twosra_mpc.robot.description import Robot, load_robot
 
 _WARM_K = 1.0  # a first reading this far above the air is worth a word
 _NAMES = {

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from twosra_mpc.checking.plan_file import PlanCheck, check_plan
 from twosra_mpc.cli.options import output_options
 from twosra_mpc.cli.output import (
     EXIT_BAD_INPUT,
@@ -16,7 +17,6 @@ from twosra_mpc.cli.output import (
     print_table,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.plan_check import PlanCheck, check_plan
 
 _HELP = """Check PLAN files independently of what they say of themselves.
 

@@ -1,13 +1,13 @@
 """Running plans: on anything that can be read and driven, first of all on a simulated robot."""
 
 from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.execution.disturbance import LEVELS, Disturbance
 from twosra_mpc.execution.executor import Executor, ExecutorSettings
-from twosra_mpc.execution.metrics import Metrics, Spread, spread
-from twosra_mpc.execution.plant import SimulatedRobot, Truth
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotInterface
 from twosra_mpc.execution.run import Ending, Run
-from twosra_mpc.execution.simulation import Simulation, simulate
+from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
+from twosra_mpc.execution.simulation.metrics import Metrics, Spread, spread
+from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
+from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 
 __all__ = [
     "LEVELS",

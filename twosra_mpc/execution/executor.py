@@ -21,10 +21,10 @@ from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, times
 from twosra_mpc.execution.session import Session
-from twosra_mpc.modes import sequence_name
-from twosra_mpc.plan import Plan
-from twosra_mpc.planner import plan as find_plan
-from twosra_mpc.tracking.tracker import Tracker
+from twosra_mpc.execution.tracking.tracker import Tracker
+from twosra_mpc.planning.planner import plan as find_plan
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.modes import sequence_name
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,10 @@ from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress, heate
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import ACCEPTED
 from twosra_mpc.execution.session import Session
-from twosra_mpc.modes import RIGID, SOFT_BOTH, Mode, mode_name
-from twosra_mpc.plan import Plan
-from twosra_mpc.tracking.outputs import OUTPUTS
-from twosra_mpc.tracking.tracker import Measurement, Tracker
+from twosra_mpc.execution.tracking.outputs import OUTPUTS
+from twosra_mpc.execution.tracking.tracker import Measurement, Tracker
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, Mode, mode_name
 
 Array = NDArray[np.float64]
 

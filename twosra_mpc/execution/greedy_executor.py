@@ -21,8 +21,8 @@ from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.session import Session
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.modes import Mode, mode_name
-from twosra_mpc.problem import Problem
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.thermal.model import segment_model
 
 Array = NDArray[np.float64]

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.plan import Plan
-from twosra_mpc.problem import Problem
-from twosra_mpc.thermal.stiffness import stiffness_rule
-from twosra_mpc.thermal.thermistor import temperature_sensor
+from twosra_mpc.control.stiffness import stiffness_rule
+from twosra_mpc.control.thermistor import temperature_sensor
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]

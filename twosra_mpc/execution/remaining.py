@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.modes import Mode
-from twosra_mpc.problem import Goal, Problem, Start, Tolerance
+from twosra_mpc.problem.problem import Goal, Problem, Start, Tolerance
+from twosra_mpc.robot.modes import Mode
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.robot import Robot
-from twosra_mpc.thermal.stiffness import KnownStiffness
+from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.robot.description import Robot
 
 Array = NDArray[np.float64]
 OfConfiguration = tuple[float, float, float, float, float]

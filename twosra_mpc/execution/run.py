@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.files import write_text
-from twosra_mpc.modes import Mode, Stiffness
-from twosra_mpc.plan import Plan
-from twosra_mpc.problem import Problem
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import Mode, Stiffness
 from twosra_mpc.version import __version__
 
 Array = NDArray[np.float64]

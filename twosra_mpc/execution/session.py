@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
@@ -21,10 +22,9 @@ from twosra_mpc.execution.run import (
     RunLog,
 )
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
-from twosra_mpc.modes import Mode
-from twosra_mpc.plan import Plan
-from twosra_mpc.problem import Problem
-from twosra_mpc.thermal.stiffness import KnownStiffness
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import Mode
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ import io
 from pathlib import Path
 
 from twosra_mpc.files import write_text
-from twosra_mpc.plan import Plan
-from twosra_mpc.setpoints import resampled
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.setpoints import resampled
 
 COLUMNS = ("x", "y", "angle", "k1", "k2", "v1", "v2", "u0", "v0", "r0", "s1", "s2", "time")
 

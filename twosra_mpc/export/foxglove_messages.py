@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twosra_mpc.robot import Geometry
-from twosra_mpc.robot_shape import RobotShape, robot_shape
+from twosra_mpc.model.outline import RobotShape, robot_shape
+from twosra_mpc.robot.description import Geometry
 
 Array = NDArray[np.float64]
 Message = dict[str, Any]

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.foxglove_messages import Message, frames, nanoseconds, scene
 from twosra_mpc.export.foxglove_schemas import (
@@ -19,9 +20,8 @@ from twosra_mpc.export.foxglove_schemas import (
     record,
 )
 from twosra_mpc.files import atomic_path
-from twosra_mpc.plan import Plan, Samples
-from twosra_mpc.resampling import refined
-from twosra_mpc.setpoints import SAME_TIME_S
+from twosra_mpc.plans.plan import Plan, Samples
+from twosra_mpc.plans.setpoints import SAME_TIME_S
 from twosra_mpc.version import __version__
 
 _PAIR = (1, 2)

@@ -19,8 +19,8 @@ from scipy.interpolate import CubicHermiteSpline
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, shape_margins_of
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.modes import SOFT_1, SOFT_BOTH, Mode
-from twosra_mpc.robot import Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import SOFT_1, SOFT_BOTH, Mode
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.robot import Robot
+from twosra_mpc.robot.description import Robot
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.model.series import sinc, versine_ratio
-from twosra_mpc.robot import Geometry, Robot
+from twosra_mpc.robot.description import Geometry, Robot
 
 Array = NDArray[np.float64]
 

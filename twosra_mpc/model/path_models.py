@@ -33,7 +33,7 @@ from twosra_mpc.model.series import (
     versine_ratio,
     versine_ratio_squared,
 )
-from twosra_mpc.robot import ArcPath, CardioidPath, LogSpiralPath, Robot
+from twosra_mpc.robot.description import ArcPath, CardioidPath, LogSpiralPath, Robot
 
 _BOTH = 2  # case III among I, II, III
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import casadi as ca
 
 from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
-from twosra_mpc.modes import RIGID, SOFT_BOTH, Mode
-from twosra_mpc.robot import Geometry, Robot
+from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, Mode
 
 _ALMOST_SINGULAR = 1e-12  # relative; keeps the normal equations solvable in singular shapes
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from twosra_mpc.model.outline import RobotShape, robot_shape, segment_arc
 from twosra_mpc.plotting.animation import animate_plan
 from twosra_mpc.plotting.comparison_figure import plot_comparison
 from twosra_mpc.plotting.figure_file import check_figure_path, save_figure
@@ -41,7 +42,6 @@ from twosra_mpc.plotting.timeline import (
     plan_stretch,
     segment_states,
 )
-from twosra_mpc.robot_shape import RobotShape, robot_shape, segment_arc
 
 if TYPE_CHECKING:
     from twosra_mpc.plotting.run_animation import animate_run

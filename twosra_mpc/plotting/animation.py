@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from twosra_mpc.plan import Plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting import film
 from twosra_mpc.plotting.film import Film, Moment, OnProgress, check_animation_path, record
 from twosra_mpc.plotting.plan_figure import plan_title

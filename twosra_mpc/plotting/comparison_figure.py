@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.plan import Plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.plan_figure import plan_title
 from twosra_mpc.plotting.timeline import draw_lanes, samples_of, state_handles

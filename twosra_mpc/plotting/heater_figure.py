@@ -16,10 +16,10 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
+from twosra_mpc.control.controller import StiffnessController
+from twosra_mpc.control.heater_loop import HeaterRun
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.style import BESIDE, CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR
-from twosra_mpc.thermal.controller import StiffnessController
-from twosra_mpc.thermal.heater_loop import HeaterRun
 from twosra_mpc.thermal.lumped import Lumped
 
 SIZE_IN = (10.0, 6.6)

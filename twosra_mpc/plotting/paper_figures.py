@@ -20,11 +20,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from twosra_mpc.greedy.published import PublishedTrajectory, published_trajectory
-from twosra_mpc.greedy.published_model import published_jacobian
-from twosra_mpc.modes import MODES, RIGID, Mode, mode_name
-from twosra_mpc.plan import Plan
-from twosra_mpc.planner import plan
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_robot
 from twosra_mpc.plotting.style import (
@@ -36,9 +34,11 @@ from twosra_mpc.plotting.style import (
     UNIT_COLOUR,
 )
 from twosra_mpc.plotting.timeline import COORDINATES, samples_of
-from twosra_mpc.problem import load_problem
-from twosra_mpc.robot import Geometry
-from twosra_mpc.robot_shape import robot_shape
+from twosra_mpc.problem.problem import load_problem
+from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
+from twosra_mpc.reproduction.published_model import published_jacobian
+from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.modes import MODES, RIGID, Mode, mode_name
 
 Array = NDArray[np.float64]
 

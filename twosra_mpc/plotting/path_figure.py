@@ -17,8 +17,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from twosra_mpc.modes import Mode
-from twosra_mpc.path_fitting import (
+from twosra_mpc.identification.path_fitting import (
     CARDIOID_BEND_RAD,
     SPIRAL_BENDS_RAD,
     Case,
@@ -26,10 +25,11 @@ from twosra_mpc.path_fitting import (
     exact_path,
     path_curves,
 )
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.style import METAL_COLOUR, RIGID_COLOUR, SOFT_COLOUR, UNIT_COLOUR
-from twosra_mpc.robot import Geometry, Robot
-from twosra_mpc.robot_shape import robot_shape
+from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.modes import Mode
 
 Array = NDArray[np.float64]
 

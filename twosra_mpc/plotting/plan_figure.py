@@ -16,8 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from twosra_mpc.modes import mode_name
-from twosra_mpc.plan import Phase, Plan, Samples
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.plan import Phase, Plan, Samples
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_robot, number_units
 from twosra_mpc.plotting.style import (
@@ -40,7 +40,7 @@ from twosra_mpc.plotting.timeline import (
     plan_stretch,
     samples_of,
 )
-from twosra_mpc.robot_shape import robot_shape
+from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
 

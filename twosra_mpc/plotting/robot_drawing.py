@@ -8,7 +8,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from twosra_mpc.modes import RIGID, Mode
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting.style import (
     CHANGING_COLOUR,
     METAL_COLOUR,
@@ -17,8 +17,8 @@ from twosra_mpc.plotting.style import (
     SOFT_COLOUR,
     UNIT_COLOUR,
 )
-from twosra_mpc.robot import Geometry
-from twosra_mpc.robot_shape import robot_shape
+from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.modes import RIGID, Mode
 
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths
 

@@ -19,10 +19,10 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.plant import Truth
 from twosra_mpc.execution.run import CHANGING, Drive, Run, times
-from twosra_mpc.modes import mode_name
-from twosra_mpc.plan import Phase
+from twosra_mpc.execution.simulation.plant import Truth
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.plan import Phase
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_outline, draw_robot
 from twosra_mpc.plotting.style import (
@@ -37,7 +37,7 @@ from twosra_mpc.plotting.style import (
     UNIT_COLOUR,
 )
 from twosra_mpc.plotting.time_axis import TimeStretch
-from twosra_mpc.robot_shape import robot_shape
+from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from PIL import Image
 
-from twosra_mpc.modes import mode_name
-from twosra_mpc.plan import Phase
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.plan import Phase
 from twosra_mpc.plotting.film import Moment
 from twosra_mpc.plotting.robot_drawing import draw_outline, number_units, robot_artists
 from twosra_mpc.plotting.style import (
@@ -33,8 +33,8 @@ from twosra_mpc.plotting.style import (
     STATES,
 )
 from twosra_mpc.plotting.time_axis import TimeStretch
-from twosra_mpc.robot import Geometry
-from twosra_mpc.robot_shape import robot_shape
+from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
 

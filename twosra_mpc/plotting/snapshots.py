@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.modes import Mode
-from twosra_mpc.plan import Plan
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.plan_figure import plan_title
 from twosra_mpc.plotting.robot_drawing import draw_robot, number_units
@@ -26,7 +26,7 @@ from twosra_mpc.plotting.style import (
     UNIT_COLOUR,
 )
 from twosra_mpc.plotting.timeline import configuration_at, samples_of, segment_states
-from twosra_mpc.robot_shape import robot_shape
+from twosra_mpc.robot.modes import Mode
 
 WIDTH_IN, PANEL_IN, COLUMNS = 10.0, 2.1, 4
 _CHANGING = ("melting", "freezing")

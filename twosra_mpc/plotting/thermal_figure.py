@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from twosra_mpc.identification.heating_log import EvenLog, runs
+from twosra_mpc.identification.thermal import ThermalFit
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.style import BESIDE, HEATER_COLOUR, RIGID_COLOUR, SOFT_COLOUR
-from twosra_mpc.thermal.heating_log import EvenLog, runs
-from twosra_mpc.thermal.identification import ThermalFit
 
 Array = NDArray[np.float64]
 

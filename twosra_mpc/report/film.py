@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.modes import mode_name
-from twosra_mpc.plan import Plan, Samples
+from twosra_mpc.plans.plan import Plan, Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
-from twosra_mpc.robot import Geometry
+from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
 

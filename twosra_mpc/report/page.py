@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from twosra_mpc.critical_path import critical_path, hidden_activities, in_words
+from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
-from twosra_mpc.modes import mode_name, sequence_name
-from twosra_mpc.plan import Plan, Samples
+from twosra_mpc.plans.plan import Plan, Samples
 from twosra_mpc.plotting import TimeStretch, plot_plan
 from twosra_mpc.report import reproduction, words
 from twosra_mpc.report.film import film_of, filmed_box, pose_of
 from twosra_mpc.report.setpoint_table import setpoint_table
 from twosra_mpc.report.timeline import Thermometer, curve, lanes, ticks
-from twosra_mpc.segment import LumpedSegment
+from twosra_mpc.robot.modes import mode_name, sequence_name
+from twosra_mpc.robot.segment import LumpedSegment
 
 _ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
-from twosra_mpc.plan import Plan
-from twosra_mpc.problem import Problem
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.version import __version__
 
 _LIBRARIES = ("casadi", "numpy", "scipy")  # those that a plan's numbers come from

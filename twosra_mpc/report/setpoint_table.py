@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.plan import Samples
-from twosra_mpc.robot import Robot
-from twosra_mpc.setpoints import rows
+from twosra_mpc.plans.plan import Samples
+from twosra_mpc.plans.setpoints import rows
+from twosra_mpc.robot.description import Robot
 
 MOST_ROWS = 1500  # a page with more of them is slow to scroll
 _COUNTS = ("mode1", "mode2")

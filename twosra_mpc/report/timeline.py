@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.modes import mode_name
-from twosra_mpc.plan import Plan, Samples
+from twosra_mpc.plans.plan import Plan, Samples
 from twosra_mpc.plotting import TimeStretch, segment_states
+from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
 

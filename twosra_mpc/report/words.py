@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from twosra_mpc.modes import mode_name
-from twosra_mpc.plan import Plan, Status, Verification
-from twosra_mpc.problem import COORDINATE_UNITS, Problem
-from twosra_mpc.robot import OverlappedTiming, SequentialTiming
-from twosra_mpc.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
+from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
+from twosra_mpc.plans.plan import Plan, Status, Verification
+from twosra_mpc.problem.problem import COORDINATE_UNITS, Problem
+from twosra_mpc.robot.description import OverlappedTiming, SequentialTiming
+from twosra_mpc.robot.modes import mode_name
 
 _UNITS = {  # ending of a limit's name -> unit, longest first
     "_rad_s": "rad/s",

@@ -28,7 +28,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from twosra_mpc.thermal.heating_plan import HeatingPlan
+from twosra_mpc.thermal.heating import HeatingPlan
 from twosra_mpc.thermal.model import SegmentModel, State
 
 _FOR_EVER_S = 1e9

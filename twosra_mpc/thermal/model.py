@@ -6,8 +6,8 @@ import math
 from typing import Protocol
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.robot import Robot
-from twosra_mpc.segment import LumpedSegment, TwoNodeSegment
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.segment import LumpedSegment, TwoNodeSegment
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.two_node import TwoNode
 

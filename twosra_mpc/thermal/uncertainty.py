@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.robot import Robot
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.model import SegmentModel, segment_model
 from twosra_mpc.thermal.two_node import TwoNode

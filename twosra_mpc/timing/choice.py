@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from twosra_mpc.problem import Problem
-from twosra_mpc.robot import OverlappedTiming, SequentialTiming, ThermalTiming
-from twosra_mpc.thermal.heating_plan import HeatingPlan, KeepWarm
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.description import OverlappedTiming, SequentialTiming, ThermalTiming
+from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm
 from twosra_mpc.thermal.model import segment_model
 from twosra_mpc.thermal.uncertainty import EXACT, windows
 from twosra_mpc.timing.constant import Overlapped, Sequential

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twosra_mpc.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 
 
 @dataclass(frozen=True)

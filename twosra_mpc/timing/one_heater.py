@@ -13,7 +13,7 @@ import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from twosra_mpc.modes import Mode, ModeSequence
+from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.timing.network import Event, events_of
 
 

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from twosra_mpc.modes import Mode, ModeSequence
-from twosra_mpc.thermal.course import Course
-from twosra_mpc.thermal.heating_plan import HeatingPlan, Timed
+from twosra_mpc.robot.modes import Mode, ModeSequence
+from twosra_mpc.thermal.heating import HeatingPlan, Timed
 from twosra_mpc.thermal.least_times import LeastTimes
+from twosra_mpc.thermal.trajectory import Course
 from twosra_mpc.timing.constant import ONE_HEATER
 from twosra_mpc.timing.network import (
     Event,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, Protocol
 
-from twosra_mpc.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.timing.network import TemporalNetwork
 
 

@@ -1,0 +1,290 @@
+"""``explain(problem)``: why a plan is what it is, and what other plans would cost.
+
+Everything said of another plan comes from planning it: the next best mode sequence, the plan
+without a mode, with one heater, with slower transitions. What the duration is made of is read off
+the plan itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from twosra_mpc.analysis.critical_path import (
+    Activity,
+    Hidden,
+    critical_path,
+    hidden_activities,
+    in_words,
+)
+from twosra_mpc.analysis.transition_speed import slowed
+from twosra_mpc.errors import InputError
+from twosra_mpc.planning.planner import bending_task, plan, plan_without
+from twosra_mpc.planning.search.bounds import unreachable_reason
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence, mode_name
+
+SLOWER = 1.5  # how many times slower a freeze or a melt is made
+
+_ROUNDS = 8  # how often a sequence that only adds unused phases is set aside
+_SAME_S = 1e-5  # events closer than this are one
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """Another plan, and what it costs more.
+
+    Attributes:
+        change: What is different, e.g. "without mode [1,0]".
+        details: What exactly was changed, or what the other plan does; may be empty.
+        original: The plan that is explained.
+        plan: The plan of the changed problem, with its own status and gap; None if the change
+            makes no valid problem.
+    """
+
+    change: str
+    details: str
+    original: Plan
+    plan: Plan | None
+
+    @property
+    def difference_s(self) -> float | None:
+        """Cost of this plan less that of the original [s]; None where either has no plan."""
+        if self.plan is None or self.plan.cost is None or self.original.cost is None:
+            return None
+        return self.plan.cost.total - self.original.cost.total
+
+    @property
+    def difference(self) -> float | None:
+        """``difference_s`` relative to the cost of the original."""
+        if self.difference_s is None or self.original.cost is None or not self.original.cost.total:
+            return None
+        return self.difference_s / self.original.cost.total
+
+    @property
+    def outcome(self) -> str:
+        """What came of it, in words."""
+        if self.plan is None:
+            return self.details
+        return f"{self.plan.message} ({self.details})" if self.details else self.plan.message
+
+    @property
+    def price(self) -> str:
+        """``difference_s`` and ``difference`` in words; empty where there is no plan."""
+        if self.difference_s is None:
+            return ""
+        percent = 100 * (self.difference or 0.0)
+        digits = 1 if abs(percent) >= 1 else 3
+        return f"{self.difference_s:+.2f} s ({percent:+.{digits}f} %)"
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, [self.change, self.price, self.outcome]))
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Why a plan is what it is.
+
+    Attributes:
+        plan: The plan.
+        why: Reasons, in sentences.
+        critical_path: Activities that add up to the duration.
+        hidden: Activities that cost no time of their own.
+        alternatives: Other plans, as far as they are known.
+        complete: Whether all alternatives were planned; False after Ctrl-C.
+    """
+
+    plan: Plan
+    why: tuple[str, ...]
+    critical_path: tuple[Activity, ...]
+    hidden: tuple[Hidden, ...]
+    alternatives: tuple[Alternative, ...]
+    complete: bool
+
+    def __str__(self) -> str:
+        lines = [self.plan.message, *(f"  {reason}" for reason in self.why)]
+        if self.critical_path:
+            lines.append(f"The {self.plan.duration_s:.1f} s are")
+            told = in_words(self.critical_path)
+            lines += [f"  {duration:8.2f} s {words}" for duration, words in told]
+        if self.hidden:
+            lines.append("At the same time, at no cost")
+            lines += [f"  {one.activity.duration_s:8.2f} s {one}" for one in self.hidden]
+        if self.alternatives:
+            lines.append("Instead")
+            lines += [f"  {other}" for other in self.alternatives]
+        if not self.complete:
+            lines.append("Interrupted: not all alternatives were planned.")
+        return "\n".join(lines)
+
+
+def explain(
+    subject: Plan | Problem, *, on_progress: Callable[[str], None] | None = None
+) -> Explanation:
+    """Explain a plan of the optimal planner by planning what would have been otherwise.
+
+    Every other plan may take the problem's ``time_limit_s``. Ctrl-C ends the planning, and what is
+    known so far is returned.
+
+    Args:
+        subject: A plan, or a problem that is planned first.
+        on_progress: Told what is planned next.
+
+    Raises:
+        InputError: If the problem asks for the greedy planner, which weighs nothing, or if the
+            locomotion units would overlap at the start or at the goal.
+    """
+    problem = subject.problem if isinstance(subject, Plan) else subject
+    if problem.planner != "optimal":
+        allowed = "'optimal': the greedy rule weighs no alternatives"
+        raise InputError("planner", problem.planner, allowed)
+    tell = on_progress or (lambda _: None)
+    tell("the plan itself")
+    original = subject if isinstance(subject, Plan) else plan(subject)
+    others: list[Alternative] = []
+    complete = isinstance(subject, Plan) or not _interrupted(original)
+    if complete and (original.phases or original.transitions):
+        complete = _collect(_alternatives(original, tell), others)
+    return Explanation(
+        plan=original,
+        why=tuple(_why(original)),
+        critical_path=critical_path(original),
+        hidden=hidden_activities(original),
+        alternatives=tuple(others),
+        complete=complete,
+    )
+
+
+def _collect(alternatives: Iterator[Alternative], known: list[Alternative]) -> bool:
+    """Add the alternatives to ``known``; return False if Ctrl-C ended that early."""
+    try:
+        for other in alternatives:
+            known.append(other)
+            if other.plan is not None and _interrupted(other.plan):
+                return False
+    except KeyboardInterrupt:
+        return False
+    return True
+
+
+def _interrupted(made: Plan) -> bool:
+    """Whether Ctrl-C ended the search; a time limit ends it only after that time."""
+    return made.stopped_early and made.stats.wall_s < made.problem.time_limit_s
+
+
+def _why(made: Plan) -> Iterator[str]:
+    """Reasons that need no other plan."""
+    if made.cost is None:
+        return
+    task, used = bending_task(made.problem), _modes(made)
+    for mode in dict.fromkeys(used):
+        rest = tuple(other for other in _complete(used, made.problem) if other != mode)
+        if any(mode) and (reason := unreachable_reason(rest, task)) is not None:
+            yield f"{mode_name(mode)} cannot be left out of this sequence: {reason}"
+    if not made.transitions:
+        yield "no segment has to bend, so nothing is melted"
+    for item in critical_path(made):
+        if item.kind in ("melt", "freeze") and len(item.segments) == 2:
+            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not twice"
+    yield f"the robot moves for {made.moving_s:.1f} s of {made.cost.time_s:.1f} s"
+    if made.lower_bound is not None:
+        yield f"proved: no plan whatever costs less than {made.lower_bound:.2f} s"
+
+
+def _alternatives(original: Plan, tell: Callable[[str], None]) -> Iterator[Alternative]:
+    """Plan one alternative after the other."""
+    tell("the next best mode sequence")
+    yield _next_best(original)
+    for change, changed in _changes(original):
+        tell(change)
+        try:
+            problem, details = changed()
+            yield Alternative(change, details, original, plan(problem))
+        except InputError as error:
+            yield Alternative(change, f"no such problem: {error}", original, None)
+
+
+def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, str]]]]:
+    """Yield what is to be changed, in words, and how to change it."""
+    problem = original.problem
+    for mode in dict.fromkeys(_modes(original)):
+        modes = tuple(other for other in problem.modes if other != mode)
+        yield f"without mode {mode_name(mode)}", partial(_with, problem, "modes", modes)
+    if problem.heaters_at_once == 2 and original.transitions:
+        yield "with one heater at a time", partial(_with, problem, "heaters_at_once", 1)
+    kinds = {item.to for item in original.transitions}
+    if "rigid" in kinds:
+        yield f"freezing {SLOWER:g} times slower", partial(slowed, problem, "freeze", SLOWER)
+    if "soft" in kinds:
+        yield f"melting {SLOWER:g} times slower", partial(slowed, problem, "melt", SLOWER)
+
+
+def _with(problem: Problem, field: str, value: object) -> tuple[Problem, str]:
+    return Problem(**{**dict(problem), field: value}), ""
+
+
+def _next_best(original: Plan) -> Alternative:
+    """Plan with another mode sequence, one that differs in the phases in which something moves.
+
+    Sequences whose further phases stay empty only melt and freeze for nothing; where only such are
+    found, the cheapest of them is the answer.
+    """
+    excluded = _sequences(original)
+    cheapest = found = plan_without(original.problem, frozenset(excluded))
+    for _ in range(_ROUNDS):
+        if not found.found or _interrupted(found) or _modes(found) != _modes(original):
+            break
+        known = len(excluded)
+        excluded |= _sequences(found)
+        if len(excluded) == known:
+            break
+        found = plan_without(original.problem, frozenset(excluded))
+    if found.found and _modes(found) != _modes(original):
+        return Alternative("with the next best mode sequence", "", original, found)
+    details = ""
+    if cheapest.found and cheapest.lower_bound is not None:
+        details = f"melts more than it needs; none costs less than {cheapest.lower_bound:.1f} s"
+    return Alternative("with any other mode sequence", details, original, cheapest)
+
+
+def _modes(made: Plan) -> ModeSequence:
+    """Modes of the phases in which something moves, none twice in a row."""
+    return _merged([phase.mode for phase in made.phases])
+
+
+def _merged(modes: Sequence[Mode]) -> ModeSequence:
+    return tuple(mode for i, mode in enumerate(modes) if i == 0 or mode != modes[i - 1])
+
+
+def _sequences(made: Plan) -> set[ModeSequence]:
+    """The complete mode sequences of a plan: by its phases alone, and with those left empty."""
+    problem = made.problem
+    passed = [mode for mode in _passed_modes(made) if mode in problem.modes]
+    return {_complete(_modes(made), problem), _complete(_merged(passed), problem)}
+
+
+def _complete(modes: ModeSequence, problem: Problem) -> ModeSequence:
+    """Add the rigid phases that open and close a sequence in the search."""
+    if RIGID not in problem.modes:
+        return modes
+    opening = (RIGID,) if problem.start_mode == RIGID else ()
+    closing = (RIGID,) if problem.goal.mode == RIGID else ()
+    return _merged((*opening, *modes, *closing))
+
+
+def _passed_modes(made: Plan) -> list[Mode]:
+    """Stiffness of the segments whenever none of them is changing, in order of time."""
+    changes = made.transitions
+    moments = {0.0, *(t.onset_s for t in changes), *(t.done_s for t in changes)}
+    passed = []
+    for now in sorted(moments):
+        if any(t.onset_s + _SAME_S < now < t.done_s - _SAME_S for t in changes):
+            continue
+        mode = list(made.problem.start_mode)
+        for item in sorted(changes, key=lambda t: t.done_s):
+            if item.done_s <= now + _SAME_S:
+                mode[item.segment - 1] = int(item.to == "soft")
+        passed.append((mode[0], mode[1]))
+    return passed

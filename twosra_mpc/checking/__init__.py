@@ -1,0 +1,1 @@
+"""Independent verification of plans: nothing here uses how they were made."""

@@ -1,0 +1,221 @@
+"""``check_plan(path)``: what a plan file claims, against what follows from its samples.
+
+The verification and the numbers stored in the file are not trusted: the samples are re-integrated
+and every rule is tested anew for the robot and the scenario in the file, the energy is counted from
+the heater currents, and cost and gap are worked out again. That the lower bound is one cannot be
+seen from a plan; it takes planning the scenario again.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
+from twosra_mpc.files import read_text
+from twosra_mpc.plans.plan import Cost, Plan, Samples, Status, Verification, load_plan
+from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
+from twosra_mpc.robot.description import ThermalTiming
+from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.thermal.model import segment_model
+
+ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
+TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
+BOUND_TOLERANCE = 1e-6  # relative: a bound comes from a solver
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that must hold.
+
+    Attributes:
+        name: What was checked.
+        found: What was found, in words.
+        ok: Whether it holds.
+        margin: How far it is from not holding (negative: does not hold); None without a measure.
+        unit: Unit of the margin.
+    """
+
+    name: str
+    found: str
+    ok: bool
+    margin: float | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanCheck:
+    """A plan file that was checked.
+
+    Attributes:
+        plan: The plan as it was read.
+        checks: Everything that was checked; a single failed check if there is no plan in the file.
+        problems: What does not hold, in words.
+    """
+
+    plan: Plan
+    checks: tuple[Check, ...]
+    problems: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything holds."""
+        return not self.problems and all(check.ok for check in self.checks)
+
+
+def check_plan(path: str | Path) -> PlanCheck:
+    """Check a plan file without trusting what it says of itself.
+
+    Raises:
+        InputError: If it is not a plan file of a known version, or does not fit together.
+    """
+    plan = load_plan(path)
+    document = json.loads(read_text(Path(path), str(path)))
+    if plan.samples is None or plan.cost is None:
+        nothing = Check("plan", f"none in this file: {plan.message}", ok=False)
+        return PlanCheck(plan, (nothing,), (f"there is no plan: {plan.message}",))
+    found = examine(plan.problem, plan.samples, plan.phases, plan.transitions)
+    claims = (
+        _allowed_modes(plan),
+        _currents(plan.samples),
+        *_cost(plan, plan.samples, plan.cost),
+        *_proof(plan, plan.cost),
+        *_copies(plan, plan.cost, document),
+        _stored(plan.verification, found.verification),
+    )
+    false = (f"{claim.name}: {claim.found}" for claim in claims if not claim.ok)
+    return PlanCheck(plan, (*_rules(found), *claims), (*found.verification.problems, *false))
+
+
+def _rules(found: Findings) -> Iterator[Check]:
+    """Every rule of motion: first those with a margin."""
+    yield from _motion(found.verification)
+    yield from _limits(found.verification)
+    for name, broken in found.rules.items():
+        yield Check(name, broken[0] if broken else "kept", not broken)
+
+
+def _motion(found: Verification) -> Iterator[Check]:
+    margin = DEFECT_TOLERANCE - found.max_defect
+    departs = f"departs from the samples by {found.max_defect:.2g} (m, rad or 1/m)"
+    yield Check("re-integration", departs, margin >= 0, margin)
+    for name, unit, error in zip(COORDINATES, COORDINATE_UNITS, found.goal_error, strict=True):
+        margin = GOAL_TOLERANCE - abs(error)
+        yield Check(f"goal.{name}", f"missed by {abs(error):.2g} {unit}", margin >= 0, margin, unit)
+
+
+def _limits(found: Verification) -> Iterator[Check]:
+    for name, margin in found.limits.items():
+        state = "kept" if margin >= 0 else "exceeded"
+        yield Check(f"limit {name}", state, margin >= 0, margin, _unit(name))
+
+
+def _unit(name: str) -> str:
+    units = {"_rad_s": "rad/s", "_m_s": "m/s", "_per_m": "1/m", "_C": "C", "_A": "A", "_m": "m"}
+    return next((unit for ending, unit in units.items() if name.endswith(ending)), "")
+
+
+def _allowed_modes(plan: Plan) -> Check:
+    forbidden = [mode_name(p.mode) for p in plan.phases if p.mode not in plan.problem.modes]
+    text = f"{', '.join(forbidden)} is not among them" if forbidden else "used, no others"
+    return Check("modes of the scenario", text, not forbidden)
+
+
+def _currents(samples: Samples) -> Check:
+    """A current that flows backwards would heat as well, but no driver can send it."""
+    least = float(samples.heater_current_A.min())
+    return Check("heater currents", f"at least {least:g} A", least >= 0, least, "A")
+
+
+def _cost(plan: Plan, samples: Samples, cost: Cost) -> Iterator[Check]:
+    first, last = float(samples.t_s[0]), float(samples.t_s[-1])
+    same = first == 0.0 and math.isclose(cost.time_s, last, rel_tol=TOLERANCE)
+    span = f"{cost.time_s:.3f} s; the samples last from {first:g} s to {last:.3f} s"
+    yield Check("cost.time_s", span, same)
+    energy = energy_J(plan.problem, samples)
+    same = math.isclose(cost.energy_J, energy, rel_tol=ENERGY_TOLERANCE, abs_tol=1e-6)
+    text = f"{cost.energy_J:.1f} J; the currents give {energy:.1f} J"
+    yield Check("cost.energy_J", text, same)
+    count = len(plan.transitions)
+    text = f"{cost.transitions}; there are {count}"
+    yield Check("cost.transitions", text, cost.transitions == count)
+    weights = plan.problem.cost_weights
+    total = cost.time_s + weights.energy_s_per_J * cost.energy_J
+    total += weights.transition_s * cost.transitions
+    text = f"{cost.total:.3f} s; time, energy and transitions weigh {total:.3f} s"
+    yield Check("cost.total", text, math.isclose(cost.total, total, rel_tol=TOLERANCE))
+
+
+def energy_J(problem: Problem, samples: Samples) -> float:
+    """Heat that the sampled currents give off in both coils."""
+    held_s = np.diff(samples.t_s)
+    currents = samples.heater_current_A[:-1]
+    if not isinstance(problem.transition_times, ThermalTiming):
+        return float((held_s @ (problem.robot.heater.resistance_ohm * currents**2)).sum())
+    model, total = segment_model(problem.robot, problem.ambient), 0.0
+    for j, temperature in enumerate(problem.temperatures):
+        state = model.initial(temperature)
+        for current, held in zip(currents[:, j].tolist(), held_s.tolist(), strict=True):
+            total += model.energy_J(state, current, held)
+            state = model.propagate(state, current, held)
+    return total
+
+
+def _proof(plan: Plan, cost: Cost) -> Iterator[Check]:
+    """The claims that rest on the lower bound."""
+    if plan.lower_bound is None:
+        proved = plan.status is Status.OPTIMAL
+        text = "claimed without a lower bound" if proved else "no lower bound, none claimed"
+        yield Check("status", f"{plan.status}: {text}", plan.found and not proved)
+        return
+    margin = cost.total - plan.lower_bound
+    below = margin >= -BOUND_TOLERANCE * cost.total
+    text = f"{plan.lower_bound:.3f} s, not above the cost" if below else "above the cost it bounds"
+    yield Check("lower bound", text, below, max(margin, 0.0) if below else margin, "s")
+    assert plan.gap is not None, "there is a cost and a lower bound"
+    earned = plan.found and (plan.status is not Status.OPTIMAL or plan.gap <= plan.problem.gap)
+    text = f"{plan.status}; gap {plan.gap:.3g}, asked {plan.problem.gap:g}"
+    yield Check("status", text, earned)
+
+
+def _copies(plan: Plan, cost: Cost, document: dict[str, Any]) -> Iterator[Check]:
+    """Numbers and names that stand in the file twice."""
+    for name, stored, expected in (
+        ("duration_s", document["duration_s"], cost.time_s),
+        ("gap", document["gap"], plan.gap),
+    ):
+        if stored is None or expected is None:
+            same = stored is expected
+        else:
+            same = math.isclose(stored, expected, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+        yield Check(name, f"{_number(stored)}; it should be {_number(expected)}", same)
+    name, used = document["scenario"].get("robot"), plan.robot.name
+    yield Check("scenario.robot", f"{name!r}; the robot in the file is {used!r}", name == used)
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.6g}"
+
+
+def _stored(stored: Verification | None, found: Verification) -> Check:
+    """Whether the verification in the file says what was found here."""
+    name = "verification in the file"
+    if stored is None:
+        return Check(name, "missing", ok=False)
+    if stored.ok != found.ok:
+        text = f"says {'passed' if stored.ok else 'failed'}, but it is not so"
+        return Check(name, text, ok=False)
+    numbers = [
+        (stored.max_defect, found.max_defect),
+        *zip(stored.goal_error, found.goal_error, strict=False),
+        *((stored.limits.get(key, math.nan), value) for key, value in found.limits.items()),
+    ]
+    apart = max(abs(a - b) for a, b in numbers) if len(stored.goal_error) == 5 else math.nan
+    same = apart <= DEFECT_TOLERANCE and set(stored.limits) == set(found.limits)
+    return Check(name, "the same" if same else "its numbers are others", same)

@@ -1,0 +1,275 @@
+"""Independent check of a plan: SciPy re-integrates it, and every rule is tested on the outcome.
+
+Nothing here uses the transcription, the roll-out or the schedule: only the samples and transitions
+as they will be written to the file, the kinematics, and the robot description.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from twosra_mpc.checking.transitions import TIME_TOLERANCE_S, transition_problems
+from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
+from twosra_mpc.plans.plan import Phase, Samples, Verification
+from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
+from twosra_mpc.problem.shape import TOUCHING_M, shape_margins
+from twosra_mpc.robot.description import ThermalTiming
+from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.timing import Transition
+
+Array = NDArray[np.float64]
+
+GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
+DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
+RELATIVE_TOLERANCE = 1e-7  # of a limit
+WHEEL_TOLERANCE_RAD_S = 1e-6
+_SAME_DIRECTION = 1e-13  # rounding of a unit vector
+_RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
+
+
+class Findings(NamedTuple):
+    """What was found in a plan.
+
+    Attributes:
+        verification: The outcome, as it stands in a plan file.
+        rules: Rules that have no margin; for each the problems that break it.
+    """
+
+    verification: Verification
+    rules: dict[str, tuple[str, ...]]
+
+
+def verify(
+    problem: Problem,
+    samples: Samples,
+    phases: Sequence[Phase],
+    transitions: Sequence[Transition],
+) -> Verification:
+    """Re-integrate a plan and check limits, transitions and goal."""
+    return examine(problem, samples, phases, transitions).verification
+
+
+def examine(
+    problem: Problem,
+    samples: Samples,
+    phases: Sequence[Phase],
+    transitions: Sequence[Transition],
+) -> Findings:
+    """Verify a plan, and say of every rule whether it holds."""
+    grid = {"time grid": tuple(_grid_problems(samples))}
+    if unusable := grid["time grid"]:  # nothing can be integrated on such a grid
+        nothing = Verification(np.inf, (np.inf,) * 5, {}, ok=False, problems=unusable)
+        return Findings(nothing, grid)
+    reached = reintegrate(problem, samples)
+    defect = float(np.abs(reached - samples.q).max())
+    goal_error = problem.goal.error(reached[-1].copy())
+    limits = _margins(problem, samples)
+    rules = grid | {
+        "stiffness while moving": tuple(_stiffness_problems(problem, samples, transitions)),
+        "samples and phases": tuple(_coverage_problems(samples, phases, transitions)),
+        "wheels and heaters": tuple(_command_problems(problem, samples, transitions)),
+        "transitions": tuple(transition_problems(problem, samples, phases, transitions)),
+    }
+    problems = [
+        *_motion_problems(defect, goal_error),
+        *(f"limit {name} exceeded by {-m:.3g}" for name, m in limits.items() if m < 0),
+        *itertools.chain.from_iterable(rules.values()),
+    ]
+    verification = Verification(
+        max_defect=defect,
+        goal_error=tuple(float(error) for error in goal_error),
+        limits=limits,
+        ok=not problems,
+        problems=tuple(problems),
+    )
+    return Findings(verification, rules)
+
+
+def reintegrate(problem: Problem, samples: Samples) -> Array:
+    """Integrate q' = J(q, mode) v over the samples from the start configuration, (n, 5).
+
+    Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the direction of the
+    input or the mode changes; in between only the speed does, which does not change the path.
+    Rows are NaN from where a curvature runs away beyond twice its limit.
+    """
+    beyond = 2 * problem.robot.limits.curvature_per_m
+
+    def runs_away(_s: float, at: Array) -> float:
+        return beyond - float(np.abs(at[3:]).max())
+
+    runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
+    jacobian = JacobianInPlace(problem.robot)
+    reached = np.full((len(samples), 5), np.nan)
+    reached[0] = problem.start.configuration
+    for first, last, direction, lengths in _paths(samples):
+        if not direction.any():
+            reached[first + 1 : last + 1] = reached[first]
+            continue
+        jacobian.sigma[:] = samples.mode[first]
+
+        def rate(_s: float, at: Array, direction: Array = direction) -> Array:
+            jacobian.q[:] = at
+            jacobian.evaluate()
+            return direction @ jacobian.columns
+
+        marks = np.cumsum(lengths)
+        end = solve_ivp(
+            rate,
+            (0.0, float(marks[-1])),
+            reached[first],
+            method="DOP853",
+            t_eval=marks,
+            rtol=_RTOL,
+            atol=_ATOL,
+            events=runs_away,
+        )
+        passed = len(end.t)
+        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (5, passed)).T
+        if end.status != 0:
+            break
+    return reached
+
+
+def _paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
+    """Runs of samples with one mode and one direction of v: (first, last, direction, lengths).
+
+    Lengths are |v| dt of each sample, direction is v / |v|, zero at rest.
+    """
+    speed = np.linalg.norm(samples.v, axis=1)
+    direction = samples.v / np.where(speed > 0, speed, 1.0)[:, None]
+    lengths = speed[:-1] * np.diff(samples.t_s)
+    turned = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION
+    turned |= np.diff(samples.mode, axis=0).any(axis=1)
+    starts = [0, *(np.flatnonzero(turned[:-1]) + 1).tolist(), len(lengths)]
+    for first, last in itertools.pairwise(starts):
+        if last > first:
+            yield first, last, direction[first], lengths[first:last]
+
+
+def _grid_problems(samples: Samples) -> Iterator[str]:
+    """The samples are numbers on a growing time axis."""
+    for item in fields(samples):
+        if not np.isfinite(getattr(samples, item.name)).all():
+            yield f"samples.{item.name} has a value that is not finite"
+    if not (np.diff(samples.t_s) > 0).all():
+        yield "the time of the samples does not grow"
+
+
+def _coverage_problems(
+    samples: Samples, phases: Sequence[Phase], transitions: Sequence[Transition]
+) -> Iterator[str]:
+    """The samples last as long as the plan, and move exactly in its phases, in their modes."""
+    last = max([0.0, *(p.end_s for p in phases), *(item.done_s for item in transitions)])
+    if samples.t_s[-1] < last - TIME_TOLERANCE_S:
+        yield f"the samples end at {samples.t_s[-1]:.3f} s, before the plan does at {last:.3f} s"
+    middle = (samples.t_s[1:] + samples.t_s[:-1]) / 2
+    moving = samples.v[:-1].any(axis=1)
+    inside = np.zeros(len(middle), dtype=bool)
+    for phase in phases:
+        here = (middle > phase.start_s) & (middle < phase.end_s)
+        inside |= here
+        if (samples.mode[:-1][here] != phase.mode).any():
+            yield f"the samples have another mode than the phase at {phase.start_s:.3f} s"
+    if (inside != moving).any():
+        when = middle[inside != moving][0]
+        yield f"at {when:.3f} s the samples move outside of a phase, or rest in one"
+
+
+def _command_problems(
+    problem: Problem, samples: Samples, transitions: Sequence[Transition]
+) -> Iterator[str]:
+    """Wheels turn as v asks, heaters are on from heater time to heater time and off otherwise."""
+    rolls = wheel_travels(problem.robot, len(samples))
+    wheels = rolls(samples.q.T, samples.v.T, samples.mode.T).full().T
+    moving = np.abs(samples.v).max(axis=1, keepdims=True) > 0
+    apart = np.abs(samples.wheel_rad_s - moving * wheels).max(axis=1)
+    if apart.max() > WHEEL_TOLERANCE_RAD_S:
+        worst = int(np.argmax(apart))
+        yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
+    heater, (solid_below_C, _) = problem.robot.heater, problem.stiffness_thresholds_C
+    just_after = samples.t_s + 2 * TIME_TOLERANCE_S
+    lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
+    for j in (0, 1):
+        on = np.full(len(just_after), bool(problem.start_mode[j]))
+        for item in (item for item in transitions if item.segment == j + 1):
+            on[just_after >= item.heater_s] = item.to == "soft"
+        setpoint = samples.heater_setpoint_C[:, j]
+        wrong = np.where(on, setpoint != heater.soft_setpoint_C, setpoint > solid_below_C)
+        if not isinstance(problem.transition_times, ThermalTiming):  # else replaying them will tell
+            wrong |= (samples.heater_current_A[:, j] > 0) != on
+        if (wrong & lasting).any():
+            when = samples.t_s[wrong & lasting][0]
+            yield f"at {when:.3f} s heater {j + 1} does not do what the transitions say"
+    both = (samples.heater_current_A > 0).all(axis=1) & lasting
+    if problem.heaters_at_once == 1 and both.any():
+        yield f"at {samples.t_s[both][0]:.3f} s both heaters are on"
+
+
+def _motion_problems(defect: float, goal_error: Array) -> Iterator[str]:
+    if not defect <= DEFECT_TOLERANCE:
+        yield f"re-integration departs from the samples by {defect:.3g} (m, rad or 1/m)"
+    for name, unit, error in zip(COORDINATES, COORDINATE_UNITS, goal_error, strict=True):
+        if not abs(error) <= GOAL_TOLERANCE:
+            yield f"goal.{name} is missed by {error:.3g} {unit}"
+
+
+def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
+    """Distance to each limit; rounding at an active limit counts as zero."""
+    limits, heater = problem.robot.limits, problem.robot.heater
+    used = {
+        "wheel_speed_rad_s": (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
+        "unit_speed_m_s": (np.abs(samples.v[:, :2]).max(), limits.unit_speed_m_s),
+        "curvature_per_m": (np.abs(samples.q[:, 3:]).max(), limits.curvature_per_m),
+        "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
+        "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
+    }
+    margins = {}
+    for name, (value, limit) in used.items():
+        margin = float(limit - value)
+        margins[name] = 0.0 if abs(margin) <= RELATIVE_TOLERANCE * limit else margin
+    between = (samples.q[1:, 3:] + samples.q[:-1, 3:]) / 2
+    shapes = shape_margins(problem.robot, np.concatenate([samples.q[:, 3:], between]))
+    gap = float(shapes.unit_gap_m.min())
+    margins["unit_gap_m"] = 0.0 if abs(gap) <= TOUCHING_M else gap
+    driving = (np.abs(samples.v[:, 2:]).max(axis=1) > 0).nonzero()
+    independence = shapes.wheel_independence[: len(samples)][driving]
+    margins["wheel_independence"] = float(independence.min(initial=np.inf))
+    return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
+
+
+def _stiffness_problems(
+    problem: Problem, samples: Samples, transitions: Sequence[Transition]
+) -> Iterator[str]:
+    """Moving needs every segment to be what the mode says, and none to be changing."""
+    moving = np.flatnonzero(np.abs(samples.v).max(axis=1) > 0)
+    if len(moving) and moving[-1] == len(samples) - 1:
+        yield "the last sample still moves"
+        return
+    begin, end = samples.t_s[moving], samples.t_s[moving + 1]
+    for j in (0, 1):
+        soft = np.full(len(moving), problem.start_mode[j])
+        for item in (item for item in transitions if item.segment == j + 1):
+            soft[begin >= item.done_s - TIME_TOLERANCE_S] = item.to == "soft"
+            clash = (begin < item.done_s - TIME_TOLERANCE_S) & (
+                end > item.onset_s + TIME_TOLERANCE_S
+            )
+            if clash.any():
+                yield (
+                    f"the robot moves at {begin[clash][0]:.3f} s while segment {j + 1} is changing"
+                )
+        wrong = soft != samples.mode[moving, j]
+        if wrong.any():
+            row = moving[np.flatnonzero(wrong)[0]]
+            mode = mode_name((int(samples.mode[row, 0]), int(samples.mode[row, 1])))
+            when = f"at {samples.t_s[row]:.3f} s"
+            yield f"{when} the mode is {mode} but segment {j + 1} is not so yet"
+    rigid = samples.mode[moving].max(axis=1, initial=0) == 0
+    if samples.v[moving][rigid][:, :2].any() or samples.v[moving][~rigid][:, 2:].any():
+        yield "an input acts that the mode does not have"

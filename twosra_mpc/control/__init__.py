@@ -1,0 +1,1 @@
+"""The heater loop of one segment: sensor, observer, what is known of its stiffness, controller."""

@@ -1,0 +1,259 @@
+r"""The temperature sensor of a segment: contact, lag, thermistor, divider, converter, decoding.
+
+The sensor touches the segment's surface at ``T_a + gain (T - T_a)`` and follows it through two
+lags. Its voltage is rounded to a code of the converter, and firmware turns the code back into a
+temperature. Part and firmware are separate values, so a part can be off by its tolerance:
+
+- `NtcDivider`: 10 k thermistor, :math:`R = R_{25} \exp[B (1/T - 1/298.15)]`, with a fixed resistor.
+- `LinearMap`: the straight line from 0..85 C to 1.1..3.3 V that the paper states. No divider has
+  it: one that spans these voltages, read by a straight line, is 0.9 C low at 65 C and 7.6 C low at
+  25 C.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.segment import TwoNodeSegment
+
+Wiring = Literal["sound", "open", "short"]
+Lag = tuple[float, float]
+
+_ZERO_C_K = 273.15
+_ROOM_K = 298.15
+LUMPED_LAGS_S = (4.0, 4.0)  # 2 to 8 s in all: how the sensor is embedded is not published
+
+
+class Characteristic(Protocol):
+    """Voltage of a sensor circuit as a function of temperature."""
+
+    @property
+    def supply_V(self) -> float:
+        """Voltage of the supply, which is also the converter's full scale."""
+
+    @property
+    def range_C(self) -> tuple[float, float]:
+        """Coldest and hottest temperature the circuit is made for."""
+
+    def voltage_V(self, temperature_C: float) -> float:
+        """Voltage at a temperature."""
+
+    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
+        """Voltage when the sensor has come off, or is shorted."""
+
+    def temperature_C(self, voltage_V: float) -> float:
+        """Temperature at a voltage strictly between 0 and the supply."""
+
+
+@dataclass(frozen=True)
+class NtcDivider:
+    """An NTC thermistor in series with a fixed resistor. Defaults: MF52AT, 2.2 k pull-up, 3.3 V.
+
+    Attributes:
+        resistance_25_ohm: Resistance of the thermistor at 25 C.
+        beta_K: B, its fall with temperature.
+        fixed_ohm: The fixed resistor.
+        supply_V: Voltage over both.
+        ntc_to_ground: Whether the thermistor is the lower of the two: voltage falls with heat.
+        range_C: Temperatures the thermistor is made for.
+    """
+
+    resistance_25_ohm: float = 10e3
+    beta_K: float = 3950.0
+    fixed_ohm: float = 2.2e3
+    supply_V: float = 3.3
+    ntc_to_ground: bool = True
+    range_C: tuple[float, float] = (-40.0, 125.0)
+
+    def resistance_ohm(self, temperature_C: float) -> float:
+        """Resistance of the thermistor."""
+        inverse = 1 / (temperature_C + _ZERO_C_K) - 1 / _ROOM_K
+        return self.resistance_25_ohm * math.exp(self.beta_K * inverse)
+
+    def voltage_V(self, temperature_C: float) -> float:
+        """Voltage between the two resistors."""
+        ntc = self.resistance_ohm(temperature_C)
+        lower = ntc if self.ntc_to_ground else self.fixed_ohm
+        return self.supply_V * lower / (ntc + self.fixed_ohm)
+
+    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
+        """Return one rail or the other."""
+        return self.supply_V if (wiring == "open") == self.ntc_to_ground else 0.0
+
+    def temperature_C(self, voltage_V: float) -> float:
+        """Invert the divider and the thermistor's law."""
+        lower_share = voltage_V / self.supply_V
+        ntc_share = lower_share if self.ntc_to_ground else 1 - lower_share
+        ntc = self.fixed_ohm * ntc_share / (1 - ntc_share)
+        return 1 / (1 / _ROOM_K + math.log(ntc / self.resistance_25_ohm) / self.beta_K) - _ZERO_C_K
+
+    def off_by(self, resistance: float = 0.0, beta: float = 0.0, fixed: float = 0.0) -> NtcDivider:
+        """Return the same circuit with relative errors of its parts, e.g. 0.01 for one per cent."""
+        return replace(
+            self,
+            resistance_25_ohm=self.resistance_25_ohm * (1 + resistance),
+            beta_K=self.beta_K * (1 + beta),
+            fixed_ohm=self.fixed_ohm * (1 + fixed),
+        )
+
+
+@dataclass(frozen=True)
+class LinearMap:
+    """The paper's idealised sensor: voltage rises in a straight line with temperature.
+
+    Its upper end is the supply, so from there on it reads as a fault.
+    """
+
+    range_C: tuple[float, float] = (0.0, 85.0)
+    range_V: tuple[float, float] = (1.1, 3.3)
+
+    @property
+    def supply_V(self) -> float:
+        """Upper end of the line."""
+        return self.range_V[1]
+
+    def voltage_V(self, temperature_C: float) -> float:
+        """Voltage on the line, or its extension."""
+        (cold, hot), (low, high) = self.range_C, self.range_V
+        return low + (high - low) * (temperature_C - cold) / (hot - cold)
+
+    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
+        """Return one rail or the other, as a thermistor at the supply would."""
+        return 0.0 if wiring == "open" else self.supply_V
+
+    def temperature_C(self, voltage_V: float) -> float:
+        """Temperature on the line, or its extension."""
+        (cold, hot), (low, high) = self.range_C, self.range_V
+        return cold + (hot - cold) * (voltage_V - low) / (high - low)
+
+
+@dataclass(frozen=True)
+class TemperatureSensor:
+    """A sensor on a segment and the firmware that reads it. A lag is two temperatures [C].
+
+    Attributes:
+        ambient_C: Temperature of the air.
+        part: The circuit as it is.
+        assumed: The circuit as the firmware takes it to be.
+        gain: Share of the segment's excess over the air that the sensor touches.
+        lags_s: Two time constants, one after the other; 0 is no lag.
+        noise_C: Standard deviation of a reading.
+        bits: Resolution of the converter.
+    """
+
+    ambient_C: float
+    part: Characteristic = field(default_factory=NtcDivider)
+    assumed: Characteristic = field(default_factory=NtcDivider)
+    gain: float = 1.0
+    lags_s: tuple[float, float] = LUMPED_LAGS_S
+    noise_C: float = 0.02
+    bits: int = 12
+
+    def settled(self, temperature_C: float) -> Lag:
+        """Lag after a long time at one temperature of the segment."""
+        touched = self.touched_C(temperature_C)
+        return (touched, touched)
+
+    def touched_C(self, temperature_C: float) -> float:
+        """Temperature at the sensor when the segment is at this one."""
+        return self.ambient_C + self.gain * (temperature_C - self.ambient_C)
+
+    def follow(self, lag: Lag, before_C: float, after_C: float, duration_s: float) -> Lag:
+        """Lag after the segment's temperature has changed evenly from one value to another."""
+        before, after = self.touched_C(before_C), self.touched_C(after_C)
+        return follow(lag, self.lags_s, before, after, duration_s)
+
+    def read_C(self, lag: Lag, error_C: float = 0.0, wiring: Wiring = "sound") -> float:
+        """What the firmware makes of the sensor.
+
+        Args:
+            lag: Where the sensor is.
+            error_C: Noise of this reading.
+            wiring: Whether the sensor has come off or is shorted.
+
+        Returns:
+            Temperature [C]; NaN, a fault, from a converter at its end or outside the range that
+            the circuit is made for.
+        """
+        if wiring == "sound":
+            voltage = self.part.voltage_V(lag[1] + error_C)
+        else:
+            voltage = self.part.broken_voltage_V(wiring)
+        top = 2**self.bits - 1
+        code = min(top, max(0, round(voltage / self.part.supply_V * top)))
+        if code in (0, top):
+            return math.nan
+        read = self.assumed.temperature_C(code / top * self.assumed.supply_V)
+        coldest, hottest = self.assumed.range_C
+        return read if coldest <= read <= hottest else math.nan
+
+
+def follow(
+    lag: Lag, lags_s: tuple[float, float], before: float, after: float, duration_s: float
+) -> Lag:
+    """Two lags, one after the other, driven by a quantity that changes evenly: exactly.
+
+    Behind a ramp of slope s the first lag trails by s tau_1, the second by s (tau_1 + tau_2);
+    deviations from that decay.
+
+    Args:
+        lag: Outputs of the first and of the second.
+        lags_s: Their time constants tau_1 and tau_2, 0 for none.
+        before: The quantity now.
+        after: The quantity after ``duration_s``.
+        duration_s: Time that passes, not negative.
+    """
+    if duration_s == 0.0:
+        return lag
+    (one, two), (tau_1, tau_2) = lag, lags_s
+    slope = (after - before) / duration_s
+    first = one - (before - slope * tau_1)
+    second = two - (before - slope * (tau_1 + tau_2))
+    kept_1 = math.exp(-duration_s / tau_1) if tau_1 else 0.0
+    kept_2 = math.exp(-duration_s / tau_2) if tau_2 else 0.0
+    passed = _passed_on(tau_1, tau_2, duration_s)
+    return (
+        after - slope * tau_1 + first * kept_1,
+        after - slope * (tau_1 + tau_2) + second * kept_2 + first * passed,
+    )
+
+
+def _passed_on(tau_1: float, tau_2: float, duration_s: float) -> float:
+    """Share of a deviation of the first lag that the second shows after ``duration_s``."""
+    slow, fast = max(tau_1, tau_2), min(tau_1, tau_2)
+    if fast == 0.0:
+        return math.exp(-duration_s / slow) if slow and tau_1 else 0.0
+    rate = 1 / fast - 1 / slow
+    grown = -math.expm1(-rate * duration_s) / rate if rate else duration_s
+    return math.exp(-duration_s / slow) * grown / tau_2
+
+
+def temperature_sensor(
+    robot: Robot, ambient_C: float, part: Characteristic | None = None
+) -> TemperatureSensor:
+    """Build the sensor of a robot's segments; gain and lag are those of its file, if it has any.
+
+    Args:
+        robot: The robot.
+        ambient_C: Temperature of the air.
+        part: Circuit, which the firmware knows; default: the thermistor in its divider.
+
+    Raises:
+        InputError: If the air is not within the circuit's range.
+    """
+    circuit: Characteristic = NtcDivider() if part is None else part
+    coldest, hottest = circuit.range_C
+    if not coldest <= ambient_C <= hottest:
+        allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
+        raise InputError("ambient_C", ambient_C, allowed)
+    sensor = TemperatureSensor(ambient_C, circuit, circuit)
+    match robot.segment:
+        case TwoNodeSegment() as fitted:
+            lags = (fitted.sensor_lag_s, fitted.sensor_lag_s)
+            return replace(sensor, gain=fitted.sensor_gain, lags_s=lags)
+        case _:
+            return sensor

@@ -1,0 +1,68 @@
+r"""Lines of the firmware: commands to it, temperature reports from it. 115200 baud, 8N1, ASCII.
+
+A command is the letter ``s`` and then numbers, each ended by a newline:
+
+    s{w1}\n{w2}\n{w3}\n{w4}\n{sigma1}\n{sigma2}\n          and {id}\n, if robots have numbers
+
+with wheel speeds w1 to w4 in rad/s (wheels 1 and 2 on locomotion unit 1, 3 and 4 on unit 2; signs
+as in the paper) and sigma 1 to heat a segment to its soft set-point, 0 to let it cool. It holds
+until the next one; nothing is known of a watchdog in the firmware.
+
+A report is one line with the raw reading of a segment's thermistor in degrees Celsius, as the
+follow-up robot sends them unasked: ``A58.2`` for segment 1, ``B24.9`` for segment 2. The firmware
+of the first robot is not published, and its controller reads nothing back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from twosra_mpc.control.thermistor import NtcDivider
+from twosra_mpc.robot.modes import RIGID, Mode
+
+BAUD = 115200
+HIGHEST_RATE_HZ = 200.0  # 45 bytes a command are 80 % of what the line carries
+
+_SEGMENTS = "AB"
+_PLAUSIBLE_C = NtcDivider().range_C
+
+
+class Report(NamedTuple):
+    """Raw sensor reading [C] of a segment (0 or 1)."""
+
+    segment: int
+    temperature_C: float
+
+
+def command(wheel_rad_s: Sequence[float], soft: Mode, robot_id: int | None = None) -> bytes:
+    """Write a command.
+
+    Args:
+        wheel_rad_s: Speeds of the four wheels.
+        soft: 1 for a segment to heat, 0 for one to let cool.
+        robot_id: Number of the robot, if the firmware expects one.
+    """
+    speeds = [f"{round(speed, 3) + 0.0:.3f}" for speed in wheel_rad_s]  # + 0.0: no minus zero
+    ends = [] if robot_id is None else [robot_id]
+    return ("s" + "".join(f"{value}\n" for value in (*speeds, *soft, *ends))).encode("ascii")
+
+
+def stop_command(robot_id: int | None = None) -> bytes:
+    """Write the command to stop: wheels at zero, heaters off."""
+    return command((0.0, 0.0, 0.0, 0.0), RIGID, robot_id)
+
+
+def parse_report(line: bytes) -> Report | None:
+    """Read a report; None for any other line, and for a temperature no thermistor can have."""
+    text = line.decode("ascii", errors="replace").strip()
+    if not text or text[0] not in _SEGMENTS:
+        return None
+    try:
+        temperature_C = float(text[1:])
+    except ValueError:
+        return None
+    coldest, hottest = _PLAUSIBLE_C
+    if not coldest <= temperature_C <= hottest:
+        return None
+    return Report(_SEGMENTS.index(text[0]), temperature_C)

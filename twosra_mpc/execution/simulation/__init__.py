@@ -1,0 +1,1 @@
+"""A simulated robot that differs from its description, and runs on it."""

@@ -1,0 +1,111 @@
+"""One segment of a simulated robot with all that belongs to it: heater, thermistor, controller."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from twosra_mpc.control.controller import StiffnessController
+from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.control.thermistor import TemperatureSensor
+from twosra_mpc.robot.modes import Stiffness
+from twosra_mpc.thermal.model import SegmentModel
+
+LONGEST_STEP_S = 0.2  # the controller must be called at least so often
+
+
+class HeatedSegment:
+    """A segment as it is, its sensor as it is, and the controller with the robot as it knows it."""
+
+    def __init__(
+        self,
+        model: SegmentModel,
+        sensor: TemperatureSensor,
+        controller: StiffnessController,
+        temperature_C: float,
+        rng: np.random.Generator,
+        *,
+        rigid_setpoint_C: float,
+        broken_heater: bool = False,
+    ) -> None:
+        """Rest the segment at a temperature.
+
+        Args:
+            model: Its true thermal behaviour.
+            sensor: Its true sensor.
+            controller: Its controller.
+            temperature_C: Of the metal and the sensor.
+            rng: For the sensor's noise.
+            rigid_setpoint_C: Set-points up to this switch the heater off.
+            broken_heater: Whether the heater's wire is broken: no current ever flows.
+        """
+        self.model, self.sensor, self.controller = model, sensor, controller
+        self.rigid_setpoint_C, self.broken_heater = rigid_setpoint_C, broken_heater
+        self._rng = rng
+        self.state, self._lag = model.initial(temperature_C), sensor.settled(temperature_C)
+        self.heat_J = 0.0
+        self._reading_C = sensor.read_C(self._lag)
+        self._memory = controller.start(self._reading_C)
+
+    @property
+    def soft(self) -> bool:
+        """Whether all the metal is in truth liquid."""
+        return self.model.level(self.state) >= self.model.liquid_level
+
+    @property
+    def temperature_C(self) -> float:
+        """True temperature of the metal."""
+        return self.model.temperature_C(self.state)
+
+    @property
+    def melt_fraction(self) -> float:
+        """True share of the metal that is liquid."""
+        return self.model.melt_fraction(self.state)
+
+    @property
+    def current_A(self) -> float:
+        """Current in the heater."""
+        return 0.0 if self.broken_heater else self._memory.current_A
+
+    @property
+    def measured_C(self) -> float:
+        """Temperature of the segment as its controller understands the sensor."""
+        return self.controller.segment_C(self._reading_C)
+
+    @property
+    def stiffness(self) -> KnownStiffness:
+        """What the controller reports."""
+        return self._memory.stiffness
+
+    @property
+    def faulty(self) -> bool:
+        """Whether the controller reports a fault."""
+        return self._memory.protection == "fault"
+
+    def advance(self, setpoint_C: float, duration_s: float) -> None:
+        """Let time pass under a set-point."""
+        steps = max(1, math.ceil(duration_s / LONGEST_STEP_S - 1e-9))
+        for _ in range(steps):
+            self._step(setpoint_C, duration_s / steps)
+
+    def _step(self, setpoint_C: float, dt_s: float) -> None:
+        model, current = self.model, self.current_A
+        if current > 0:
+            self.heat_J += model.energy_J(self.state, current, dt_s)
+        before, self.state = self.state, model.propagate(self.state, current, dt_s)
+        here, then = model.temperature_C(before), model.temperature_C(self.state)
+        self._lag = self.sensor.follow(self._lag, here, then, dt_s)
+        error_C = self.sensor.noise_C * self._rng.standard_normal()
+        self._reading_C = self.sensor.read_C(self._lag, error_C)
+        wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
+        self._memory, _ = self.controller.step(self._memory, wanted, self._reading_C, dt_s)
+
+    def _heats(self, setpoint_C: float) -> bool:
+        """Melt, or keep warm by the observer's estimate: it does not lag as the sensor does."""
+        if setpoint_C >= self.controller.soft_setpoint_C:
+            return True
+        if setpoint_C <= self.rigid_setpoint_C:
+            return False
+        observed = self.controller.rule.observer.model
+        return observed.temperature_C(self._memory.known.estimate.state) < setpoint_C

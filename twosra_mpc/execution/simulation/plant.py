@@ -1,0 +1,314 @@
+"""A simulated robot: the kinematics of a path model, two heated segments, slip, drift, a camera.
+
+Everything that the planner does not know is drawn from one seed when the robot is made; the noise
+of camera, sensors and wheels comes from another stream of the same seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.robot_interface import Camera, Reading
+from twosra_mpc.execution.simulation.disturbance import Disturbance
+from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
+from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.model.rolling import Drift, rolling
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.segment import Ranges
+from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.thermal.uncertainty import draws
+from twosra_mpc.validation import FrozenDict
+
+Array = NDArray[np.float64]
+
+AS_PLANNED = "as-planned"
+PLANTS = (AS_PLANNED, *PATH_MODELS)
+_SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What a simulated robot really did; arrays of one length, read-only.
+
+    Attributes:
+        time_s: Time, (n,).
+        q: Configuration [m, m, rad, 1/m, 1/m], (n, 5).
+        temperature_C: Of the metal, (n, 2).
+        melt_fraction: Of the metal, (n, 2).
+        current_A: Heater currents, (n, 2).
+        heat_J: Heat of each heater since the start, (n, 2).
+        forced_s: How long the wheels have turned while metal was changing, (n,).
+    """
+
+    time_s: Array
+    q: Array
+    temperature_C: Array
+    melt_fraction: Array
+    current_A: Array
+    heat_J: Array
+    forced_s: Array
+
+
+def plant_robot(robot: Robot, plant: str) -> Robot:
+    """Return the robot with the path model that its simulation shall follow.
+
+    Raises:
+        InputError: If there is no such plant.
+    """
+    if plant not in PLANTS:
+        raise InputError("plant", plant, f"one of {', '.join(PLANTS)}")
+    return robot if plant == AS_PLANNED else with_path_model(robot, plant)
+
+
+class SimulatedRobot:
+    """A robot that is not quite what its description says.
+
+    Attributes:
+        segments: Its two segments, as they are.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        plant: str = "arc",
+        disturbance: Disturbance | None = None,
+        seed: int = 0,
+        *,
+        broken_heaters: Collection[int] = (),
+    ) -> None:
+        """Put the robot where the problem starts.
+
+        Args:
+            problem: Robot, start and air.
+            plant: Its true path model, or "as-planned".
+            disturbance: What else differs from the model; default: nothing.
+            seed: Of all that is drawn at random.
+            broken_heaters: Segments (1, 2) whose heater never warms.
+
+        Raises:
+            InputError: If there is no such plant, or the robot's segments are not described.
+        """
+        what = disturbance or Disturbance()
+        drawn = np.random.default_rng([seed, 0])
+        self._noise = np.random.default_rng([seed, 1])
+        self._described = problem.robot
+        true = plant_robot(problem.robot, plant)
+        self._robot = with_lengths(true, what.lengths, drawn)
+        self._disturbance = what
+        self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, 4), 0.0, 0.9)
+        self._drift = {mode: _drift(what, drawn) for mode in (SOFT_1, SOFT_2, SOFT_BOTH)}
+        self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
+        self.segments = heated_segments(
+            problem, what, drawn, self._noise, broken_heaters=broken_heaters
+        )
+        self._q = problem.start.configuration.copy()
+        self._wheels = np.zeros(4)
+        self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
+        self._tick, self._forced = 0, 0
+        self._on_the_way: list[tuple[int, Array]] = []
+        self._told: list[tuple[object, ...]] = []
+        self._photograph(1)
+        self._note()
+
+    @property
+    def robot(self) -> Robot:
+        """The robot as described, not as it is."""
+        return self._described
+
+    @property
+    def camera(self) -> Camera:
+        """What is known about the camera."""
+        return self._disturbance.camera
+
+    @property
+    def time_s(self) -> float:
+        """Time since the start; frames are taken at whole multiples of the camera's period."""
+        return self._tick * self.camera.period_s
+
+    @property
+    def q(self) -> Array:
+        """True configuration, (5,)."""
+        return self._q.copy()
+
+    def read(self) -> Reading:
+        """Return the frames that have arrived, and what the segments' controllers say."""
+        due = self._tick - self._delay
+        arrived = [item for item in self._on_the_way if item[0] <= due]
+        self._on_the_way = [item for item in self._on_the_way if item[0] > due]
+        first, second = self.segments
+        return Reading(
+            time_s=self.time_s,
+            taken_s=np.array([tick for tick, _ in arrived]) * self.camera.period_s,
+            frames=np.array([frame for _, frame in arrived]).reshape(-1, 5),
+            temperature_C=(first.measured_C, second.measured_C),
+            stiffness=(first.stiffness, second.stiffness),
+            faulty=(first.faulty, second.faulty),
+        )
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        """Set wheels and heaters; wheels that are told to turn too fast turn at their limit."""
+        most = self._described.limits.wheel_speed_rad_s
+        told = np.clip(wheel_rad_s, -most, most)
+        self._wheels = np.where(np.abs(told) < self._disturbance.dead_zone_rad_s, 0.0, told)
+        self._setpoint_C = heater_setpoint_C.tolist()
+
+    def wait(self, at_most_s: float) -> None:
+        """Let whole camera periods pass, at least one, until a segment reports a new stiffness."""
+        left = max(1, round(at_most_s * self.camera.rate_Hz))
+        moving = bool(self._wheels.any())
+        most = 1 if moving else max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))
+        before = [segment.stiffness for segment in self.segments]
+        while left > 0 and before == [segment.stiffness for segment in self.segments]:
+            ticks = min(left, most)
+            if moving:
+                self._roll()
+            for segment, setpoint_C in zip(self.segments, self._setpoint_C, strict=True):
+                segment.advance(setpoint_C, ticks * self.camera.period_s)
+            self._tick += ticks
+            left -= ticks
+            self._photograph(ticks)
+        self._note()
+
+    def truth(self) -> Truth:
+        """What has really happened so far."""
+        columns = [np.array(column, dtype=float) for column in zip(*self._told, strict=True)]
+        for column in columns:
+            column.setflags(write=False)
+        return Truth(*columns)
+
+    @property
+    def mode(self) -> Mode:
+        """Which segments can in truth be bent."""
+        first, second = self.segments
+        return int(first.soft), int(second.soft)
+
+    def _roll(self) -> None:
+        """Turn the wheels for one period; metal that is changing does not bend yet."""
+        period_s, what = self.camera.period_s, self._disturbance
+        grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(4))
+        drift = self._drift.get(self.mode, Drift())
+        flow = rolling(self._robot, self.mode)
+        self._q = flow(self._q, self._wheels * grip * period_s, drift).full().ravel()
+        self._forced += any(0 < segment.melt_fraction < 1 for segment in self.segments)
+
+    def _photograph(self, ticks: int) -> None:
+        """Take a frame at each of the last ``ticks`` periods, during which the robot rested."""
+        noise, step = np.array(self.camera.noise), np.array(self.camera.step)
+        seen = self._q + noise * self._noise.standard_normal((ticks, 5))
+        rounded = np.round(seen / np.where(step > 0, step, 1.0)) * step
+        frames = np.where(step > 0, rounded, seen)
+        self._on_the_way += zip(range(self._tick - ticks + 1, self._tick + 1), frames, strict=True)
+
+    def _note(self) -> None:
+        pair = self.segments
+        self._told.append(
+            (
+                self.time_s,
+                self._q,
+                [segment.temperature_C for segment in pair],
+                [segment.melt_fraction for segment in pair],
+                [segment.current_A for segment in pair],
+                [segment.heat_J for segment in pair],
+                self._forced * self.camera.period_s,
+            )
+        )
+
+
+def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot:
+    """Return the robot with lengths that differ by relative errors of this standard deviation."""
+    error = 1 + spread * rng.standard_normal(3)
+    if spread == 0.0:
+        return robot
+    geometry = robot.geometry
+    lengths = {
+        "segment_length_m": geometry.segment_length_m * error[0],
+        "middle_link_m": geometry.middle_link_m * error[1],
+        "wheel_radius_m": geometry.wheel_radius_m * error[2],
+    }
+    return robot.model_copy(update={"geometry": Geometry(**{**dict(geometry), **lengths})})
+
+
+def heated_segments(
+    problem: Problem,
+    what: Disturbance,
+    drawn: np.random.Generator,
+    noise: np.random.Generator,
+    *,
+    broken_heaters: Collection[int] = (),
+) -> tuple[HeatedSegment, HeatedSegment]:
+    """Draw two segments with their sensors.
+
+    Args:
+        problem: Robot, temperatures at the start and air.
+        what: How much they differ from their description.
+        drawn: For the differences.
+        noise: For the sensors' noise.
+        broken_heaters: Segments (1, 2) whose heater never warms.
+
+    Raises:
+        InputError: If the robot's segments are not described, or there are no such segments.
+    """
+    if not set(broken_heaters) <= {1, 2}:
+        raise InputError("broken_heaters", sorted(broken_heaters), "segments 1 and 2")
+    robot, air = problem.robot, problem.ambient
+    nominal = segment_model(robot, air)
+    varied = with_ranges(robot, what.thermal_ranges)
+    models = draws(nominal, varied, 2, int(drawn.integers(2**31)))
+    controller = stiffness_controller(robot, air)
+    first, second = (
+        HeatedSegment(
+            model,
+            true_sensor(robot, air, what, drawn),
+            controller,
+            problem.temperatures[number - 1],
+            noise,
+            rigid_setpoint_C=robot.heater.rigid_setpoint_C,
+            broken_heater=number in broken_heaters,
+        )
+        for number, model in enumerate(models, 1)
+    )
+    return first, second
+
+
+def with_ranges(robot: Robot, share: float) -> Robot:
+    """Return the robot with the ranges of its thermal parameters made narrower or wider."""
+    assert robot.segment is not None
+    nominal = segment_model(robot, robot.heater.ambient_C)
+    ranges: Ranges = FrozenDict()
+    narrowed = {}
+    for name, (low, high) in robot.segment.ranges.items():
+        if hasattr(nominal, name):
+            middle = getattr(nominal, name)
+            narrowed[name] = (middle + share * (low - middle), middle + share * (high - middle))
+    ranges = FrozenDict(narrowed)
+    segment = robot.segment.model_copy(update={"ranges": ranges})
+    return robot.model_copy(update={"segment": segment})
+
+
+def true_sensor(
+    robot: Robot, ambient_C: float, what: Disturbance, drawn: np.random.Generator
+) -> TemperatureSensor:
+    """Draw a sensor whose parts are off, and which may be faster than its description."""
+    nominal = temperature_sensor(robot, ambient_C)
+    parts = what.thermistor * drawn.standard_normal(3)
+    faster = 1 - what.thermal_ranges * (1 - _SHORTEST_LAG) * drawn.random()
+    return replace(
+        nominal,
+        part=NtcDivider().off_by(*parts),
+        lags_s=(nominal.lags_s[0] * faster, nominal.lags_s[1] * faster),
+        noise_C=nominal.noise_C if what.thermistor > 0 else 0.0,
+    )
+
+
+def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
+    pivot, slide, split = drawn.standard_normal(3).tolist()
+    return Drift(what.pivot_rad_per_rad * pivot, what.slide_m_per_rad * slide, what.split * split)

@@ -1,0 +1,271 @@
+r"""The quadratic program of a mode, written down symbolically and compiled to one function.
+
+With outputs y_k = r_k + S e_k (reference plus deviation in units of the weights), e_0 measured, and
+the limited quantities g of ``stage``,
+
+.. math::
+    \min_{e, s}\; \tfrac12 \sum_{k=1}^{N} |e_k|^2
+    + \tfrac{\rho}{2} \sum_{k=0}^{N-1} |e_{k+1} - e_k|^2 + \tfrac{p-1}{2} |e_N|^2 + \lambda s \\
+    \text{s.t.}\quad |g_k| \le 1,\quad |\omega_k - \omega_{k-1}| \le h \dot\omega_{max},\quad
+    |\kappa_k| \le \kappa_{max} + s,\quad s \ge 0,
+
+rho = (response / h)^2. The cost is exactly quadratic: penalising the change of the deviation makes
+the plan's own inputs free. With p = (1 + sqrt(1 + 4 rho)) / 2 it is the cost over an infinite
+horizon, and e_{k+1} = a e_k with a = rho / (rho + p) its solution while no limit is active.
+
+All that is nonlinear are the limits. They are linearised about the previous solution, moved on by
+one period, plus a^k times what the measurement has brought that it did not predict: a motion of the
+model that starts at the measured configuration, not the old one with its first node overwritten.
+
+Wheel rates are limited over the first periods only. The first one is what the drives feel; limiting
+all of them makes the program ill conditioned when rates are tight, and changes little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from twosra_mpc.execution.tracking.prediction import (
+    Period,
+    believed_start,
+    expected_deviations,
+    motion,
+)
+from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.stage import Stage, stage_model
+
+Array = NDArray[np.float64]
+
+UNLIMITED = 1e30  # what OSQP takes as no bound
+RATE_LIMITED_PERIODS = 3
+CURVATURE_UNIT, SLACK_UNIT = 0.3, 3.0  # found by experiment: few iterations, limit active or not
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingProgram:
+    """A compiled quadratic program: variables (e_1 ... e_N, slack in soft modes).
+
+    Attributes:
+        setup: What it was made from.
+        linearise: (q measured (5,), reference (m, N+1), previous solution, last wheel command (4,))
+            -> (values of A in column order, lower, upper, first m entries of the cost vector,
+            deviation measured and guess of the solution).
+        command: (q measured, reference, solution, last wheel command) -> (v (5,), wheel speeds (4,)
+            within all limits of the drives).
+        hessian: Upper triangle of P, compressed columns.
+        cost: Cost vector; its first m entries change with the measurement.
+        constraints: Pattern of A, compressed columns.
+        next_rows: For each row of A, the row for the same limit one period later.
+    """
+
+    setup: Setup
+    linearise: ca.Function
+    command: ca.Function
+    hessian: sparse.csc_matrix
+    cost: Array
+    constraints: sparse.csc_matrix
+    next_rows: NDArray[np.intp]
+
+
+class _Rows(NamedTuple):
+    """lower <= matrix x <= upper."""
+
+    matrix: ca.SX
+    lower: ca.SX
+    upper: ca.SX
+
+
+class _Affine(NamedTuple):
+    """A linearised quantity, matrix x + constant."""
+
+    matrix: ca.SX
+    constant: ca.SX
+
+    def within(self, lower: Array, upper: Array) -> _Rows:
+        return _Rows(self.matrix, ca.SX(lower) - self.constant, ca.SX(upper) - self.constant)
+
+
+@lru_cache(maxsize=32)
+def tracking_program(setup: Setup) -> TrackingProgram:
+    """Write down and compile the quadratic program of one mode."""
+    stage, m, n = stage_model(setup), setup.outputs.count, setup.horizon
+    q, wheels = ca.SX.sym("q", 5), ca.SX.sym("wheels", 4)
+    reference = ca.SX.sym("reference", m, n + 1)
+    previous = ca.SX.sym("previous", setup.variables)
+    arguments = [q, reference, previous, wheels]
+
+    start = believed_start(setup, q, reference[:, 0])
+    expected = expected_deviations(setup, start.deviation, previous)
+    y = [reference[:, k] + expected[k] * setup.scale for k in range(n + 1)]
+    periods = motion(setup, stage, start, y)
+    stages, others = _constraints(setup, stage, expected, periods, wheels)
+    rows = [*stages, *others]
+    matrix = ca.sparsify(ca.vertcat(*(item.matrix for item in rows)))
+    numbers = [
+        matrix.nz[:],
+        ca.densify(ca.vertcat(*(item.lower for item in rows))),
+        ca.densify(ca.vertcat(*(item.upper for item in rows))),
+        -setup.rho / _norm(setup) * start.deviation,
+        ca.vertcat(*expected, previous[m * n :]),
+    ]
+    first = [y[0], reference[:, 1] + previous[:m] * setup.scale]
+    sent = _command(setup, stage, motion(setup, stage, start, first)[0], wheels)
+    pattern = matrix.sparsity()
+    values = (np.ones(matrix.nnz()), pattern.row(), pattern.colind())
+    return TrackingProgram(
+        setup=setup,
+        linearise=ca.Function("linearise", arguments, numbers, {"cse": True}),
+        command=ca.Function("command", arguments, sent, {"cse": True}),
+        hessian=_hessian(setup),
+        cost=_cost(setup),
+        constraints=sparse.csc_matrix(values, shape=matrix.shape),
+        next_rows=_next_rows([item.matrix.size1() for item in stages], others, n),
+    )
+
+
+def _norm(setup: Setup) -> float:
+    """What the cost is divided by, so that its Hessian is of the order of one."""
+    return 0.5 + setup.rho
+
+
+def _hessian(setup: Setup) -> sparse.csc_matrix:
+    n, m = setup.horizon, setup.outputs.count
+    diagonal = np.full(n, 1 + 2 * setup.rho)
+    diagonal[-1] = setup.terminal + setup.rho
+    band = np.diag(diagonal) - np.diag(np.full(n - 1, setup.rho), 1)
+    hessian = np.zeros((setup.variables, setup.variables))
+    hessian[: m * n, : m * n] = np.kron(band, np.eye(m)) / _norm(setup)
+    return sparse.csc_matrix(hessian)
+
+
+def _cost(setup: Setup) -> Array:
+    cost = np.zeros(setup.variables)
+    cost[setup.outputs.count * setup.horizon :] = (
+        setup.weights.curvature_penalty / SLACK_UNIT / _norm(setup)
+    )
+    return cost
+
+
+def _constraints(
+    setup: Setup, stage: Stage, expected: list[ca.SX], periods: list[Period], wheels: ca.SX
+) -> tuple[list[_Rows], list[_Rows]]:
+    """Rows of each stage, and further rows: wheel rates, sign of the slack."""
+    unit, limits = _row_units(setup, stage), list(stage.limits)
+    largest = unit[limits]
+    speeds = [
+        _linearised_speeds(setup, stage, unit, expected, period, k)
+        for k, period in enumerate(periods)
+    ]
+    stages = []
+    for k, speed in enumerate(speeds):
+        limited = _Affine(speed.matrix[limits, :], speed.constant[limits])
+        rows = [limited.within(-largest, largest)]
+        if setup.outputs.bending:
+            rows.append(_curvature_rows(setup, k, periods[k], expected[k + 1]))
+        stages.append(_Rows(*(ca.vertcat(*parts) for parts in zip(*rows, strict=True))))
+    others = _wheel_rates(setup, stage, unit, speeds, wheels)
+    if setup.outputs.bending:
+        slack = ca.SX(1, setup.variables)
+        slack[0, -1] = 1
+        others.append(_Rows(slack, ca.SX(0), ca.SX(UNLIMITED)))
+    return stages, others
+
+
+def _row_units(setup: Setup, stage: Stage) -> Array:
+    """What speeds are multiplied by, so that a weighted step changes each by about one.
+
+    Keeps the program equally well conditioned for every robot and weight, (rows of g,).
+    """
+    _, by_step, _ = stage.speeds(np.zeros(5), np.zeros(setup.outputs.count))
+    units: Array = 1 / np.linalg.norm(by_step.full() * setup.scale, axis=1)
+    return units
+
+
+def _linearised_speeds(
+    setup: Setup, stage: Stage, unit: Array, expected: list[ca.SX], period: Period, k: int
+) -> _Affine:
+    """Speeds of period k, which depend on e_k and e_{k+1}."""
+    m, scale = setup.outputs.count, ca.diag(ca.DM(setup.scale))
+    last_output = ca.DM.eye(m)[-1, :]
+    g, by_step, by_middle = (
+        ca.diag(unit) @ term for term in stage.speeds(period.half_way, period.step)
+    )
+    ahead = (by_middle @ last_output / 2 + by_step) @ scale
+    behind = (by_middle @ last_output / 2 - by_step) @ scale
+    matrix = ca.SX(g.numel(), setup.variables)
+    matrix[:, m * k : m * (k + 1)] = ahead
+    constant = g - ahead @ expected[k + 1]
+    if k > 0:  # e_0 is measured, not a variable
+        matrix[:, m * (k - 1) : m * k] = behind
+        constant -= behind @ expected[k]
+    return _Affine(matrix, constant)
+
+
+def _curvature_rows(setup: Setup, k: int, period: Period, expected: ca.SX) -> _Rows:
+    """Keep each curvature within the limit it is nearer to, up to the slack."""
+    m = setup.outputs.count
+    limit, unit = setup.robot.limits.curvature_per_m, setup.weights.curvature_per_m
+    side = ca.if_else(period.kappa >= 0, CURVATURE_UNIT, -CURVATURE_UNIT)
+    slope = ca.diag(side) @ period.bending @ ca.diag(ca.DM(setup.scale)) / unit
+    matrix = ca.SX(side.numel(), setup.variables)
+    matrix[:, m * k : m * (k + 1)] = slope
+    matrix[:, -1] = -CURVATURE_UNIT / SLACK_UNIT
+    constant = side * period.kappa / unit - slope @ expected
+    free = ca.SX(-UNLIMITED * np.ones(side.numel()))
+    return _Rows(matrix, free, CURVATURE_UNIT * limit / unit - constant)
+
+
+def _wheel_rates(
+    setup: Setup, stage: Stage, unit: Array, speeds: list[_Affine], wheels: ca.SX
+) -> list[_Rows]:
+    """Changes of the wheel speeds, the first one from the last command."""
+    turning, of_wheels = list(stage.wheels), stage.wheel_rows
+    unit, most = unit[of_wheels], setup.robot.limits.wheel_speed_rad_s
+    tightness = most / (6 * setup.wheel_change)
+    weight = min(max(0.5, tightness), 1.5)  # by experiment: the more, the likelier they are active
+    change = weight * unit * setup.wheel_change / most
+    before = _Affine(ca.SX(len(turning), setup.variables), wheels[turning] * unit / most)
+    rows = []
+    for speed in speeds[:RATE_LIMITED_PERIODS]:
+        now = _Affine(speed.matrix[of_wheels, :], speed.constant[of_wheels])
+        difference = _Affine(
+            weight * (now.matrix - before.matrix), weight * (now.constant - before.constant)
+        )
+        rows.append(difference.within(-change, change))
+        before = now
+    return rows
+
+
+def _next_rows(stages: list[int], others: list[_Rows], horizon: int) -> NDArray[np.intp]:
+    """Row of the same limit one period later; rows of the last period stay."""
+    sizes = [*stages, *(item.matrix.size1() for item in others)]
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    rows = np.arange(starts[-1])
+    for block in range(len(sizes) - 1):
+        last_of_kind = block == horizon - 1
+        if not last_of_kind and sizes[block] == sizes[block + 1]:
+            rows[starts[block] : starts[block + 1]] += sizes[block]
+    return rows.astype(np.intp)
+
+
+def _command(setup: Setup, stage: Stage, period: Period, last: ca.SX) -> list[ca.SX]:
+    """Input of the first period, scaled into the limits, and the wheel speeds sent for it."""
+    limits, outputs = setup.robot.limits, setup.outputs
+    u, wheels = stage.motion(period.half_way, period.step)
+    shares = [ca.fabs(wheels) / limits.wheel_speed_rad_s]
+    if outputs.bending:
+        shares.append(ca.fabs(u) / limits.unit_speed_m_s)
+    within = 1 / ca.fmax(1, ca.mmax(ca.vertcat(*shares)))
+    v = ca.SX.zeros(5)
+    v[list(outputs.inputs)] = u * within
+    wanted, zone = wheels * within, setup.limits.dead_zone_rad_s
+    turned = ca.if_else(ca.fabs(wanted) < zone / 2, 0, ca.sign(wanted) * zone)
+    sent = ca.if_else(ca.fabs(wanted) < zone, turned, wanted)
+    return [v, ca.fmin(ca.fmax(sent, last - setup.wheel_change), last + setup.wheel_change)]

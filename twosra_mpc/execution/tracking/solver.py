@@ -1,0 +1,217 @@
+"""One mode's quadratic program in OSQP: set up once, then only numbers change."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import osqp  # type: ignore[import-untyped]  # it has no stubs
+from numpy.typing import NDArray
+from scipy import sparse
+
+from twosra_mpc.execution.tracking.linearisation import TrackingProgram
+from twosra_mpc.execution.tracking.settings import SolverSettings
+
+Array = NDArray[np.float64]
+
+USABLE = 0.03  # residuals up to which a point that did not converge is still worth sending
+STEP_SIZE = 2.0  # rho of ADMM; rows and cost are scaled so that one suits every robot and weight
+SOLVED = "solved"  # OSQP's word for it
+CHECK_EVERY = 5  # iterations between tests for convergence
+
+
+class Quality(enum.Enum):
+    """How well a program was solved."""
+
+    CONVERGED = enum.auto()
+    ROUGH = enum.auto()  # iterations ran out with residuals small enough to use the point
+    UNUSABLE = enum.auto()
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """How well a point solves a quadratic program, in its scaled units; infinity norms.
+
+    Attributes:
+        primal: Largest violation of a bound.
+        dual: Largest entry of P x + q + A' y.
+    """
+
+    primal: float
+    dual: float
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticProgram:
+    """min x'Px/2 + q'x, lower <= Ax <= upper, with the point OSQP found.
+
+    Attributes:
+        hessian: P, symmetric, (n, n).
+        cost: q, (n,).
+        constraints: A, (rows, n).
+        lower: Lower bounds, (rows,).
+        upper: Upper bounds, (rows,).
+        x: Primal solution, (n,).
+        y: Multipliers, positive at upper bounds, (rows,).
+        iterations: ADMM iterations spent.
+    """
+
+    hessian: sparse.csc_matrix
+    cost: Array
+    constraints: sparse.csc_matrix
+    lower: Array
+    upper: Array
+    x: Array
+    y: Array
+    iterations: int
+
+    def residuals(self) -> Residuals:
+        """Primal and dual residual of (x, y), computed from the program itself."""
+        rows = self.constraints @ self.x
+        primal = np.maximum(self.lower - rows, rows - self.upper).max(initial=0.0)
+        dual = np.abs(self.hessian @ self.x + self.cost + self.constraints.T @ self.y).max()
+        return Residuals(float(primal), float(dual))
+
+
+class ProgramInPlace:
+    """A tracking program for a loop: fill ``measured``, ``reference``, ``wheels``; ``solve()``.
+
+    CasADi writes the numbers of the program where OSQP reads them. A solution stays as the next
+    one's linearisation point and start, until ``forget()``.
+
+    Attributes:
+        measured: Measured configuration, (5,).
+        reference: Outputs of the plan now and at the following samples, (N + 1, m).
+        wheels: Last wheel command, (4,) [rad/s].
+        v: Input found, [v1, v2, u0, v0, r0], (5,).
+        command: Wheel speeds found, (4,) [rad/s].
+    """
+
+    def __init__(self, program: TrackingProgram, settings: SolverSettings) -> None:
+        setup = program.setup
+        self.program = program
+        self.measured, self.wheels = np.zeros(5), np.zeros(4)
+        self.reference = np.zeros((setup.horizon + 1, setup.outputs.count))
+        self.v, self.command = np.zeros(5), np.zeros(4)
+        self._cost = program.cost.copy()
+        self._x = np.zeros(len(self._cost))
+        self._expected = np.zeros(setup.outputs.count + len(self._cost))
+        self._guess = self._expected[setup.outputs.count :]
+        self._y = np.zeros(program.constraints.shape[0])
+        self._values = np.zeros(program.constraints.nnz)
+        self._lower, self._upper = np.zeros_like(self._y), np.zeros_like(self._y)
+        arguments = [self.measured, self.reference, self._x, self.wheels]
+        changing = self._cost[: setup.outputs.count]
+        numbers = [self._values, self._lower, self._upper, changing, self._expected]
+        self._linearise = _InPlace(program.linearise, arguments, numbers)
+        self._first_command = _InPlace(program.command, arguments, [self.v, self.command])
+        self.forget()
+        self._linearise.evaluate()
+        self._solver = self._set_up(settings)
+
+    def _set_up(self, settings: SolverSettings) -> Any:
+        """OSQP's compiled solver; the Python class around it would take 20 us more per step."""
+        workspace = osqp.OSQP()
+        workspace.setup(
+            self.program.hessian,
+            self._cost,
+            self._constraints(),
+            self._lower,
+            self._upper,
+            eps_abs=settings.tolerance,
+            eps_rel=0.0,
+            eps_prim_inf=1e-12,  # the program always has a solution
+            eps_dual_inf=1e-12,
+            max_iter=settings.max_iterations,
+            check_termination=CHECK_EVERY,
+            check_dualgap=False,
+            rho=STEP_SIZE,
+            adaptive_rho=0,
+            scaling=0,
+            polishing=False,
+            verbose=False,
+        )
+        return workspace._solver
+
+    def forget(self) -> None:
+        """Start afresh: the next linearisation is about the response without limits."""
+        self._x[:] = 0.0
+        self._y[:] = 0.0
+        if self.program.setup.outputs.bending:
+            self._y[-1] = -self._cost[-1]  # the multiplier of a slack that is zero
+
+    def solve(self) -> Quality:
+        """Linearise, solve, and find ``v`` and ``command``; these mean nothing if unusable."""
+        solver = self._solver
+        self._linearise.evaluate()
+        solver.update_data_vec(q=self._cost, l=self._lower, u=self._upper)
+        solver.update_data_mat(P_x=None, P_i=None, A_x=self._values, A_i=None)
+        solver.warm_start(self._guess, self._y)
+        solver.solve()
+        info, solution = solver.info, solver.solution
+        self._x[:] = solution.x
+        self._first_command.evaluate()
+        if not math.isfinite(sum(self.v.tolist())):
+            self.forget()
+            return Quality.UNUSABLE
+        converged = info.status == SOLVED
+        if converged or max(info.prim_res, info.dual_res) <= USABLE:
+            solution.y.take(self.program.next_rows, out=self._y)
+            return Quality.CONVERGED if converged else Quality.ROUGH
+        self._stay()
+        return Quality.UNUSABLE
+
+    def _stay(self) -> None:
+        """Let the next step iterate on from here: the robot will not have moved."""
+        setup, found = self.program.setup, self._solver.solution
+        m, last = setup.outputs.count, setup.outputs.count * setup.horizon
+        self._x[:m] = self._expected[:m]
+        self._x[m:last] = found.x[: last - m]
+        self._y[:] = found.y
+
+    def describe(self) -> str:
+        """What OSQP says of the last solve."""
+        info = self._solver.info
+        return (
+            f"{info.status} after {info.iter} iterations, "
+            f"residuals {info.prim_res:.2g} and {info.dual_res:.2g}"
+        )
+
+    def quadratic_program(self) -> QuadraticProgram:
+        """The program of the last step and OSQP's point, as a value of its own."""
+        upper = sparse.triu(self.program.hessian, 1)
+        return QuadraticProgram(
+            hessian=sparse.csc_matrix(self.program.hessian + upper.T),
+            cost=self._cost.copy(),
+            constraints=self._constraints(),
+            lower=self._lower.copy(),
+            upper=self._upper.copy(),
+            x=np.array(self._solver.solution.x),
+            y=np.array(self._solver.solution.y),
+            iterations=int(self._solver.info.iter),
+        )
+
+    def _constraints(self) -> sparse.csc_matrix:
+        pattern = self.program.constraints
+        values = (self._values.copy(), pattern.indices, pattern.indptr)
+        return sparse.csc_matrix(values, shape=pattern.shape)
+
+
+class _InPlace:
+    """A CasADi function that reads from and writes to fixed arrays."""
+
+    def __init__(
+        self, function: ca.Function, reads: Sequence[Array], writes: Sequence[Array]
+    ) -> None:
+        buffer: Any = function.buffer()  # its type stub describes the C++ call, not this one
+        self._memory, self.evaluate = buffer  # the memory must live as long as evaluate is used
+        self._arrays = (*reads, *writes)
+        for place, array in enumerate(reads):
+            self._memory.set_arg(place, memoryview(array.data))
+        for place, array in enumerate(writes):
+            self._memory.set_res(place, memoryview(array.data))

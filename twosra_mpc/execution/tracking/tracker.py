@@ -1,0 +1,267 @@
+"""The receding-horizon tracker: from where the robot is to what the wheels and heaters should do.
+
+The executor says when phases begin and end; the tracker follows the plan inside the phase it is
+told, and goes on converging to the phase's end after the phase's time is over.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.tracking.linearisation import tracking_program
+from twosra_mpc.execution.tracking.reference import SAME_TIME_S, PhaseReference
+from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
+from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.solver import ProgramInPlace, QuadraticProgram, Quality
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode
+
+Array = NDArray[np.float64]
+
+LONGEST_HORIZON = 200
+HIGHEST_RATE_HZ = 1000.0
+
+
+class CommandStatus(enum.StrEnum):
+    """Where a command comes from."""
+
+    SOLVED = "solved"  # the quadratic program was solved
+    HELD = "held"  # between phases: the wheels rest, the heaters follow the plan
+    FAILED = "failed"  # no solution: the wheels rest, the heaters keep their set-points
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Measurement:
+    """Where the robot is, and which part of the plan it should be following.
+
+    Attributes:
+        time_s: Time in the plan [s]; in a phase that started late, the plan's start of the phase
+            plus the time since.
+        phase: Index of the phase to track, None between phases.
+        q: Configuration [x m, y m, phi rad, kappa1 1/m, kappa2 1/m], (5,).
+
+    Raises:
+        InputError: If a value is not a finite number, or ``q`` is not five numbers.
+    """
+
+    time_s: float
+    phase: int | None
+    q: ArrayLike
+
+    def __post_init__(self) -> None:
+        try:
+            q = np.array(self.q, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError("measurement.q", self.q, "five numbers") from None
+        if q.shape != (5,):
+            raise InputError("measurement.q", q.shape, "five numbers: an array of shape (5,)")
+        if not all(map(math.isfinite, q.tolist())):
+            raise InputError("measurement.q", q.tolist(), "finite numbers")
+        q.setflags(write=False)
+        object.__setattr__(self, "q", q)
+        try:
+            object.__setattr__(self, "time_s", float(self.time_s))
+        except (TypeError, ValueError):
+            raise InputError("measurement.time_s", self.time_s, "a number of seconds") from None
+        if not math.isfinite(self.time_s):
+            raise InputError("measurement.time_s", self.time_s, "a finite number of seconds")
+        if self.phase is not None and not isinstance(self.phase, int | np.integer):
+            raise InputError("measurement.phase", self.phase, "a whole number, or None")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Command:
+    """What to send to the robot until the next step; arrays are read-only.
+
+    Attributes:
+        wheel_rad_s: Wheel speeds, (4,).
+        v: Body input these are for, [v1, v2 m/s, u0, v0 m/s, r0 rad/s], (5,).
+        heater_setpoint_C: Temperature set-points of the segments, (2,).
+        status: Where the command comes from.
+        message: One sentence on a status other than solved.
+    """
+
+    wheel_rad_s: Array
+    v: Array
+    heater_setpoint_C: Array
+    status: CommandStatus
+    message: str = ""
+
+
+class _TrackedPhase(NamedTuple):
+    program: ProgramInPlace
+    reference: PhaseReference
+
+
+class Tracker:
+    """Linear time-varying model predictive control of one robot along a plan, phase by phase.
+
+    Every step linearises the limits, solves one quadratic program (OSQP) and returns its first
+    input. Programs are built once per mode; a step only changes numbers in them.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        horizon: int = 20,
+        rate_Hz: float = 15.0,
+        weights: TrackerWeights | None = None,
+        limits: TrackerLimits | None = None,
+        solver: SolverSettings | None = None,
+    ) -> None:
+        """Prepare a tracker; ``reset`` gives it a plan.
+
+        Args:
+            robot: The robot to drive.
+            horizon: Prediction horizon in steps.
+            rate_Hz: Steps per second; a command is meant to act for one period.
+            weights: What deviations cost.
+            limits: Limits of the drives that the robot file does not have.
+            solver: Accuracy and effort of the quadratic program.
+
+        Raises:
+            InputError: If a value is out of its range.
+        """
+        if not isinstance(horizon, int | np.integer) or not 2 <= horizon <= LONGEST_HORIZON:
+            raise InputError("horizon", horizon, f"from 2 to {LONGEST_HORIZON} steps")
+        if not 0 < rate_Hz <= HIGHEST_RATE_HZ:
+            raise InputError("rate_Hz", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:g} Hz")
+        self.robot, self.horizon, self.period_s = robot, horizon, 1.0 / rate_Hz
+        self.weights = weights or TrackerWeights()
+        self.limits = limits or TrackerLimits()
+        self.solver = solver or SolverSettings()
+        if self.limits.dead_zone_rad_s > robot.limits.wheel_speed_rad_s:
+            most = f"at most the wheel speed limit, {robot.limits.wheel_speed_rad_s:g} rad/s"
+            raise InputError("limits.dead_zone_rad_s", self.limits.dead_zone_rad_s, most)
+        self._wheel_change = self.limits.wheel_rate_rad_s2 * self.period_s
+        self._programs: dict[Mode, ProgramInPlace] = {}
+        self._phases: list[_TrackedPhase] | None = None
+        self._phase: int | None = None
+        self._solved_last: ProgramInPlace | None = None
+        off = _read_only(np.full(2, robot.heater.rigid_setpoint_C))
+        self._last_command = Command(
+            _NO_WHEELS, _NO_INPUT, off, CommandStatus.HELD, "no plan is being tracked yet"
+        )
+
+    @property
+    def last_command(self) -> Command:
+        """The last command that a step returned; wheels at rest and heaters off before the first.
+
+        Stays as it is when a step refuses a measurement.
+        """
+        return self._last_command
+
+    def reset(self, plan: Plan) -> None:
+        """Track another plan from the next step on; the wheels are taken to turn as last told.
+
+        Raises:
+            InputError: If the plan is for another robot, or has no samples to follow.
+        """
+        if plan.robot != self.robot:
+            raise InputError("plan.robot", plan.robot.name, _same_robot(self.robot))
+        samples = plan.samples
+        if samples is None:
+            raise InputError("plan.samples", None, f"a plan with samples ({plan.message})")
+        for name in ("t_s", "q", "v", "heater_setpoint_C"):
+            if not np.isfinite(getattr(samples, name)).all():
+                raise InputError(f"plan.samples.{name}", "not finite", "finite numbers")
+        phases = []
+        for phase in plan.phases:
+            program = self._program(phase.mode)
+            selection = program.program.setup.outputs.selection
+            path = PhaseReference(
+                self.robot, samples, phase, selection, self.horizon, self.period_s
+            )
+            phases.append(_TrackedPhase(program, path))
+        self._phases, self._phase = phases, None
+        self._times = samples.t_s.tolist()
+        self._heaters: list[Array] = list(samples.heater_setpoint_C)
+
+    def step(self, measurement: Measurement) -> Command:
+        """Find what to send to the robot for the coming period.
+
+        Wheels that turn too fast for another phase to stop them at once are stopped between phases.
+
+        Raises:
+            InputError: If there is no plan yet, or the plan has no such phase.
+        """
+        if self._phases is None:
+            raise InputError("plan", None, "a plan, given to reset")
+        phase = measurement.phase
+        if phase is None:
+            self._phase = None
+            heaters = self._heater_setpoint(measurement.time_s)
+            return self._stop(CommandStatus.HELD, heaters, "between phases")
+        if not 0 <= phase < len(self._phases):
+            allowed = f"None, or a phase of the plan (0 to {len(self._phases) - 1})"
+            raise InputError("measurement.phase", phase, allowed)
+        program, path = self._phases[phase]
+        if phase != self._phase:
+            program.forget()
+            self._phase = phase
+            if np.abs(self._last_command.wheel_rad_s).max() > self._wheel_change:
+                heaters = self._heater_setpoint(measurement.time_s)
+                return self._stop(CommandStatus.HELD, heaters, "the wheels stop between phases")
+        program.measured[:] = measurement.q
+        program.wheels[:] = self._last_command.wheel_rad_s
+        path.write(measurement.time_s, program.reference)
+        self._solved_last = program
+        quality = program.solve()
+        if quality is Quality.UNUSABLE:
+            return self._stop(
+                CommandStatus.FAILED,
+                self._last_command.heater_setpoint_C,
+                f"wheels stopped, the quadratic program was not solved: {program.describe()}",
+            )
+        self._last_command = Command(
+            _read_only(program.command.copy()),
+            _read_only(program.v.copy()),
+            self._heater_setpoint(measurement.time_s),
+            CommandStatus.SOLVED,
+            "" if quality is Quality.CONVERGED else program.describe(),
+        )
+        return self._last_command
+
+    def quadratic_program(self) -> QuadraticProgram | None:
+        """The program of the last step that solved one, with its solution; None if there is none.
+
+        Its ``residuals()`` tell how well it was solved.
+        """
+        return self._solved_last.quadratic_program() if self._solved_last else None
+
+    def _program(self, mode: Mode) -> ProgramInPlace:
+        if mode not in self._programs:
+            setup = Setup(self.robot, mode, self.horizon, self.period_s, self.weights, self.limits)
+            self._programs[mode] = ProgramInPlace(tracking_program(setup), self.solver)
+        return self._programs[mode]
+
+    def _heater_setpoint(self, time_s: float) -> Array:
+        """Set-points of the plan at a time; those of its start before it."""
+        place = bisect_right(self._times, time_s + SAME_TIME_S) - 1
+        return self._heaters[max(place, 0)]
+
+    def _stop(self, status: CommandStatus, heaters: Array, message: str) -> Command:
+        self._last_command = Command(_NO_WHEELS, _NO_INPUT, heaters, status, message)
+        return self._last_command
+
+
+def _read_only(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
+
+
+def _same_robot(robot: Robot) -> str:
+    return f"a plan for this very robot, {robot.name}, with all its values"
+
+
+_NO_WHEELS, _NO_INPUT = _read_only(np.zeros(4)), _read_only(np.zeros(5))

@@ -1,0 +1,1 @@
+"""Parameters from measurements: thermal models from heating logs, paths from lengths."""

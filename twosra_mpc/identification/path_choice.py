@@ -1,0 +1,58 @@
+"""The same robot with another path model, and robot files with fitted paths."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import write_text
+from twosra_mpc.identification.path_fitting import fitted_path_tables
+from twosra_mpc.robot.description import LogSpiralPath, Robot
+from twosra_mpc.robot.document import robot_document
+
+PATH_MODELS = ("log_spiral", "log_spiral_corrected", "arc", "cardioid")
+SPIRALS = ("log_spiral", "log_spiral_corrected")
+
+
+def with_path_model(robot: Robot, model: str) -> Robot:
+    """Return ``robot`` with the path model of this name.
+
+    A robot that has spiral parameters keeps them for both readings of Table I; parameters that it
+    lacks are fitted to its lengths. ``arc`` measures v_j at the side wheels.
+
+    Raises:
+        InputError: If there is no such path model, or its fit fails.
+    """
+    if model not in PATH_MODELS:
+        raise InputError("path.model", model, f"one of {', '.join(PATH_MODELS)}")
+    if model == robot.path.model:
+        return robot
+    table: dict[str, Any]
+    if model == "arc":
+        table = {"model": "arc", "speed_reference": "side_wheel"}
+    elif isinstance(robot.path, LogSpiralPath) and model in SPIRALS:
+        table = {**robot.path.model_dump(), "model": model}
+    else:
+        table = fitted_path_tables(robot)[model]
+    return Robot(**{**dict(robot), "path": table})
+
+
+def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, model: str) -> None:
+    """Write a copy of a robot file whose ``[path]`` table is fitted to its lengths.
+
+    Everything else, comments included, stays as it is.
+
+    Raises:
+        InputError: If ``source`` is not TOML, or ``target`` cannot be written.
+    """
+    document = robot_document(source)
+    table = tomlkit.table()
+    for key, value in fitted_path_tables(robot)[model].items():
+        table.add(key, value)
+    table.comment("fitted to the exact paths of this robot's lengths")
+    table.add(tomlkit.nl())
+    document["path"] = table
+    write_text(target, tomlkit.dumps(document))

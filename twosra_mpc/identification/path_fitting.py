@@ -1,0 +1,364 @@
+"""Path parameters from the fibre's lengths alone: the paper's spirals, its successor's cardioids.
+
+A locomotion unit (LU) follows the end of a fibre whose soft segments are arcs of constant length
+and curvature. Paper section "LU Paths Estimation" replaces that path by logarithmic spirals, the
+follow-up robot by cardioids. Both are fitted here, for any lengths, in three cases:
+
+I    one segment is soft, the LU next to it moves; the link is held.
+II   one segment is soft, the LU beyond the link and the straight rigid segment moves.
+III  both segments are soft and bend equally, one LU moves.
+
+Frame of all points: the held end of the soft fibre is the origin, the straight fibre lies along -x,
+a positive bending angle alpha = kappa l turns it towards +y. Paths and curves are mirror images
+about the x axis for negative alpha. A point's *turn* about a centre is its polar angle from -x
+towards +y; the paper's spiral angle theta and the successor's phi are turn + a constant.
+
+Source of the set-up: Table I, whose numbers it reproduces to 0.1 % (a, b) and 0.5 % (centre); in
+the table the sign of c_x of row II is that of the mirrored frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares, minimize_scalar
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.robot.description import Geometry, Robot
+
+Array = NDArray[np.float64]
+Case: TypeAlias = Literal["I", "II", "III"]
+
+CASES: tuple[Case, ...] = ("I", "II", "III")
+ANGLE_RATIO = (1.5, 1.0, 0.75)  # m_k: bending angle per spiral angle, eqs. kappa_fit1 to kappa_fit3
+SMOOTHING_RAD = 0.01  # rounds the kink of the spirals' radius at alpha = 0
+CARDIOID_BEND_RAD = np.pi / 2  # the follow-up robot bends within +-pi / (2 l)
+
+# Up to a full circle a segment in I and II, half a circle in III, uniform in curvature. The paper
+# does not give the sampling, and it moves b by up to 2 %; these are the points nearest to Table I.
+SPIRAL_BENDS_RAD: dict[Case, Array] = {
+    "I": np.linspace(0.0, 2 * np.pi, 316)[1:],
+    "II": np.linspace(0.0, 2 * np.pi, 201)[1:],
+    "III": np.linspace(0.0, np.pi, 41),
+}
+SPIRAL_START_RAD: dict[Case, float] = {"I": np.pi, "II": np.pi, "III": 0.0}
+
+_CENTRES = 7  # tried along x and along y, before the best three are refined
+_WORST = 0.15  # root mean square residual accepted, per distance of the straight fibre's ends
+
+
+@dataclass(frozen=True)
+class SpiralFit:
+    """Radius a e^{-b theta} about a free centre, as a row of Table I; unit of length: l.
+
+    Attributes:
+        scale: a / l, where theta is counted from ``start_rad``.
+        growth: b > 0; the radius falls with the bend, whichever way it goes.
+        centre: (c_x / l, c_y / l), for a bend towards +y.
+        rms_l: Root mean square of the radial residuals / l.
+        max_l: Largest absolute radial residual / l.
+        start_rad: theta of the straight fibre: pi in I and II, 0 in III. Table I means the same,
+            but eq. kappa takes all its rows from pi, which halves the radius of spiral III.
+    """
+
+    scale: float
+    growth: float
+    centre: tuple[float, float]
+    rms_l: float
+    max_l: float
+    start_rad: float
+
+    @property
+    def scale_from_pi(self) -> float:
+        """Scale of the same spiral with theta = pi when straight, as eq. kappa has it."""
+        return float(self.scale * np.exp(self.growth * (np.pi - self.start_rad)))
+
+    def points(self, turn_rad: ArrayLike) -> Array:
+        """Points of the spiral / l at turns (n,) about its centre, shape (n, 2)."""
+        turn = np.asarray(turn_rad, dtype=float)
+        radius = self.scale * np.exp(-self.growth * (self.start_rad + turn))
+        return _cartesian(radius, turn, self.centre)
+
+
+@dataclass(frozen=True)
+class CardioidFit:
+    """Radius 2 a (1 - cos phi) with phi = pi + c alpha about a free centre, the cusp.
+
+    Attributes:
+        radius_m: a [m].
+        phi_per_alpha: c, the slope of the least-squares line through phi over alpha.
+        centre_m: (c_x, c_y) [m]; c_y is 0 by symmetry.
+        rms_m: Root mean square of the radial residuals [m].
+        max_m: Largest absolute radial residual [m].
+    """
+
+    radius_m: float
+    phi_per_alpha: float
+    centre_m: tuple[float, float]
+    rms_m: float
+    max_m: float
+
+    def points(self, alpha: ArrayLike) -> Array:
+        """Points of the cardioid [m] at bending angles (n,) [rad], shape (n, 2)."""
+        phi = np.pi + self.phi_per_alpha * np.asarray(alpha, dtype=float)
+        return _cartesian(2 * self.radius_m * (1 - np.cos(phi)), phi - np.pi, self.centre_m)
+
+
+@dataclass(frozen=True, eq=False)
+class PathCurves:
+    """What a figure of one case shows, in units of l, for bends from straight towards +y.
+
+    Attributes:
+        case: I, II or III.
+        exact: Moving fibre end, over the range of Table I, (n, 2).
+        spiral: The spiral at the same turns about its centre, (n, 2).
+        cardioid: The cardioid, over the range it was fitted to, (n, 2).
+        spiral_fit: The spiral's parameters.
+        cardioid_fit: The cardioid's parameters.
+    """
+
+    case: Case
+    exact: Array
+    spiral: Array
+    cardioid: Array
+    spiral_fit: SpiralFit
+    cardioid_fit: CardioidFit
+
+
+def exact_path(case: Case, geometry: Geometry, alpha: ArrayLike) -> Array:
+    """Moving fibre end, seen from the held end, on constant-curvature arcs.
+
+    Args:
+        case: I, II or III.
+        geometry: Lengths; only the segments' and the middle link's count.
+        alpha: Bending angles of each soft segment (n,) [rad].
+
+    Returns:
+        Points [m], shape (n, 2).
+
+    Raises:
+        InputError: If there is no such case.
+    """
+    length, link = geometry.segment_length_m, geometry.middle_link_m
+    angle = np.atleast_1d(np.asarray(alpha, dtype=float))
+    heading = np.exp(1j * angle)  # of the far end of an arc whose near end heads along +x
+    arc = length * np.exp(0.5j * angle) * np.sinc(angle / (2 * np.pi))
+    match case:
+        case "I":
+            end = arc
+        case "II":
+            end = arc + (link + length) * heading
+        case "III":
+            end = arc + (link + arc) * heading
+        case _:
+            raise InputError("case", case, f"one of {', '.join(CASES)}")
+    return np.stack([-end.real, end.imag], axis=1)
+
+
+def fit_spirals(geometry: Geometry) -> tuple[SpiralFit, SpiralFit, SpiralFit]:
+    """Fit spirals I, II and III as Table I was fitted: radially, with a free centre.
+
+    Raises:
+        InputError: If no spiral follows a path of these lengths.
+    """
+    one, two, three = (_fit_spiral(case, geometry) for case in CASES)
+    return one, two, three
+
+
+def fit_cardioids(
+    geometry: Geometry, alpha_max: float = CARDIOID_BEND_RAD
+) -> tuple[CardioidFit, CardioidFit, CardioidFit]:
+    """Fit cardioids I, II and III radially, with a free centre on the axis of symmetry.
+
+    Args:
+        geometry: Lengths of the fibre.
+        alpha_max: Largest absolute bending angle of each soft segment [rad], at most pi.
+
+    Raises:
+        InputError: If ``alpha_max`` is out of range or no cardioid follows a path of these lengths.
+    """
+    if not 0.0 < alpha_max <= np.pi:
+        raise InputError("alpha_max", alpha_max, "more than 0 and at most pi [rad]")
+    one, two, three = (_fit_cardioid(case, geometry, alpha_max) for case in CASES)
+    return one, two, three
+
+
+def fitted_path_tables(
+    robot: Robot, alpha_max: float = CARDIOID_BEND_RAD
+) -> dict[str, dict[str, Any]]:
+    """Return the ``[path]`` tables of a robot file, by model, fitted to the robot's lengths.
+
+    ``log_spiral`` counts theta from pi in all three cases (eq. kappa), so its ``scale`` is
+    ``SpiralFit.scale_from_pi``; ``log_spiral_corrected`` counts III from 0, so its ``scale`` reads
+    like Table I. Both say the same: no phase need be stored.
+
+    Args:
+        robot: The robot; only its geometry counts.
+        alpha_max: Range of the cardioids, see `fit_cardioids`.
+
+    Raises:
+        InputError: As `fit_spirals` and `fit_cardioids`.
+    """
+    spirals = fit_spirals(robot.geometry)
+    cardioids = fit_cardioids(robot.geometry, alpha_max)
+    from_pi, in_phase = [fit.scale_from_pi for fit in spirals], [fit.scale for fit in spirals]
+    return {
+        "log_spiral": _spiral_table("log_spiral", from_pi, spirals),
+        "log_spiral_corrected": _spiral_table("log_spiral_corrected", in_phase, spirals),
+        "cardioid": {
+            "model": "cardioid",
+            "radius_m": [_written(fit.radius_m) for fit in cardioids],
+            "phi_per_alpha": [_written(fit.phi_per_alpha) for fit in cardioids],
+        },
+    }
+
+
+def _spiral_table(
+    model: str, scale: Sequence[float], spirals: Sequence[SpiralFit]
+) -> dict[str, Any]:
+    return {
+        "model": model,
+        "scale": [_written(value) for value in scale],
+        "growth": [_written(fit.growth) for fit in spirals],
+        "angle_ratio": list(ANGLE_RATIO),
+        "smoothing_rad": SMOOTHING_RAD,
+    }
+
+
+def path_curves(
+    geometry: Geometry, alpha_max: float = CARDIOID_BEND_RAD, points: int = 241
+) -> tuple[PathCurves, PathCurves, PathCurves]:
+    """Exact path and fitted curves of the three cases, as points to draw, in units of l."""
+    fits = zip(CASES, fit_spirals(geometry), fit_cardioids(geometry, alpha_max), strict=True)
+    one, two, three = (_curves(geometry, *fit, alpha_max, points) for fit in fits)
+    return one, two, three
+
+
+def _curves(
+    geometry: Geometry,
+    case: Case,
+    spiral: SpiralFit,
+    cardioid: CardioidFit,
+    alpha_max: float,
+    points: int,
+) -> PathCurves:
+    length = geometry.segment_length_m
+    exact = exact_path(case, geometry, np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points))
+    exact /= length
+    drawn = spiral.points(_polar(exact, *spiral.centre)[1])
+    successor = cardioid.points(np.linspace(0.0, alpha_max, points)) / length
+    return PathCurves(case, exact, drawn, successor, spiral, cardioid)
+
+
+def _fit_spiral(case: Case, geometry: Geometry) -> SpiralFit:
+    """Least squares of r - A e^{-b turn} over (A, b, c_x, c_y), from the best of many centres."""
+    path = exact_path(case, geometry, SPIRAL_BENDS_RAD[case]) / geometry.segment_length_m
+
+    def residual(guess: Array) -> Array:
+        radius, turn = _polar(path, guess[2], guess[3])
+        return np.asarray(radius - guess[0] * np.exp(-guess[1] * turn))
+
+    fits = [least_squares(residual, start, method="lm") for start in _spiral_starts(path)]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    straight, growth, x, y = best.x.tolist()
+    left, start = residual(best.x), SPIRAL_START_RAD[case]
+    converged = bool(best.success) and straight > 0.0 and growth > 0.0
+    _check(converged, f"spiral {case}", geometry, left, path)
+    scale = straight * float(np.exp(growth * start))
+    return SpiralFit(scale, growth, (x, y), _rms(left), _largest(left), start)
+
+
+def _spiral_starts(path: Array) -> list[Array]:
+    """Three starting points (4,): centres within the path, the rest from a line through log r."""
+    (left, low), (right, high) = path.min(axis=0), path.max(axis=0)
+    starts = []
+    for x in np.linspace(left, right, _CENTRES + 2)[1:-1]:
+        for y in np.linspace(low, high, _CENTRES + 2)[1:-1]:
+            radius, turn = _polar(path, x, y)
+            slope, offset = np.polyfit(turn, np.log(np.maximum(radius, 1e-9)), 1, w=radius)
+            error = _rms(radius - np.exp(offset + slope * turn))
+            starts.append((error, np.array([np.exp(offset), -slope, x, y])))
+    return [start for _, start in sorted(starts, key=lambda item: item[0])[:3]]
+
+
+def _fit_cardioid(case: Case, geometry: Geometry, alpha_max: float) -> CardioidFit:
+    """Least squares over (a, c_x); a follows from c_x, so this is a search along a line."""
+    alpha = np.linspace(0.0, alpha_max, 201)  # the other half of the path is its mirror image
+    path = exact_path(case, geometry, alpha) / geometry.segment_length_m
+
+    def cost(x: float) -> float:
+        return _rms(_about_cusp(path, float(x))[2])
+
+    grid = -path[0, 0] * np.linspace(-0.9, 1.5, 121)
+    nearest = int(np.clip(np.argmin([cost(x) for x in grid]), 1, len(grid) - 2))
+    low, high = grid[nearest - 1], grid[nearest + 1]
+    best = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
+    x = float(best.x)
+    a, turn, left = _about_cusp(path, x)
+    converged = bool(best.success) and low + 1e-6 < x < high - 1e-6 and a > 0.0
+    _check(converged, f"cardioid {case}", geometry, left, path)
+    slope, length = float(alpha @ turn / (alpha @ alpha)), geometry.segment_length_m
+    rms, largest = _rms(left) * length, _largest(left) * length
+    return CardioidFit(a * length, slope, (x * length, 0.0), rms, largest)
+
+
+def _about_cusp(path: Array, x: float) -> tuple[float, Array, Array]:
+    """Best a of a cardioid with its cusp at (x, 0), turns of the path about it, residuals."""
+    radius, turn = _polar(path, x, 0.0)
+    unit = 2 * (1 + np.cos(turn))  # 2 (1 - cos phi) with phi = pi + turn
+    a = float(radius @ unit / (unit @ unit))
+    return a, turn, radius - a * unit
+
+
+def _check(converged: bool, what: str, geometry: Geometry, left: Array, path: Array) -> None:
+    """Refuse a fit that did not converge to the curve meant, or misses the path."""
+    reach = float(np.hypot(*path[0]))
+    if not (converged and _rms(left) <= _WORST * reach):
+        lengths = {name: getattr(geometry, name) for name in ("segment_length_m", "middle_link_m")}
+        found = f"rms residual {_rms(left) / reach:.2g} of the distance between the fibre's ends"
+        raise InputError("geometry", lengths, f"lengths whose path a {what} follows ({found})")
+
+
+def _polar(points: Array, x: float, y: float) -> tuple[Array, Array]:
+    """Distance from (x, y) and turn about it, continuous along the points (n, 2)."""
+    across, up = (points - (x, y)).T
+    return np.hypot(across, up), np.unwrap(np.arctan2(up, -across))
+
+
+def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array:
+    """Points (n, 2) at distances and turns (n,) about a centre."""
+    points: Array = np.stack([-radius * np.cos(turn), radius * np.sin(turn)], axis=-1) + centre
+    return points
+
+
+def _rms(residual: Array) -> float:
+    return float(np.sqrt(np.mean(residual**2)))
+
+
+def _largest(residual: Array) -> float:
+    return float(np.max(np.abs(residual)))
+
+
+def _written(value: float) -> float:
+    """Round to what is worth writing in a file: seven significant digits."""
+    return float(f"{value:.7g}")
+
+
+__all__ = [
+    "ANGLE_RATIO",
+    "CARDIOID_BEND_RAD",
+    "CASES",
+    "CardioidFit",
+    "Case",
+    "PathCurves",
+    "SpiralFit",
+    "exact_path",
+    "fit_cardioids",
+    "fit_spirals",
+    "fitted_path_tables",
+    "path_curves",
+]

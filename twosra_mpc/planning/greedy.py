@@ -1,0 +1,158 @@
+"""The greedy reference planner: the paper's Algorithm 1 on the robot's own model.
+
+At every step each mode proposes to remove as much of the error as its Jacobian can, the mode whose
+proposal ends nearest the goal (unweighted norm, as published) is taken and kept until it no longer
+moves the robot. Melting and freezing play no part in the choice. What differs from the published
+loop (``greedy.published``): the Jacobian is the autonomous one, steps follow the exact flow, and a
+step never removes more than the whole error, so the loop cannot diverge. The resulting path gets
+the same transition model, speed limits and verification as every plan.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.motion import roll_out
+from twosra_mpc.planning.nlp.fixed_sequence import timed
+from twosra_mpc.planning.outcome import Verified, finished, verified
+from twosra_mpc.plans.plan import Plan, Stats, Status
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import Mode, sequence_name
+from twosra_mpc.timing import transition_model
+
+Array = NDArray[np.float64]
+
+STEP_S = 0.05  # DT of the published simulations; sets the gain schedule t (1 - exp(-t)) DT
+MAX_ITERATIONS = 5000
+_STAGNATION = 1e-9  # unweighted norm of (m, m, rad, 1/m, 1/m)
+_REACHED = 1e-8
+_RECORDED = 1e-5  # phases that move less than this are left out, as published
+_LONGEST_STEP_M = 0.003  # longer soft steps are split, so that the roll-out stays accurate
+_SHORTEST_STEP = 1e-5  # m or rad; shorter ones are joined to the step before
+_FLOW_STEPS = 4
+
+
+class GreedyEnding(enum.Enum):
+    """Why the greedy loop ended."""
+
+    REACHED = "the goal is reached"
+    STAGNATED = "no allowed mode comes nearer to the goal; allow more modes"
+    ITERATION_LIMIT = f"the goal is not reached within {MAX_ITERATIONS} iterations"
+
+
+@dataclass(frozen=True)
+class GreedyPath:
+    """Path of the greedy rule: one mode and one input displacement (5,) per step."""
+
+    modes: tuple[Mode, ...]
+    steps: tuple[Array, ...]
+    ending: GreedyEnding
+
+
+def greedy_path(problem: Problem) -> GreedyPath:
+    """Follow the greedy rule from start to goal."""
+    robot, goal = problem.robot, problem.goal
+    flow = interval_flow(robot, _FLOW_STEPS)
+    q = problem.start.configuration
+    current: Mode | None = None
+    modes: list[Mode] = []
+    steps: list[Array] = []
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        error = goal.error(q.copy())
+        if np.linalg.norm(error) <= _REACHED:
+            return GreedyPath(tuple(modes), tuple(steps), GreedyEnding.REACHED)
+        t = iteration * STEP_S
+        gain = min(1.0, t * (1 - math.exp(-t)) * STEP_S)
+        proposals = {mode: _proposal(problem, q, error, mode) for mode in problem.modes}
+        if current is None or np.linalg.norm(gain * proposals[current][1]) <= _STAGNATION:
+            left = {
+                mode: float(np.linalg.norm(error + gain * moved))
+                for mode, (_, moved) in proposals.items()
+            }
+            current = min(left, key=lambda mode: left[mode])
+            if np.linalg.norm(gain * proposals[current][1]) <= _STAGNATION:
+                return GreedyPath(tuple(modes), tuple(steps), GreedyEnding.STAGNATED)
+        step = gain * proposals[current][0]
+        q = flow(q, step, current).full().ravel()
+        modes.append(current)
+        steps.append(step)
+    return GreedyPath(tuple(modes), tuple(steps), GreedyEnding.ITERATION_LIMIT)
+
+
+def _proposal(problem: Problem, q: Array, error: Array, mode: Mode) -> tuple[Array, Array]:
+    """Input displacement with which ``mode`` removes most of the error, and what it moves."""
+    jacobian = kinematics(problem.robot).jacobian(q, mode).full()
+    columns = slice(0, 2) if any(mode) else slice(2, 5)
+    displacement = np.zeros(5)
+    displacement[columns] = -(np.linalg.pinv(jacobian[:, columns]) @ error)
+    return displacement, jacobian @ displacement
+
+
+def plan_greedily(problem: Problem) -> Plan:
+    """Plan with the greedy rule; the result is a plan like any other, without a lower bound."""
+    started = time.perf_counter()
+    path = greedy_path(problem)
+    phases = _phases(path) or [(problem.start_mode, [np.zeros(5)])]
+    sequence = tuple(mode for mode, _ in phases)
+    outcome: Verified | None = None
+    timing = transition_model(problem)
+    refusal = timing.refusal(sequence, problem.goal.mode)
+    if path.ending is GreedyEnding.REACHED and refusal is None:
+        longest = max((len(steps) for _, steps in phases), default=1)
+        inputs = np.zeros((len(phases), longest, 5))
+        for i, (_, steps) in enumerate(phases):
+            inputs[i, : len(steps)] = steps
+        motion = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
+        network = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
+        candidate = timed(motion, network, problem, iterations=0)
+        outcome = verified(problem, candidate, network) if candidate else None
+    stats = Stats(time.perf_counter() - started, 0, 0, 0)
+    if outcome is None:
+        reason = path.ending.value
+        if refusal is not None:
+            reason = refusal
+        elif path.ending is GreedyEnding.REACHED:
+            limits = problem.robot.limits
+            reason = (
+                f"its path leaves the curvature limit of {limits.curvature_per_m:g} 1/m or brings "
+                f"the units closer than {1e3 * limits.unit_gap_m:g} mm"
+            )
+        message = f"the greedy rule found no plan: {reason}"
+        return finished(problem, "greedy", None, Status.FAILED, message, stats)
+    check = outcome.verification
+    status = Status.FEASIBLE if check.ok else Status.FAILED
+    message = f"{sequence_name(sequence)}: {outcome.cost.total:.1f} s by the greedy rule"
+    if not check.ok:
+        message += f", which does not verify: {'; '.join(check.problems)}"
+    return finished(problem, "greedy", outcome, status, message, stats)
+
+
+def _phases(path: GreedyPath) -> list[tuple[Mode, list[Array]]]:
+    """Group the steps into phases; phases of negligible motion are left out and merged over."""
+    phases: list[tuple[Mode, list[Array]]] = []
+    for mode, step in zip(path.modes, path.steps, strict=True):
+        if not phases or phases[-1][0] != mode:
+            phases.append((mode, []))
+        steps = phases[-1][1]
+        if steps and np.abs(step).max() < _SHORTEST_STEP:
+            steps[-1] = steps[-1] + step
+            continue
+        pieces = math.ceil(float(np.abs(step[:2]).max()) / _LONGEST_STEP_M) or 1
+        steps.extend([step / pieces] * pieces)
+    kept: list[tuple[Mode, list[Array]]] = []
+    for mode, steps in phases:
+        if sum(float(np.abs(step).sum()) for step in steps) <= _RECORDED:
+            continue
+        if kept and kept[-1][0] == mode:
+            kept[-1][1].extend(steps)
+        else:
+            kept.append((mode, steps))
+    return kept

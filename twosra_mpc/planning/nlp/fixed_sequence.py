@@ -1,0 +1,191 @@
+"""Solve one mode sequence: guess, multiple shooting if the guess is not good enough, landing."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.planning.nlp.landing import available_inputs, land
+from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
+from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.shape import TOUCHING_M, may_drive, shape_margins
+from twosra_mpc.robot.modes import RIGID
+from twosra_mpc.timing import TemporalNetwork, transition_model
+
+Array = NDArray[np.float64]
+
+INTERVALS = 10
+_STEPS = 2
+_SETTLING_ROUNDS = 60
+_STILL = 1e-9  # m or rad an interval; landing may leave a resting phase with as little
+_MAX_ITERATIONS = 150
+_REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
+
+
+class SolveStatus(enum.Enum):
+    """What the backend said of a nonlinear program, as advice."""
+
+    SOLVED = "a local optimum"
+    ACCEPTABLE = "a point that meets looser tolerances; verify before use"
+    LIMIT = "stopped by its iteration or time limit; raise the limit or give a better guess"
+    LOCALLY_INFEASIBLE = "no feasible point near the guess; try another guess or sequence"
+    FAILED = "the solver gave up for numerical reasons; try another guess"
+
+
+IPOPT_STATUS = {
+    "Solve_Succeeded": SolveStatus.SOLVED,
+    "Solved_To_Acceptable_Level": SolveStatus.ACCEPTABLE,
+    "Feasible_Point_Found": SolveStatus.ACCEPTABLE,
+    "Search_Direction_Becomes_Too_Small": SolveStatus.ACCEPTABLE,
+    "Maximum_Iterations_Exceeded": SolveStatus.LIMIT,
+    "Maximum_CpuTime_Exceeded": SolveStatus.LIMIT,
+    "Maximum_WallTime_Exceeded": SolveStatus.LIMIT,
+    "Infeasible_Problem_Detected": SolveStatus.LOCALLY_INFEASIBLE,
+}
+
+
+def solve_status(raw: str) -> SolveStatus:
+    """Translate IPOPT's return status."""
+    return IPOPT_STATUS.get(raw, SolveStatus.FAILED)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A motion of a sequence with its schedule: a feasible plan, hence an upper bound.
+
+    Attributes:
+        motion: The landed motion.
+        durations: Least time of each interval, (phases, intervals) [s].
+        times: Event times of the temporal network [s].
+        iterations: Iterations of the nonlinear program spent on it.
+    """
+
+    motion: Motion
+    durations: Array
+    times: Array
+    iterations: int
+
+
+def timed(
+    motion: Motion, network: TemporalNetwork, problem: Problem, iterations: int
+) -> Candidate | None:
+    """Land a motion, run it as fast as the limits allow and schedule its transitions.
+
+    Returns None if it cannot be landed or takes a shape that the limits forbid.
+    """
+    landed = land(motion, problem.goal)
+    if landed is None or not _shapes_allowed(landed):
+        return None
+    durations = interval_durations(landed)
+    times = _settled_schedule(network, durations.sum(axis=1), problem)
+    if times is None:
+        return None
+    return Candidate(landed, durations, times, iterations)
+
+
+def _settled_schedule(network: TemporalNetwork, durations: Array, problem: Problem) -> Array | None:
+    """Event times that what happens before each transition allows; None if none are found."""
+    model = transition_model(problem)
+    for _ in range(_SETTLING_ROUNDS):
+        times = schedule(network, durations, problem.cost_weights)
+        if times is None:
+            return None
+        settled = model.settle(network, times.tolist())
+        if settled is None:
+            return times
+        network = settled
+    return None
+
+
+def _shapes_allowed(motion: Motion) -> bool:
+    """Whether the curvatures stay in range, the units apart, and the wheels independent."""
+    kappa = motion.states[:, :, 3:]
+    if np.abs(kappa).max() > motion.robot.limits.curvature_per_m * (1 + 1e-9):
+        return False
+    between = (kappa[:, 1:] + kappa[:, :-1]) / 2
+    visited = np.concatenate([kappa.reshape(-1, 2), between.reshape(-1, 2)])
+    moved = np.abs(motion.inputs).max(axis=(1, 2))
+    drives = [
+        mode == RIGID and far > _STILL for mode, far in zip(motion.sequence, moved, strict=True)
+    ]
+    apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= -TOUCHING_M
+    driven = shape_margins(motion.robot, kappa[:, 0]).wheel_independence[drives]
+    return bool(apart and (driven >= 0).all())
+
+
+def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
+    """Solve the multiple-shooting program of the sequence from ``guess`` and land the result."""
+    robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
+    program, solver = ipopt(robot, phases, intervals, _STEPS, _MAX_ITERATIONS)
+    durations = interval_durations(guess).max(axis=1) * intervals
+    times = schedule(network, durations, problem.cost_weights)
+    if times is None:
+        return None
+    cost, _ = cost_coefficients(network, problem.cost_weights)
+    lower, upper = _decision_bounds(program, network, problem, guess)
+    g_lower, g_upper = _constraint_bounds(program, network)
+    solution = solver(
+        x0=program.pack(guess.states, guess.inputs, times),
+        p=program.parameters(np.array(network.sequence, dtype=float), cost, _REGULARISATION),
+        lbx=lower,
+        ubx=upper,
+        lbg=g_lower,
+        ubg=g_upper,
+    )
+    stats = solver.stats()
+    status = solve_status(stats["return_status"])
+    if status not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
+        return None
+    _, inputs, _ = program.unpack(ca.DM(solution["x"]).full().ravel())
+    motion = roll_out(robot, guess.states[0, 0], guess.sequence, inputs)
+    return timed(motion, network, problem, int(stats["iter_count"]))
+
+
+def _decision_bounds(
+    program: Transcription, network: TemporalNetwork, problem: Problem, guess: Motion
+) -> tuple[Array, Array]:
+    """Bounds on the decision vector: start, goal box, curvature range, inputs of each mode."""
+    n, m = program.phases, program.intervals
+    states = np.full((n, m + 1, 5), np.inf)
+    states[:, :, 3:] = problem.robot.limits.curvature_per_m
+    low, high = -states, states.copy()
+    low[0, 0] = high[0, 0] = problem.start.configuration
+    goal, box = problem.goal.configuration.copy(), problem.goal.half_width
+    if problem.goal.phi_modulo:
+        goal[2] += np.round((guess.end[2] - goal[2]) / (2 * np.pi)) * 2 * np.pi
+    asked = ~np.isnan(goal)
+    low[-1, -1, asked] = np.maximum(low[-1, -1, asked], (goal - box)[asked])
+    high[-1, -1, asked] = np.minimum(high[-1, -1, asked], (goal + box)[asked])
+    inputs = np.zeros((n, m, 5))
+    inputs[available_inputs(network.sequence, m).reshape(n, m, 5) > 0] = np.inf
+    inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
+    used = np.zeros(program.layout.count)
+    for u, v in network.least:
+        used[[u, v]] = np.inf
+    used[program.layout.origin] = 0.0
+    return program.pack(low, -inputs, np.zeros_like(used)), program.pack(high, inputs, used)
+
+
+def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tuple[Array, Array]:
+    """Bounds on the constraints: defects and linkages zero, limits one-sided, network active."""
+    size = program.nlp["g"].numel()
+    lower, upper = np.full(size, -np.inf), np.zeros(size)
+    for name in ("defects", "linkage"):
+        lower[program.rows[name]] = 0.0
+    shapes, middle = program.rows["shape"], program.rows["independence"]
+    upper[shapes] = upper[middle] = np.inf
+    lower[shapes] = 0.0
+    lower[middle] = [
+        0.0 if mode == RIGID and 0 < i < program.phases - 1 else -np.inf
+        for i, mode in enumerate(network.sequence)
+    ]
+    rows = program.rows["network"]
+    upper[rows] = np.inf
+    lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]
+    return lower, upper

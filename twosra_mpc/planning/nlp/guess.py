@@ -1,0 +1,108 @@
+"""First guess of a motion from the relaxation's own solution.
+
+The lower bound of a sequence already says how far each soft phase must bend. Bend so far with both
+locomotion units at equal speed (the fastest way), and make up for the pose with the first rigid
+phase: soft displacements depend on shape only, so one rigid move, a screw motion, brings the end
+of the chain to the goal. Where this fits the limits it is a plan already.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.flow import bending_flow
+from twosra_mpc.model.motion import Motion, roll_out
+from twosra_mpc.problem.problem import Goal
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
+
+Array = NDArray[np.float64]
+
+_STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
+_MOST_STEPS = 64
+
+
+def guess_motion(
+    robot: Robot,
+    start: Array,
+    goal: Goal,
+    sequence: ModeSequence,
+    bends: Array,
+    intervals: int,
+    may_drive: Sequence[bool] | None = None,
+) -> Motion:
+    """Build a motion whose phases bend as ``bends`` says and which heads for the goal pose.
+
+    Args:
+        robot: The robot.
+        start: q at t = 0, shape (5,).
+        goal: The goal.
+        sequence: Mode of each phase.
+        bends: Change of the bending coordinate W in each phase, shape (phases,).
+        intervals: Intervals per phase.
+        may_drive: Phases whose inputs may be used; all if left out.
+    """
+    inputs = np.zeros((len(sequence), intervals, 5))
+    q, states = start, np.empty((len(sequence), 5))
+    for i, mode in enumerate(sequence):
+        states[i] = q
+        if any(mode) and bends[i] != 0.0:
+            q, travel = _bent(robot, q, mode, float(bends[i]), intervals)
+            inputs[i, :, :2] = travel[:, None]
+    usable = may_drive or [True] * len(sequence)
+    rigid = [i for i, mode in enumerate(sequence) if mode == RIGID and usable[i]]
+    if rigid:
+        inputs[rigid[0]] = rigid_move(states[rigid[0]], q, goal) / intervals
+    return roll_out(robot, start, sequence, inputs)
+
+
+def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tuple[Array, Array]:
+    """(q after the bend, travel of each locomotion unit in each interval [m])."""
+    facts, segment = bending(robot), mode.index(1)
+    passed = facts.coordinate(float(q[3 + segment])) + bend * np.linspace(0, 1, intervals + 1)
+    turned = np.abs(np.diff(facts.curvature(passed))) * robot.geometry.segment_length_m
+    doublings = math.ceil(math.log2(max(float(turned.max()) / _STEP_RAD, 1.0)))
+    chain = _bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
+    modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
+    states, travel = chain(q, np.full((1, intervals), bend / intervals), modes.T)
+    return states.full()[:, -1], travel.full().ravel()
+
+
+@lru_cache(maxsize=64)
+def _bending_chain(robot: Robot, intervals: int, steps: int) -> ca.Function:
+    return bending_flow(robot, steps).mapaccum(intervals)
+
+
+def rigid_move(before: Array, after: Array, goal: Goal) -> Array:
+    """Input displacement (5,) of a rigid phase that brings the motion's end to the goal.
+
+    ``before`` is q at the phase, ``after`` q at the end of the motion without the move. Free
+    coordinates of the goal keep the value they have without it.
+    """
+    here, end = before[:3], after[:3]
+    wanted = np.where(np.isnan(goal.configuration[:3]), end, goal.configuration[:3])
+    if goal.phi_modulo:
+        wanted[2] = end[2] + math.remainder(wanted[2] - end[2], math.tau)
+    onward = np.linalg.solve(_matrix(here), _matrix(end))
+    turn = float(wanted[2] - end[2])
+    move = np.linalg.solve(_matrix(here), _matrix(wanted)) @ np.linalg.inv(onward)
+    return np.array([0.0, 0.0, *_screw(float(move[0, 2]), float(move[1, 2]), turn)])
+
+
+def _matrix(pose: Array) -> Array:
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return np.array([[c, -s, pose[0]], [s, c, pose[1]], [0.0, 0.0, 1.0]])
+
+
+def _screw(x: float, y: float, turn: float) -> tuple[float, float, float]:
+    """Logarithm on SE(2): the constant body twist displacement (su, sv, sr) of a pose change."""
+    half = turn / 2
+    along = half / math.tan(half) if abs(half) > 1e-8 else 1 - half**2 / 3
+    return along * x + half * y, -half * x + along * y, turn

@@ -1,0 +1,77 @@
+"""Landing: close the small error that the transcription's steps leave at the goal.
+
+Simplified Newton: the residual comes from the fine roll-out, the derivative from the coarse flow of
+the transcription, and among all corrections the least one, in each interval's own scale, is taken.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.motion import Motion, roll_out
+from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, STATE_SCALE
+from twosra_mpc.problem.problem import Goal
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import ModeSequence
+
+Array = NDArray[np.float64]
+
+LANDED = 1e-9  # largest error at the goal left by landing, in m, rad and 1/m
+_ITERATIONS = 12
+_COARSE_STEPS = 2
+
+
+def land(motion: Motion, goal: Goal) -> Motion | None:
+    """Correct a motion until it ends in the goal box to within 1e-9, or return None.
+
+    Raises nothing: a motion that cannot be corrected is an outcome, not an error.
+    """
+    start = motion.states[0, 0]
+    for _ in range(_ITERATIONS):
+        error = goal.error(motion.end.copy())
+        if np.abs(error).max() <= LANDED:
+            return motion
+        if not np.isfinite(error).all():
+            return None
+        step = _least_correction(motion, error)
+        motion = roll_out(motion.robot, start, motion.sequence, motion.inputs - step)
+    return None
+
+
+def _least_correction(motion: Motion, error: Array) -> Array:
+    """Input change of least weighted norm that removes ``error`` to first order."""
+    phases, intervals, _ = motion.inputs.shape
+    modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0)
+    flat = motion.inputs.reshape(-1, 5).T
+    derivative = _terminal_jacobian(motion.robot, phases * intervals)
+    gradient = derivative(motion.states[0, 0], flat, modes.T).full() / STATE_SCALE[:, None]
+    size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=2)
+    resting = size.sum(axis=1) == 0.0  # used only as far as the moving phases cannot help
+    size[resting] = 1e-9 * max(float(size.max()), 1e-6)
+    weight = np.repeat(size.ravel(), 5)
+    weight *= np.tile(INPUT_SCALE, phases * intervals) * available_inputs(
+        motion.sequence, intervals
+    )
+    step, *_ = np.linalg.lstsq(gradient * weight, error / STATE_SCALE, rcond=1e-12)
+    return np.asarray(weight * step).reshape(motion.inputs.shape)
+
+
+def available_inputs(sequence: ModeSequence, intervals: int) -> Array:
+    """1 for every input a phase's mode has, 0 for the others, flat over (phases, intervals, 5)."""
+    soft = np.array([any(mode) for mode in sequence])[:, None]
+    mask = np.where(soft, [1.0, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0, 1.0])
+    return np.repeat(mask, intervals, axis=0).ravel()
+
+
+@lru_cache(maxsize=64)
+def _terminal_jacobian(robot: Robot, intervals: int) -> ca.Function:
+    """(q0, s of all intervals, sigma of all intervals) -> d q_end / d s, 5 x (5 intervals)."""
+    q, s = ca.MX.sym("q", 5), ca.MX.sym("s", 5, intervals)
+    sigma = ca.MX.sym("sigma", 2, intervals)
+    end = interval_flow(robot, _COARSE_STEPS).fold(intervals)(q, s, sigma)
+    return ca.Function("terminal_jacobian", [q, s, sigma], [ca.jacobian(end, s)])

@@ -1,0 +1,171 @@
+r"""Direct multiple shooting for a fixed mode sequence, built once per number of phases.
+
+Phase i has N intervals. Decision variables: the states q_{i,k} at the nodes, the input
+displacements s_{i,k} = v h of the intervals, and the event times t of the temporal network (see
+``timing``). With F the flow of one interval and V the wheel configuration matrix,
+
+.. math::
+    \min\; c^T t + \rho \sum N \|s_{i,k} / \bar s\|^2 \quad\text{s.t.}\quad
+    q_{i,k+1} = F(q_{i,k}, s_{i,k}, \sigma_i) \;\text{(defects)},\quad q_{i+1,0} = q_{i,N}, \\
+    |V(q_{i,k}, \sigma_i) s_{i,k}| \le \omega_{max} h_i,\quad |s^{1,2}_{i,k}| \le v_{max} h_i,\quad
+    h_i = (t_{end,i} - t_{start,i}) / N,\quad t_v - t_u \ge w_{uv},
+
+curvatures within limits, locomotion units apart, wheels independent where the robot drives between
+soft phases, q at the end in the goal box. The mode sequence sigma, the network (w,
+-inf where it has no constraint), the cost c, start and goal are parameters or bounds, so one
+compiled program serves every sequence of as many phases. Using displacements instead of velocities
+keeps phases of zero length regular and makes the limits linear in s and t. The small rho picks the
+shortest of the many motions that take equally long; it is not part of the cost reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.kinematics import kinematics, wheel_travel
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.timing import EventLayout
+
+Array = NDArray[np.float64]
+
+STATE_SCALE = np.array([0.1, 0.1, 1.0, 30.0, 30.0])  # m, m, rad, 1/m, 1/m
+INPUT_SCALE = np.array([0.03, 0.03, 0.1, 0.1, 1.0])  # m, m, m, m, rad
+TIME_SCALE = 100.0  # s
+GAP_SCALE = 0.1  # m
+
+
+@dataclass(frozen=True)
+class Transcription:
+    """A compiled multiple-shooting program for ``phases`` phases of ``intervals`` intervals.
+
+    The decision vector holds the states (phases, intervals + 1, 5), the input displacements
+    (phases, intervals, 5) and the event times, each divided by its scale.
+
+    Attributes:
+        robot: The robot.
+        layout: Numbering of the events.
+        intervals: Shooting intervals per phase.
+        nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
+        rows: Slices of g by name: defects, linkage, wheel, unit, shape, independence, network.
+    """
+
+    robot: Robot
+    layout: EventLayout
+    intervals: int
+    nlp: dict[str, ca.MX]
+    rows: dict[str, slice]
+
+    @property
+    def phases(self) -> int:
+        """Number of phases."""
+        return self.layout.phases
+
+    def pack(self, states: Array, inputs: Array, times: Array) -> Array:
+        """Scale and stack states, input displacements and event times into the decision vector."""
+        parts = [states / STATE_SCALE, inputs / INPUT_SCALE, times / TIME_SCALE]
+        return np.concatenate([part.ravel() for part in parts])
+
+    def unpack(self, x: Array) -> tuple[Array, Array, Array]:
+        """Split a decision vector into states, input displacements and event times."""
+        n, m = self.phases, self.intervals
+        cut_1, cut_2 = n * (m + 1) * 5, n * (m + 1) * 5 + n * m * 5
+        states = x[:cut_1].reshape(n, m + 1, 5) * STATE_SCALE
+        inputs = x[cut_1:cut_2].reshape(n, m, 5) * INPUT_SCALE
+        return states, inputs, x[cut_2:] * TIME_SCALE
+
+    def parameters(self, modes: Array, cost: Array, regularisation: float) -> Array:
+        """Stack the parameters: modes (phases, 2), cost coefficients of the events, rho."""
+        return np.concatenate([modes.ravel(), cost, [regularisation]])
+
+
+@lru_cache(maxsize=32)
+def transcribe(robot: Robot, phases: int, intervals: int, steps: int) -> Transcription:
+    """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval."""
+    layout = EventLayout(phases)
+    states = ca.MX.sym("q", 5, phases * (intervals + 1))
+    inputs = ca.MX.sym("s", 5, phases * intervals)
+    times = ca.MX.sym("t", layout.count)
+    modes = ca.MX.sym("sigma", 2, phases)
+    cost = ca.MX.sym("c", layout.count)
+    rho = ca.MX.sym("rho")
+
+    t = times * TIME_SCALE
+    q, s = ca.DM(STATE_SCALE) * states, ca.DM(INPUT_SCALE) * inputs
+    nodes = np.arange(phases * (intervals + 1)).reshape(phases, intervals + 1)
+    before, after = nodes[:, :-1].ravel().tolist(), nodes[:, 1:].ravel().tolist()
+    mode_of = ca.horzcat(*[ca.repmat(modes[:, i], 1, intervals) for i in range(phases)])
+    share = ca.horzcat(
+        *[
+            ca.repmat((t[layout.end(i)] - t[layout.start(i)]) / intervals, 1, intervals)
+            for i in range(phases)
+        ]
+    )
+
+    flow = interval_flow(robot, steps).map(phases * intervals)
+    arrive = flow(q[:, before], s, mode_of)
+    link = states[:, nodes[1:, 0].tolist()] - states[:, nodes[:-1, -1].tolist()]
+    rolled = wheel_travel(robot).map(phases * intervals)(q[:, before], s, mode_of)
+    wheel_limit = robot.limits.wheel_speed_rad_s
+    unit_limit = robot.limits.unit_speed_m_s
+    margins = kinematics(robot).shape_margins.map(phases * (intervals + 1))(q[3:, :])
+    blocks = {
+        "defects": (arrive - q[:, after]) / ca.DM(STATE_SCALE),
+        "linkage": link,
+        "wheel": ca.vertcat(
+            rolled / wheel_limit - ca.repmat(share, 4, 1),
+            -rolled / wheel_limit - ca.repmat(share, 4, 1),
+        ),
+        "unit": ca.vertcat(
+            s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
+            -s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
+        ),
+        "shape": (margins[0, :] - robot.limits.unit_gap_m) / GAP_SCALE,
+        "independence": margins[1, nodes[:, 0].tolist()] - robot.limits.wheel_independence,
+        "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
+    }
+    g, rows = _stacked(blocks)
+    objective = ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs)
+    nlp = {
+        "x": ca.vertcat(ca.vec(states), ca.vec(inputs), times),
+        "p": ca.vertcat(ca.vec(modes), cost, rho),
+        "f": objective,
+        "g": g,
+    }
+    return Transcription(robot, layout, intervals, nlp, rows)
+
+
+def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:
+    """Stack named blocks of constraints into one vector; where each of them lies."""
+    rows: dict[str, slice] = {}
+    first = 0
+    for name, block in blocks.items():
+        rows[name] = slice(first, first + block.numel())
+        first += block.numel()
+    return ca.vertcat(*[ca.vec(block) for block in blocks.values()]), rows
+
+
+@lru_cache(maxsize=32)
+def ipopt(
+    robot: Robot, phases: int, intervals: int, steps: int, max_iterations: int
+) -> tuple[Transcription, ca.Function]:
+    """Compile the program of ``transcribe`` for IPOPT."""
+    transcription = transcribe(robot, phases, intervals, steps)
+    options: dict[str, Any] = {
+        "expand": True,
+        "ipopt.print_level": 0,
+        "print_time": False,
+        "ipopt.sb": "yes",
+        "ipopt.max_iter": max_iterations,
+        "ipopt.max_wall_time": 10.0,
+        "ipopt.tol": 1e-8,
+        "ipopt.mu_strategy": "adaptive",
+        "ipopt.bound_relax_factor": 0.0,
+    }
+    return transcription, ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)

@@ -1,0 +1,326 @@
+"""``plan(problem)``: join the search over mode sequences with the fixed-sequence solver."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.motion import interval_durations, roll_out
+from twosra_mpc.planning.greedy import plan_greedily
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
+from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.outcome import Verified, finished, verified
+from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
+from twosra_mpc.planning.search.branch_and_bound import Ending, SearchResult, branch_and_bound
+from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
+from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.planning.search.pose_bound import PoseTask
+from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.plans.plan import Plan, Stats, Status
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.shape import check_shapes, may_drive
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import RIGID, ModeSequence, sequence_name
+from twosra_mpc.timing import TemporalNetwork, transition_model
+
+Array = NDArray[np.float64]
+Solution = TypeVar("Solution")
+
+
+class Progress(NamedTuple):
+    """State of a running search: incumbent cost (inf: none yet) and lower bound, both in s."""
+
+    cost: float
+    lower_bound: float
+
+
+def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Plan:
+    """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
+
+    Never raises for a problem that has no plan: ``Plan.status`` and ``Plan.message`` say so, and
+    ``Plan.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the best
+    plan so far with its true gap.
+
+    Args:
+        problem: The validated problem; ``problem.planner`` chooses the planner.
+        on_progress: Called as the search proceeds.
+
+    Raises:
+        InputError: If the locomotion units would overlap at the start or at the goal.
+    """
+    check_shapes(problem)
+    if problem.planner == "greedy":
+        return plan_greedily(problem)
+    return plan_without(problem, frozenset(), on_progress=on_progress)
+
+
+def plan_without(
+    problem: Problem,
+    excluded: frozenset[ModeSequence],
+    *,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Plan:
+    """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
+    started = time.perf_counter()
+    if (resting := _rest(problem)) is not None:
+        return resting
+    solver = SequenceSolver(problem, started + problem.time_limit_s)
+    tree = mode_tree(problem, solver, excluded)
+    result = branch_and_bound(
+        tree,
+        gap=problem.gap,
+        out_of_time=lambda: time.perf_counter() - started > problem.time_limit_s,
+        on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
+    )
+    stats = Stats(
+        wall_s=time.perf_counter() - started,
+        sequences_bounded=result.bounded,
+        sequences_solved=result.solved,
+        nlp_iterations=solver.iterations,
+    )
+    return _conclude(problem, result, tree, stats)
+
+
+def mode_tree(
+    problem: Problem,
+    solver: Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]],
+    excluded: frozenset[ModeSequence] = frozenset(),
+) -> ModeTree[Solution]:
+    """Build the tree of mode sequences of ``problem``; ``solver`` makes plans of one of them."""
+    return ModeTree(
+        first=problem.start_mode,
+        last=problem.goal.mode,
+        modes=problem.modes,
+        max_phases=problem.max_phases,
+        timing=transition_model(problem),
+        task=bending_task(problem),
+        weights=problem.cost_weights,
+        rigid_time=lambda: rigid_time(problem),
+        solver=solver,
+        excluded=excluded,
+    )
+
+
+def _rest(problem: Problem) -> Plan | None:
+    """The empty plan, where the start is the goal already."""
+    start = problem.start.configuration
+    if problem.goal.error(start.copy()).any() or problem.start_mode != problem.goal.mode:
+        return None
+    sequence = (problem.start_mode,)
+    network = transition_model(problem).network(sequence, problem.goal.mode, [0.0])
+    motion = roll_out(problem.robot, start, sequence, np.zeros((1, 1, 5)))
+    candidate = timed(motion, network, problem, iterations=0)
+    assert candidate is not None, "a robot that rests is where it should be"
+    done = verified(problem, candidate, network)
+    message = "the start is the goal: nothing to do"
+    stats = Stats(0.0, 0, 0, 0)
+    return finished(problem, "optimal", done, Status.OPTIMAL, message, stats, lower_bound=0.0)
+
+
+class SequenceSolver:
+    """Yields verified plans of one mode sequence: the guess and, if it is not enough, the NLP's."""
+
+    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
+        self.problem = problem
+        self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
+        self.iterations = 0
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound
+    ) -> Iterator[tuple[float, Verified] | None]:
+        """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
+        problem = self.problem
+        guess = guess_motion(
+            problem.robot,
+            problem.start.configuration,
+            problem.goal,
+            network.sequence,
+            bound.bends,
+            INTERVALS,
+            may_drive(problem, network.sequence),
+        )
+        yield self._checked(timed(guess, network, problem, iterations=0), network)
+        if time.perf_counter() > self.deadline:
+            return
+        candidate = improve(guess, network, problem)
+        self.iterations += candidate.iterations if candidate else 0
+        yield self._checked(candidate, network)
+
+    def _checked(
+        self, candidate: Candidate | None, network: TemporalNetwork
+    ) -> tuple[float, Verified] | None:
+        if candidate is None:
+            return None
+        checked = verified(self.problem, candidate, network)
+        return (checked.cost.total, checked) if checked.verification.ok else None
+
+
+def bending_task(problem: Problem) -> BendingTask:
+    """What the plan must do to the bending coordinates, from start, goal and path model."""
+    facts = bending(problem.robot)
+    start, goal = problem.start.configuration[3:], problem.goal.configuration[3:]
+    width = problem.goal.half_width[3:].tolist()
+    limit = problem.robot.limits.curvature_per_m
+    change, room, words = [], [], []
+    for j in (0, 1):
+        if math.isnan(goal[j]):
+            low, high = -limit, limit
+            words.append(f"kappa{j + 1} free")
+        else:
+            low, high = max(goal[j] - width[j], -limit), min(goal[j] + width[j], limit)
+            box = f" (+- {width[j]:g})" if width[j] else ""
+            words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g}{box} 1/m")
+        here, most = facts.coordinate(float(start[j])), facts.coordinate(limit)
+        change.append((facts.coordinate(float(low)) - here, facts.coordinate(float(high)) - here))
+        room.append((-most - here, most - here))
+    exact = [None if math.isnan(k) or w else k for k, w in zip(goal.tolist(), width, strict=True)]
+    return BendingTask(
+        change=(change[0], change[1]),
+        room=(room[0], room[1]),
+        start=(float(start[0]), float(start[1])),
+        goal=(exact[0], exact[1]),
+        rate=facts.fastest,
+        origin=(facts.coordinate(float(start[0])), facts.coordinate(float(start[1]))),
+        least_time=facts.least_time,
+        shape=", ".join(words),
+        conserved=_conserved(problem.robot),
+        curvature=lambda w: _curvatures(problem, w),
+        pose=pose_task(problem),
+    )
+
+
+def _curvatures(problem: Problem, coordinates: tuple[float, float]) -> tuple[float, float]:
+    first, second = bending(problem.robot).curvature(np.array(coordinates)).tolist()
+    return first, second
+
+
+def pose_task(problem: Problem) -> PoseTask | None:
+    """What the plan must do to the pose; None unless the goal gives it exactly."""
+    start, goal = problem.start.configuration, problem.goal.configuration
+    if np.isnan(goal[:3]).any() or problem.goal.half_width[:3].any():
+        return None
+    guess = guess_motion(problem.robot, start, problem.goal, (RIGID,), np.zeros(1), 1)
+    c, s = math.cos(start[2]), math.sin(start[2])
+    east, north = (goal[:2] - start[:2]).tolist()
+    return PoseTask(
+        shift=np.array([c * east + s * north, -s * east + c * north]),
+        turn=float(goal[2] - start[2]),
+        known_s=float(interval_durations(guess).sum()),
+        wheel_matrix=lambda kappa: _rigid_wheel_matrix(problem, kappa),
+        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        soft_motions=bending(problem.robot).motions_between,
+    )
+
+
+def _rigid_wheel_matrix(problem: Problem, kappa: tuple[float, float]) -> Array:
+    matrix = kinematics(problem.robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], RIGID)
+    rigid: Array = matrix.full()[:, 2:]
+    return rigid
+
+
+def _conserved(robot: Robot) -> Conserved:
+    """What mode [1,1] cannot change, in the unit a person thinks in where there is one."""
+    if robot.path.model == "arc":  # W is the bending angle kappa l
+        return Conserved("kappa1 - kappa2", "1/m", 1 / robot.geometry.segment_length_m)
+    return Conserved("W1 - W2 (W: travel that bends a segment from straight)", "m", 1.0)
+
+
+def rigid_time(problem: Problem) -> float:
+    """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
+    start, goal = problem.start.configuration, problem.goal.configuration
+    guess = guess_motion(problem.robot, start, problem.goal, (RIGID,), np.zeros(1), 1)
+    matrix = _rigid_wheel_matrix(problem, (float(start[3]), float(start[4])))
+    c, s = math.cos(start[2]), math.sin(start[2])
+    shift, box = goal[:2] - start[:2], problem.goal.half_width
+    if np.isfinite(shift).all() and not box[:2].any():
+        shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
+    else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
+        matrix = matrix @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    turn = goal[2] - start[2]
+    turns = (-math.inf, math.inf) if math.isnan(turn) else (turn - box[2], turn + box[2])
+    return least_time(
+        wheel_matrix=matrix,
+        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        shift=shift,
+        shift_box=box[:2],
+        turns=turns,
+        modulo=problem.goal.phi_modulo,
+        known_s=float(interval_durations(guess).sum()),
+    )
+
+
+def _conclude(
+    problem: Problem,
+    result: SearchResult[Verified],
+    tree: ModeTree[Verified],
+    stats: Stats,
+) -> Plan:
+    """Turn the outcome of the search into a plan with a true status and a useful message."""
+    lower = result.lower_bound if math.isfinite(result.lower_bound) else None
+    early = result.ending in (Ending.LIMIT, Ending.INTERRUPTED)
+    if result.solution is not None:
+        status, message = _quality(problem, result, result.solution)
+    elif (proof := _proof(problem, result, tree)) is not None:
+        status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
+        lower, early = None, False
+    else:
+        status, message = Status.FAILED, _failure(problem, result, tree)
+    return finished(
+        problem, "optimal", result.solution, status, message, stats, lower, stopped_early=early
+    )
+
+
+def _quality(
+    problem: Problem, result: SearchResult[Verified], solution: Verified
+) -> tuple[Status, str]:
+    """Status and message of a plan that was found."""
+    gap = (result.cost - result.lower_bound) / result.cost if result.cost else 0.0
+    sequence = sequence_name([phase.mode for phase in solution.phases])
+    percent = f"{float(f'{100 * gap:.2g}'):g}"
+    message = f"{sequence}: {result.cost:.1f} s, proved within {percent} % of the best"
+    if gap <= problem.gap:
+        return Status.OPTIMAL, message
+    if result.ending is Ending.EXHAUSTED:
+        message += f"; no mode sequence of up to max_phases = {problem.max_phases} is left to try: "
+        return Status.FEASIBLE, message + "the gap is slack of the bounds, or in longer sequences"
+    return Status.FEASIBLE, f"{message}; {result.ending.value}: {_advice(result.ending)}"
+
+
+def _proof(
+    problem: Problem, result: SearchResult[Verified], tree: ModeTree[Verified]
+) -> str | None:
+    """Why there is no plan at all; None where that is not proved."""
+    proof = impossibility(tree)
+    if proof is None and result.ending is Ending.EXHAUSTED and result.lower_bound == math.inf:
+        proof = disproof(tree, problem.robot.limits)
+    return proof
+
+
+def _failure(problem: Problem, result: SearchResult[Verified], tree: ModeTree[Verified]) -> str:
+    """Why no plan was found although one may exist, and what to change."""
+    if result.ending is not Ending.EXHAUSTED:
+        effort = f"{result.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
+        return f"no plan found ({result.ending.value}): {_advice(result.ending)} ({effort})"
+    tried = f"no plan found ({result.solved} mode sequences tried)"
+    if result.solved == 0:
+        return f"{tried}: {too_few_phases(tree, problem.robot.limits)}"
+    if RIGID not in problem.modes and not np.isnan(problem.goal.configuration[:3]).all():
+        return f"{tried}: without mode [0,0] the pose changes only by bending: add [0,0] to modes"
+    return f"{tried}: {_advice(result.ending)}"
+
+
+def _advice(ending: Ending) -> str:
+    match ending:
+        case Ending.LIMIT:
+            return "raise time_limit_s or gap"
+        case Ending.INTERRUPTED:
+            return "run again to continue the search"
+        case _:
+            return "raise max_phases, allow more modes, or widen the goal's tolerance"

@@ -1,0 +1,352 @@
+r"""Proved lower bounds on the cost of a mode sequence.
+
+Relax the motion to what it does to the bending coordinates W_1, W_2 (see ``model.bending``), drop
+the pose, and keep the temporal network of the melts and freezes. With t the event times and d_i
+the change of W in soft phase i,
+
+.. math::
+    \min_{t, d}\; t_{finish} + w_E E(t) + w_s N
+    \quad\text{s.t.}\quad t_v - t_u \ge w_{uv}, \quad
+    |d_i| \le R_{\sigma_i} (t_{end,i} - t_{start,i}), \quad
+    \sum_{i: \sigma_{ij} = 1} d_i \in [\Delta W_j^-, \Delta W_j^+],
+
+and the partial sums after every phase within what the curvature limits allow. Where the sequence
+leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
+a bend that must pass a forbidden shape rules the sequence out. Every plan of the sequence satisfies
+these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j is rigid;
+so the optimum of this linear program bounds its cost from below. Where that is not enough, a goal
+pose adds the constraint of ``pose_bound``. A sequence that never melts anything is bounded by
+``rigid_motion.least_time`` as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.planning.search.pose_bound import (
+    PhaseMotions,
+    PoseConstraint,
+    PoseTask,
+    best_constraint,
+)
+from twosra_mpc.planning.search.schedule import cost_coefficients, with_durations
+from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.modes import SOFT_BOTH, Mode, ModeSequence, mode_name
+from twosra_mpc.timing import TemporalNetwork, earliest_times
+
+Array = NDArray[np.float64]
+
+Interval2 = tuple[tuple[float, float], tuple[float, float]]
+
+REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
+
+
+class Conserved(NamedTuple):
+    """What mode [1,1] cannot change, for messages: ``factor`` (W_1 - W_2)."""
+
+    name: str
+    unit: str
+    factor: float
+
+
+@dataclass(frozen=True)
+class BendingTask:
+    """What a plan must do to the bending coordinates, and how fast it can.
+
+    Attributes:
+        change: ((low, high), (low, high)): required change of W_1 and W_2.
+        room: ((low, high), (low, high)): change of W_1 and W_2 that the curvature limits allow.
+        start: Curvatures at t = 0 [1/m].
+        goal: Curvatures at the end [1/m]; None where they are not given exactly.
+        rate: (mode, known curvatures) -> upper bound of abs(dW/dt), valid for every curvature
+            given as None.
+        origin: (W_1, W_2) at t = 0.
+        least_time: (mode, (W_1, W_2) before, change of W) -> lower bound on the time it takes;
+            inf if every such bend passes a shape that is forbidden.
+        shape: The required curvature changes in words, for messages.
+        conserved: What mode [1,1] cannot change, for messages.
+        curvature: (W_1, W_2) -> (kappa1, kappa2) [1/m].
+        pose: The change of pose, if the goal gives one exactly.
+    """
+
+    change: Interval2
+    room: Interval2
+    start: tuple[float, float]
+    goal: tuple[float | None, float | None]
+    rate: Callable[[Mode, tuple[float | None, float | None]], float]
+    origin: tuple[float, float]
+    least_time: Callable[[Mode, tuple[float, float], float], float]
+    shape: str
+    conserved: Conserved
+    curvature: Callable[[tuple[float, float]], tuple[float, float]]
+    pose: PoseTask | None
+
+    def within(self, segment: int, coordinate: float) -> bool:
+        """Whether the curvature limits allow this W of ``segment`` (0 or 1)."""
+        change = coordinate - self.origin[segment]
+        low, high = self.room[segment]
+        return low - self.slack <= change <= high + self.slack
+
+    def must_bend(self, segment: int) -> bool:
+        """Whether the goal asks for another curvature of ``segment`` (0 or 1)."""
+        low, high = self.change[segment]
+        return not low - self.slack <= 0 <= high + self.slack
+
+    @property
+    def slack(self) -> float:
+        """Change of W too small to need a soft phase."""
+        scale = max(abs(value) for pair in self.change for value in pair)
+        return REACH_TOLERANCE * max(scale, 1e-6)
+
+
+@dataclass(frozen=True)
+class SequenceBound:
+    """Optimum of the relaxation: the bound, its event times and its bends.
+
+    Attributes:
+        cost: Lower bound on the cost of every plan with this sequence [s].
+        times: Event times of the relaxed optimum, by event number.
+        bends: Change of W in each phase of the relaxed optimum (0 in rigid phases).
+    """
+
+    cost: float
+    times: Array
+    bends: Array
+
+
+def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
+    """Say why the modes of ``sequence`` cannot bring about the required bend, or None if they can.
+
+    The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and mode
+    [1,1] changes W_1 and W_2 by the same amount.
+    """
+    soft = {mode for mode in sequence if any(mode)}
+    for j in (0, 1):
+        if not any(mode[j] for mode in soft) and task.must_bend(j):
+            names = " and ".join(mode_name(mode) for mode in dict.fromkeys(sequence))
+            return f"segment {j + 1} must bend ({task.shape}) but is rigid in {names or 'no mode'}"
+    if soft == {SOFT_BOTH}:
+        (low_1, high_1), (low_2, high_2) = task.change
+        apart = max(low_1 - high_2, low_2 - high_1)
+        if apart > task.slack:
+            name, unit, factor = task.conserved
+            needed = factor * math.copysign(apart, low_1 - high_2)
+            return (
+                f"mode {mode_name(SOFT_BOTH)} alone bends both segments together and cannot reach "
+                f"this shape ({task.shape}): it keeps {name}, which must change by "
+                f"{needed:+.3g} {unit}; segment 1 or 2 must also be bent alone"
+            )
+    return None
+
+
+def sequence_bound(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    least_durations: Sequence[float],
+) -> SequenceBound | None:
+    """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
+    bends = determined_bends(network.sequence, task)
+    if bends is not None and weights.energy_s_per_J == 0:
+        return _longest_path_bound(network, bends, weights, least_durations)
+    return _linear_program_bound(network, task, weights, least_durations)
+
+
+def _longest_path_bound(
+    network: TemporalNetwork, bends: Array, weights: Weights, least_durations: Sequence[float]
+) -> SequenceBound | None:
+    """With the bends known and energy free of charge, the earliest finish is a longest path."""
+    if not all(map(math.isfinite, least_durations)):
+        return None
+    times = earliest_times(with_durations(network, least_durations))
+    if times is None:
+        return None
+    coefficients, constant = cost_coefficients(network, weights)
+    return SequenceBound(float(coefficients @ times) + constant, np.array(times), bends)
+
+
+def pose_bound(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    least_durations: Sequence[float],
+    enough: float,
+) -> float:
+    """Raise the bound of a sequence by the time its change of pose takes; -inf if not known.
+
+    Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
+    goal pose, and a sequence that leaves no choice of bends.
+    """
+    bends = determined_bends(network.sequence, task)
+    phases = None if bends is None else _phase_motions(network.sequence, task, bends)
+    if task.pose is None or phases is None:
+        return -math.inf
+    cost, _ = cost_coefficients(network, weights)
+
+    def bound_with(constraint: PoseConstraint) -> float:
+        try:
+            bound = _linear_program_bound(network, task, weights, least_durations, constraint)
+        except ArithmeticError:  # the solver gave up: nothing is proved
+            return -math.inf
+        return -math.inf if bound is None else bound.cost
+
+    least = with_durations(network, least_durations).least
+    return best_constraint(task.pose, phases, network.layout, least, cost, bound_with, enough)
+
+
+def _phase_motions(
+    sequence: ModeSequence, task: BendingTask, bends: Array
+) -> list[PhaseMotions] | None:
+    """What each phase can do; None without a goal pose, or if nothing limits one of them."""
+    if task.pose is None:
+        return None
+    here, found = task.origin, list[PhaseMotions]()
+    for i, mode in enumerate(sequence):
+        if any(mode):
+            bend = float(bends[i])
+            motions = task.pose.soft_phase(mode, here, bend, _room(mode, here, task))
+            here = here[0] + bend * mode[0], here[1] + bend * mode[1]
+        else:
+            motions = task.pose.rigid_phase(_shape(sequence, i, here, task))
+        if motions is None:
+            return None
+        found.append(motions)
+    return found
+
+
+def _room(mode: Mode, here: tuple[float, float], task: BendingTask) -> tuple[float, float]:
+    """Changes of W from ``here`` that the curvature limits allow to all soft segments of a mode."""
+    soft = [j for j in (0, 1) if mode[j]]
+    least, most = ([task.origin[j] + task.room[j][end] - here[j] for j in soft] for end in (0, 1))
+    return max(least), min(most)
+
+
+def _shape(
+    sequence: ModeSequence, phase: int, here: tuple[float, float], task: BendingTask
+) -> tuple[float, float]:
+    """Curvatures in a rigid phase: the start's or the goal's, or else those with these W."""
+    known = _known_curvatures(sequence, phase, task)
+    first, second = (
+        given if given is not None else bent
+        for given, bent in zip(known, task.curvature(here), strict=True)
+    )
+    return first, second
+
+
+def _linear_program_bound(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    least_durations: Sequence[float],
+    pose: PoseConstraint | None = None,
+) -> SequenceBound | None:
+    layout, n = network.layout, network.layout.phases
+    width = layout.count + n
+    rows: list[Array] = []
+    limits: list[float] = []
+
+    def at_least(terms: dict[int, float], least: float) -> None:
+        row = np.zeros(width)
+        for column, value in terms.items():
+            row[column] -= value
+        rows.append(row)
+        limits.append(-least)
+
+    for (u, v), least in network.least.items():
+        at_least({v: 1.0, u: -1.0}, least)
+    for i, least in enumerate(least_durations):
+        at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
+    for i, mode in enumerate(network.sequence):
+        rate = task.rate(mode, _known_curvatures(network.sequence, i, task)) if any(mode) else 0.0
+        if any(mode) and np.isfinite(rate):
+            for sign in (1.0, -1.0):
+                bend = layout.count + i
+                at_least({layout.end(i): rate, layout.start(i): -rate, bend: sign}, 0.0)
+    for j in (0, 1):
+        bends: dict[int, float] = {}
+        for i in (i for i, mode in enumerate(network.sequence) if mode[j]):
+            bends[layout.count + i] = 1.0
+            later = any(mode[j] for mode in network.sequence[i + 1 :])
+            low, high = task.room[j] if later else task.change[j]
+            at_least(bends, low)
+            at_least(dict.fromkeys(bends, -1.0), -high)
+
+    if pose is not None:
+        drives: dict[int, float] = {}
+        for i, rate in enumerate(pose.rates.tolist()):
+            drives |= {layout.end(i): rate, layout.start(i): -rate}
+        at_least(drives, pose.need)
+
+    objective, constant = cost_coefficients(network, weights)
+    bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in network.sequence]
+    bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
+    optimum = minimise(
+        np.concatenate([objective, np.zeros(n)]), np.array(rows), np.array(limits), bounds
+    )
+    if optimum is None:
+        return None
+    value, x = optimum
+    return SequenceBound(value + constant, times=x[: layout.count], bends=x[layout.count :])
+
+
+def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
+    """Change of W in each phase where the task leaves no choice, else None.
+
+    With at most two soft phases of different modes and a given shape at the end, the bends are the
+    unique solution of two linear equations. None also where they are no solution.
+    """
+    soft = [i for i, mode in enumerate(sequence) if any(mode)]
+    bends = np.zeros(len(sequence))
+    if any(low != high for low, high in task.change):
+        return None
+    if soft:
+        incidence = np.array([[sequence[i][j] for i in soft] for j in (0, 1)], dtype=float)
+        if np.linalg.matrix_rank(incidence) < len(soft):
+            return None
+        wanted = np.array([low for low, _ in task.change])
+        bends[soft], *_ = np.linalg.lstsq(incidence, wanted, rcond=None)
+        if np.abs(incidence @ bends[soft] - wanted).max() > task.slack:
+            return None
+    return bends
+
+
+def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
+    """Least durations of the phases where the task leaves no choice of bends, else zeros [s].
+
+    Infinite where a bend must pass a shape that is forbidden.
+    """
+    bends = determined_bends(sequence, task)
+    durations = [0.0] * len(sequence)
+    if bends is None:
+        return durations
+    here = np.array(task.origin)
+    for i, mode in enumerate(sequence):
+        if any(mode):
+            before = (float(here[0]), float(here[1]))
+            durations[i] = task.least_time(mode, before, float(bends[i]))
+            here = here + bends[i] * np.array(mode)
+            if not all(task.within(j, float(here[j])) for j in (0, 1)):
+                durations[i] = np.inf
+    return durations
+
+
+def _known_curvatures(
+    sequence: ModeSequence, phase: int, task: BendingTask
+) -> tuple[float | None, float | None]:
+    """Curvatures of the rigid segments in a phase, where the sequence alone determines them."""
+
+    def known(j: int) -> float | None:
+        if sequence[phase][j]:
+            return None
+        if not any(mode[j] for mode in sequence[:phase]):
+            return task.start[j]
+        return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
+
+    return known(0), known(1)

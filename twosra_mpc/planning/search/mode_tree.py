@@ -1,0 +1,171 @@
+"""The tree of mode sequences that branch and bound searches.
+
+Sequences are kept in a canonical form that loses nothing: a rigid phase opens every sequence that
+starts solid and closes every sequence that must end solid (it may have zero length and then costs
+nothing), and no phase repeats the mode before it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from twosra_mpc.planning.search.bounds import (
+    BendingTask,
+    SequenceBound,
+    least_durations,
+    pose_bound,
+    sequence_bound,
+    unreachable_reason,
+)
+from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence, sequence_name
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
+
+Solution = TypeVar("Solution")
+SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
+
+
+@dataclass
+class ModeTree(Generic[Solution]):
+    """Mode sequences as a search tree; a node is a sequence not yet closed by its last phase.
+
+    Attributes:
+        first: Stiffness at t = 0.
+        last: Stiffness at the end.
+        modes: Modes that may be used.
+        max_phases: Longest sequence that is opened.
+        timing: The transition model.
+        task: What the bending coordinates must do.
+        weights: Weights of the cost.
+        rigid_time: Proved least duration of a plan that never melts anything [s].
+        solver: Yields attempts at a plan of one sequence, given its network and bound.
+        excluded: Complete sequences that are not to be used.
+        unreachable: Filled by the search: why leaves were proved infeasible.
+    """
+
+    first: Mode
+    last: Mode
+    modes: tuple[Mode, ...]
+    max_phases: int
+    timing: TransitionModel
+    task: BendingTask
+    weights: Weights
+    rigid_time: Callable[[], float]
+    solver: SequenceSolver[Solution]
+    excluded: frozenset[ModeSequence] = frozenset()
+    unreachable: dict[ModeSequence, str] = field(default_factory=dict)
+    _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
+
+    def root(self) -> ModeSequence:
+        """The opening rigid phase if the robot starts solid and may drive, else nothing."""
+        return (RIGID,) if self.first == RIGID and RIGID in self.modes else ()
+
+    def leaf(self, node: ModeSequence) -> ModeSequence | None:
+        """The complete sequence a node stands for, or None if another node stands for it."""
+        opening = node == (RIGID,) and self.first == RIGID
+        if self.last == RIGID and RIGID in self.modes and not opening:
+            return None if node and node[-1] == RIGID else (*node, RIGID)
+        return node or None
+
+    def bound(self, node: ModeSequence) -> float:
+        """Transitions alone: every completion passes through the events of ``node``."""
+        everything = (*node, *self.modes)
+        if (reason := unreachable_reason(everything, self.task)) is not None:
+            self.unreachable[node] = reason
+            return math.inf
+        if not node:
+            return 0.0
+        if (reason := self.timing.refusal(node, RIGID)) is not None:
+            self.unreachable[node] = reason
+            return math.inf
+        missing = [j for j in (0, 1) if self._must_still_soften(node, j)]
+        least = self._least_time(node)
+        for j in missing:
+            first = [self._least_time((*node, mode)) for mode in self.modes if mode[j]]
+            least = max(least, min(first, default=math.inf))
+        return least + self._least_fixed_cost(node, missing)
+
+    def _must_still_soften(self, node: ModeSequence, segment: int) -> bool:
+        """Whether every completion of ``node`` melts a segment that was solid all the time."""
+        solid = not self.first[segment] and not any(mode[segment] for mode in node)
+        return solid and self.task.must_bend(segment)
+
+    def _network(self, sequence: ModeSequence) -> TemporalNetwork:
+        settled = self.last if self.last == RIGID else sequence[-1]
+        return self.timing.network(sequence, settled, [0.0] * len(sequence))
+
+    def _least_time(self, sequence: ModeSequence) -> float:
+        """Duration of the transitions of ``sequence``, which every completion has to make too.
+
+        Completions of a node append phases. Those before the melt of a segment that was solid so
+        far delay it, and the freeze after it; the other segment has to freeze in any case.
+        """
+        if self.timing.refusal(sequence, RIGID) is not None:
+            return math.inf
+        network = self._network(sequence)
+        times = earliest_times(network)
+        return math.inf if times is None else times[network.layout.finish]
+
+    def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
+        """Cost of the melts and freezes of ``node`` and of those that must still follow."""
+        network = self._network(node)
+        energy, count = network.melt_energy_J, network.transitions
+        for j in missing:
+            mode = (1 - j, j)
+            energy += self.timing.network((mode,), mode, [0.0]).melt_energy_J
+            count += 1 + (self.last[j] == 0)
+        return self.weights.energy_s_per_J * energy + self.weights.transition_s * count
+
+    def children(self, node: ModeSequence) -> list[ModeSequence]:
+        """Append every other allowed mode."""
+        return [(*node, mode) for mode in self.modes if not node or mode != node[-1]]
+
+    def too_deep(self, node: ModeSequence) -> bool:
+        """Whether the leaf of ``node``, or of its shortest child, exceeds ``max_phases``."""
+        return len(self.leaf(node) or node) > self.max_phases
+
+    def leaf_bound(self, node: ModeSequence) -> float:
+        """Optimum of the relaxation of the complete sequence."""
+        leaf = self.leaf(node)
+        if leaf is None or len(leaf) > self.max_phases or leaf in self.excluded:
+            return math.inf
+        if (reason := unreachable_reason(leaf, self.task)) is not None:
+            self.unreachable[leaf] = reason
+            return math.inf
+        if (reason := self.timing.refusal(leaf, self.last)) is not None:
+            self.unreachable[leaf] = reason
+            return math.inf
+        durations = least_durations(leaf, self.task)
+        bound = None
+        if all(map(math.isfinite, durations)):
+            network = self.timing.network(leaf, self.last, durations)
+            bound = sequence_bound(network, self.task, self.weights, durations)
+        if bound is None:
+            self.unreachable[leaf] = (
+                f"{sequence_name(leaf)} cannot reach this shape within the shape limits"
+            )
+            return math.inf
+        self._bounds[leaf] = bound
+        if not any(any(mode) for mode in leaf) and self.first == self.last == RIGID:
+            return max(bound.cost, self.rigid_time())
+        return bound.cost
+
+    def tighter_bound(self, node: ModeSequence, enough: float) -> float:
+        """Raise the leaf bound by the time the change of pose takes."""
+        leaf = self.leaf(node)
+        if leaf is None:
+            return -math.inf
+        durations = least_durations(leaf, self.task)
+        network = self.timing.network(leaf, self.last, durations)
+        return pose_bound(network, self.task, self.weights, durations, enough)
+
+    def solve(self, node: ModeSequence) -> Iterable[tuple[float, Solution] | None]:
+        """Hand the complete sequence to the fixed-sequence solver."""
+        leaf = self.leaf(node)
+        if leaf is None:
+            return ()
+        network = self.timing.network(leaf, self.last, [0.0] * len(leaf))
+        return self.solver(network, self._bounds[leaf])

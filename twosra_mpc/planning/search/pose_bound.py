@@ -1,0 +1,342 @@
+r"""What the change of pose costs a mode sequence whose bends are known.
+
+Let S_i be functions of pose and bend, one for each phase i, with a common gradient p in the plane,
+
+.. math:: S_i = p \cdot (x, y) + C_i(\phi) + B_i(W),
+
+C_i of period 2 pi and piecewise linear in the heading, B_i piecewise linear in the bending
+coordinate, 0 where the phase begins. If S_i grows by at most g_i per second whatever the robot
+does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over the phases of a plan
+
+.. math:: \sum_i g_i\,(t_{end,i} - t_{start,i}) \;\ge\;
+    p \cdot \Delta(x, y) + C_n(\phi_{goal}) - C_0(0) + \sum_i B_i(d_i) - \sum_i e_i,
+
+a linear constraint on the event times, and the least cost of the temporal network with this
+constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
+about, or bend too far and back. In a rigid phase g_i is a maximum over the vertices of a polytope
+of twists; in a soft phase over boxes of shapes on the line of its bends, out to the curvature
+limits, and the corners of the two units' speeds (growth is linear in both, and what limits the
+wheels besides is left out).
+
+On a panel of headings of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends
+and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel.
+
+The S_i that give the highest bound solve a linear program together with the dual of the temporal
+network (y are its multipliers, and g_i the price of time in phase i). Most of its rows are idle, so
+it is solved with few of them and those that are violated are added. What is returned is always
+proved by the true maxima, whether or not the program was solved to the end, or well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.planning.search.rigid_motion import twist_vertices
+from twosra_mpc.robot.modes import Mode
+from twosra_mpc.timing import EventLayout
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+PANELS = 32  # of headings, and one edge more near the goal's
+_GRID = 5  # decimals of a turn to which edges are rounded, so that no panel is tiny
+_INSIDE, _OUTSIDE, _BOXES = 4, 2, 24  # pieces of B within the bend, on each side, boxes a piece
+_ROUNDS = 14  # of adding rows
+_CUTS = 120  # rows added a phase and round
+_VIOLATED = 1e-4  # s/s
+_STEEPEST = 3.0  # largest B', in terms of the fastest bending
+_ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-9 rad
+
+
+@dataclass(frozen=True)
+class PoseTask:
+    """The change of pose a plan must bring about, and how fast its phases can.
+
+    Attributes:
+        shift: Change of (x, y) in the start frame of heading [m], (2,).
+        turn: Change of heading, modulo full turns [rad].
+        known_s: Duration of a rigid motion in the start shape that makes the change [s].
+        wheel_matrix: (kappa1, kappa2) -> V of the rigid mode, (4, 3) [1/m, 1/m, 1].
+        wheel_speed_rad_s: Wheel speed limit.
+        soft_motions: (mode, (W_1, W_2), changes of W (n + 1,)) -> lower and upper bounds, each
+            (2, 4, n), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, between
+            neighbouring changes of W.
+    """
+
+    shift: Array
+    turn: float
+    known_s: float
+    wheel_matrix: Callable[[tuple[float, float]], Array]
+    wheel_speed_rad_s: float
+    soft_motions: Callable[[Mode, tuple[float, float], Array], tuple[Array, Array]]
+
+    def rigid_phase(self, shape: tuple[float, float]) -> PhaseMotions | None:
+        """What a rigid phase in a shape (kappa1, kappa2) can do; None if nothing limits it."""
+        twists = twist_vertices(self.wheel_matrix(shape), self.wheel_speed_rad_s)
+        if twists is None:
+            return None
+        motions = np.hstack([twists, np.zeros((len(twists), 1))])
+        none = np.zeros(len(twists), dtype=np.intp)
+        return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1))
+
+    def soft_phase(
+        self, mode: Mode, origin: tuple[float, float], bend: float, room: tuple[float, float]
+    ) -> PhaseMotions | None:
+        """What a soft phase can do that bends by ``bend`` and may stray within ``room``.
+
+        None if nothing limits it. Where there is no room, pieces have no length.
+        """
+        low, high = min(bend, 0.0), max(bend, 0.0)
+        edges = np.concatenate(
+            [
+                np.linspace(min(room[0], low), low, _OUTSIDE, endpoint=False),
+                np.linspace(low, high, _INSIDE, endpoint=False),
+                np.linspace(high, max(room[1], high), _OUTSIDE + 1),
+            ]
+        )
+        pieces = len(edges) - 1
+        steps = np.linspace(0.0, 1.0, _BOXES, endpoint=False)
+        along = np.append((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel(), edges[-1])
+        least, most = self.soft_motions(mode, origin, along)
+        if not (np.isfinite(least).all() and np.isfinite(most).all()):
+            return None
+        middle, half = (most + least) / 2, (most - least) / 2
+        corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+        return PhaseMotions(
+            motions=np.concatenate([i * middle[0] + j * middle[1] for i, j in corners], axis=1).T,
+            slack=np.tile((half[0] + half[1]).T, (4, 1)),
+            piece=np.tile(np.repeat(np.arange(pieces), _BOXES), 4),
+            bends=math.copysign(1.0, bend) * np.diff(np.clip(edges, low, high)),
+        )
+
+
+class PhaseMotions(NamedTuple):
+    """Extreme motions of a phase.
+
+    Attributes:
+        motions: (u, v, r, dW/dt), (n, 4).
+        slack: How far the true motions may lie from them, (n, 4).
+        piece: Piece of B in which they take place, (n,).
+        bends: Change of W in each piece that the phase must make, (pieces,).
+    """
+
+    motions: Array
+    slack: Array
+    piece: Indices
+    bends: Array
+
+
+class PoseConstraint(NamedTuple):
+    """sum of rates[i] (duration of phase i) >= need for every plan of the sequence [s]."""
+
+    rates: Array
+    need: float
+
+
+def best_constraint(
+    task: PoseTask,
+    phases: Sequence[PhaseMotions],
+    layout: EventLayout,
+    least: dict[tuple[int, int], float],
+    cost: Array,
+    bound_with: Callable[[PoseConstraint], float],
+    enough: float,
+) -> float:
+    """Find the highest lower bound of this form.
+
+    Args:
+        task: The change of pose.
+        phases: What the phases can do.
+        layout: Numbering of the events.
+        least: {(u, v): w} meaning t[v] - t[u] >= w [s].
+        cost: Cost of the event times, by event.
+        bound_with: Lower bound under a further constraint; -inf if that is not known.
+        enough: A bound that need not be exceeded.
+    """
+    program = _Program(task, phases, layout, least, cost)
+    best = -math.inf
+    for _ in range(_ROUNDS):
+        x = program.solve()
+        if x is None:
+            break
+        constraint, violated = program.read(x)
+        best = max(best, bound_with(constraint))
+        if best >= enough or not violated:
+            break
+    return best
+
+
+class _Program:
+    """The linear program for p, C, B, g, e and y; columns in this order."""
+
+    def __init__(
+        self,
+        task: PoseTask,
+        phases: Sequence[PhaseMotions],
+        layout: EventLayout,
+        least: dict[tuple[int, int], float],
+        cost: Array,
+    ) -> None:
+        turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
+        self.edges = math.tau * np.unique(np.round(turns, _GRID))  # of the panels, from the start's
+        half = np.diff(self.edges) / 2
+        middle = (self.edges[1:] + self.edges[:-1]) / 2
+        self.widths, self.panels = 2 * half, len(half)
+        angles = np.stack([self.edges[:-1], self.edges[1:], middle], axis=1)
+        size = np.stack([np.ones_like(half), np.ones_like(half), 1 / np.cos(half)], axis=1)
+        self.cos, self.sin = np.cos(angles) * size, np.sin(angles) * size
+        self.phases = phases
+        n = len(phases)
+        pieces = [len(phase.bends) for phase in phases]
+        self.c = 2 + self.panels * np.arange(n)
+        self.b = 2 + self.panels * n + np.concatenate([[0], np.cumsum(pieces)])
+        self.g = int(self.b[-1])
+        self.e = self.g + n
+        self.y = self.e + n - 1
+        self.width = self.y + len(least)
+        self.gain = self._gain(task, list(least.values()))
+        self.bounds = self._bounds(task)
+        self.cost = cost[: layout.origin]
+        self.rows = [self._balance(layout, least), self._switches()]  # then those of the growth
+        for i, phase in enumerate(phases):
+            first = np.arange(len(phase.motions))
+            if len(phase.bends) > 1:
+                first = first[first % _BOXES == _BOXES // 2]
+            motion, panel = np.meshgrid(
+                first, np.arange(0, self.panels, 3 if len(first) > 40 else 1)
+            )
+            self._add(i, motion.ravel(), panel.ravel(), np.full(motion.size, 2))
+
+    def _gain(self, task: PoseTask, least: list[float]) -> Array:
+        """What S gains from start to goal, whose heading lies within a panel or at its edge."""
+        gain = np.zeros(self.width)
+        gain[:2] = task.shift
+        gain[self.c[0]] -= 1.0
+        turn = task.turn % math.tau
+        panel = min(int(np.searchsorted(self.edges, turn, "right")), self.panels) - 1
+        part = (turn - self.edges[panel]) / self.widths[panel]
+        gain[self.c[-1] + panel] += 1.0 - part
+        gain[self.c[-1] + (panel + 1) % self.panels] += part
+        gain[self.b[0] : self.g] = np.concatenate([phase.bends for phase in self.phases])
+        gain[self.e : self.y] = -1.0
+        gain[self.y :] = least
+        return gain
+
+    def _bounds(self, task: PoseTask) -> Array:
+        """Bounds that leave room for every sensible S and keep the program well scaled."""
+        bounds = np.tile([-np.inf, np.inf], (self.width, 1))
+        most = 1.5 * max(task.known_s, 1.0)
+        bounds[:2] = 2.0 * most / max(float(np.hypot(*task.shift)), 0.05) * np.array([-1, 1])
+        bounds[2 : self.b[0]] = -most, most
+        bounds[self.c] = 0.0  # at the heading of the start
+        for i, phase in enumerate(self.phases):
+            fastest = np.abs(phase.motions[:, 3]).max()
+            steepest = _STEEPEST / fastest if fastest else 0.0
+            bounds[self.b[i] : self.b[i + 1]] = -steepest, steepest
+        bounds[self.g : self.e, 0] = bounds[self.y :, 0] = 0.0
+        return bounds
+
+    def _balance(
+        self, layout: EventLayout, least: dict[tuple[int, int], float]
+    ) -> sparse.csr_matrix:
+        """At every event what flows in costs no more than the event: the dual of the network."""
+        rows = np.zeros((layout.count, self.width))
+        for column, (u, v) in enumerate(least, start=self.y):
+            rows[v, column] += 1.0
+            rows[u, column] -= 1.0
+        for i in range(len(self.phases)):
+            rows[layout.end(i), self.g + i] += 1.0
+            rows[layout.start(i), self.g + i] -= 1.0
+        return sparse.csr_matrix(rows[: layout.origin])
+
+    def _switches(self) -> sparse.csr_matrix:
+        """C_{i+1} - C_i <= e_i at every edge of a panel, hence everywhere."""
+        rows = np.zeros((len(self.phases) - 1, self.panels, self.width))
+        at = np.arange(self.panels)
+        for i, row in enumerate(rows):
+            row[at, self.c[i + 1] + at] = 1.0
+            row[at, self.c[i] + at] = -1.0
+            row[at, self.e + i] = -1.0
+        return sparse.csr_matrix(rows.reshape(-1, self.width))
+
+    def _add(self, i: int, motion: Indices, panel: Indices, point: Indices) -> None:
+        """Rows: growth of S_i by some motions, at some points of some panels, is at most g_i."""
+        phase, count = self.phases[i], len(motion)
+        u, v, r, bending = phase.motions[motion].T
+        c, s = self.cos[panel, point], self.sin[panel, point]
+        steep = r / self.widths[panel]
+        values = [c * u - s * v, s * u + c * v, steep, -steep, bending, -np.ones(count)]
+        columns = [
+            np.zeros(count),
+            np.ones(count),
+            self.c[i] + (panel + 1) % self.panels,
+            self.c[i] + panel,
+            self.b[i] + phase.piece[motion],
+            np.full(count, self.g + i),
+        ]
+        where = (np.tile(np.arange(count), len(columns)), np.concatenate(columns))
+        shape = (count, self.width)
+        self.rows.append(sparse.csr_matrix((np.concatenate(values), where), shape=shape))
+
+    def solve(self) -> Array | None:
+        """Optimum of the program with the rows it has; None if the solver gives up."""
+        rows = sparse.vstack(self.rows, format="csr")
+        limits = np.pad(self.cost, (0, rows.shape[0] - len(self.cost)))
+        bounds = [(low, high) for low, high in self.bounds.tolist()]
+        try:
+            optimum = minimise(-self.gain, rows, limits, bounds)
+        except ArithmeticError:
+            return None
+        return None if optimum is None else optimum[1]
+
+    def read(self, x: Array) -> tuple[PoseConstraint, bool]:
+        """Prove what S in x is worth; add the rows it violates, and tell whether there are any."""
+        n, p = len(self.phases), x[:2]
+        levels = x[2 : self.b[0]].reshape(n, self.panels)
+        steps = np.diff(levels, axis=0).max(axis=1)
+        rates, violated = np.zeros(n), False
+        for i, phase in enumerate(self.phases):
+            slopes = (np.roll(levels[i], -1) - levels[i]) / self.widths
+            steep = x[self.b[i] : self.b[i + 1]][phase.piece]
+            growth = self._growth(phase, p, slopes, steep)
+            loose = np.hypot(*p) * np.hypot(phase.slack[:, 0], phase.slack[:, 1])
+            loose = loose + phase.slack[:, 3] * np.abs(steep)
+            loosest = loose[:, None] + phase.slack[:, 2, None] * np.abs(slopes)
+            rates[i] = max(0.0, float((growth.max(axis=2) + loosest).max()))
+            violated |= self._cut(i, growth - x[self.g + i])
+        gain = float(self.gain[: self.e] @ x[: self.e] - steps.sum())
+        size = float(np.abs(self.gain[: self.e]) @ np.abs(x[: self.e]) + np.abs(steps).sum())
+        return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
+
+    def _growth(self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array) -> Array:
+        """Growth of S by every motion at the three points of every panel, (n, panels, 3)."""
+        u, v, r, bending = phase.motions.T[:, :, None, None]
+        along, across = p[0] * self.cos + p[1] * self.sin, p[1] * self.cos - p[0] * self.sin
+        growth: Array = u * along + v * across + r * slopes[:, None]
+        growth += bending * steep[:, None, None]
+        return growth
+
+    def _cut(self, i: int, excess: Array) -> bool:
+        """Add the worst motion of every panel and piece, where it violates its row."""
+        phase = self.phases[i]
+        worst, point = excess.max(axis=2), excess.argmax(axis=2)
+        panel = np.arange(self.panels)
+        chosen = []
+        for piece in range(len(phase.bends)):
+            inside = np.flatnonzero(phase.piece == piece)
+            chosen.append(np.stack([inside[worst[inside].argmax(axis=0)], panel]))
+        motion, where = np.concatenate(chosen, axis=1)
+        order = np.argsort(-worst[motion, where])[:_CUTS]
+        order = order[worst[motion[order], where[order]] > _VIOLATED]
+        if len(order):
+            motion, where = motion[order], where[order]
+            self._add(i, motion, where, point[motion, where])
+        return bool(len(order))

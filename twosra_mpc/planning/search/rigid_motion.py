@@ -1,0 +1,132 @@
+r"""A proved lower bound on the time of a rigid motion within wheel speed limits.
+
+A rigid body moves with body twists xi = (u, v, r) in the polytope P = {|V xi| <= omega_max}. Let
+S(x, y, phi) = p . (x, y) + C(phi). If, for every heading phi that can occur and every vertex
+(w, r) of P, with w = (u, v),
+
+.. math:: p \cdot R(\phi) w + C'(\phi)\, r \le 1,
+
+then S grows by at most 1 per second along any admissible motion, so S(goal) - S(start) bounds its
+duration from below. Since x and y do not enter the limits, S is a complete integral of the
+Hamilton-Jacobi equation of the minimum-time problem: the best p makes the bound tight for motions
+that turn one way. With C' constant on panels of headings the best bound is a linear program. On a
+panel of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends and
+R(phi_m) w / cos h, so testing these three points proves the inequality on the whole panel.
+
+Only headings that a motion faster than a known one can visit need to be covered.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.planning.search.linear_program import minimise
+
+Array = NDArray[np.float64]
+
+_PANEL_RAD = 0.06
+_ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
+
+
+def least_time(
+    wheel_matrix: Array,
+    wheel_speed_rad_s: float,
+    shift: Array,
+    shift_box: Array,
+    turns: tuple[float, float],
+    modulo: bool,
+    known_s: float,
+) -> float:
+    """Lower bound on the duration of any rigid motion with this change of pose [s].
+
+    Args:
+        wheel_matrix: V of the rigid mode, (4, 3), per body twist [1/m, 1/m, 1].
+        wheel_speed_rad_s: Wheel speed limit.
+        shift: Change of (x, y) in the start frame of heading [m]; NaN where free.
+        shift_box: Half-width of the goal box in the same frame's axes [m], (2,).
+        turns: (low, high) of the change of heading [rad]; infinite where free.
+        modulo: Whether headings that differ by full turns are equal.
+        known_s: Duration of a known motion; the bound never exceeds it.
+    """
+    vertices = twist_vertices(wheel_matrix, wheel_speed_rad_s)
+    if vertices is None:
+        return 0.0
+    fastest_turn = float(vertices[:, 2].max())
+    reach = fastest_turn * known_s
+    low, high = turns
+    if not (math.isfinite(low) and math.isfinite(high)):
+        bound = _bound_to(vertices, shift, shift_box, (-reach, reach), reach)
+        return min(bound, known_s) * (1 - _ROUNDING)
+    best = known_s
+    first = math.ceil((-reach - high) / math.tau) if modulo else 0
+    last = math.floor((reach - low) / math.tau) if modulo else 0
+    for k in range(first, last + 1):
+        goal = (low + k * math.tau, high + k * math.tau)
+        best = min(best, _bound_to(vertices, shift, shift_box, goal, reach))
+    return best * (1 - _ROUNDING)
+
+
+def twist_vertices(wheel_matrix: Array, limit: float) -> Array | None:
+    """Vertices (u, v, r) of the polytope of body twists, (n, 3); None if it is unbounded."""
+    if np.linalg.matrix_rank(wheel_matrix) < 3:
+        return None
+    found = []
+    for rows in itertools.combinations(range(len(wheel_matrix)), 3):
+        square = wheel_matrix[list(rows)]
+        if abs(np.linalg.det(square)) < 1e-9 * np.abs(square).max() ** 3:
+            continue
+        for signs in itertools.product((-limit, limit), repeat=3):
+            twist = np.linalg.solve(square, np.array(signs))
+            if np.abs(wheel_matrix @ twist).max() <= limit * (1 + 1e-9):
+                found.append(twist)
+    return np.array(found)
+
+
+def _bound_to(
+    vertices: Array, shift: Array, shift_box: Array, goal: tuple[float, float], reach: float
+) -> float:
+    """Best bound of the form above for one interval of goal headings, relative to the start's."""
+    near = min(max(0.0, goal[0]), goal[1])  # what must be turned in any case
+    # A faster motion turns by less than reach in all: away from the way to ``near`` and back by
+    # half of what is left, or on into the goal's interval and no further.
+    spare = max(0.0, (reach - abs(near)) / 2)
+    low = min(min(0.0, near) - spare, max(goal[0], -reach))
+    high = max(max(0.0, near) + spare, min(goal[1], reach))
+    marks = {low, min(0.0, near), max(0.0, near), high, *np.clip(goal, low, high).tolist()}
+    edges = _panels(sorted(marks))
+    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    between = (middle > min(0.0, near)) & (middle < max(0.0, near))
+    uncertain = (middle > goal[0]) & (middle < goal[1])
+
+    count = len(middle)
+    blocks = []
+    for angle, stretch in ((middle - half, None), (middle + half, None), (middle, np.cos(half))):
+        c, s = np.cos(angle), np.sin(angle)
+        size = 1.0 if stretch is None else 1.0 / stretch
+        for u, v, r in vertices:
+            turned = np.column_stack([(c * u - s * v) * size, (s * u + c * v) * size])
+            blocks.append(np.hstack([turned, -turned, np.eye(count) * r]))
+    asked = np.isfinite(shift)
+    along = np.where(asked, shift, 0.0)
+    # p = plus - minus, both >= 0, so that the goal box costs box . (plus + minus).
+    box = np.where(asked, shift_box, 0.0)
+    gain = np.concatenate([along - box, -along - box, np.sign(near) * 2 * half * between])
+    bounds: list[tuple[float | None, float | None]] = []
+    bounds += [(0.0, None if ok else 0.0) for ok in (*asked, *asked)]
+    bounds += [(0.0, 0.0) if free else (None, None) for free in uncertain]
+    rows = np.vstack(blocks)
+    optimum = minimise(-gain, rows, np.ones(len(rows)), bounds)
+    return -optimum[0] if optimum else 0.0
+
+
+def _panels(marks: list[float]) -> Array:
+    """Panel edges no further apart than 0.06 rad that include every mark."""
+    pieces = [np.array(marks[:1])]
+    for low, high in itertools.pairwise(marks):
+        if high > low:
+            pieces.append(np.linspace(low, high, math.ceil((high - low) / _PANEL_RAD) + 1)[1:])
+    return np.concatenate(pieces)

@@ -1,0 +1,1 @@
+"""A plan as a value: its trajectory, its file, its set-points."""

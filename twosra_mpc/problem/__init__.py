@@ -1,0 +1,1 @@
+"""The planning problem: start, goal, limits, weights; frozen and validated."""

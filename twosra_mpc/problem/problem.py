@@ -1,0 +1,321 @@
+"""The planning problem: a complete, validated, frozen value.
+
+Keys are those of the scenario file; a coordinate left out of the goal is free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.robot.description import (
+    OverlappedTiming,
+    Robot,
+    SequentialTiming,
+    ThermalTiming,
+    load_robot,
+)
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_BOTH, Mode
+from twosra_mpc.robot.segment import TwoNodeSegment
+from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.validation import ModeField, NonNegative, Number, Pair, Positive, Value, plain
+
+Array = NDArray[np.float64]
+
+COORDINATES = ("x_m", "y_m", "phi_rad", "kappa_per_m.0", "kappa_per_m.1")
+COORDINATE_UNITS = ("m", "m", "rad", "1/m", "1/m")
+
+
+def _free_to_none(value: object) -> object:
+    """Read the word "free" in a pair of curvatures as a free coordinate."""
+    value = plain(value)
+    if isinstance(value, tuple):
+        return tuple(None if item == "free" else item for item in value)
+    return value
+
+
+FreePair = Annotated[tuple[float | None, float | None], BeforeValidator(_free_to_none)]
+
+
+class Start(Value):
+    """Where the robot is, what shape it has and how warm its segments are."""
+
+    x_m: Number
+    y_m: Number
+    phi_rad: Number
+    kappa_per_m: Pair
+    temperature_C: Pair | None = None
+
+    @property
+    def configuration(self) -> Array:
+        """Q = [x, y, phi, kappa1, kappa2], shape (5,), read-only."""
+        return _read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
+
+
+class Tolerance(Value):
+    """Half-widths of the goal box; zero means the coordinate is met exactly."""
+
+    x_m: NonNegative = 0.0
+    y_m: NonNegative = 0.0
+    phi_rad: NonNegative = 0.0
+    kappa_per_m: Annotated[tuple[float, float], BeforeValidator(plain)] = (0.0, 0.0)
+
+    @field_validator("kappa_per_m")
+    @classmethod
+    def _not_negative(cls, pair: tuple[float, float]) -> tuple[float, float]:
+        if min(pair) < 0:
+            raise ValueError("two numbers greater than or equal to 0")
+        return pair
+
+
+class Goal(Value):
+    """Where the robot should be; ``None`` (key left out) or "free" marks a free coordinate.
+
+    ``phi_modulo`` accepts headings that differ by full turns. ``mode`` is the stiffness of the two
+    segments at the end, rigid unless told otherwise.
+    """
+
+    x_m: Number | None = None
+    y_m: Number | None = None
+    phi_rad: Number | None = None
+    kappa_per_m: FreePair | None = None
+    tolerance: Tolerance = Tolerance()
+    phi_modulo: bool = True
+    mode: ModeField = RIGID
+
+    @model_validator(mode="after")
+    def _something_asked(self) -> Goal:
+        if np.isnan(self.configuration).all():
+            raise InputError("", {}, "at least one of x_m, y_m, phi_rad, kappa_per_m")
+        return self
+
+    @property
+    def configuration(self) -> Array:
+        """Goal q, shape (5,), read-only; NaN marks a free coordinate."""
+        kappa = self.kappa_per_m or (None, None)
+        values = [self.x_m, self.y_m, self.phi_rad, *kappa]
+        return _read_only([math.nan if value is None else value for value in values])
+
+    @property
+    def half_width(self) -> Array:
+        """Tolerance of each coordinate, shape (5,), read-only."""
+        box = self.tolerance
+        return _read_only([box.x_m, box.y_m, box.phi_rad, *box.kappa_per_m])
+
+    def error(self, q: Array) -> Array:
+        """Signed distance of ``q`` to the goal box, shape (5,); 0 inside and where free.
+
+        Not a number where ``q`` is not finite.
+        """
+        difference = q - self.configuration
+        if self.phi_modulo and math.isfinite(difference[2]):
+            difference[2] = math.remainder(difference[2], math.tau)
+        outside = np.sign(difference) * np.maximum(np.abs(difference) - self.half_width, 0.0)
+        return np.where(np.isnan(self.configuration), 0.0, outside)
+
+
+_LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's duration
+
+
+class Weights(Value):
+    """Weights of the cost, which is in seconds: duration counts 1."""
+
+    energy_s_per_J: NonNegative = 0.0
+    transition_s: NonNegative = 0.0
+
+
+class Problem(Value):
+    """A complete planning problem (``planner`` chooses the optimal or the greedy planner).
+
+    ``ambient_C`` is the temperature of the air, the robot file's unless told otherwise. The heaters
+    always start as late as the plan allows. ``heating`` says what counts beyond that: "fastest",
+    time and the given weights; "least_energy", heater energy first and time second; "keep_warm" as
+    fastest, and solid segments are kept warm between soft phases where that costs less. At most
+    ``heaters_at_once`` heaters are on at a time. ``transition_quantile`` reserves windows that hold
+    this share of early and of late transitions, given the ranges of the robot's parameters.
+    """
+
+    description: str = ""
+    robot: Robot
+    planner: Literal["optimal", "greedy"] = "optimal"
+    start: Start
+    goal: Goal
+    weights: Weights = Weights()
+    timing: str = "nominal"
+    ambient_C: Number | None = None
+    heating: Literal["fastest", "least_energy", "keep_warm"] = "fastest"
+    heaters_at_once: Annotated[int, Field(ge=1, le=2), BeforeValidator(plain)] = 2
+    transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
+    modes: Annotated[tuple[ModeField, ...], BeforeValidator(plain)] = MODES
+    max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
+    gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
+    time_limit_s: Positive = 60.0
+
+    @field_validator("robot", mode="before")
+    @classmethod
+    def _load_robot(cls, value: object) -> object:
+        if not isinstance(value, str | Path):
+            return value
+        try:
+            return load_robot(value)
+        except InputError as error:
+            if error.field == "robot":  # no such robot: the field is called that here already
+                raise InputError("", error.value, error.allowed) from None
+            raise
+
+    @field_validator("modes")
+    @classmethod
+    def _some_mode(cls, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
+        if not modes:
+            raise InputError("", modes, "at least one mode, e.g. [[0, 0], [1, 0]]")
+        return tuple(dict.fromkeys(modes))  # a mode given twice is one mode
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Problem:
+        found = list(self._contradictions())
+        if found:
+            raise found[0].among(found[1:])
+        return self
+
+    def _contradictions(self) -> Iterator[InputError]:
+        """Yield every value that the robot does not allow."""
+        robot = self.robot
+        if self.timing not in robot.timing:
+            names = ", ".join(robot.timing)
+            yield InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
+        limit = robot.limits.curvature_per_m
+        for j in (0, 1):
+            for where, q in (
+                ("start", self.start.configuration),
+                ("goal", self.goal.configuration),
+            ):
+                if abs(q[3 + j]) > limit:
+                    allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
+                    yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
+        yield from self._impossible_temperatures()
+        if self.heaters_at_once == 1 and self.start_mode == SOFT_BOTH:
+            yield InputError("heaters_at_once", 1, "2: both segments are liquid at the start")
+        if self._thermal:
+            yield from self._too_weak_a_heater()
+        elif self.timing in robot.timing:
+            constant = f"only with a thermal timing; {self.timing} has constant times"
+            if self.heating == "keep_warm":
+                yield InputError("heating", self.heating, constant)
+            if self.transition_quantile is not None:
+                yield InputError("transition_quantile", self.transition_quantile, constant)
+
+    def _impossible_temperatures(self) -> Iterator[InputError]:
+        heater, name = self.robot.heater, self.robot.name
+        low, high = heater.temperature_min_C, heater.temperature_max_C
+        solid, liquid = self.stiffness_thresholds_C
+        if not low <= self.ambient < solid:
+            allowed = f"from {low:g} to below {solid:g} C, where the metal of {name} melts"
+            yield InputError("ambient_C", self.ambient, allowed)
+            return
+        for j, now in enumerate(self.temperatures):
+            field = f"start.temperature_C.{j}"
+            if not low <= now <= high:
+                yield InputError(field, now, f"from {low:g} to {high:g} C (robot {name})")
+            elif solid < now < liquid:
+                allowed = f"at most {solid:g} C (solid) or at least {liquid:g} C (liquid)"
+                yield InputError(field, now, allowed)
+            elif now == heater.melting_point_C == solid:
+                allowed = f"not exactly the melting point {solid:g} C: solid or liquid?"
+                yield InputError(field, now, allowed)
+
+    def _too_weak_a_heater(self) -> Iterator[InputError]:
+        heater, model = self.robot.heater, segment_model(self.robot, self.ambient)
+        setpoint = model.level_at(heater.soft_setpoint_C)
+        coldest = model.initial(min(self.ambient, *self.temperatures))
+        if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
+            allowed = (
+                f"a current that heats to the set-point {heater.soft_setpoint_C:g} C "
+                f"in air of {self.ambient:g} C"
+            )
+            yield InputError("robot.heater.melt_current_A", heater.melt_current_A, allowed)
+
+    def with_robot(self, robot: Robot) -> Problem:
+        """Return the same problem for another robot, validated anew."""
+        return Problem(**{**dict(self), "robot": robot})
+
+    @property
+    def _thermal(self) -> bool:
+        return isinstance(self.robot.timing.get(self.timing), ThermalTiming)
+
+    @property
+    def ambient(self) -> float:
+        """Temperature of the air [C]."""
+        return self.robot.heater.ambient_C if self.ambient_C is None else self.ambient_C
+
+    @property
+    def temperatures(self) -> tuple[float, float]:
+        """Temperatures of the two segments at t = 0 [C]."""
+        return self.start.temperature_C or (self.ambient, self.ambient)
+
+    @property
+    def stiffness_thresholds_C(self) -> tuple[float, float]:
+        """Temperatures up to which a segment is solid, and from which on it is liquid [C]."""
+        segment = self.robot.segment
+        if self._thermal and isinstance(segment, TwoNodeSegment):
+            return segment.solid_below_C, segment.liquid_above_C
+        return self.robot.heater.melting_point_C, self.robot.heater.melting_point_C
+
+    @property
+    def start_mode(self) -> Mode:
+        """Stiffness at t = 0: a segment above its melting point is soft."""
+        solid, liquid = self.stiffness_thresholds_C
+        first, second = self.temperatures
+        return int(first > solid and first >= liquid), int(second > solid and second >= liquid)
+
+    @property
+    def cost_weights(self) -> Weights:
+        """The weights, with energy before time where ``heating`` asks for it."""
+        if self.heating != "least_energy":
+            return self.weights
+        energy = max(self.weights.energy_s_per_J, _LEAST_ENERGY_S_PER_J)
+        return self.weights.model_copy(update={"energy_s_per_J": energy})
+
+    @property
+    def transition_times(self) -> OverlappedTiming | SequentialTiming | ThermalTiming:
+        """The set of transition times that ``timing`` names."""
+        return self.robot.timing[self.timing]
+
+    def scenario(self) -> dict[str, Any]:
+        """The scenario as plain data with all defaults filled in (the robot by its name)."""
+        return {**self.model_dump(mode="json", exclude={"robot"}), "robot": self.robot.name}
+
+
+def load_problem(source: str | Path, **overrides: Any) -> Problem:
+    """Load a built-in scenario by name, or a scenario TOML/JSON file by path.
+
+    Keyword arguments replace top-level keys of the file. A relative path to a robot file is taken
+    from the scenario's folder.
+
+    Raises:
+        InputError: If there is no such scenario, or it is wrong; the message names the key.
+    """
+    path = locate(source, "scenarios", "scenario")
+    document = {**read_document(path, str(source)), **overrides}
+    robot = document.get("robot")
+    if isinstance(robot, str) and (path.parent / robot).is_file():
+        document["robot"] = path.parent / robot
+    return Problem.parse(document, str(source))
+
+
+def scenario_names() -> list[str]:
+    """Names of the built-in scenarios."""
+    return built_in_names("scenarios")
+
+
+def _read_only(values: list[float]) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,1 @@
+"""What was published, reproduced to rounding error: Algorithm 1 and its model."""
