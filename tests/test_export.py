@@ -149,7 +149,7 @@ def test_frames_and_scene_are_the_same_robot(exported: tuple[Plan, Messages]) ->
             np.testing.assert_allclose(points[0], root, atol=1e-12)
             np.testing.assert_allclose(points[-1], placed[frame] @ [0.0, 0.0, 1.0], atol=1e-12)
             length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-            assert length == pytest.approx(geometry.segment_length_m, rel=5e-3)  # a polygon
+            assert length == pytest.approx(geometry.lengths_m[0], rel=5e-3)  # a polygon
         centres = [
             placed["b1"] @ [-h2, 0.0, 1.0],
             placed["b2"] @ [h2, 0.0, 1.0],

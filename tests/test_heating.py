@@ -21,7 +21,7 @@ from twosra_mpc.plans.heating import (
     segment_heating,
 )
 from twosra_mpc.plans.plan import Samples
-from twosra_mpc.robot.description import OverlappedTiming, SequentialTiming
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]

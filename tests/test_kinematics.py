@@ -27,8 +27,9 @@ from twosra_mpc.model.motion import FINE_STEPS, roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.model.series import sagitta_ratio, sinc, versine_ratio, versine_ratio_squared
 from twosra_mpc.reproduction.published_model import published_jacobian
-from twosra_mpc.robot.description import ArcPath, LogSpiralPath, Robot, load_robot
+from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, mode_name
+from twosra_mpc.robot.paths import ArcPath, LogSpiralPath
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,8 @@ from twosra_mpc.identification.path_fitting import (
 from twosra_mpc.model.kinematics import fibre_end_pose
 from twosra_mpc.model.path_models import Arc, LogSpiral, path_model
 from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
-from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def with_path(table: dict[str, object]) -> Robot:
 
 def integrated(geometry: Geometry, case: Case, alpha: float) -> tuple[float, float, float]:
     """Moving end (x, y) and heading by adding up short chords of the fibre (midpoint rule)."""
-    l, l0, n = geometry.segment_length_m, geometry.middle_link_m, 4000  # noqa: E741
+    l, l0, n = geometry.lengths_m[0], geometry.middle_link_m, 4000  # noqa: E741
     soft, link = np.full(n, l / n), np.full(n, l0 / n)
     bend, none = np.full(n, alpha / n), np.zeros(n)
     pieces = {
@@ -201,7 +202,7 @@ def test_fits_scale_with_the_lengths(factor: float) -> None:
 def test_no_neighbouring_spiral_fits_better(link_mm: float) -> None:
     geometry = lengths(40.0, link_mm)
     for case, fit in zip(CASES, fit_spirals(geometry), strict=True):
-        points = exact_path(case, geometry, SPIRAL_BENDS_RAD[case]) / geometry.segment_length_m
+        points = exact_path(case, geometry, SPIRAL_BENDS_RAD[case]) / geometry.lengths_m[0]
         best = np.array([fit.scale, fit.growth, *fit.centre])
         assert _spiral_rms(points, best, fit.start_rad) == pytest.approx(fit.rms_l, rel=1e-9)
         for change in np.vstack([np.eye(4), -np.eye(4)]) * 1e-3:
@@ -339,7 +340,7 @@ def test_the_fitted_spirals_have_the_speed_of_the_exact_paths() -> None:
 
 @pytest.mark.parametrize("geometry", [PAPER, SUCCESSOR], ids=["paper", "successor"])
 def test_curves_lie_where_the_fits_say(geometry: Geometry) -> None:
-    l = geometry.segment_length_m  # noqa: E741
+    l = geometry.lengths_m[0]  # noqa: E741
     for curves in path_curves(geometry, points=1001):
         spiral, cardioid = curves.spiral_fit, curves.cardioid_fit
         assert curves.exact[0] == pytest.approx(exact_path(curves.case, geometry, 0.0)[0] / l)

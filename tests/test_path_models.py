@@ -16,8 +16,8 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.robot.description import ArcPath
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.paths import ArcPath
 
 V2 = load_robot("2sr-v2")
 FIBRE_END = ROBOT.model_copy(update={"path": ArcPath(model="arc", speed_reference="fibre_end")})
@@ -26,7 +26,7 @@ V2_FIBRE_END = V2.model_copy(update={"path": FIBRE_END.path})
 
 def bend_rates(robot: Robot, alpha: float) -> tuple[float, float, float]:
     """K of cases I, II (other segment straight) and III (equal curvatures) at a bending angle."""
-    kappa = alpha / robot.geometry.segment_length_m
+    kappa = alpha / robot.geometry.lengths_m[0]
     jacobian = kinematics(robot).jacobian
     single = jacobian([0, 0, 0, kappa, 0], SOFT_1).full()[3]
     both = jacobian([0, 0, 0, kappa, kappa], SOFT_BOTH).full()[3]

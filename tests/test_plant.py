@@ -112,7 +112,7 @@ def test_the_holding_unit_pivots_about_its_centre() -> None:
     pivot = 0.2
     still = rolling(robot, SOFT_2)(q, turned, NO_DRIFT).full().ravel()
     turning = rolling(robot, SOFT_2)(q, turned, Drift(pivot, 0.0, 0.0)).full().ravel()
-    bend = robot.geometry.segment_length_m * (turning[4] - q[4])
+    bend = robot.geometry.lengths_m[0] * (turning[4] - q[4])
     assert turning[3:] == pytest.approx(still[3:], abs=1e-9)
     assert turning[2] - still[2] == pytest.approx(pivot * bend, abs=1e-6)
     centres = [robot_shape(robot.geometry, at).units[1].mean(axis=0) for at in (q, still, turning)]

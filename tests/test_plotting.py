@@ -126,7 +126,7 @@ def test_segments_are_arcs_of_the_right_length_and_curvature(q: tuple[float, ...
     for arc, kappa in zip(robot_shape(ROBOT.geometry, q, 400).segments, q[3:], strict=True):
         steps = np.diff(arc, axis=0)
         length = np.linalg.norm(steps, axis=1)
-        assert length.sum() == pytest.approx(ROBOT.geometry.segment_length_m, rel=1e-4)
+        assert length.sum() == pytest.approx(ROBOT.geometry.lengths_m[0], rel=1e-4)
         turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
         np.testing.assert_allclose(np.abs(turns) / length[1:], abs(kappa), rtol=1e-3, atol=1e-6)
 

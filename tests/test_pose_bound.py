@@ -105,7 +105,7 @@ def test_the_shape_between_bends_is_known_exactly(robot: Robot) -> None:
     limit, facts = robot.limits.curvature_per_m, bending(robot)
     kappa = np.random.default_rng(2).uniform(-limit, limit, 200)
     found = facts.curvature(np.array([facts.coordinate(k) for k in kappa.tolist()]))
-    assert np.abs(found - kappa).max() * robot.geometry.segment_length_m < 1e-9
+    assert np.abs(found - kappa).max() * robot.geometry.lengths_m[0] < 1e-9
 
 
 # --- random plans ---------------------------------------------------------------------------

@@ -34,8 +34,9 @@ from twosra_mpc import (
     robot_names,
     scenario_names,
 )
-from twosra_mpc.robot.description import ArcPath, OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.robot.modes import MODES
+from twosra_mpc.robot.paths import ArcPath
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -219,7 +220,7 @@ SCENARIO_MISTAKES: list[tuple[str, object, str, str]] = [
         "goal.tolerance.kappa_per_m",
         [0.0, -0.1],
         "goal.tolerance.kappa_per_m",
-        "two numbers greater than or equal to 0",
+        "numbers greater than or equal to 0",
     ),
     ("goal.mode", [2, 0], "goal.mode.0", "less than or equal to 1"),
     ("goal.mode", [0, -1], "goal.mode.1", "greater than or equal to 0"),

@@ -82,8 +82,8 @@ def test_free_curvatures_fit() -> None:
 
 WRONG_SCENARIOS: list[tuple[str, object]] = [
     ("start.x_m", "left"),
-    ("start.kappa_per_m", [1.0]),
-    ("start.kappa_per_m", [1.0, 2.0, 3.0]),
+    ("start.kappa_per_m", []),
+    ("start.kappa_per_m", [1.0, 2.0, 3.0, 4.0, 5.0]),
     ("start.x", 0.0),
     ("start", 3.0),
     ("goal.kappa_per_m", ["fre", 3.0]),
@@ -94,7 +94,7 @@ WRONG_SCENARIOS: list[tuple[str, object]] = [
     ("time_limit_s", 0.0),
     ("max_phases", 2.5),
     ("max_phases", 0),
-    ("heaters_at_once", 3),
+    ("heaters_at_once", 5),
     ("heating", "slowest"),
     ("weights", {"energy_s_per_J": -1.0}),
     ("colour", "red"),

@@ -19,7 +19,7 @@ from twosra_mpc.problem.shape import (
     shape_margins,
     singular_shapes,
 )
-from twosra_mpc.robot.description import Wheel
+from twosra_mpc.robot.geometry import Wheel
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_BOTH
 
 KAPPA = st.tuples(st.floats(-78, 78), st.floats(-78, 78))
@@ -28,13 +28,13 @@ KAPPA = st.tuples(st.floats(-78, 78), st.floats(-78, 78))
 def corners(kappa: tuple[float, float], segment: int) -> np.ndarray:
     """Corners of a locomotion unit in b0, from arcs alone."""
     g = ROBOT.geometry
-    alpha = kappa[segment] * g.segment_length_m
+    alpha = kappa[segment] * g.lengths_m[0]
     side = (-1, 1)[segment]
     if abs(alpha) > 1e-9:
         along = math.sin(alpha) / kappa[segment]
         across = (1 - math.cos(alpha)) / kappa[segment]
     else:
-        along, across = g.segment_length_m, 0.0
+        along, across = g.lengths_m[0], 0.0
     end = np.array([side * (g.middle_link_m / 2 + along), across])
     x_axis = np.array([math.cos(side * alpha), math.sin(side * alpha)])
     y_axis = np.array([-x_axis[1], x_axis[0]])

@@ -10,7 +10,7 @@ import pytest
 from test_problem import ROBOT, SCENARIO, assert_refused, changed, problems_of, refusal, without
 
 from twosra_mpc import Problem, Robot, load_problem, load_robot
-from twosra_mpc.robot.description import ThermalTiming
+from twosra_mpc.robot.timing import ThermalTiming
 
 Document = dict[str, Any]
 

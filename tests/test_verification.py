@@ -20,8 +20,8 @@ from twosra_mpc.checking.verification import reintegrate, verify
 from twosra_mpc.plans.plan import Phase, Samples, Verification
 from twosra_mpc.problem.problem import COORDINATES
 from twosra_mpc.problem.shape import shape_margins
-from twosra_mpc.robot.description import SequentialTiming
 from twosra_mpc.robot.modes import MODES, Mode, mode_name
+from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]

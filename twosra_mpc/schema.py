@@ -156,8 +156,8 @@ def _draft_7(schema: Schema) -> Schema:
 
 def _scenario() -> Schema:
     schema = _of(Problem)
-    kappa = schema["definitions"]["Goal"]["properties"]["kappa_per_m"]["anyOf"][0]
-    kappa["items"] = [{"anyOf": [{"type": "number"}, {"const": "free"}]}] * 2
+    kappa = schema["definitions"]["Goal"]["properties"]["kappa_per_m"]
+    kappa["items"] = {"anyOf": [{"type": "number"}, {"const": "free"}, {"type": "null"}]}
     schema["properties"]["robot"] = {
         "anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}],
     }

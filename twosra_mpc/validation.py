@@ -32,7 +32,11 @@ NonNegative = Annotated[float, Field(ge=0.0), BeforeValidator(plain)]
 Pair = Annotated[tuple[float, float], BeforeValidator(plain)]
 Triple = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
-ModeField = Annotated[tuple[Bit, Bit], BeforeValidator(plain)]
+Numbers = Annotated[tuple[float, ...], Field(min_length=1, max_length=4), BeforeValidator(plain)]
+ModeField = Annotated[tuple[Bit, ...], Field(min_length=1, max_length=4), BeforeValidator(plain)]
+
+
+_FOLLOWS = "default_factory_not_called"  # pydantic's word for a default that needs a wrong value
 
 
 class Value(BaseModel):
@@ -51,7 +55,8 @@ class Value(BaseModel):
             try:
                 super().__init__(**data)
             except ValidationError as error:
-                problems = [named_problem(type(self), detail) for detail in error.errors()]
+                details = [one for one in error.errors() if one["type"] != _FOLLOWS]
+                problems = [named_problem(type(self), detail) for detail in details]
                 raise problems[0].among(problems[1:]) from None
 
     @classmethod

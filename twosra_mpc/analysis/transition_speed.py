@@ -16,8 +16,9 @@ from scipy.optimize import brentq
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import OverlappedTiming, Robot, SequentialTiming, ThermalTiming
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import LumpedSegment, TwoNodeSegment
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.thermal.model import segment_model
 from twosra_mpc.validation import Value
 

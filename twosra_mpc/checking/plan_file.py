@@ -21,8 +21,8 @@ from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, F
 from twosra_mpc.files import read_text
 from twosra_mpc.plans.plan import Cost, Plan, Samples, Status, Verification, load_plan
 from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
-from twosra_mpc.robot.description import ThermalTiming
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.thermal.model import segment_model
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample

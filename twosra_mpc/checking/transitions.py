@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.plans.plan import Phase, Samples
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import OverlappedTiming, SequentialTiming, ThermalTiming
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.thermal.model import SegmentModel, State, segment_model
 from twosra_mpc.thermal.uncertainty import EXACT, windows
 from twosra_mpc.timing import Transition

@@ -20,8 +20,8 @@ from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
 from twosra_mpc.plans.plan import Phase, Samples, Verification
 from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
 from twosra_mpc.problem.shape import TOUCHING_M, shape_margins
-from twosra_mpc.robot.description import ThermalTiming
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]

@@ -19,8 +19,9 @@ from twosra_mpc.cli.options import (
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
 from twosra_mpc.identification.path_choice import write_fitted_robot
 from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
-from twosra_mpc.robot.description import CardioidPath, LogSpiralPath, Robot, load_robot
+from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import sequence_name
+from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 _FIT_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 

@@ -144,7 +144,9 @@ def stiffness_rule(
     """
     match robot.segment:
         case LumpedSegment() as made:
-            rule = _about_the_melting_point(lumped(made, robot, ambient_C), sensor_lags_s)
+            rule = _about_the_melting_point(
+                lumped(made, robot.geometry.lengths_m[0], robot, ambient_C), sensor_lags_s
+            )
         case TwoNodeSegment() as fitted:
             rule = _between_thresholds(two_node(fitted, robot, ambient_C), sensor_lags_s)
         case None:

@@ -204,7 +204,7 @@ class Session:
         self._note_changes()
 
     def _believe(self, moved: Array) -> None:
-        length_m = self.problem.robot.geometry.segment_length_m
+        length_m = self.problem.robot.geometry.lengths_m[0]
         self._filter.predict(self.now_s, moved, length_m)
         self._filter.correct(self.reading.taken_s, self.reading.frames)
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
-from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.geometry import Geometry
 
 Array = NDArray[np.float64]
 Message = dict[str, Any]

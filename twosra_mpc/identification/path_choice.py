@@ -10,8 +10,9 @@ import tomlkit
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
 from twosra_mpc.identification.path_fitting import fitted_path_tables
-from twosra_mpc.robot.description import LogSpiralPath, Robot
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.document import robot_document
+from twosra_mpc.robot.paths import LogSpiralPath
 
 PATH_MODELS = ("log_spiral", "log_spiral_corrected", "arc", "cardioid")
 SPIRALS = ("log_spiral", "log_spiral_corrected")

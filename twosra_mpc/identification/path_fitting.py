@@ -28,7 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, minimize_scalar
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
 
 Array = NDArray[np.float64]
 Case: TypeAlias = Literal["I", "II", "III"]
@@ -143,7 +144,7 @@ def exact_path(case: Case, geometry: Geometry, alpha: ArrayLike) -> Array:
     Raises:
         InputError: If there is no such case.
     """
-    length, link = geometry.segment_length_m, geometry.middle_link_m
+    length, link = geometry.lengths_m[0], geometry.middle_link_m
     angle = np.atleast_1d(np.asarray(alpha, dtype=float))
     heading = np.exp(1j * angle)  # of the far end of an arc whose near end heads along +x
     arc = length * np.exp(0.5j * angle) * np.sinc(angle / (2 * np.pi))
@@ -246,7 +247,7 @@ def _curves(
     alpha_max: float,
     points: int,
 ) -> PathCurves:
-    length = geometry.segment_length_m
+    length = geometry.lengths_m[0]
     exact = exact_path(case, geometry, np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points))
     exact /= length
     drawn = spiral.points(_polar(exact, *spiral.centre)[1])
@@ -256,7 +257,7 @@ def _curves(
 
 def _fit_spiral(case: Case, geometry: Geometry) -> SpiralFit:
     """Least squares of r - A e^{-b turn} over (A, b, c_x, c_y), from the best of many centres."""
-    path = exact_path(case, geometry, SPIRAL_BENDS_RAD[case]) / geometry.segment_length_m
+    path = exact_path(case, geometry, SPIRAL_BENDS_RAD[case]) / geometry.lengths_m[0]
 
     def residual(guess: Array) -> Array:
         radius, turn = _polar(path, guess[2], guess[3])
@@ -288,7 +289,7 @@ def _spiral_starts(path: Array) -> list[Array]:
 def _fit_cardioid(case: Case, geometry: Geometry, alpha_max: float) -> CardioidFit:
     """Least squares over (a, c_x); a follows from c_x, so this is a search along a line."""
     alpha = np.linspace(0.0, alpha_max, 201)  # the other half of the path is its mirror image
-    path = exact_path(case, geometry, alpha) / geometry.segment_length_m
+    path = exact_path(case, geometry, alpha) / geometry.lengths_m[0]
 
     def cost(x: float) -> float:
         return _rms(_about_cusp(path, float(x))[2])
@@ -301,7 +302,7 @@ def _fit_cardioid(case: Case, geometry: Geometry, alpha_max: float) -> CardioidF
     a, turn, left = _about_cusp(path, x)
     converged = bool(best.success) and low + 1e-6 < x < high - 1e-6 and a > 0.0
     _check(converged, f"cardioid {case}", geometry, left, path)
-    slope, length = float(alpha @ turn / (alpha @ alpha)), geometry.segment_length_m
+    slope, length = float(alpha @ turn / (alpha @ alpha)), geometry.lengths_m[0]
     rms, largest = _rms(left) * length, _largest(left) * length
     return CardioidFit(a * length, slope, (x * length, 0.0), rms, largest)
 

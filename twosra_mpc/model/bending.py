@@ -117,7 +117,7 @@ def bending(robot: Robot) -> Bending:
 
 @lru_cache(maxsize=1024)
 def _coordinate(robot: Robot, kappa: float) -> float:
-    upper = abs(kappa) * robot.geometry.segment_length_m
+    upper = abs(kappa) * robot.geometry.lengths_m[0]
     edges = np.append(_PANELS[upper > _PANELS], upper)
     half = np.diff(edges)[:, None] / 2
     if half.size == 0:
@@ -138,8 +138,8 @@ def _inverse_table(robot: Robot) -> tuple[Array, Array]:
     """A grid of curvatures a little beyond the limits, and W there."""
     limit = 1.01 * robot.limits.curvature_per_m
     half = np.linspace(0.0, limit, _TABLE // 2 + 1)
-    widths = np.diff(half) * robot.geometry.segment_length_m
-    points = half[:-1, None] * robot.geometry.segment_length_m + widths[:, None] / 2 * (1 + _NODES)
+    widths = np.diff(half) * robot.geometry.lengths_m[0]
+    points = half[:-1, None] * robot.geometry.lengths_m[0] + widths[:, None] / 2 * (1 + _NODES)
     values = _density(robot)(points.reshape(1, -1)).full().reshape(points.shape)
     cumulative = np.concatenate([[0.0], np.cumsum(values @ _WEIGHTS * widths / 2)])
     kappa = np.concatenate([-half[:0:-1], half])
@@ -150,7 +150,7 @@ def _inverse_table(robot: Robot) -> tuple[Array, Array]:
 def _inverse(robot: Robot) -> CubicHermiteSpline:
     """W -> kappa through the table, with the slope dkappa / dW = g / l at its points."""
     kappa, table = _inverse_table(robot)
-    length = robot.geometry.segment_length_m
+    length = robot.geometry.lengths_m[0]
     slopes = 1 / (length * _density(robot)(kappa[None] * length).full()[0])
     return CubicHermiteSpline(table, kappa, slopes)
 
@@ -159,7 +159,7 @@ def _inverse(robot: Robot) -> CubicHermiteSpline:
 def _rates(robot: Robot, mode: Mode) -> ca.Function:
     """(kappa1, kappa2) -> dW/ds of a soft segment per travel of LU1 and of LU2."""
     kappa, path = ca.SX.sym("kappa", 2), path_model(robot)
-    alpha = kappa * robot.geometry.segment_length_m
+    alpha = kappa * robot.geometry.lengths_m[0]
     if mode == SOFT_BOTH:
         rates = ca.vertcat(path.both(alpha[0], alpha[1]), path.both(alpha[1], alpha[0]))
     else:

@@ -51,7 +51,7 @@ def bending_flow(robot: Robot, steps: int) -> ca.Function:
     """
     jacobian, path = kinematics(robot).jacobian, path_model(robot)
     q, bend, sigma = ca.SX.sym("q", 5), ca.SX.sym("dW"), ca.SX.sym("sigma", 2)
-    length = robot.geometry.segment_length_m
+    length = robot.geometry.lengths_m[0]
 
     def rate(at: ca.SX) -> ca.SX:
         moved = jacobian(at, sigma)[:, 0] + jacobian(at, sigma)[:, 1]

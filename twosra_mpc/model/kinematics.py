@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.model.series import sinc, versine_ratio
-from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
 
 Array = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX)
     only_1, only_2 = sigma[0] * (1 - sigma[1]), (1 - sigma[0]) * sigma[1]
     both = sigma[0] * sigma[1]
     rigid = (1 - sigma[0]) * (1 - sigma[1])
-    alpha = q[3:5] * geometry.segment_length_m
+    alpha = q[3:5] * geometry.lengths_m[0]
     share_1, share_2 = path.share(alpha[0]), path.share(alpha[1])
     by_1 = both * path.both(alpha[0], alpha[1])
     by_2 = both * path.both(alpha[1], alpha[0])
@@ -134,14 +135,14 @@ def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX)
         rotation @ ca.vertcat(-x2, half_link + y2) * turn_by_1,
         rotation @ ca.vertcat(x1, half_link + y1) * turn_by_2,
     )
-    soft = ca.vertcat(shift, ca.horzcat(-turn_by_1, turn_by_2), bend / geometry.segment_length_m)
+    soft = ca.vertcat(shift, ca.horzcat(-turn_by_1, turn_by_2), bend / geometry.lengths_m[0])
     drive = ca.vertcat(ca.diagcat(rotation, 1), ca.SX.zeros(2, 3)) * rigid
     return ca.horzcat(soft, drive)
 
 
 def fibre_end_pose(geometry: Geometry, q: ca.SX, segment: int) -> ca.SX:
     """Pose (x, y, angle) of fibre end b1 (segment 0) or b2 (1) in b0, eq. transform-matrix."""
-    length, side = geometry.segment_length_m, (-1, 1)[segment]
+    length, side = geometry.lengths_m[0], (-1, 1)[segment]
     alpha = q[3 + segment] * length
     reach = geometry.middle_link_m / 2 + length * sinc(alpha)
     return ca.vertcat(side * reach, length * versine_ratio(alpha), side * alpha)

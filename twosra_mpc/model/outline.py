@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.geometry import Geometry
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShap
     links = [np.array([(-half_link, 0.0), (half_link, 0.0)])]
     for side, curvature in zip((-1, 1), kappa, strict=True):
         arc = segment_arc(geometry, curvature, side, points)
-        end, turn = arc[-1], side * curvature * geometry.segment_length_m
+        end, turn = arc[-1], side * curvature * geometry.lengths_m[0]
         segments.append(arc)
         links.append(_moved([(0.0, 0.0), (side * geometry.end_link_m, 0.0)], end, turn))
         units.append(_moved(_box(side * h2, 0.0, half_side, half_side), end, turn))
@@ -53,7 +53,7 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShap
 
 def segment_arc(geometry: Geometry, kappa: float, side: int, points: int = 40) -> Array:
     """Arc of the segment on one side (-1 or 1) of b0, from the middle link out [m], (points, 2)."""
-    run = np.linspace(0.0, geometry.segment_length_m, points)
+    run = np.linspace(0.0, geometry.lengths_m[0], points)
     half = kappa * run / 2
     along, across = np.sinc(2 * half / np.pi), np.sin(half) * np.sinc(half / np.pi)
     return np.stack([side * (geometry.middle_link_m / 2 + run * along), run * across], axis=1)

@@ -33,7 +33,8 @@ from twosra_mpc.model.series import (
     versine_ratio,
     versine_ratio_squared,
 )
-from twosra_mpc.robot.description import ArcPath, CardioidPath, LogSpiralPath, Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
 
 _BOTH = 2  # case III among I, II, III
 
@@ -212,7 +213,7 @@ class Arc:
 
 def path_model(robot: Robot) -> PathModel:
     """Build the path model that the robot description names."""
-    length = robot.geometry.segment_length_m
+    length = robot.geometry.lengths_m[0]
     match robot.path:
         case LogSpiralPath() as spiral:
             return LogSpiral(length, spiral)

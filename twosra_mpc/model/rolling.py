@@ -17,7 +17,8 @@ from typing import NamedTuple
 import casadi as ca
 
 from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
-from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, Mode
 
 _ALMOST_SINGULAR = 1e-12  # relative; keeps the normal equations solvable in singular shapes
@@ -75,7 +76,7 @@ def _rate(robot: Robot, mode: Mode) -> ca.Function:
 
 def _slipped(geometry: Geometry, q: ca.SX, v: ca.SX, bending: ca.SX, drift: ca.SX) -> ca.SX:
     """Rate of the pose (3,) by which the whole robot follows the unit that does not hold still."""
-    bend = geometry.segment_length_m * ca.sum(bending)
+    bend = geometry.lengths_m[0] * ca.sum(bending)
     first, second = _unit_centre(geometry, q, 0), _unit_centre(geometry, q, 1)
     centre = ca.if_else(ca.fabs(v[0]) < ca.fabs(v[1]), first, second)  # the slower unit holds
     turn = drift[0] * bend

@@ -228,7 +228,7 @@ def _rigid_wheel_matrix(problem: Problem, kappa: tuple[float, float]) -> Array:
 def _conserved(robot: Robot) -> Conserved:
     """What mode [1,1] cannot change, in the unit a person thinks in where there is one."""
     if robot.path.model == "arc":  # W is the bending angle kappa l
-        return Conserved("kappa1 - kappa2", "1/m", 1 / robot.geometry.segment_length_m)
+        return Conserved("kappa1 - kappa2", "1/m", 1 / robot.geometry.lengths_m[0])
     return Conserved("W1 - W2 (W: travel that bends a segment from straight)", "m", 1.0)
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import Heater, OverlappedTiming, SequentialTiming, ThermalTiming
+from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.thermal.trajectory import Course
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.choice import thermal_transitions

@@ -37,7 +37,7 @@ from twosra_mpc.plotting.timeline import COORDINATES, samples_of
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
 from twosra_mpc.reproduction.published_model import published_jacobian
-from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, mode_name
 
 Array = NDArray[np.float64]

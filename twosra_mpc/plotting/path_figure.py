@@ -28,7 +28,8 @@ from twosra_mpc.identification.path_fitting import (
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.style import METAL_COLOUR, RIGID_COLOUR, SOFT_COLOUR, UNIT_COLOUR
-from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
 
 Array = NDArray[np.float64]
@@ -92,7 +93,7 @@ def plot_paths(
 
 
 def _title(robot: Robot) -> str:
-    length, link = robot.geometry.segment_length_m, robot.geometry.middle_link_m
+    length, link = robot.geometry.lengths_m[0], robot.geometry.middle_link_m
     lengths = f"$l$ = {1e3 * length:.3g} mm, $l_0$ = {1e3 * link:.3g} mm"
     return f"Paths of a locomotion unit (LU): {robot.name}, {lengths}"
 
@@ -108,7 +109,7 @@ def _draw_case(ax: Axes, geometry: Geometry, curves: PathCurves) -> None:
     drawn = (curves.exact, curves.spiral, curves.cardioid)
     for points, style in zip(drawn, CURVES.values(), strict=True):
         ax.plot(*points.T, **style)
-    cusp = np.array(curves.cardioid_fit.centre_m) / geometry.segment_length_m
+    cusp = np.array(curves.cardioid_fit.centre_m) / geometry.lengths_m[0]
     ax.plot(0.0, 0.0, **HELD)
     ax.plot(*curves.spiral_fit.centre, **CENTRE, mec=CURVES["logarithmic spiral"]["c"])
     ax.plot(*cusp, **CENTRE, mec=CURVES["cardioid"]["c"])
@@ -122,7 +123,7 @@ def _draw_case(ax: Axes, geometry: Geometry, curves: PathCurves) -> None:
 
 def _residuals(curves: PathCurves, geometry: Geometry) -> list[str]:
     """A line a curve: root mean square of the radial residuals."""
-    length = geometry.segment_length_m
+    length = geometry.lengths_m[0]
     spiral, cardioid = curves.spiral_fit.rms_l * length, curves.cardioid_fit.rms_m
     return [
         f"{name}: {_digits(1e3 * rms)} mm rms ({_digits(100 * rms / length)} % of $l$)"
@@ -141,7 +142,7 @@ def held_pose(geometry: Geometry, case: Case, alpha: float) -> Array:
     LU1 moves; the soft segments bend by ``alpha`` [rad]. In case I the middle link is held, with
     segment 1's root at the origin; in II and III the end of segment 2 is, heading along x.
     """
-    length, half_link = geometry.segment_length_m, geometry.middle_link_m / 2
+    length, half_link = geometry.lengths_m[0], geometry.middle_link_m / 2
     kappa = np.array(MODES[case]) * alpha / length
     if case == "I":
         return np.array([half_link, 0.0, 0.0, *kappa])
@@ -155,7 +156,7 @@ def _draw_fibre(ax: Axes, geometry: Geometry, case: Case, alpha: float) -> Array
     """The fibre in pale colours and a mark for the moving LU, whose place (2,) is returned."""
     shape = robot_shape(geometry, held_pose(geometry, case, alpha))
     style: dict[str, Any] = {"solid_capstyle": "butt", "zorder": 2}
-    length = geometry.segment_length_m
+    length = geometry.lengths_m[0]
     ax.plot(*shape.links[0].T / length, lw=2.4, c=_pale(METAL_COLOUR), **style)
     for arc, soft in zip(shape.segments / length, MODES[case], strict=True):
         ax.plot(*arc.T, lw=3.2, c=_pale(SOFT_COLOUR if soft else RIGID_COLOUR), **style)

@@ -17,7 +17,7 @@ from twosra_mpc.plotting.style import (
     SOFT_COLOUR,
     UNIT_COLOUR,
 )
-from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import RIGID, Mode
 
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths

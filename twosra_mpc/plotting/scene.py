@@ -33,7 +33,7 @@ from twosra_mpc.plotting.style import (
     STATES,
 )
 from twosra_mpc.plotting.time_axis import TimeStretch
-from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]

@@ -12,21 +12,16 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
-from twosra_mpc.robot.description import (
-    OverlappedTiming,
-    Robot,
-    SequentialTiming,
-    ThermalTiming,
-    load_robot,
-)
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_BOTH, Mode
+from twosra_mpc.robot.description import Robot, load_robot
+from twosra_mpc.robot.modes import RIGID, Mode, rigid_mode
 from twosra_mpc.robot.segment import TwoNodeSegment
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.thermal.model import segment_model
-from twosra_mpc.validation import ModeField, NonNegative, Number, Pair, Positive, Value, plain
+from twosra_mpc.validation import ModeField, NonNegative, Number, Numbers, Positive, Value, plain
 
 Array = NDArray[np.float64]
 
@@ -35,14 +30,16 @@ COORDINATE_UNITS = ("m", "m", "rad", "1/m", "1/m")
 
 
 def _free_to_none(value: object) -> object:
-    """Read the word "free" in a pair of curvatures as a free coordinate."""
+    """Read the word "free" in a list of curvatures as a free coordinate."""
     value = plain(value)
     if isinstance(value, tuple):
         return tuple(None if item == "free" else item for item in value)
     return value
 
 
-FreePair = Annotated[tuple[float | None, float | None], BeforeValidator(_free_to_none)]
+FreeNumbers = Annotated[
+    tuple[float | None, ...], Field(min_length=1, max_length=4), BeforeValidator(_free_to_none)
+]
 
 
 class Start(Value):
@@ -51,12 +48,12 @@ class Start(Value):
     x_m: Number
     y_m: Number
     phi_rad: Number
-    kappa_per_m: Pair
-    temperature_C: Pair | None = None
+    kappa_per_m: Numbers
+    temperature_C: Numbers | None = None
 
     @property
     def configuration(self) -> Array:
-        """Q = [x, y, phi, kappa1, kappa2], shape (5,), read-only."""
+        """Q = [x, y, phi, kappa1 ... kappan], shape (3 + n,), read-only."""
         return _read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
 
 
@@ -66,30 +63,36 @@ class Tolerance(Value):
     x_m: NonNegative = 0.0
     y_m: NonNegative = 0.0
     phi_rad: NonNegative = 0.0
-    kappa_per_m: Annotated[tuple[float, float], BeforeValidator(plain)] = (0.0, 0.0)
+    kappa_per_m: Numbers = ()
 
     @field_validator("kappa_per_m")
     @classmethod
-    def _not_negative(cls, pair: tuple[float, float]) -> tuple[float, float]:
-        if min(pair) < 0:
-            raise ValueError("two numbers greater than or equal to 0")
-        return pair
+    def _not_negative(cls, widths: tuple[float, ...]) -> tuple[float, ...]:
+        if min(widths, default=0.0) < 0:
+            raise ValueError("numbers greater than or equal to 0")
+        return widths
 
 
 class Goal(Value):
     """Where the robot should be; ``None`` (key left out) or "free" marks a free coordinate.
 
-    ``phi_modulo`` accepts headings that differ by full turns. ``mode`` is the stiffness of the two
-    segments at the end, rigid unless told otherwise.
+    ``phi_modulo`` accepts headings that differ by full turns. ``mode`` is the stiffness of the
+    segments at the end, rigid unless told otherwise. What is left out of a goal of two segments by
+    itself is filled in by a `Problem`, which knows how many segments its robot has.
     """
 
     x_m: Number | None = None
     y_m: Number | None = None
     phi_rad: Number | None = None
-    kappa_per_m: FreePair | None = None
+    kappa_per_m: FreeNumbers = (None, None)
     tolerance: Tolerance = Tolerance()
     phi_modulo: bool = True
     mode: ModeField = RIGID
+
+    @field_validator("kappa_per_m", mode="before")
+    @classmethod
+    def _nothing_is_free(cls, value: object) -> object:
+        return (None, None) if value is None else value
 
     @model_validator(mode="after")
     def _something_asked(self) -> Goal:
@@ -99,19 +102,29 @@ class Goal(Value):
 
     @property
     def configuration(self) -> Array:
-        """Goal q, shape (5,), read-only; NaN marks a free coordinate."""
-        kappa = self.kappa_per_m or (None, None)
-        values = [self.x_m, self.y_m, self.phi_rad, *kappa]
+        """Goal q, shape (3 + n,), read-only; NaN marks a free coordinate."""
+        values = [self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m]
         return _read_only([math.nan if value is None else value for value in values])
 
     @property
     def half_width(self) -> Array:
-        """Tolerance of each coordinate, shape (5,), read-only."""
+        """Tolerance of each coordinate, shape (3 + n,), read-only."""
         box = self.tolerance
-        return _read_only([box.x_m, box.y_m, box.phi_rad, *box.kappa_per_m])
+        bends = box.kappa_per_m or (0.0,) * len(self.kappa_per_m)
+        return _read_only([box.x_m, box.y_m, box.phi_rad, *bends])
+
+    def of_segments(self, segments: int) -> Goal:
+        """Return this goal with what was left out filled in for so many segments."""
+        values = {name: getattr(self, name) for name in self.model_fields_set}
+        values.setdefault("kappa_per_m", (None,) * segments)
+        values.setdefault("mode", rigid_mode(segments))
+        tolerance = self.tolerance
+        if not tolerance.kappa_per_m:
+            values["tolerance"] = Tolerance(**{**dict(tolerance), "kappa_per_m": (0.0,) * segments})
+        return Goal(**values)
 
     def error(self, q: Array) -> Array:
-        """Signed distance of ``q`` to the goal box, shape (5,); 0 inside and where free.
+        """Signed distance of ``q`` to the goal box, shape (3 + n,); 0 inside and where free.
 
         Not a number where ``q`` is not finite.
         """
@@ -152,9 +165,17 @@ class Problem(Value):
     timing: str = "nominal"
     ambient_C: Number | None = None
     heating: Literal["fastest", "least_energy", "keep_warm"] = "fastest"
-    heaters_at_once: Annotated[int, Field(ge=1, le=2), BeforeValidator(plain)] = 2
+    heaters_at_once: Annotated[
+        int,
+        Field(ge=1, le=4, default_factory=lambda data: data["robot"].coordinates.segments),
+        BeforeValidator(plain),
+    ]
     transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
-    modes: Annotated[tuple[ModeField, ...], BeforeValidator(plain)] = MODES
+    modes: Annotated[
+        tuple[ModeField, ...],
+        Field(default_factory=lambda data: data["robot"].modes),
+        BeforeValidator(plain),
+    ]
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     time_limit_s: Positive = 60.0
@@ -171,6 +192,12 @@ class Problem(Value):
                 raise InputError("", error.value, error.allowed) from None
             raise
 
+    @field_validator("goal", mode="after")
+    @classmethod
+    def _of_all_segments(cls, goal: Goal, info: ValidationInfo) -> Goal:
+        robot = info.data.get("robot")
+        return goal if robot is None else goal.of_segments(robot.coordinates.segments)
+
     @field_validator("modes")
     @classmethod
     def _some_mode(cls, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
@@ -180,10 +207,34 @@ class Problem(Value):
 
     @model_validator(mode="after")
     def _consistent(self) -> Problem:
-        found = list(self._contradictions())
+        found = list(self._wrong_lengths()) or list(self._contradictions())
         if found:
             raise found[0].among(found[1:])
         return self
+
+    def _wrong_lengths(self) -> Iterator[InputError]:
+        """Yield every list that has not one entry for each segment."""
+        count = self.robot.coordinates.segments
+        allowed = f"a list of {count} values, one for each segment of robot {self.robot.name}"
+        required = "this key is required"
+        lists: dict[str, tuple[object, ...] | None] = {
+            "start.kappa_per_m": self.start.kappa_per_m,
+            "start.temperature_C": self.start.temperature_C,
+            "goal.kappa_per_m": self.goal.kappa_per_m,
+            "goal.tolerance.kappa_per_m": self.goal.tolerance.kappa_per_m,
+            "goal.mode": self.goal.mode,
+            **{f"modes.{i}": mode for i, mode in enumerate(self.modes)},
+        }
+        for field, given in lists.items():
+            if given is not None and len(given) > count:
+                yield InputError(field, given, allowed)
+            elif given is not None:
+                yield from (
+                    InputError(f"{field}.{j}", "missing", required)
+                    for j in range(len(given), count)
+                )
+        if self.heaters_at_once > count:
+            yield InputError("heaters_at_once", self.heaters_at_once, f"from 1 to {count}")
 
     def _contradictions(self) -> Iterator[InputError]:
         """Yield every value that the robot does not allow."""
@@ -192,7 +243,7 @@ class Problem(Value):
             names = ", ".join(robot.timing)
             yield InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
         limit = robot.limits.curvature_per_m
-        for j in (0, 1):
+        for j in range(robot.coordinates.segments):
             for where, q in (
                 ("start", self.start.configuration),
                 ("goal", self.goal.configuration),
@@ -201,8 +252,10 @@ class Problem(Value):
                     allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
         yield from self._impossible_temperatures()
-        if self.heaters_at_once == 1 and self.start_mode == SOFT_BOTH:
-            yield InputError("heaters_at_once", 1, "2: both segments are liquid at the start")
+        if self.heaters_at_once < sum(self.start_mode):
+            liquid = "both" if sum(self.start_mode) == 2 else sum(self.start_mode)
+            allowed = f"{sum(self.start_mode)}: {liquid} segments are liquid at the start"
+            yield InputError("heaters_at_once", self.heaters_at_once, allowed)
         if self._thermal:
             yield from self._too_weak_a_heater()
         elif self.timing in robot.timing:
@@ -232,15 +285,18 @@ class Problem(Value):
                 yield InputError(field, now, allowed)
 
     def _too_weak_a_heater(self) -> Iterator[InputError]:
-        heater, model = self.robot.heater, segment_model(self.robot, self.ambient)
-        setpoint = model.level_at(heater.soft_setpoint_C)
-        coldest = model.initial(min(self.ambient, *self.temperatures))
-        if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
-            allowed = (
-                f"a current that heats to the set-point {heater.soft_setpoint_C:g} C "
-                f"in air of {self.ambient:g} C"
-            )
-            yield InputError("robot.heater.melt_current_A", heater.melt_current_A, allowed)
+        heater, air = self.robot.heater, self.ambient
+        for j, now in enumerate(self.temperatures):
+            model = segment_model(self.robot, air, j)
+            setpoint = model.level_at(heater.soft_setpoint_C)
+            coldest = model.initial(min(air, now))
+            if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
+                allowed = (
+                    f"a current that heats to the set-point {heater.soft_setpoint_C:g} C "
+                    f"in air of {air:g} C"
+                )
+                yield InputError("robot.heater.melt_current_A", heater.melt_current_A, allowed)
+                return
 
     def with_robot(self, robot: Robot) -> Problem:
         """Return the same problem for another robot, validated anew."""
@@ -256,9 +312,9 @@ class Problem(Value):
         return self.robot.heater.ambient_C if self.ambient_C is None else self.ambient_C
 
     @property
-    def temperatures(self) -> tuple[float, float]:
-        """Temperatures of the two segments at t = 0 [C]."""
-        return self.start.temperature_C or (self.ambient, self.ambient)
+    def temperatures(self) -> tuple[float, ...]:
+        """Temperatures of the segments at t = 0 [C]."""
+        return self.start.temperature_C or (self.ambient,) * self.robot.coordinates.segments
 
     @property
     def stiffness_thresholds_C(self) -> tuple[float, float]:
@@ -272,8 +328,7 @@ class Problem(Value):
     def start_mode(self) -> Mode:
         """Stiffness at t = 0: a segment above its melting point is soft."""
         solid, liquid = self.stiffness_thresholds_C
-        first, second = self.temperatures
-        return int(first > solid and first >= liquid), int(second > solid and second >= liquid)
+        return tuple(int(now > solid and now >= liquid) for now in self.temperatures)
 
     @property
     def cost_weights(self) -> Weights:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.plans.plan import Plan, Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
-from twosra_mpc.robot.description import Geometry
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ from typing import NamedTuple
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.problem.problem import COORDINATE_UNITS, Problem
-from twosra_mpc.robot.description import OverlappedTiming, SequentialTiming
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
 
 _UNITS = {  # ending of a limit's name -> unit, longest first
     "_rad_s": "rad/s",

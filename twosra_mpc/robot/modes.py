@@ -1,27 +1,50 @@
 """Stiffness modes and mode sequences.
 
-A mode is the pair sigma = (s1, s2); s_j = 1 when segment j is soft (liquid), 0 when rigid (solid).
+A mode is sigma = (s1, ..., sn), one entry for each segment: s_j = 1 when segment j is soft
+(liquid), 0 when rigid (solid).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Literal
 
-Mode = tuple[int, int]
+Mode = tuple[int, ...]
 ModeSequence = tuple[Mode, ...]
 Stiffness = Literal["soft", "rigid"]
 
-RIGID: Mode = (0, 0)
-SOFT_2: Mode = (0, 1)
-SOFT_1: Mode = (1, 0)
-SOFT_BOTH: Mode = (1, 1)
-MODES: tuple[Mode, ...] = (RIGID, SOFT_2, SOFT_1, SOFT_BOTH)
+
+@lru_cache(maxsize=8)
+def all_modes(segments: int) -> tuple[Mode, ...]:
+    """Every mode of a robot of so many segments, the rigid one first."""
+    return tuple(itertools.product((0, 1), repeat=segments))
+
+
+def rigid_mode(segments: int) -> Mode:
+    """Every segment solid: the robot drives as one rigid body."""
+    return (0,) * segments
+
+
+def is_rigid(mode: Mode) -> bool:
+    """Whether every segment is solid."""
+    return not any(mode)
+
+
+def soft_segments(mode: Mode) -> tuple[int, ...]:
+    """Which segments (from 0) are soft."""
+    return tuple(j for j, soft in enumerate(mode) if soft)
+
+
+# The modes of the two-segment agent, for what knows no other robot: the paper and its greedy rule.
+MODES: tuple[Mode, ...] = all_modes(2)
+RIGID, SOFT_2, SOFT_1, SOFT_BOTH = MODES
 
 
 def mode_name(mode: Mode) -> str:
     """Name a mode the way the field writes it, e.g. ``[1,0]``."""
-    return f"[{mode[0]},{mode[1]}]"
+    return f"[{','.join(map(str, mode))}]"
 
 
 def sequence_name(sequence: Sequence[Mode]) -> str:

@@ -77,24 +77,23 @@ class SegmentModel(Protocol):
         """Proved least mean heater power from liquid level to liquid level, never above this."""
 
 
-def segment_model(robot: Robot, ambient_C: float) -> SegmentModel:
-    """Build the thermal model of a robot's segments.
+def segment_model(robot: Robot, ambient_C: float, segment: int = 0) -> SegmentModel:
+    """Build the thermal model of a segment (from 0) of a robot.
 
     Raises:
         InputError: If the robot file has no ``[segment]``.
     """
-    match robot.segment:
+    match robot.thermal_segment(segment):
         case LumpedSegment() as made:
-            return lumped(made, robot, ambient_C)
+            return lumped(made, robot.geometry.lengths_m[segment], robot, ambient_C)
         case TwoNodeSegment() as made:
             return two_node(made, robot, ambient_C)
         case None:
             raise InputError("segment", None, f"a thermal description in robot {robot.name}")
 
 
-def lumped(made: LumpedSegment, robot: Robot, ambient_C: float) -> Lumped:
-    """Derive the lumped model's parameters from geometry and materials."""
-    length = robot.geometry.segment_length_m
+def lumped(made: LumpedSegment, length: float, robot: Robot, ambient_C: float) -> Lumped:
+    """Derive the lumped model's parameters from geometry and materials; ``length`` in m."""
     annulus = _disc(made.tube_inner_diameter_m) - _disc(made.core_diameter_m)
     tube = _disc(made.tube_outer_diameter_m) - _disc(made.tube_inner_diameter_m)
     metal_kg = made.metal.density_kg_per_m3 * made.metal.fill * annulus * length

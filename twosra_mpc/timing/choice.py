@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import OverlappedTiming, SequentialTiming, ThermalTiming
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm
 from twosra_mpc.thermal.model import segment_model
 from twosra_mpc.thermal.uncertainty import EXACT, windows

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from twosra_mpc.robot.description import Heater, OverlappedTiming, SequentialTiming
+from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
 from twosra_mpc.timing.network import (
     EventLayout,
     Hold,

@@ -21,7 +21,8 @@ from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, Heate
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import Geometry, Robot
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.segment import Ranges
 from twosra_mpc.thermal.model import segment_model
@@ -230,7 +231,7 @@ def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot
         return robot
     geometry = robot.geometry
     lengths = {
-        "segment_length_m": geometry.segment_length_m * error[0],
+        "segment_length_m": geometry.lengths_m[0] * error[0],
         "middle_link_m": geometry.middle_link_m * error[1],
         "wheel_radius_m": geometry.wheel_radius_m * error[2],
     }

@@ -67,7 +67,7 @@ def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tu
     """(q after the bend, travel of each locomotion unit in each interval [m])."""
     facts, segment = bending(robot), mode.index(1)
     passed = facts.coordinate(float(q[3 + segment])) + bend * np.linspace(0, 1, intervals + 1)
-    turned = np.abs(np.diff(facts.curvature(passed))) * robot.geometry.segment_length_m
+    turned = np.abs(np.diff(facts.curvature(passed))) * robot.geometry.lengths_m[0]
     doublings = math.ceil(math.log2(max(float(turned.max()) / _STEP_RAD, 1.0)))
     chain = _bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
     modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)

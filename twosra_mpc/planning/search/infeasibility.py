@@ -16,7 +16,7 @@ import numpy as np
 
 from twosra_mpc.planning.search.bounds import BendingTask, determined_bends, unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.robot.description import MotionLimits
+from twosra_mpc.robot.limits import MotionLimits
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence, mode_name, sequence_name
 from twosra_mpc.timing import TransitionModel
 

@@ -1,0 +1,44 @@
+"""Where the parts of a configuration are: the one place that knows how many segments there are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+POSE = 3  # coordinates of b0 in the plane: x [m], y [m], phi [rad]
+INPUTS = 5  # v1, v2 [m/s] of the two locomotion units, u0, v0 [m/s], r0 [rad/s] of the rigid body
+WHEELS = 4  # two on each of the two locomotion units
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """The configuration q = [x, y, phi, kappa1 ... kappan] of a robot of ``segments`` segments.
+
+    Attributes:
+        segments: Number of segments n, 1 to 4, counted from locomotion unit 1 to unit 2.
+    """
+
+    segments: int
+
+    @property
+    def size(self) -> int:
+        """Length of q."""
+        return POSE + self.segments
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates, as they are written in files."""
+        return ("x_m", "y_m", "phi_rad", *(f"kappa_per_m.{j}" for j in range(self.segments)))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates."""
+        return ("m", "m", "rad", *["1/m"] * self.segments)
+
+    def each(self, position: float, heading: float, curvature: float) -> Array:
+        """One value per coordinate: of x and y, of phi, of every curvature, (size,)."""
+        return np.array([position, position, heading, *[curvature] * self.segments])

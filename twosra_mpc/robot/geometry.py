@@ -1,0 +1,104 @@
+"""Lengths of the fibre and the locomotion units, and where their wheels sit."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
+
+
+class Wheel(Value):
+    """A wheel in the frame of its fibre end: position, and direction it drives in."""
+
+    x_m: Number
+    y_m: Number
+    angle_rad: Number
+
+
+class Geometry(Value):
+    """Lengths of the fibre and the locomotion units, paper section II and eq. q_bC.
+
+    The fibre is a chain from locomotion unit 1 (LU1) to LU2: an end link, ``segments`` segments
+    with a middle link between neighbours, an end link. ``segment_length_m`` is one length for all
+    of them, or a list.
+
+    ``wheels`` overrides where the four wheels sit and point (two of LU1, two of LU2); left out,
+    they follow from the lengths, with the paper's beta = pi/2, 0, -pi/2, pi.
+    """
+
+    segments: Annotated[int, Field(ge=1, le=4), BeforeValidator(plain)] = 2
+    segment_length_m: float | tuple[float, ...]
+    middle_link_m: NonNegative
+    end_link_m: Positive
+    unit_side_m: Positive
+    wheel_thickness_m: Positive
+    wheel_radius_m: Positive
+    wheels: Annotated[tuple[Wheel, ...], BeforeValidator(plain)] | None = None
+
+    @model_validator(mode="after")
+    def _four_distinct_wheels(self) -> Geometry:
+        if self.wheels is None:
+            return self
+        if len(self.wheels) != 4:
+            raise InputError("wheels", len(self.wheels), "four wheels: two of LU1, then two of LU2")
+        for first in (0, 2):
+            a, b = self.wheels[first : first + 2]
+            if math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) < self.wheel_radius_m:
+                allowed = f"at least wheel_radius_m from wheel {first + 1} of the same unit"
+                raise InputError(f"wheels.{first + 1}", (b.x_m, b.y_m), allowed)
+        return self
+
+    @field_validator("segment_length_m", mode="before")
+    @classmethod
+    def _number_or_list(cls, value: object) -> object:
+        given = plain(value)
+        numbers = given if isinstance(given, tuple) else (given,)
+        if not all(_is_length(number) for number in numbers):
+            raise InputError("", value, "a positive number, or a list of one for each segment")
+        return given
+
+    @model_validator(mode="after")
+    def _as_many_lengths_as_segments(self) -> Geometry:
+        given = self.segment_length_m
+        if isinstance(given, tuple) and len(given) != self.segments:
+            allowed = f"one number, or one for each of {self.segments} segments"
+            raise InputError("segment_length_m", given, allowed)
+        return self
+
+    @property
+    def lengths_m(self) -> tuple[float, ...]:
+        """Length of each segment, from LU1 to LU2."""
+        given = self.segment_length_m
+        return given if isinstance(given, tuple) else (given,) * self.segments
+
+    @property
+    def wheel_placement(self) -> tuple[tuple[float, float, float], ...]:
+        """(x [m], y [m], drive direction [rad]) of each wheel in the frame of its fibre end."""
+        if self.wheels is not None:
+            return tuple((wheel.x_m, wheel.y_m, wheel.angle_rad) for wheel in self.wheels)
+        h1, (h2, h3) = self.side_wheel_m, self.front_wheel_m
+        quarter = math.pi / 2
+        return (-h1, 0.0, quarter), (-h2, h3, 0.0), (h1, 0.0, -quarter), (h2, -h3, math.pi)
+
+    @property
+    def side_wheel_m(self) -> float:
+        """h1: distance from a fibre end to the side wheel, along the link."""
+        return self.end_link_m + self.unit_side_m + self.wheel_thickness_m / 2
+
+    @property
+    def front_wheel_m(self) -> tuple[float, float]:
+        """(h2, h3): distance from a fibre end to the other wheel, along and across the link."""
+        return (
+            self.end_link_m + self.unit_side_m / 2,
+            (self.unit_side_m + self.wheel_thickness_m) / 2,
+        )
+
+
+def _is_length(value: object) -> bool:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    return math.isfinite(value) and value > 0

@@ -1,0 +1,84 @@
+"""Sets of transition times as data: from the thermal model, constant, or waited through."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.validation import Positive, Value
+
+
+class OverlappedTiming(Value):
+    """Constant melt and freeze times; transitions may overlap each other and the motion.
+
+    Only the last ``*_changing_s`` of a transition are spent on the plateau, where nothing may move.
+    Heating a molten segment for ``superheat_s`` more brings it to the set-point, from where cooling
+    to the plateau takes freeze_s - freeze_changing_s; a shorter heating, as much less.
+    """
+
+    overlap: Literal["full"]
+    melt_s: Positive
+    melt_changing_s: Positive
+    freeze_s: Positive
+    freeze_changing_s: Positive
+    superheat_s: Positive
+
+    @property
+    def needs_segment(self) -> bool:
+        """Whether the times come from the thermal description of the segments."""
+        return False
+
+    @property
+    def superheat_share(self) -> float:
+        """Share of a short liquid period during which the heater must stay on."""
+        return self.superheat_s / (self.superheat_s + self.freeze_s - self.freeze_changing_s)
+
+    @model_validator(mode="after")
+    def _plateau_within(self) -> OverlappedTiming:
+        for kind in ("melt", "freeze"):
+            whole = float(getattr(self, f"{kind}_s"))
+            changing = float(getattr(self, f"{kind}_changing_s"))
+            if changing > whole:
+                name = f"{kind}_changing_s"
+                raise InputError(name, changing, f"at most {kind}_s ({whole:g} s)")
+        return self
+
+
+class SequentialTiming(Value):
+    """The authors' practice: the robot waits a fixed time through every change of mode."""
+
+    overlap: Literal["none"]
+    heat_s: Positive
+    freeze_s: Positive
+    reconfigure_s: Positive
+    reconfigure_cool_s: Positive
+
+    @property
+    def needs_segment(self) -> bool:
+        """Whether the times come from the thermal description of the segments."""
+        return False
+
+    @model_validator(mode="after")
+    def _cooling_within(self) -> SequentialTiming:
+        if self.reconfigure_cool_s >= self.reconfigure_s:
+            allowed = f"less than reconfigure_s ({self.reconfigure_s:g} s)"
+            raise InputError("reconfigure_cool_s", self.reconfigure_cool_s, allowed)
+        return self
+
+
+class ThermalTiming(Value):
+    """Times from the thermal model of the segments; transitions may overlap, as in "full"."""
+
+    overlap: Literal["thermal"]
+
+    @property
+    def needs_segment(self) -> bool:
+        """Whether the times come from the thermal description of the segments."""
+        return True
+
+
+Timing = Annotated[
+    OverlappedTiming | SequentialTiming | ThermalTiming, Field(discriminator="overlap")
+]
