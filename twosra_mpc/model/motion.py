@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.flow import drive, interval_flow
+from twosra_mpc.model.flow import drive, interval_chain
 from twosra_mpc.model.kinematics import wheel_travels
+from twosra_mpc.robot.coordinates import INPUTS
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import RIGID, ModeSequence
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
 
 Array = NDArray[np.float64]
 
@@ -33,7 +32,7 @@ class Motion:
         robot: The robot that moves.
         sequence: Mode of each phase.
         inputs: Input displacements s = v h per interval [m, m, m, m, rad], (phases, intervals, 5).
-        states: q at the nodes, (phases, intervals + 1, 5).
+        states: q at the nodes, (phases, intervals + 1, 3 + n).
     """
 
     robot: Robot
@@ -43,7 +42,7 @@ class Motion:
 
     @property
     def end(self) -> Array:
-        """Q after the last phase, shape (5,)."""
+        """Q after the last phase, shape (3 + n,)."""
         final: Array = self.states[-1, -1]
         return final
 
@@ -51,16 +50,16 @@ class Motion:
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:
     """Follow input displacements (phases, intervals, 5) from ``start`` with fine steps."""
     phases, intervals, _ = inputs.shape
-    states = np.empty((phases, intervals + 1, 5))
     here = np.asarray(start, dtype=float)
+    states = np.empty((phases, intervals + 1, len(here)))
     for i, mode in enumerate(sequence):
         states[i, 0] = here
         if not inputs[i].any():
             states[i, 1:] = here
-        elif mode == RIGID:
+        elif is_rigid(mode):
             states[i, 1:] = drive(here, inputs[i, :, 2:])
         else:
-            chain = _chain(robot, intervals, steps_for(inputs[i]))
+            chain = interval_chain(robot, intervals, steps_for(inputs[i]))
             modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
             states[i, 1:] = chain(here, inputs[i].T, modes.T).full().T
         here = states[i, -1]
@@ -77,11 +76,6 @@ def steps_for(s: Array) -> int:
     return min(FINE_STEPS, int(2**doublings))
 
 
-@lru_cache(maxsize=64)
-def _chain(robot: Robot, intervals: int, steps: int) -> ca.Function:
-    return interval_flow(robot, steps).mapaccum(intervals)
-
-
 def interval_durations(motion: Motion) -> Array:
     """Least time of each interval within wheel and locomotion unit speeds, (phases, intervals) [s].
 
@@ -89,9 +83,10 @@ def interval_durations(motion: Motion) -> Array:
     """
     limits = motion.robot.limits
     phases, intervals, _ = motion.inputs.shape
-    before = motion.states[:, :-1].reshape(-1, 5).T
-    after = motion.states[:, 1:].reshape(-1, 5).T
-    s = motion.inputs.reshape(-1, 5).T
+    size = motion.states.shape[2]
+    before = motion.states[:, :-1].reshape(-1, size).T
+    after = motion.states[:, 1:].reshape(-1, size).T
+    s = motion.inputs.reshape(-1, INPUTS).T
     modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0).T
     travel = wheel_travels(motion.robot, phases * intervals)
     places = (before, (before + after) / 2, after)
