@@ -91,7 +91,7 @@ def test_what_each_unit_does_to_the_robot_is_enclosed(robot: Robot, mode: Mode) 
         low, high = facts.motions_between(mode, origin, along)
         for box, share in enumerate(rng.uniform(size=12)):
             change = along[box] + share * (along[box + 1] - along[box])
-            shape = facts.curvature(np.array(origin) + np.array(mode) * change)
+            shape = np.array(facts.curvatures(np.array(origin) + np.array(mode) * change))
             j, step = mode.index(1), 1e-3
             steep = facts.coordinate(shape[j] + step) - facts.coordinate(shape[j] - step)
             moved = kinematics(robot).jacobian([0, 0, 0, *shape], mode).full()[:, :2]

@@ -40,7 +40,7 @@ class Bending:
 
     body: Body
 
-    def coordinate(self, segment: int, kappa: float) -> float:
+    def coordinate(self, kappa: float, segment: int = 0) -> float:
         """W_j(kappa), odd and increasing; unit [m] for spirals and cardioids, [rad] for arcs."""
         return _coordinate(self.body, segment, kappa)
 
@@ -48,7 +48,7 @@ class Bending:
         """W of every segment, from all curvatures [1/m]."""
         return tuple(_coordinate(self.body, j, float(value)) for j, value in enumerate(kappa))
 
-    def curvature(self, segment: int, coordinates: Array | float) -> Array:
+    def curvature(self, coordinates: Array | float, segment: int = 0) -> Array:
         """Inverse of ``coordinate``, interpolated to 1e-9 rad; clipped just beyond the limits."""
         _, table = _inverse_table(self.body, segment)
         clipped = np.clip(coordinates, table[0], table[-1])
@@ -57,7 +57,7 @@ class Bending:
 
     def curvatures(self, coordinates: Sequence[float]) -> tuple[float, ...]:
         """Curvatures of all segments [1/m] from their W."""
-        return tuple(float(self.curvature(j, w)) for j, w in enumerate(coordinates))
+        return tuple(float(self.curvature(w, j)) for j, w in enumerate(coordinates))
 
     def fastest(self, mode: Mode, kappa: tuple[float | None, ...]) -> float:
         """Upper bound of abs(dW/dt) of soft segments with both locomotion units at full speed.
@@ -113,7 +113,7 @@ class Bending:
 
     def _collides(self, coordinates: list[Array]) -> bool:
         """Whether the units overlap by over 0.1 mm in one of the shapes with these W."""
-        shapes = np.array([self.curvature(j, w) for j, w in enumerate(coordinates)])
+        shapes = np.array([self.curvature(w, j) for j, w in enumerate(coordinates)])
         gaps = shape_margins_of(self.body, shapes.shape[1])(shapes).full()[0]
         return bool(gaps.min() < self.body.limits.unit_gap_m - _CERTAIN_M)
 

@@ -68,7 +68,7 @@ class PathModel(Protocol):
 
     @property
     def conserved(self) -> tuple[str, str, float]:
-        """What soft segments keep while they bend together: name, unit, factor to W_1 - W_2."""
+        """What two soft segments keep while they bend together: name, unit, factor to W_i - W_j."""
 
     def bends(self, alpha: ca.SX, sigma: Stiffnesses) -> tuple[Bend, Bend]:
         """What LU1 does when it moves, and what LU2 does; meaningless where no segment is soft."""
@@ -100,7 +100,7 @@ class FittedCurves(ABC):
 
     @property
     def conserved(self) -> tuple[str, str, float]:
-        return "W1 - W2 (W: travel that bends a segment from straight)", "m", 1.0
+        return "W{0} - W{1} (W: travel that bends a segment from straight)", "m", 1.0
 
     def share(self, segment: int, alpha: ca.SX) -> ca.SX:
         return self.rate(_BOTH, alpha)
@@ -212,7 +212,7 @@ class Arc:
 
     @property
     def conserved(self) -> tuple[str, str, float]:
-        return "kappa1 - kappa2", "1/m", 1 / self.geometry.lengths_m[0]
+        return "kappa{0} - kappa{1}", "1/m", 1 / self.geometry.lengths_m[0]
 
     def share(self, segment: int, alpha: ca.SX) -> ca.SX:
         return ca.SX(self._per_bend(segment))

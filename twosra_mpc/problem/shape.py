@@ -13,7 +13,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import TURNING_RADIUS_M, kinematics, shape_margins_of
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import RIGID, ModeSequence
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def shape_margins(robot: Robot, kappa: ArrayLike) -> ShapeMargins:
 
     Args:
         robot: The robot.
-        kappa: Curvatures, (n, 2) or (2,) [1/m].
+        kappa: Curvatures, (m, n) or (n,) [1/m].
     """
     pairs = np.atleast_2d(np.asarray(kappa, dtype=float))
     values = shape_margins_of(robot, len(pairs))(pairs.T).full()
@@ -69,10 +69,10 @@ def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
     """
 
     def allowed(phase: int) -> bool:
-        if sequence[phase] != RIGID:
+        if not is_rigid(sequence[phase]):
             return True
-        before = all(mode == RIGID for mode in sequence[:phase])
-        after = all(mode == RIGID for mode in sequence[phase:])
+        before = all(map(is_rigid, sequence[:phase]))
+        after = all(map(is_rigid, sequence[phase:]))
         shape = problem.start.configuration if before else problem.goal.configuration
         loose = not before and bool(problem.goal.half_width[3:].any())
         if not (before or after) or loose or np.isnan(shape[3:]).any():
@@ -135,7 +135,7 @@ def _local_minima(table: Array) -> list[tuple[int, int]]:
 
 
 def _singular_values(robot: Robot, kappa: Array) -> Array:
-    matrix = kinematics(robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], RIGID).full()[:, 2:]
+    matrix = kinematics(robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], robot.rigid).full()[:, 2:]
     scale = robot.geometry.wheel_radius_m * np.array([1.0, 1.0, 1.0 / TURNING_RADIUS_M])
     values: Array = np.linalg.svd(matrix * scale, compute_uv=False)
     return values

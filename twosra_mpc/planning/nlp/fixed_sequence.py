@@ -15,7 +15,8 @@ from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription,
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.shape import TOUCHING_M, may_drive, shape_margins
-from twosra_mpc.robot.modes import RIGID
+from twosra_mpc.robot.coordinates import INPUTS
+from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
@@ -109,10 +110,11 @@ def _shapes_allowed(motion: Motion) -> bool:
     if np.abs(kappa).max() > motion.robot.limits.curvature_per_m * (1 + 1e-9):
         return False
     between = (kappa[:, 1:] + kappa[:, :-1]) / 2
-    visited = np.concatenate([kappa.reshape(-1, 2), between.reshape(-1, 2)])
+    segments = kappa.shape[-1]
+    visited = np.concatenate([kappa.reshape(-1, segments), between.reshape(-1, segments)])
     moved = np.abs(motion.inputs).max(axis=(1, 2))
     drives = [
-        mode == RIGID and far > _STILL for mode, far in zip(motion.sequence, moved, strict=True)
+        is_rigid(mode) and far > _STILL for mode, far in zip(motion.sequence, moved, strict=True)
     ]
     apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= -TOUCHING_M
     driven = shape_margins(motion.robot, kappa[:, 0]).wheel_independence[drives]
@@ -152,7 +154,7 @@ def _decision_bounds(
 ) -> tuple[Array, Array]:
     """Bounds on the decision vector: start, goal box, curvature range, inputs of each mode."""
     n, m = program.phases, program.intervals
-    states = np.full((n, m + 1, 5), np.inf)
+    states = np.full((n, m + 1, len(program.scale)), np.inf)
     states[:, :, 3:] = problem.robot.limits.curvature_per_m
     low, high = -states, states.copy()
     low[0, 0] = high[0, 0] = problem.start.configuration
@@ -162,8 +164,8 @@ def _decision_bounds(
     asked = ~np.isnan(goal)
     low[-1, -1, asked] = np.maximum(low[-1, -1, asked], (goal - box)[asked])
     high[-1, -1, asked] = np.minimum(high[-1, -1, asked], (goal + box)[asked])
-    inputs = np.zeros((n, m, 5))
-    inputs[available_inputs(network.sequence, m).reshape(n, m, 5) > 0] = np.inf
+    inputs = np.zeros((n, m, INPUTS))
+    inputs[available_inputs(network.sequence, m).reshape(n, m, INPUTS) > 0] = np.inf
     inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
     used = np.zeros(program.layout.count)
     for u, v in network.least:
@@ -182,7 +184,7 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
     upper[shapes] = upper[middle] = np.inf
     lower[shapes] = 0.0
     lower[middle] = [
-        0.0 if mode == RIGID and 0 < i < program.phases - 1 else -np.inf
+        0.0 if is_rigid(mode) and 0 < i < program.phases - 1 else -np.inf
         for i, mode in enumerate(network.sequence)
     ]
     rows = program.rows["network"]
