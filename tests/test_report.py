@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from twosra_mpc import Goal, InputError, Plan, Problem, Start, Status, load_plan, load_problem
 from twosra_mpc.identification.path_choice import with_path_model
-from twosra_mpc.plans.plan import Samples
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
 from twosra_mpc.report import Origin, film, report_page, words, write_report
 from twosra_mpc.report import page as page_module
