@@ -13,12 +13,13 @@ from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.planner import bending_task
 from twosra_mpc.planning.search import bounds
 from twosra_mpc.planning.search.bounds import least_durations, pose_bound
 from twosra_mpc.planning.search.rigid_motion import twist_vertices
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 
 Array = NDArray[np.float64]
@@ -132,7 +133,7 @@ def random_motion(robot: Robot, rng: np.random.Generator) -> Motion | None:
             inputs[i, :, :2] = unit_speed(robot) * time * speed * corner
         else:
             matrix = kinematics(robot).wheel_matrix(motion.end, RIGID).full()[:, 2:]
-            vertices = twist_vertices(matrix, robot.limits.wheel_speed_rad_s)
+            vertices = twist_vertices(matrix / robot.limits.wheel_speed_rad_s)
             assert vertices is not None
             corner = vertices[rng.integers(len(vertices), size=intervals)]
             inputs[i, :, 2:] = time * speed * corner

@@ -19,8 +19,8 @@ from twosra_mpc.checking.transitions import TIME_TOLERANCE_S, transition_problem
 from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.problem.limits import RELATIVE_ROUNDING, WHEEL_SPEED, verified_margins
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.shape import TOUCHING_M, shape_margins
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.timing import ThermalTiming
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
-RELATIVE_TOLERANCE = 1e-7  # of a limit
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
@@ -135,7 +134,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             events=runs_away,
         )
         passed = len(end.t)
-        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (-1, passed)).T
+        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (len(jacobian.q), passed)).T
         if end.status != 0:
             break
     return reached
@@ -228,25 +227,17 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
 
 def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
-    limits, heater = problem.robot.limits, problem.robot.heater
-    used = {
-        "wheel_speed_rad_s": (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
-        "unit_speed_m_s": (np.abs(samples.v[:, :2]).max(), limits.unit_speed_m_s),
-        "curvature_per_m": (np.abs(samples.q[:, 3:]).max(), limits.curvature_per_m),
-        "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
-        "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
-    }
-    margins = {}
-    for name, (value, limit) in used.items():
-        margin = float(limit - value)
-        margins[name] = 0.0 if abs(margin) <= RELATIVE_TOLERANCE * limit else margin
-    between = (samples.q[1:, 3:] + samples.q[:-1, 3:]) / 2
-    shapes = shape_margins(problem.robot, np.concatenate([samples.q[:, 3:], between]))
-    gap = float(shapes.unit_gap_m.min())
-    margins["unit_gap_m"] = 0.0 if abs(gap) <= TOUCHING_M else gap
-    driving = (np.abs(samples.v[:, 2:]).max(axis=1) > 0).nonzero()
-    independence = shapes.wheel_independence[: len(samples)][driving]
-    margins["wheel_independence"] = float(independence.min(initial=np.inf))
+    heater = problem.robot.heater
+    margins = dict(verified_margins(problem.robot, samples.q, samples.v, samples.mode))
+    turned = float(np.abs(samples.wheel_rad_s).max())  # what is sent, whatever the model says
+    sent = WHEEL_SPEED.settled(problem.robot, WHEEL_SPEED.most(problem.robot) - turned)
+    margins[WHEEL_SPEED.name] = min(sent, margins[WHEEL_SPEED.name])
+    for name, used, limit in (
+        ("temperature_max_C", samples.temperature_C.max(), heater.temperature_max_C),
+        ("heater_current_A", samples.heater_current_A.max(), heater.current_max_A),
+    ):
+        margin = float(limit - used)
+        margins[name] = 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
     return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
 
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import click
 
+from twosra_mpc.analysis.singular_shapes import SingularShape, condition_number, singular_shapes
 from twosra_mpc.cli.options import output_options
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, numbers, print_table
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.problem.problem import Problem, load_problem, scenario_names
-from twosra_mpc.problem.shape import SingularShape, condition_number, singular_shapes
 from twosra_mpc.robot.description import Robot, load_robot, robot_names
 
 _SCENARIOS_HELP = """List the built-in scenarios.

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.intervals import enclose
-from twosra_mpc.model.kinematics import kinematics, shape_margins_of
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import Body, Robot
@@ -30,7 +30,6 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
-_CERTAIN_M = 1e-4  # overlap that interpolating the inverse (below 1e-6 m) cannot feign
 _PIECES = 40  # pieces of a bend whose least time is proved
 
 
@@ -70,15 +69,15 @@ class Bending:
         """Lower bound on the time in which ``mode`` changes W by ``bend``, from these W on.
 
         Whatever the path, W passes every value in between, each at no more than the fastest rate
-        there; so the sum over pieces of abs(dW) / (enclosed rate) is a lower bound. It is infinite
-        if one of those shapes makes the locomotion units overlap.
+        there; so the sum over pieces of abs(dW) / (enclosed rate) is a lower bound.
         """
-        pieces = bend * np.linspace(0.0, 1.0, _PIECES + 1)
-        along = [w + soft * pieces for w, soft in zip(origin, mode, strict=True)]
-        if self._collides(along):
-            return np.inf
-        rates = _largest_rate(self.body, mode, *self._boxes(along))
+        rates = _largest_rate(self.body, mode, *self._boxes(_along(mode, origin, bend)))
         return float(np.sum(abs(bend) / _PIECES / rates))
+
+    def shapes_on_the_way(self, mode: Mode, origin: tuple[float, ...], bend: float) -> Array:
+        """Shapes that every such bend passes, (m, n) [1/m]."""
+        along = _along(mode, origin, bend)
+        return np.column_stack([self.curvature(w, j) for j, w in enumerate(along)])
 
     def motions_between(
         self, mode: Mode, origin: tuple[float, ...], along: Array
@@ -111,17 +110,17 @@ class Bending:
         upper = np.array([np.maximum(edge[:-1, 1], edge[1:, 1]) for edge in edges])
         return lower, upper
 
-    def _collides(self, coordinates: list[Array]) -> bool:
-        """Whether the units overlap by over 0.1 mm in one of the shapes with these W."""
-        shapes = np.array([self.curvature(w, j) for j, w in enumerate(coordinates)])
-        gaps = shape_margins_of(self.body, shapes.shape[1])(shapes).full()[0]
-        return bool(gaps.min() < self.body.limits.unit_gap_m - _CERTAIN_M)
-
     def _neighbours(self, segment: int, coordinates: Array) -> Array:
         """Curvatures between which W takes these values, (m, 2): grid neighbours of the inverse."""
         kappa, table = _inverse_table(self.body, segment)
         above = np.clip(np.searchsorted(table, coordinates), 1, _TABLE - 1)
         return np.column_stack([kappa[above - 1], kappa[above]])
+
+
+def _along(mode: Mode, origin: tuple[float, ...], bend: float) -> list[Array]:
+    """W of every segment along a bend."""
+    pieces = bend * np.linspace(0.0, 1.0, _PIECES + 1)
+    return [w + soft * pieces for w, soft in zip(origin, mode, strict=True)]
 
 
 def bending(robot: Robot) -> Bending:

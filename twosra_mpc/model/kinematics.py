@@ -39,14 +39,11 @@ class Kinematics:
         jacobian: (q, sigma) -> J, (3 + n) x 5.
         wheel_matrix: (q, sigma) -> V, 4x5, paper eq. config_matrix.
         wheel_poses: q -> 3x4, columns (x, y, psi) of the wheels in b0 (m, m, rad).
-        shape_margins: kappa (n,) -> (gap between the locomotion units [m], bound from below
-            on the wheel independence of ``MotionLimits``).
     """
 
     jacobian: ca.Function
     wheel_matrix: ca.Function
     wheel_poses: ca.Function
-    shape_margins: ca.Function
 
 
 class JacobianInPlace:
@@ -77,13 +74,11 @@ def kinematics(body: Body) -> Kinematics:
     wheels = wheel_configuration(body.geometry, q, sigma)
     if path.wheel_map == "exact":
         wheels = exact_wheel_map(body.geometry, q) @ _body_rates(q, jacobian)
-    kappa = ca.SX.sym("kappa", segments)
     poses = wheel_pose_matrix(body.geometry, q)
     return Kinematics(
         jacobian=ca.Function("J", [q, sigma], [ca.densify(jacobian)]),
         wheel_matrix=ca.Function("V", [q, sigma], [ca.densify(wheels)]),
         wheel_poses=ca.Function("wheel_poses", [q], [poses]),
-        shape_margins=ca.Function("margins", [kappa], [shape_margins(body.geometry, kappa)]),
     )
 
 
@@ -101,12 +96,6 @@ def wheel_travel(body: Body) -> ca.Function:
 def wheel_travels(body: Body, count: int) -> ca.Function:
     """``wheel_travel`` of ``count`` intervals at once, one per column."""
     return wheel_travel(body).map(count)
-
-
-@per_body(256)
-def shape_margins_of(body: Body, count: int) -> ca.Function:
-    """``Kinematics.shape_margins`` of ``count`` shapes at once, one per column."""
-    return kinematics(body).shape_margins.map(count)
 
 
 def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:
@@ -191,24 +180,26 @@ def _body_rates(q: ca.SX, jacobian: ca.SX) -> ca.SX:
     return ca.vertcat(to_body @ jacobian[:2, :], jacobian[2:, :])
 
 
-def shape_margins(geometry: Geometry, kappa: ca.SX) -> ca.SX:
-    """(gap between the units [m], lower bound of the wheel independence) of a shape, 2x1.
+def wheel_independence(geometry: Geometry, kappa: ca.SX) -> ca.SX:
+    """Lower bound of the smallest singular value of the rigid wheel matrix of a shape, scaled.
 
-    The gap is the largest separation along any side direction of the two squares (separating axis
-    theorem): positive when they are apart, minus the overlap otherwise. With G = V^T V, scaled, the
-    smallest singular value is at least 2 sqrt(det G) / tr G, because the other two eigenvalues have
-    a product of at most (tr G / 2)^2.
+    Wheel radius is divided out, and turning measured at 0.1 m. With G = V^T V the smallest singular
+    value is at least 2 sqrt(det G) / tr G, because the other two eigenvalues have a product of at
+    most (tr G / 2)^2.
     """
-    q = ca.vertcat(0, 0, 0, kappa)
-    rigid = ca.SX.zeros(geometry.segments)
+    q, rigid = ca.vertcat(0, 0, 0, kappa), ca.SX.zeros(geometry.segments)
     wheels = wheel_configuration(geometry, q, rigid)[:, 2:] * geometry.wheel_radius_m
     scaled = ca.horzcat(wheels[:, :2], wheels[:, 2] / TURNING_RADIUS_M)
     gram = scaled.T @ scaled
-    independence = 2 * ca.sqrt(ca.fmax(ca.det(gram), 0)) / ca.trace(gram)
-    return ca.vertcat(_unit_gap(geometry, q), independence)
+    return 2 * ca.sqrt(ca.fmax(ca.det(gram), 0)) / ca.trace(gram)
 
 
-def _unit_gap(geometry: Geometry, q: ca.SX) -> ca.SX:
+def unit_gap(geometry: Geometry, kappa: ca.SX) -> ca.SX:
+    """Gap between the square locomotion units in a shape [m]; minus the overlap if they overlap.
+
+    It is the largest separation along any side direction of the two (separating axis theorem).
+    """
+    q = ca.vertcat(0, 0, 0, kappa)
     half = geometry.unit_side_m / 2
     outward = geometry.end_link_m + half
     centres, axes = [], []

@@ -1,7 +1,7 @@
-"""A motion: the path of one mode sequence, and the least time each piece of it takes.
+"""A motion: the path of one mode sequence.
 
 A motion has no clock. Because the kinematics is driftless, a path may be travelled at any speed;
-``interval_durations`` gives the fastest one, and the temporal network decides when.
+``problem.limits.interval_durations`` gives the fastest one, and the temporal network decides when.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import drive, interval_chain
-from twosra_mpc.model.kinematics import wheel_travels
-from twosra_mpc.robot.coordinates import INPUTS
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 
@@ -74,24 +72,3 @@ def steps_for(s: Array) -> int:
     travel = float(np.abs(s[:, :2]).sum(axis=1).max())
     doublings = max(1, math.ceil(math.log2(max(travel / STEP_TRAVEL_M, 1.0))))
     return min(FINE_STEPS, int(2**doublings))
-
-
-def interval_durations(motion: Motion) -> Array:
-    """Least time of each interval within wheel and locomotion unit speeds, (phases, intervals) [s].
-
-    Wheel speeds are taken at the start, in the middle and at the end of an interval.
-    """
-    limits = motion.robot.limits
-    phases, intervals, _ = motion.inputs.shape
-    size = motion.states.shape[2]
-    before = motion.states[:, :-1].reshape(-1, size).T
-    after = motion.states[:, 1:].reshape(-1, size).T
-    s = motion.inputs.reshape(-1, INPUTS).T
-    modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0).T
-    travel = wheel_travels(motion.robot, phases * intervals)
-    places = (before, (before + after) / 2, after)
-    rolled = np.array([np.abs(travel(q, s, modes).full()).max(axis=0) for q in places])
-    by_wheel = rolled.max(axis=0) / limits.wheel_speed_rad_s
-    by_unit = np.abs(s[:2]).max(axis=0) / limits.unit_speed_m_s
-    durations: Array = np.maximum(by_wheel, by_unit).reshape(phases, intervals)
-    return durations

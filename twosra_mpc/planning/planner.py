@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import interval_durations, roll_out
+from twosra_mpc.model.motion import roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
@@ -25,9 +25,16 @@ from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.plans.plan import Plan, Stats, Status
+from twosra_mpc.problem.limits import (
+    CURVATURE,
+    check_shapes,
+    interval_durations,
+    may_drive,
+    rigid_rows,
+    surely_broken,
+)
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.shape import check_shapes, may_drive
-from twosra_mpc.robot.modes import ModeSequence, mode_name, sequence_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, sequence_name
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
@@ -183,6 +190,12 @@ def bending_task(problem: Problem) -> BendingTask:
         change.append((next(ends), next(ends)))
         room.append((-most - here, most - here))
     exact = [None if math.isnan(k) or w else k for k, w in zip(goal.tolist(), width, strict=True)]
+
+    def forbidden(mode: Mode, before: tuple[float, ...], bend: float) -> str | None:
+        shapes = facts.shapes_on_the_way(mode, before, bend)
+        limit = surely_broken(problem.robot, shapes)
+        return None if limit is None else limit.words(problem.robot.limits)
+
     return BendingTask(
         change=tuple(change),
         room=tuple(room),
@@ -191,6 +204,8 @@ def bending_task(problem: Problem) -> BendingTask:
         rate=facts.fastest,
         origin=origin,
         least_time=facts.least_time,
+        forbidden=forbidden,
+        beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
         shape=", ".join(words),
         conserved=Conserved(*path_model(problem.robot).conserved),
         curvature=facts.curvatures,
@@ -210,35 +225,26 @@ def pose_task(problem: Problem) -> PoseTask | None:
         shift=np.array([c * east + s * north, -s * east + c * north]),
         turn=float(goal[2] - start[2]),
         known_s=float(interval_durations(guess).sum()),
-        wheel_matrix=lambda kappa: _rigid_wheel_matrix(problem, kappa),
-        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        speed_rows=partial(rigid_rows, problem.robot),
         soft_motions=bending(problem.robot).motions_between,
     )
-
-
-def _rigid_wheel_matrix(problem: Problem, kappa: Sequence[float]) -> Array:
-    robot = problem.robot
-    matrix = kinematics(robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], robot.rigid)
-    rigid: Array = matrix.full()[:, 2:]
-    return rigid
 
 
 def rigid_time(problem: Problem) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
     start, goal = problem.start.configuration, problem.goal.configuration
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
-    matrix = _rigid_wheel_matrix(problem, start[3:].tolist())
+    rows = rigid_rows(problem.robot, start[3:])
     c, s = math.cos(start[2]), math.sin(start[2])
     shift, box = goal[:2] - start[:2], problem.goal.half_width
     if np.isfinite(shift).all() and not box[:2].any():
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
-        matrix = matrix @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     turn = goal[2] - start[2]
     turns = (-math.inf, math.inf) if math.isnan(turn) else (turn - box[2], turn + box[2])
     return least_time(
-        wheel_matrix=matrix,
-        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        speed_rows=rows,
         shift=shift,
         shift_box=box[:2],
         turns=turns,
@@ -290,7 +296,7 @@ def _proof(
     """Why there is no plan at all; None where that is not proved."""
     proof = impossibility(tree)
     if proof is None and result.ending is Ending.EXHAUSTED and result.lower_bound == math.inf:
-        proof = disproof(tree, problem.robot.limits)
+        proof = disproof(tree)
     return proof
 
 
@@ -301,7 +307,7 @@ def _failure(problem: Problem, result: SearchResult[Verified], tree: ModeTree[Ve
         return f"no plan found ({result.ending.value}): {_advice(result.ending)} ({effort})"
     tried = f"no plan found ({result.solved} mode sequences tried)"
     if result.solved == 0:
-        return f"{tried}: {too_few_phases(tree, problem.robot.limits)}"
+        return f"{tried}: {too_few_phases(tree)}"
     rigid = problem.robot.rigid
     if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:3]).all():
         only = f"without mode {mode_name(rigid)} the pose changes only by bending"

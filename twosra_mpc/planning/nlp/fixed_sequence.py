@@ -9,13 +9,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.landing import available_inputs, land
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.problem.limits import interval_durations, may_drive, shapes_allowed
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.shape import TOUCHING_M, may_drive, shape_margins
-from twosra_mpc.robot.coordinates import INPUTS
+from twosra_mpc.robot.coordinates import INPUTS, POSE
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
@@ -81,7 +81,7 @@ def timed(
     Returns None if it cannot be landed or takes a shape that the limits forbid.
     """
     landed = land(motion, problem.goal)
-    if landed is None or not _shapes_allowed(landed):
+    if landed is None or not shapes_allowed(landed, _STILL):
         return None
     durations = interval_durations(landed)
     times = _settled_schedule(network, durations.sum(axis=1), problem)
@@ -102,23 +102,6 @@ def _settled_schedule(network: TemporalNetwork, durations: Array, problem: Probl
             return times
         network = settled
     return None
-
-
-def _shapes_allowed(motion: Motion) -> bool:
-    """Whether the curvatures stay in range, the units apart, and the wheels independent."""
-    kappa = motion.states[:, :, 3:]
-    if np.abs(kappa).max() > motion.robot.limits.curvature_per_m * (1 + 1e-9):
-        return False
-    between = (kappa[:, 1:] + kappa[:, :-1]) / 2
-    segments = kappa.shape[-1]
-    visited = np.concatenate([kappa.reshape(-1, segments), between.reshape(-1, segments)])
-    moved = np.abs(motion.inputs).max(axis=(1, 2))
-    drives = [
-        is_rigid(mode) and far > _STILL for mode, far in zip(motion.sequence, moved, strict=True)
-    ]
-    apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= -TOUCHING_M
-    driven = shape_margins(motion.robot, kappa[:, 0]).wheel_independence[drives]
-    return bool(apart and (driven >= 0).all())
 
 
 def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
@@ -155,7 +138,7 @@ def _decision_bounds(
     """Bounds on the decision vector: start, goal box, curvature range, inputs of each mode."""
     n, m = program.phases, program.intervals
     states = np.full((n, m + 1, len(program.scale)), np.inf)
-    states[:, :, 3:] = problem.robot.limits.curvature_per_m
+    states[:, :, POSE:] = problem.robot.limits.curvature_per_m
     low, high = -states, states.copy()
     low[0, 0] = high[0, 0] = problem.start.configuration
     goal, box = problem.goal.configuration.copy(), problem.goal.half_width
@@ -180,13 +163,14 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
     lower, upper = np.full(size, -np.inf), np.zeros(size)
     for name in ("defects", "linkage"):
         lower[program.rows[name]] = 0.0
-    shapes, middle = program.rows["shape"], program.rows["independence"]
-    upper[shapes] = upper[middle] = np.inf
+    shapes, driving = program.rows["shape"], program.rows["driving"]
+    upper[shapes] = upper[driving] = np.inf
     lower[shapes] = 0.0
-    lower[middle] = [
+    middle = [
         0.0 if is_rigid(mode) and 0 < i < program.phases - 1 else -np.inf
         for i, mode in enumerate(network.sequence)
     ]
+    lower[driving] = np.repeat(middle, (driving.stop - driving.start) // program.phases)
     rows = program.rows["network"]
     upper[rows] = np.inf
     lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]

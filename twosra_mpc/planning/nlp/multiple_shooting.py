@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.kinematics import kinematics, wheel_travel
+from twosra_mpc.problem import limits
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Coordinates
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.timing import EventLayout
@@ -38,7 +38,6 @@ Array = NDArray[np.float64]
 
 INPUT_SCALE = np.array([0.03, 0.03, 0.1, 0.1, 1.0])  # m, m, m, m, rad
 TIME_SCALE = 100.0  # s
-GAP_SCALE = 0.1  # m
 
 
 def state_scale(robot: Robot | Body) -> Array:
@@ -58,7 +57,7 @@ class Transcription:
         layout: Numbering of the events.
         intervals: Shooting intervals per phase.
         nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
-        rows: Slices of g by name: defects, linkage, wheel, unit, shape, independence, network.
+        rows: Slices of g by name: defects, linkage, speed, shape, driving, network.
     """
 
     scale: Array
@@ -117,23 +116,20 @@ def transcribe(robot: Body, phases: int, intervals: int, steps: int) -> Transcri
     flow = interval_flow(robot, steps).map(phases * intervals)
     arrive = flow(q[:, before], s, mode_of)
     link = states[:, nodes[1:, 0].tolist()] - states[:, nodes[:-1, -1].tolist()]
-    rolled = wheel_travel(robot).map(phases * intervals)(q[:, before], s, mode_of)
-    wheel_limit = robot.limits.wheel_speed_rad_s
-    unit_limit = robot.limits.unit_speed_m_s
-    margins = kinematics(robot).shape_margins.map(phases * (intervals + 1))(q[3:, :])
+    least_times = limits.speed_function(robot).map(phases * intervals)(q[:, before], s, mode_of)
+    margins = limits.shape_function(robot).map(phases * (intervals + 1))(q[POSE:, :])
     blocks = {
         "defects": (arrive - q[:, after]) / ca.DM(scale),
         "linkage": link,
-        "wheel": ca.vertcat(
-            rolled / wheel_limit - ca.repmat(share, 4, 1),
-            -rolled / wheel_limit - ca.repmat(share, 4, 1),
+        "speed": ca.vertcat(
+            *(
+                sign * time - ca.repmat(share, time.size1(), 1)
+                for time in least_times
+                for sign in (1, -1)
+            )
         ),
-        "unit": ca.vertcat(
-            s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
-            -s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
-        ),
-        "shape": (margins[0, :] - robot.limits.unit_gap_m) / GAP_SCALE,
-        "independence": margins[1, nodes[:, 0].tolist()] - robot.limits.wheel_independence,
+        "shape": _rows_of(margins, driving=False),
+        "driving": _rows_of(margins[:, nodes[:, 0].tolist()], driving=True),
         "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
     }
     g, rows = _stacked(blocks)
@@ -145,6 +141,16 @@ def transcribe(robot: Body, phases: int, intervals: int, steps: int) -> Transcri
         "g": g,
     }
     return Transcription(scale, layout, intervals, nlp, rows)
+
+
+def _rows_of(margins: ca.MX, *, driving: bool) -> ca.MX:
+    """Rows of the shape limits that are no box, in units of their scale."""
+    rows, scales = [], []
+    for row, limit in enumerate(limits.SHAPE_LIMITS):
+        if limit.driving == driving and limit.scale is not None:
+            rows.append(row)
+            scales.append(limit.scale)
+    return margins[rows, :] / ca.repmat(ca.DM(scales), 1, margins.size2())
 
 
 def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:

@@ -70,7 +70,10 @@ class BendingTask:
             given as None.
         origin: W of each segment at t = 0.
         least_time: (mode, W before, change of W of the soft segments) -> lower bound on the
-            time it takes; inf if every such bend passes a shape that is forbidden.
+            time it takes.
+        forbidden: The same arguments -> what is wrong with a shape that every such bend passes, in
+            words; None if nothing is.
+        beyond: Where ``room`` ends, in words.
         shape: The required curvature changes in words, for messages.
         conserved: What bending together cannot change, for messages.
         curvature: W of all segments -> their curvatures [1/m].
@@ -84,6 +87,8 @@ class BendingTask:
     rate: Callable[[Mode, tuple[float | None, ...]], float]
     origin: tuple[float, ...]
     least_time: Callable[[Mode, tuple[float, ...], float], float]
+    forbidden: Callable[[Mode, tuple[float, ...], float], str | None]
+    beyond: str
     shape: str
     conserved: Conserved
     curvature: Callable[[Sequence[float]], tuple[float, ...]]
@@ -361,7 +366,9 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
     here = np.array(task.origin)
     for i, mode in enumerate(sequence):
         if any(mode):
-            durations[i] = task.least_time(mode, tuple(here.tolist()), float(bends[i]))
+            before, bend = tuple(here.tolist()), float(bends[i])
+            forbidden = task.forbidden(mode, before, bend) is not None
+            durations[i] = np.inf if forbidden else task.least_time(mode, before, bend)
             here = here + bends[i] * np.array(mode)
             if not all(task.within(j, float(here[j])) for j in task.segments):
                 durations[i] = np.inf

@@ -16,7 +16,6 @@ import numpy as np
 
 from twosra_mpc.planning.search.bounds import BendingTask, determined_bends, unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.robot.limits import MotionLimits
 from twosra_mpc.robot.modes import (
     Mode,
     ModeSequence,
@@ -78,15 +77,15 @@ def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel)
     return "ask for another shape"
 
 
-def disproof(tree: ModeTree[Any], limits: MotionLimits) -> str:
+def disproof(tree: ModeTree[Any]) -> str:
     """Say why the only sequence that the allowed modes make is no plan."""
     allowed = f"allowed modes are {', '.join(map(mode_name, tree.modes))}: add another mode"
     for sequence, words in tree.unreachable.items():
-        return f"{_shape_limit(sequence, tree.task, limits) or words}; {allowed}"
+        return f"{_shape_limit(sequence, tree.task) or words}; {allowed}"
     return f"there is no other mode sequence; {allowed}"
 
 
-def too_few_phases(tree: ModeTree[Any], limits: MotionLimits) -> str:
+def too_few_phases(tree: ModeTree[Any]) -> str:
     """Say how many phases a plan needs, where every sequence of ``max_phases`` is disproved.
 
     The rigid phases that open and close a sequence count, whether anything moves in them or not.
@@ -99,13 +98,13 @@ def too_few_phases(tree: ModeTree[Any], limits: MotionLimits) -> str:
             example = f", possibly {sequence_name(found)}"
             break
         at_least = length + 1
-    reasons = (_shape_limit(leaf, tree.task, limits) for leaf in tree.unreachable)
+    reasons = (_shape_limit(leaf, tree.task) for leaf in tree.unreachable)
     because = next((f" ({reason})" for reason in reasons if reason), "")
     needed = f"a plan needs at least {at_least} phases{example}{because}"
     return f"{needed}, but max_phases is {tree.max_phases}: raise max_phases"
 
 
-def _shape_limit(sequence: ModeSequence, task: BendingTask, limits: MotionLimits) -> str | None:
+def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
     """Say which limit forbids the bends of a sequence that leaves no choice of them."""
     bends = determined_bends(sequence, task)
     if bends is None:
@@ -116,11 +115,10 @@ def _shape_limit(sequence: ModeSequence, task: BendingTask, limits: MotionLimits
         there = here + bend * np.array(mode)
         for j in task.segments:
             if not task.within(j, float(there[j])):
-                beyond = f"curvature_per_m = {limits.curvature_per_m:g} 1/m"
-                return f"{who} bend segment {j + 1} beyond {beyond} ({task.shape})"
-        if any(mode) and task.least_time(mode, tuple(here.tolist()), bend) == math.inf:
-            close = f"overlap or come closer than unit_gap_m = {limits.unit_gap_m:g} m"
-            return f"{who} pass shapes whose locomotion units {close} ({task.shape})"
+                return f"{who} bend segment {j + 1} {task.beyond} ({task.shape})"
+        words = task.forbidden(mode, tuple(here.tolist()), bend) if any(mode) else None
+        if words is not None:
+            return f"{who} pass shapes whose {words} ({task.shape})"
         here = there
     return None
 
