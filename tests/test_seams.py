@@ -30,7 +30,7 @@ ALLOWED = {
 }
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
-    ("version.py", "errors.py", "files.py", "validation.py"),
+    ("version.py", "installation.py", "errors.py", "files.py", "validation.py"),
     ("robot/",),
     ("thermal/", "model/"),
     ("control/",),
