@@ -22,6 +22,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.timing import Transition
 from twosra_mpc.validation import named_problem
+from twosra_mpc.version import __version__
 
 Array = NDArray[np.float64]
 
