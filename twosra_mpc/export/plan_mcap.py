@@ -20,6 +20,7 @@ from twosra_mpc.export.foxglove_schemas import (
     record,
 )
 from twosra_mpc.files import atomic_path
+from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
 from twosra_mpc.version import __version__
@@ -83,7 +84,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
     try:
         from mcap.writer import Writer
     except ImportError as error:
-        allowed = "a .csv file, or any once mcap is installed: pip install 'twosra-mpc[mcap]'"
+        allowed = f"a .csv file, or any once mcap is installed: {install_command('mcap')}"
         raise InputError("output", str(path), allowed) from error
     plan = plan.require() if rate_Hz is None else refined(plan.require(), rate_Hz)
     with atomic_path(path) as temporary, temporary.open("wb") as stream:

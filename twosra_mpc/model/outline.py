@@ -31,7 +31,7 @@ class RobotShape(NamedTuple):
 
 
 def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShape:
-    """Place the robot at q = [x, y, phi, kappa1, kappa2] [m, m, rad, 1/m, 1/m], shape (5,)."""
+    """Place the robot at q = (x, y, phi, kappa1, kappa2) [m, m, rad, 1/m, 1/m], shape (5,)."""
     x, y, phi, *kappa = np.asarray(q, dtype=float)
     half_link, half_side = geometry.middle_link_m / 2, geometry.unit_side_m / 2
     rolling, across = geometry.wheel_radius_m, geometry.wheel_thickness_m / 2
