@@ -19,7 +19,7 @@ ALLOWED = {
     "jinja2": ("report/",),
     "osqp": ("execution/tracking/",),
     "serial": ("execution/serial/port.py",),
-    "mcap": ("export/",),
+    "foxglove": ("export/",),
     "click": ("cli/",),
     "rich": ("cli/",),
     "pydantic": (
