@@ -30,7 +30,7 @@ from twosra_mpc import (
     plan,
     plotting,
 )
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
     DPI,

@@ -6,8 +6,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.setpoints import SAME_TIME_S
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 
 State = Literal["rigid", "melting", "soft", "freezing"]
 CHANGING: tuple[State, ...] = ("melting", "freezing")
@@ -21,15 +20,15 @@ class Interval(NamedTuple):
     state: State
 
 
-def stiffness_intervals(plan: Plan) -> tuple[tuple[Interval, ...], ...]:
+def stiffness_intervals(trajectory: Trajectory) -> tuple[tuple[Interval, ...], ...]:
     """For each segment, the intervals that fill the plan; the last one may have no length."""
     changes: list[list[tuple[float, State]]] = [
-        [(0.0, "soft" if soft else "rigid")] for soft in plan.problem.start_mode
+        [(0.0, "soft" if soft else "rigid")] for soft in trajectory.problem.start_mode
     ]
-    for item in plan.transitions:
+    for item in trajectory.transitions:
         changing: State = "melting" if item.to == "soft" else "freezing"
         changes[item.segment - 1] += [(item.onset_s, changing), (item.done_s, item.to)]
-    return tuple(_intervals(each, plan.duration_s or 0.0) for each in changes)
+    return tuple(_intervals(each, trajectory.duration_s) for each in changes)
 
 
 def state_at(intervals: Sequence[Interval], time_s: float) -> State:
