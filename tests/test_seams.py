@@ -21,7 +21,7 @@ ALLOWED = {
     "jinja2": ("report/",),
     "osqp": ("execution/tracking/",),
     "serial": ("execution/serial/port.py",),
-    "mcap": ("export/",),
+    "foxglove": ("export/",),
     "click": ("cli/",),
     "rich": ("cli/",),
     "pydantic": (
