@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import newton
 
 from twosra_mpc import InputError, NoPlanError, Plan, Problem, load_problem, plan
 from twosra_mpc.execution.accuracy import Accuracy
@@ -17,6 +18,7 @@ from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.executor import Executor, ExecutorSettings
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.heater_schedule import Progress, heater_schedule
+from twosra_mpc.execution.predicted_end import predicted_curvatures
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
@@ -25,6 +27,7 @@ from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.metrics import metrics, spread
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
+from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.lumped import Lumped
 
@@ -461,3 +464,44 @@ def test_a_spread_is_median_tail_and_worst(disturbed: Callable[..., Simulation])
     found = metrics(done.run, done.truth)
     runs = [found._replace(time_s=float(k)) for k in range(1, 102)]
     assert spread(runs, lambda each: each.time_s) == pytest.approx((51.0, 91.0, 101.0))
+
+
+# --- what the rest of a plan would come to -------------------------------------------------------
+
+
+def bent_to(robot: Robot, q: Array, mean_per_m: float) -> Array:
+    """Bend both segments by the kinematics until their mean curvature is this."""
+    flow = interval_flow(robot, 32)
+
+    def bent(travel_m: float) -> Array:
+        after: Array = flow(q, np.array([travel_m, travel_m, 0, 0, 0]), (1, 1)).full().ravel()
+        return after
+
+    travel_m = newton(lambda s: bent(s)[3:].mean() - mean_per_m, 1e-3, tol=1e-12)
+    return bent(travel_m)
+
+
+@pytest.mark.parametrize("deviation", [(4.0, 0.0), (0.0, 4.0), (-4.0, 0.0), (2.0, -3.0)])
+@pytest.mark.parametrize("kappa", [(5.0, 5.0), (20.0, -10.0), (-30.0, 8.0)])
+@pytest.mark.parametrize("name", ["2sra-v1", ARC])
+def test_a_deviation_ends_where_the_kinematics_takes_it(
+    name: str, kappa: tuple[float, float], deviation: tuple[float, float]
+) -> None:
+    robot = load_problem("paper-1", robot=name).robot
+    start = np.array([0.0, 0.0, 0.0, *kappa])
+    end = bent_to(robot, start, float(np.mean(kappa)) + 12.0)
+    deviated = start + np.array([0.0, 0.0, 0.0, *deviation])
+    true = bent_to(robot, deviated, float(end[3:].mean()))
+    predicted = predicted_curvatures(robot, deviated, [start, end], [(1, 1)])
+    assert predicted == pytest.approx(true[3:], abs=2e-4)
+    assert np.abs(predicted - end[3:]).max() > 1.0
+
+
+def test_a_segment_that_bends_alone_loses_its_deviation_and_the_others_keep_theirs() -> None:
+    robot, at = load_problem("paper-1", robot="2sra-v1").robot, np.zeros(3)
+    path = [np.array([*at, *kappa]) for kappa in ((10.0, 5.0), (20.0, 5.0), (20.0, 5.0))]
+    deviated = np.array([*at, 14.0, 4.0])
+    alone = predicted_curvatures(robot, deviated, path, [(1, 0), (0, 0)])
+    assert alone == pytest.approx([20.0, 4.0], abs=1e-6)
+    kept = predicted_curvatures(robot, deviated, [path[0]], [])
+    assert kept == pytest.approx([14.0, 4.0], abs=1e-6)

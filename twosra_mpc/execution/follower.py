@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 
 from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress, heater_schedule
+from twosra_mpc.execution.predicted_end import predicted_curvatures
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import ACCEPTED
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.tracking.outputs import OUTPUTS
+from twosra_mpc.execution.tracking.reference import SAME_TIME_S
 from twosra_mpc.execution.tracking.tracker import Measurement, Tracker
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, Mode, mode_name
 
 Array = NDArray[np.float64]
@@ -257,15 +260,9 @@ class PlanFollower:
         return Departure("corridor", text, stiff=bool(np.abs(missed[3:]).max() > STIFF_PER_M))
 
     def _predicted_miss(self, index: int) -> Array:
-        """Distance to the goal, (5,), if the phases after this one are driven as they are."""
-        end = self._samples.q[-1]
-        first, second = (self.session.q - self._planned())[3:].tolist()
-        for phase in self.plan.phases[index + 1 :]:
-            match phase.mode:
-                case (1, 0):
-                    first = 0.0
-                case (0, 1):
-                    second = 0.0
-                case (1, 1):
-                    first, second = (first - second) / 2, (second - first) / 2
-        return self.plan.problem.goal.error(np.array([*end[:3], end[3] + first, end[4] + second]))
+        """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""
+        rest, samples = self.plan.phases[index + 1 :], self._samples
+        ends = [samples.q[np.searchsorted(samples.t_s, item.end_s - SAME_TIME_S)] for item in rest]
+        path, modes = [self._planned(), *ends], [item.mode for item in rest]
+        kappa = predicted_curvatures(self.plan.robot, self.session.q, path, modes)
+        return self.plan.problem.goal.error(np.concatenate([samples.q[-1, :POSE], kappa]))
