@@ -21,7 +21,7 @@ from twosra_mpc.checking.resampling import refined
 from twosra_mpc.export import foxglove_messages
 from twosra_mpc.export.authors_csv import COLUMNS, save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
-from twosra_mpc.plans.setpoints import SAME_TIME_S
+from twosra_mpc.plans.trajectory import SAME_TIME_S
 
 Messages = dict[str, list[tuple[float, dict[str, Any]]]]
 

@@ -20,7 +20,7 @@ from twosra_mpc.plans.heating import (
     ThermalHeating,
     segment_heating,
 )
-from twosra_mpc.plans.plan import Samples
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
 from twosra_mpc.timing import Transition
 

@@ -32,7 +32,7 @@ from twosra_mpc import (
     plotting,
 )
 from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
     DPI,

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import reintegrate, verify
-from twosra_mpc.plans.plan import Phase, Samples, Verification
+from twosra_mpc.plans.plan import Verification
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.problem.problem import COORDINATES
 from twosra_mpc.problem.shape import shape_margins
 from twosra_mpc.robot.modes import MODES, Mode, mode_name

@@ -13,7 +13,8 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from twosra_mpc.plans.plan import Cost, PhaseDocument, PlanDocument, Samples, Stats
+from twosra_mpc.plans.plan import Cost, PhaseDocument, PlanDocument, Stats
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.timing import Transition

@@ -19,7 +19,8 @@ import numpy as np
 
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
-from twosra_mpc.plans.plan import Cost, Plan, Samples, Status, Verification, load_plan
+from twosra_mpc.plans.plan import Cost, Plan, Status, Verification, load_plan
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.timing import ThermalTiming

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.plans.plan import Phase, Samples
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 from twosra_mpc.thermal.model import SegmentModel, State, segment_model

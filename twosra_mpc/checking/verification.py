@@ -17,7 +17,8 @@ from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import TIME_TOLERANCE_S, transition_problems
 from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
-from twosra_mpc.plans.plan import Phase, Samples, Verification
+from twosra_mpc.plans.plan import Verification
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
 from twosra_mpc.problem.shape import TOUCHING_M, shape_margins
 from twosra_mpc.robot.modes import mode_name

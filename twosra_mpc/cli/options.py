@@ -12,7 +12,7 @@ import click
 from twosra_mpc.cli.output import Output, check_writable
 from twosra_mpc.errors import InputError
 from twosra_mpc.identification.path_choice import with_path_model
-from twosra_mpc.plans.setpoints import check_rate
+from twosra_mpc.plans.trajectory import check_rate
 from twosra_mpc.problem.problem import Problem, load_problem
 
 Function = Callable[..., Any]

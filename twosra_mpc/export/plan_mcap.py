@@ -20,8 +20,8 @@ from twosra_mpc.export.foxglove_schemas import (
     record,
 )
 from twosra_mpc.files import atomic_path
-from twosra_mpc.plans.plan import Plan, Samples
-from twosra_mpc.plans.setpoints import SAME_TIME_S
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
 from twosra_mpc.version import __version__
 
 _PAIR = (1, 2)

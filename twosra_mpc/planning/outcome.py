@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
 from twosra_mpc.plans.heating import segment_heating
-from twosra_mpc.plans.plan import Cost, Phase, Plan, Samples, Stats, Status, Verification
-from twosra_mpc.plans.setpoints import SAME_TIME_S, sample
+from twosra_mpc.plans.plan import Cost, Plan, Stats, Status, Verification
+from twosra_mpc.plans.sampling import sample
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
 

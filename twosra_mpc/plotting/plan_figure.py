@@ -17,7 +17,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Phase, Plan, Samples
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_robot, number_units
 from twosra_mpc.plotting.style import (

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from twosra_mpc.execution.run import CHANGING, Drive, Run, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_outline, draw_robot
 from twosra_mpc.plotting.style import (

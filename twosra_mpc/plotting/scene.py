@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.film import Moment
 from twosra_mpc.plotting.robot_drawing import draw_outline, number_units, robot_artists
 from twosra_mpc.plotting.style import (

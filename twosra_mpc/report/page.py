@@ -19,7 +19,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
-from twosra_mpc.plans.plan import Plan, Samples
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, plot_plan
 from twosra_mpc.report import reproduction, words
 from twosra_mpc.report.film import film_of, filmed_box, pose_of
@@ -130,7 +131,7 @@ def _motion(plan: Plan, samples: Samples) -> dict[str, Any]:
     end_s = float(samples.t_s[-1])
     stretch = TimeStretch.of(plan.phases, end_s or 1.0)
     film, geometry = film_of(plan, samples, stretch), plan.robot.geometry
-    scale, table = Thermometer.of(plan, samples), setpoint_table(samples, plan.robot)
+    scale, table = Thermometer.of(plan, samples), setpoint_table(samples)
     goal = plan.problem.goal.configuration
     aim = np.where(np.isnan(goal), samples.q[-1], goal)
     ghosts = {"start": film.poses[0], "goal": pose_of(geometry, aim)}

@@ -24,7 +24,8 @@ from twosra_mpc.execution.serial.firmware_lines import (
 from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.serial.port import Port, PortError
 from twosra_mpc.execution.serial.wheel_commands import wheel_commands
-from twosra_mpc.plans.plan import Phase, Plan, Samples, Status
+from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.robot.modes import RIGID, Mode, mode_name
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.plans.plan import Phase, Samples
+from twosra_mpc.plans.trajectory import Phase, Samples
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.plans.plan import Phase, Samples
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.robot.description import Robot
 
 Array = NDArray[np.float64]
