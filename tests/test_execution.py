@@ -28,6 +28,7 @@ from twosra_mpc.execution.simulation.metrics import metrics, spread
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.thermal.lumped import Lumped
 
@@ -229,7 +230,7 @@ def test_a_heater_that_fails_and_cannot_be_done_without_is_the_reason() -> None:
     assert done.run.ending is Ending.HEATER_FAILED
     assert "without heater 1: proved infeasible: segment 1 must bend" in done.run.reason
     assert "allowed modes" not in done.run.reason
-    assert any("segment 1 reports a fault" in event.text for event in done.run.events)
+    assert any("segment 1: heating does not warm it" in event.text for event in done.run.events)
 
 
 class Cold:
@@ -249,7 +250,12 @@ class Cold:
     def read(self) -> Reading:
         q = self.made.start.configuration
         return Reading(
-            self.time_s, np.array([self.time_s]), q[None], (25.0, 25.0), ("rigid", "rigid")
+            self.time_s,
+            np.array([self.time_s]),
+            q[None],
+            (25.0, 25.0),
+            ("rigid", "rigid"),
+            (False, False),
         )
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
@@ -266,7 +272,7 @@ def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time() 
     run = Executor(robot).run(plan(robot.made))
     assert run.ending is Ending.HEATER_FAILED
     failure = next(event for event in run.events if event.kind == "failure")
-    assert "segment 1 is not soft after 1" in failure.text
+    assert "segment 1 rigid at 25.0 C, not soft after 1" in failure.text
     assert 3 * 62 < failure.time_s < 4 * 62
     assert robot.sent > 100
 
@@ -337,31 +343,33 @@ def test_an_unknown_executor_is_refused() -> None:
 
 # --- parts ---------------------------------------------------------------------------------------
 
-NOISY = Camera(noise=(1e-3, 1e-3, 0.02, 1.0, 1.0), step=(1e-3, 1e-3, 0.02, 1.0, 1.0))
+TWO = Coordinates(2)
+LENGTHS_M = (0.04, 0.04)
+NOISY = Camera(noise=(1e-3, 0.02, 1.0), step=(1e-3, 0.02, 1.0))
 
 
 def test_at_rest_the_belief_is_the_mean_of_all_frames() -> None:
     rng = np.random.default_rng(0)
     truth = np.array([0.1, 0.2, 3.13, 12.3, -4.4])  # phi so that frames wrap around
     filtered = CameraFilter(NOISY, truth, 0.0)
-    frames = truth + rng.normal(size=(300, 5)) * NOISY.noise
+    frames = truth + rng.normal(size=(300, 5)) * TWO.each(*NOISY.noise)
     frames[:, 2] = np.remainder(frames[:, 2] + np.pi, 2 * np.pi) - np.pi
     for k, frame in enumerate(frames):
-        filtered.predict(k / 15, np.zeros(5), 0.04)
+        filtered.predict(k / 15, np.zeros(5), LENGTHS_M)
         filtered.correct(np.array([k / 15]), frame[None])
     off = filtered.q - truth
     off[2] = np.remainder(off[2] + np.pi, 2 * np.pi) - np.pi
     assert (np.abs(off) < 4 * filtered.deviation).all()
-    assert filtered.deviation == pytest.approx(np.sqrt(NOISY.variance / 301), rel=0.2)
+    assert filtered.deviation == pytest.approx(np.sqrt(NOISY.variance(TWO) / 301), rel=0.2)
 
 
 def test_frames_taken_together_count_as_taken_one_by_one() -> None:
     rng = np.random.default_rng(1)
     times = np.arange(20) / 15
-    frames = rng.normal(size=(20, 5)) * NOISY.noise
+    frames = rng.normal(size=(20, 5)) * TWO.each(*NOISY.noise)
     one, many = (CameraFilter(NOISY, np.zeros(5), 0.0) for _ in range(2))
     for filtered in (one, many):
-        filtered.predict(2.0, np.zeros(5), 0.04)
+        filtered.predict(2.0, np.zeros(5), LENGTHS_M)
     many.correct(times, frames)
     for time, frame in zip(times, frames, strict=True):
         one.correct(np.array([time]), frame[None])
@@ -383,9 +391,9 @@ def test_a_robot_that_responds_less_or_more_is_believed_without_bias(
         for k in range(1, 40):
             truth = truth + response * moved
             path.append(truth)
-            filtered.predict(k / 15, moved, 0.04)
+            filtered.predict(k / 15, moved, LENGTHS_M)
             if k >= delay:
-                frame = path[k - delay] + rng.normal(size=5) * NOISY.noise
+                frame = path[k - delay] + rng.normal(size=5) * TWO.each(*NOISY.noise)
                 filtered.correct(np.array([(k - delay) / 15]), frame[None])
         offs.append((filtered.q - truth) / filtered.deviation)
     assert (np.abs(np.mean(offs, axis=0)) < 1.0).all()

@@ -28,7 +28,7 @@ from twosra_mpc import (
     with_path_model,
 )
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.outputs import OUTPUTS
+from twosra_mpc.execution.tracking.outputs import outputs_of
 from twosra_mpc.execution.tracking.reference import PhaseReference
 from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.setup import Setup
@@ -136,7 +136,7 @@ def test_residuals_are_within_the_tolerance(planned: Planned, mode: Mode) -> Non
 @pytest.mark.parametrize("mode", MODES)
 def test_the_tolerance_bounds_the_error_of_the_first_speeds(planned: Planned, mode: Mode) -> None:
     tracker, program = stepped(planned, mode)
-    rows = slice(0, OUTPUTS[mode].count)  # the first limits of the first stage
+    rows = slice(0, outputs_of(mode).count)  # the first limits of the first stage
     error = program.constraints @ (program.x - dense_solution(program))
     assert np.abs(error[rows]).max() < 10 * tracker.solver.tolerance
 
@@ -327,8 +327,8 @@ def test_the_reference_is_the_path_of_the_plan(planned: Planned, mode: Mode) -> 
     of = planned(scenario)
     phase, samples, period_s, horizon = of.phases[index], of.samples, 1 / 15, 4
     assert samples is not None
-    selection = OUTPUTS[mode].selection
-    path = PhaseReference(of.robot, samples, phase, selection, horizon, period_s)
+    selection = outputs_of(mode).selection
+    path = PhaseReference(of.trajectory, phase, selection, horizon, period_s)
     flow = interval_flow(of.robot, 16)
     found = np.zeros((horizon + 1, len(selection)))
     tolerance = selection @ np.array([1e-5, 1e-5, 1e-4, 5e-3, 5e-3])
@@ -434,7 +434,7 @@ def test_a_curvature_out_of_all_bounds_is_still_bent_back(
     tracker = Tracker(of.robot)
     tracker.reset(of)
     q = configuration(of, of.phases[phase].end_s)
-    moving = list(OUTPUTS[mode].bending)
+    moving = list(outputs_of(mode).bending)
     q[moving] = kappa
     command = tracker.step(Measurement(300.0, phase, q))
     assert command.status is CommandStatus.SOLVED

@@ -131,6 +131,10 @@ class Trajectory:
         _, at, elapsed = self._in_force(t)
         return self._flown(at, elapsed)
 
+    def heater_setpoint_C(self, t: ArrayLike) -> Array:
+        """Set-points in force at these times [s], (n,): (n, segments)."""
+        return self.samples.heater_setpoint_C[self._in_force(t)[1]]
+
     def wheel_travel_rad(self, t: ArrayLike) -> Array:
         """How far each wheel has turned since t = 0, at these times [s], (n,): (n, 4)."""
         _, at, elapsed = self._in_force(t)
