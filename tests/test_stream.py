@@ -17,6 +17,7 @@ from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, NoPlanError, Plan
 from twosra_mpc.execution.feedback import WheelCommand, wheel_commands
+from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.firmware_lines import stop_command
@@ -298,6 +299,20 @@ def test_a_segment_that_stays_between_soft_and_rigid_is_an_error(
         send(plan, firmware, rate_Hz=SLOW_HZ)
     assert {move.truly_soft for move in firmware.moves} == {(0, 0)}
     assert_off(firmware)
+
+
+@pytest.mark.parametrize("late", [1.5, 3.0])
+def test_a_mode_is_waited_for_as_long_as_the_patience_says(
+    planned: Planned, connect: Connected, late: float
+) -> None:
+    plan = planned("paper-2")
+    firmware = connect(plan, reports=lambda _t, j, T: b"%c%.1f\n" % (65 + j, min(T, 61.0)))
+    with pytest.raises(StreamError, match="segment 1 changing") as caught:
+        send(plan, firmware, rate_Hz=SLOW_HZ, patience=Patience(late=late))
+    melt = plan.transitions[0]
+    heated_s = next(item.time_s for item in firmware.received if item.heated == (1, 0))
+    waited_s = caught.value.time_s - heated_s
+    assert waited_s == pytest.approx(late * (melt.done_s - melt.heater_s), abs=2.0)
 
 
 def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(

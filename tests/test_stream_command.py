@@ -24,6 +24,7 @@ from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_re
 from twosra_mpc.execution.serial.port import PortError, SerialPort
 from twosra_mpc.execution.serial.robot import STOPS
 from twosra_mpc.execution.serial.stream import StreamError, stream
+from twosra_mpc.installation import install_command
 
 STOP = stop_command(2)
 
@@ -67,6 +68,8 @@ def test_a_command_is_written_as_the_firmware_reads_it() -> None:
     )
     assert command((0.0, 0.0, 0.0, 0.0), (0, 1), 7) == b"s0.000\n0.000\n0.000\n0.000\n0\n1\n7\n"
     assert STOP == b"s0.000\n0.000\n0.000\n0.000\n0\n0\n"
+    assert command((1.0, 0.0, 0.0, 0.0), (0, 1, 1), 7).endswith(b"0.000\n0\n1\n1\n7\n")
+    assert stop_command(4).count(b"\n") == 8
 
 
 @pytest.mark.parametrize(
@@ -87,6 +90,12 @@ def test_a_command_is_written_as_the_firmware_reads_it() -> None:
 )
 def test_reports_are_read_and_other_lines_are_not(line: bytes, report: Report | None) -> None:
     assert parse_report(line, 2) == report
+
+
+def test_as_many_segments_report_as_there_are() -> None:
+    heard = [[parse_report(line, n) for line in (b"A20", b"B30", b"C40", b"D50")] for n in (1, 4)]
+    assert heard[0] == [Report(0, 20.0), None, None, None]
+    assert heard[1] == [Report(j, 20.0 + 10 * j) for j in range(4)]
 
 
 def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
@@ -232,7 +241,7 @@ def test_without_pyserial_the_error_says_how_to_install_it(
     monkeypatch.setitem(sys.modules, "serial", None)
     outcome = run("stream", saved, "--port", "/dev/ttyUSB0")
     assert outcome.code == 2
-    assert "pip install 'twosra-mpc[serial]'" in outcome.err
+    assert install_command("serial") in outcome.err
 
 
 def test_errors_survive_pickling() -> None:

@@ -36,7 +36,16 @@ from twosra_mpc.execution.tracking.solver import QuadraticProgram
 from twosra_mpc.execution.tracking.tracker import Command, CommandStatus, Measurement, Tracker
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.modes import (
+    MODES,
+    RIGID,
+    SOFT_1,
+    SOFT_2,
+    SOFT_BOTH,
+    Mode,
+    all_modes,
+    soft_segments,
+)
 
 Array = NDArray[np.float64]
 
@@ -248,6 +257,20 @@ def test_every_phase_ends_where_the_plan_does(planned: Planned, scenario: str) -
     for i, phase in enumerate(of.phases):
         q = drive(tracker, of, i, q)
         np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
+
+
+@pytest.mark.parametrize("segments", [1, 2, 3, 4])
+def test_a_mode_has_as_many_outputs_as_inputs_whatever_the_number_of_segments(
+    segments: int,
+) -> None:
+    for mode in all_modes(segments):
+        outputs = outputs_of(mode)
+        assert outputs.selection.shape == (outputs.count, 3 + segments)
+        assert outputs.selection.sum(axis=1) == pytest.approx(1.0)  # coordinates, or a mean
+        bending = np.flatnonzero(outputs.selection[-1, 3:])
+        assert tuple(bending) == soft_segments(mode)
+        assert outputs.selection[outputs.heading, 2] == 1.0
+        assert np.linalg.matrix_rank(outputs.selection) == outputs.count
 
 
 def test_each_mode_is_among_the_phases_above(planned: Planned) -> None:

@@ -22,6 +22,7 @@ from twosra_mpc.execution.serial.stream import (
     check_sendable,
     stream,
 )
+from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan, load_plan
 from twosra_mpc.robot.modes import mode_name
 
@@ -35,7 +36,7 @@ is reported within {Patience().listen_s:g} s, phases begin at the plan's times.
 Ctrl-C, SIGTERM, a closed terminal and every error stop the wheels and switch the heaters off. Keep
 a hand at the switch all the same: the robot goes on with its last command if the line breaks.
 
-Needs pyserial: pip install 'twosra-mpc[serial]'.
+Needs pyserial: {install_command("serial")}
 
 \b
 See what would be sent, without a robot:

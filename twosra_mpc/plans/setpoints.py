@@ -19,7 +19,13 @@ Array = NDArray[np.float64]
 
 def rows(samples: Samples) -> tuple[list[str], Array]:
     """Set-points as a table: (names of the columns, one row a sample)."""
-    columns = {
+    named = columns(samples)
+    return list(named), np.column_stack(list(named.values()))
+
+
+def columns(samples: Samples) -> dict[str, Array]:
+    """Columns of the table by their names, units included, in order."""
+    return {
         "t_s": samples.t_s,
         **_numbered("mode{}", samples.mode),
         **_numbered("wheel{}_rad_s", samples.wheel_rad_s),
@@ -30,7 +36,6 @@ def rows(samples: Samples) -> tuple[list[str], Array]:
         **_numbered("temperature{}_C", samples.temperature_C),
         **_numbered("melt_fraction{}", samples.melt_fraction),
     }
-    return list(columns), np.column_stack(list(columns.values()))
 
 
 def _numbered(name: str, values: Array | NDArray[np.int64]) -> dict[str, Array]:

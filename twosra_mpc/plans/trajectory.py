@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.model.motion import FINE_STEPS
+from twosra_mpc.model.motion import steps_for
 from twosra_mpc.plans.heating import SegmentHeating, segment_heating
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 SAME_TIME_S = 1e-6  # events closer than this are one
 HIGHEST_RATE_HZ = 1000.0
+_LEAST_STEPS = 16  # of Runge-Kutta: turns of a rigid interval are then right to 1e-10 rad
 
 
 class Phase(NamedTuple):
@@ -210,7 +211,7 @@ def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
     reached = q.copy()
     moving = s.any(axis=1)
     if moving.any():
-        flow = interval_flow(robot, FINE_STEPS)
+        flow = interval_flow(robot, max(_LEAST_STEPS, steps_for(s[moving])))
         reached[moving] = flow(q[moving].T, s[moving].T, mode[moving].T).full().T
     return reached
 

@@ -108,7 +108,7 @@ def _draw_overview(ax: Axes, plan: Plan, samples: Samples) -> None:
     for phase in reversed(plan.phases):  # the end of a phase lies over the start of the next
         _draw_path(ax, samples, phase)
     shapes = [robot_shape(geometry, q) for q in ends]
-    start, goal = (shape.units.mean(axis=1) for shape in shapes)
+    start, goal = (shape.centres for shape in shapes)
     number_units(ax, geometry, ends[1])
     apart = np.linalg.norm(start[:, None] - goal, axis=2)
     i, j = np.argmax(apart.min(axis=1)), np.argmax(apart.min(axis=0))

@@ -147,7 +147,7 @@ def pose_of(geometry: Geometry, q: Array) -> Pose:
         links=tuple(map(svg_points, shape.links)),
         units=tuple(map(svg_points, shape.units)),
         wheels=tuple(map(svg_points, shape.wheels)),
-        centres=tuple(svg_points(unit.mean(axis=0)) for unit in shape.units),
+        centres=tuple(map(svg_points, shape.centres)),
         origin=svg_points(shape.origin),
     )
 
