@@ -11,7 +11,7 @@ from twosra_mpc.cli.options import ending, out_argument, output_options, rate_op
 from twosra_mpc.cli.output import EXIT_PLANNED, Output
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
-from twosra_mpc.plans.plan import load_plan
+from twosra_mpc.plans.document import load_plan
 
 _HELP = """Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
 

@@ -80,7 +80,6 @@ class PlanFollower:
             pulses: What is done about the drives' dead zone.
             longest_s: When the run takes too long.
         """
-        assert plan.samples is not None
         self.session, self.tracker, self.plan = session, tracker, plan
         self.accuracy, self.pulses, self.longest_s = accuracy, pulses, longest_s
         self.schedule: HeaterSchedule = heater_schedule(plan)

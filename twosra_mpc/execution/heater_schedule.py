@@ -100,8 +100,6 @@ class HeaterSchedule:
     def _kept_warm(self, segment: int, clock_s: float) -> bool:
         """Whether the plan itself keeps a solid segment warm now."""
         samples, heater = self.plan.samples, self.plan.robot.heater
-        if samples is None:
-            return False
         at = int(np.searchsorted(samples.t_s, clock_s + _SAME_TIME_S, side="right")) - 1
         planned = samples.heater_setpoint_C[max(at, 0), segment]
         return bool(heater.rigid_setpoint_C < planned < heater.soft_setpoint_C)

@@ -77,7 +77,6 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         rate_Hz: Samples per second that are added to the plan's own; default: none.
 
     Raises:
-        NoPlanError: If the plan is not verified.
         InputError: If mcap is not installed, or the rate or the path is not acceptable.
     """
     try:
@@ -85,7 +84,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
     except ImportError as error:
         allowed = "a .csv file, or any once mcap is installed: pip install 'twosra-mpc[mcap]'"
         raise InputError("output", str(path), allowed) from error
-    plan = plan.require() if rate_Hz is None else refined(plan.require(), rate_Hz)
+    plan = plan if rate_Hz is None else refined(plan, rate_Hz)
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library=f"twosra_mpc {__version__}")
@@ -104,7 +103,6 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
 def messages(plan: Plan) -> Iterator[tuple[float, Topic, Message]]:
     """Every message of a plan in order: time [s], topic, content."""
     samples, geometry = plan.samples, plan.robot.geometry
-    assert samples is not None, "a verified plan has samples"
     shown: object = None
     for row, time_s in enumerate(samples.t_s.tolist()):
         q, states = samples.q[row].tolist(), stiffness(plan, time_s)
@@ -137,11 +135,10 @@ def stiffness(plan: Plan, time_s: float) -> tuple[str, str]:
 
 
 def _metadata(plan: Plan) -> dict[str, str]:
-    duration = "" if plan.duration_s is None else f"{plan.duration_s:.6f}"
     return {
         "robot": plan.robot.name,
         "planner": plan.planner,
         "status": str(plan.status),
-        "message": plan.message,
-        "duration_s": duration,
+        "message": str(plan),
+        "duration_s": f"{plan.duration_s:.6f}",
     }

@@ -140,9 +140,6 @@ def check_sendable(plan: Plan) -> Samples:
         NoPlanError: If the plan is not verified, or does not pass the check again.
         InputError: If it keeps a segment warm, which the firmware's commands cannot say.
     """
-    plan.require()
-    if plan.samples is None:
-        raise NoPlanError(plan.status, plan.message)
     checked = verify(plan.problem, plan.samples, plan.phases, plan.transitions)
     if not checked.ok:
         raise NoPlanError(Status.FAILED, f"verified again, {checked.problems[0]}")
