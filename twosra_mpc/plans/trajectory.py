@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +35,7 @@ class Phase(NamedTuple):
     end_s: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Samples:
     """A plan at some times, for a robot of n segments; arrays are read-only.
 
@@ -76,8 +76,12 @@ class Samples:
     def __len__(self) -> int:
         return len(self.t_s)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The samples as plain data."""
+        return {item.name: getattr(self, item.name).tolist() for item in fields(self)}
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A plan's course from t = 0 to its end, asked at any times, which are clipped to that.
 

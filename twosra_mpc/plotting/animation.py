@@ -39,7 +39,6 @@ def animate_plan(
         on_progress: Called with the frames done and the frames in all, after each of them.
 
     Raises:
-        NoPlanError: If the plan has no samples.
         InputError: If such a file cannot be written.
     """
     return animate_story(plan_story(plan), path, duration_s, on_progress)
@@ -66,11 +65,7 @@ def _moments(story: Story, duration_s: float) -> list[Moment]:
 
 
 def plan_story(plan: Plan) -> Story:
-    """What the animation of a plan shows.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """What the animation of a plan shows."""
     samples = samples_of(plan)
     end_s = float(samples.t_s[-1])
     after_s = end_s + 1e-3  # so that the last state is the one that is reached

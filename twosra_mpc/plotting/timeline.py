@@ -13,7 +13,6 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import NoPlanError
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.plotting.style import BESIDE, SEGMENT_COLOURS, STATES
@@ -31,13 +30,7 @@ MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # n
 
 
 def samples_of(plan: Plan) -> Samples:
-    """Samples of a plan.
-
-    Raises:
-        NoPlanError: If it has none.
-    """
-    if plan.samples is None:
-        raise NoPlanError(plan.status, plan.message)
+    """Samples of a plan."""
     return plan.samples
 
 
@@ -47,11 +40,7 @@ def configuration_at(samples: Samples, time_s: float) -> NDArray[np.float64]:
 
 
 def plan_stretch(plan: Plan) -> TimeStretch:
-    """Time axis of a plan, stretched inside its motion phases.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Time axis of a plan, stretched inside its motion phases."""
     return TimeStretch.of(plan.phases, float(samples_of(plan).t_s[-1]) or 1.0)
 
 
@@ -67,21 +56,13 @@ def segment_states(plan: Plan, segment: int, end_s: float) -> list[tuple[float, 
 
 
 def draw_timeline(ax: Axes, plan: Plan) -> Axes:
-    """Draw stiffness and heaters: a lane a segment, its heater current below, motion in grey.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Draw stiffness and heaters: a lane a segment, its heater current below, motion in grey."""
     draw_lanes(ax, plan).legend(handles=state_handles(), **BESIDE)
     return draw_motion(ax, plan)
 
 
 def draw_lanes(ax: Axes, plan: Plan) -> Axes:
-    """Draw what ``draw_timeline`` does, without motion and legend.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Draw what ``draw_timeline`` does, without motion and legend."""
     samples = samples_of(plan)
     for segment, row in ((1, 1.0), (2, 0.0)):
         for low, high, state in segment_states(plan, segment, float(samples.t_s[-1])):
@@ -122,11 +103,7 @@ def state_handles() -> list[Patch]:
 
 
 def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature") -> Axes:
-    """Draw position, heading or the curvatures over time.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Draw position, heading or the curvatures over time."""
     samples, (columns, names, label) = samples_of(plan), COORDINATES[coordinate]
     for values, name, colour in zip(
         samples.q[:, columns].T, names, SEGMENT_COLOURS[: len(names)], strict=True
@@ -137,11 +114,7 @@ def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature
 
 
 def draw_wheel_speeds(ax: Axes, plan: Plan) -> Axes:
-    """Draw the speeds of the four wheels over time.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Draw the speeds of the four wheels over time."""
     samples = samples_of(plan)
     for wheel, speed in enumerate(samples.wheel_rad_s.T):
         colour, dashes = SEGMENT_COLOURS[wheel // 2], ("-", "--")[wheel % 2]
@@ -151,11 +124,7 @@ def draw_wheel_speeds(ax: Axes, plan: Plan) -> Axes:
 
 
 def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
-    """Draw expected temperatures and set-points over time, and the range in which metal melts.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Draw expected temperatures and set-points over time, and the range in which metal melts."""
     samples = samples_of(plan)
     solid, liquid = plan.problem.stiffness_thresholds_C
     melting = f"{solid:g} °C" if solid == liquid else f"{solid:g} to {liquid:g} °C"
@@ -169,11 +138,7 @@ def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
 
 
 def draw_melt_fractions(ax: Axes, plan: Plan) -> Axes:
-    """Draw expected melt fractions over time.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Draw expected melt fractions over time."""
     samples = samples_of(plan)
     for j, colour in enumerate(SEGMENT_COLOURS):
         liquid = samples.melt_fraction[:, j]

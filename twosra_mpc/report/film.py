@@ -118,7 +118,7 @@ def film_length_s(plan: Plan) -> float:
 
 def event_times(plan: Plan) -> list[float]:
     """Times at which a phase, a heating, a melt, a cooling or a freeze begins or ends [s]."""
-    times = {0.0, plan.duration_s or 0.0}
+    times = {0.0, plan.duration_s}
     times.update(t for phase in plan.phases for t in phase[1:])
     times.update(t for item in plan.transitions for t in item[2:])
     kept: list[float] = []
@@ -166,7 +166,7 @@ def _states_at(plan: Plan, segment: int, times: Array) -> list[str]:
 
 def _doing(plan: Plan, t: float, states: tuple[str, str], heated: Sequence[bool]) -> str:
     """What happens at ``t``: motion first, then what is waited for."""
-    if t >= (plan.duration_s or 0.0) - _SAME_S:
+    if t >= (plan.duration_s) - _SAME_S:
         return "the end of the plan"
     for phase in plan.phases:
         if phase.start_s - _SAME_S <= t < phase.end_s - _SAME_S:
