@@ -18,7 +18,7 @@ from matplotlib.colors import same_color
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from twosra_mpc import InputError, NoPlanError, Plan, Status, load_problem, plan
+from twosra_mpc import InputError, Plan, Result, Status, load_problem, plan
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import animate_plan, check_animation_path, film
 from twosra_mpc.plotting.animation import plan_story
@@ -32,8 +32,12 @@ README_LIMIT = 3_000_000  # bytes that a page shows without making its reader wa
 
 
 @cache
-def made(name: str) -> Plan:
+def result_of(name: str) -> Result:
     return plan(load_problem(name))
+
+
+def made(name: str) -> Plan:
+    return result_of(name).require()
 
 
 @cache
@@ -78,7 +82,6 @@ def test_two_segments_that_do_the_same_are_named_together() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.999, 1.0])
 def test_the_robot_stands_where_the_plan_has_it_in_the_colours_of_its_state(share: float) -> None:
     story, result = plan_story(made("paper-1")), made("paper-1")
-    assert result.samples is not None
     time_s = float(story.stretch.inverse(np.array(share)))
     here = scene("paper-1")
     here.show(Moment(time_s, pace=1.0))
@@ -102,7 +105,6 @@ def test_the_end_shows_the_stiffness_that_is_reached() -> None:
 
 def test_a_heater_is_marked_exactly_while_it_is_on() -> None:
     result = made("paper-2")
-    assert result.samples is not None
     story = plan_story(result)
     np.testing.assert_array_equal(story.heated, result.samples.heater_current_A > 0)
     heater = melt("paper-2").heater_s
@@ -122,7 +124,7 @@ def test_waits_are_compressed_and_motion_is_slowed_down() -> None:
 
 def test_a_plan_without_motion_stands_still() -> None:
     start = load_problem("rigid-move").start
-    rest = plan(load_problem("rigid-move", goal={"x_m": start.x_m, "y_m": start.y_m}))
+    rest = plan(load_problem("rigid-move", goal={"x_m": start.x_m, "y_m": start.y_m})).require()
     with Image.open(io.BytesIO(animate_plan(rest, duration_s=1.0).data)) as gif:
         first = np.asarray(gif.convert("RGB"))
         gif.seek(getattr(gif, "n_frames", 1) - 1)
@@ -233,12 +235,6 @@ def test_an_interrupted_animation_leaves_the_old_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_plan_without_samples_is_refused() -> None:
-    empty = replace(made("rigid-move"), samples=None, status=Status.INFEASIBLE, message="no way")
-    with pytest.raises(NoPlanError, match="no way"):
-        animate_plan(empty)
-
-
 # --- program
 
 
@@ -249,7 +245,7 @@ def run(run_as_is: Run) -> Run:
 
 
 def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
-    made("rigid-move").save("plan.json")
+    result_of("rigid-move").save("plan.json")
     code, out, err = run("plan.json", "plan.gif", "--seconds", "1")
     assert (code, err) == (0, "")
     assert re.search(r"file +plan\.gif *\n *bytes +\d+ ", out)
@@ -267,7 +263,7 @@ def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> None:
-    made("rigid-move").save("plan.json")
+    result_of("rigid-move").save("plan.json")
     code, out, err = run(*arguments)
     assert (code, out) == (2, "")
     assert said in err
@@ -275,7 +271,7 @@ def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> 
 
 
 def test_a_plan_file_without_a_plan_has_nothing_to_animate(run: Run) -> None:
-    empty = replace(made("rigid-move"), samples=None, status=Status.FAILED, message="no way")
+    empty = replace(result_of("rigid-move"), plan=None, status=Status.FAILED, message="no way")
     empty.save("plan.json")
     code, out, err = run("plan.json", "plan.gif")
     assert (code, out) == (4, "")

@@ -85,7 +85,7 @@ def test_the_table_says_what_comes_out(name: str) -> None:
         ("greedy", greedy_modes, greedy_time),
         ("optimal", modes, time),
     ):
-        result = plan(load_problem(name, planner=planner))
+        result = plan(load_problem(name, planner=planner)).require()
         assert said_modes == f"`{' '.join(mode_name(phase.mode) for phase in result.phases)}`"
         assert said_time == f"{result.duration_s:.1f} s"
         if result.gap is not None:

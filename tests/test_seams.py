@@ -23,10 +23,14 @@ ALLOWED = {
     "click": ("cli/",),
     "rich": ("cli/",),
     "pydantic": (
-        *("validation.py", "schema.py", "robot/", "problem/", "plans/plan.py"),
+        *("validation.py", "schema.py", "robot/", "problem/", "plans/document.py"),
         "execution/tracking/settings.py",
     ),
     "pydantic_core": ("validation.py",),
+}
+# Against the flow, inside a function: module and what it imports -> why.
+AGAINST_THE_FLOW = {
+    ("plans/plan.py", "twosra_mpc.plotting.notebook"): "a notebook shows a plan as its figure",
 }
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
@@ -86,7 +90,7 @@ def test_libraries_stay_behind_their_seam(module: str) -> None:
 @pytest.mark.parametrize("module", MODULES)
 def test_the_flow_has_one_direction(module: str) -> None:
     for name in imports(module):
-        if name.startswith("twosra_mpc."):
+        if name.startswith("twosra_mpc.") and (module, name) not in AGAINST_THE_FLOW:
             path = name.removeprefix("twosra_mpc.").replace(".", "/")
             target = f"{path}.py" if (PACKAGE / f"{path}.py").exists() else f"{path}/"
             assert stage(target) <= stage(module), f"{module} imports {name}"

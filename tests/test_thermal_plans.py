@@ -65,11 +65,9 @@ FAST += [403, 409, 413, 421, 423, 425, 427, 429, 435]
 
 @pytest.mark.parametrize("seed", FAST)
 def test_random_thermal_plans_are_verified_and_close_to_their_bound(seed: int) -> None:
-    result = plan(drawn_problem(seed))
+    result = plan(drawn_problem(seed)).require()
     assert result.status is Status.OPTIMAL
-    assert result.verification is not None
     assert result.verification.ok
-    assert result.cost is not None
     assert result.lower_bound is not None
     assert result.gap is not None
     assert result.lower_bound <= result.cost.total + 1e-6
@@ -88,8 +86,7 @@ def test_a_warmer_start_never_makes_the_papers_robot_slower(name: str) -> None:
     start = load_problem(name).start.model_dump()
     ends = []
     for warm in (10.0, 25.0, 45.0, 60.0):
-        result = plan(load_problem(name, start={**start, "temperature_C": (warm, warm)}))
-        assert result.duration_s is not None
+        result = plan(load_problem(name, start={**start, "temperature_C": (warm, warm)})).require()
         ends.append(result.duration_s)
     assert ends == sorted(ends, reverse=True)
     assert ends[1] - ends[3] > 20.0

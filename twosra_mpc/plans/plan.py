@@ -139,10 +139,10 @@ class Plan:
         return Status.OPTIMAL if proved else Status.FEASIBLE
 
     def __str__(self) -> str:
-        known = f"by the {self.planner} rule"
+        known = f" by the {self.planner} rule"
         if self.gap is not None:
-            known = f"proved within {float(f'{100 * self.gap:.2g}'):g} % of the best"
-        return f"{sequence_name(self.sequence)}: {self.cost.total:.1f} s, {known}"
+            known = f", proved within {float(f'{100 * self.gap:.2g}'):g} % of the best"
+        return f"{sequence_name(self.sequence)}: {self.cost.total:.1f} s{known}"
 
     def __repr__(self) -> str:
         return f"<Plan {self}>"
