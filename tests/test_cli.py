@@ -61,9 +61,9 @@ def test_a_plan_is_summed_up_on_standard_output(run: Run) -> None:
     assert f"duration {found.plan.cost.time_s:.2f} s" in out
     assert f"lower bound {found.lower_bound:.2f} s" in out
     assert f"energy {found.plan.cost.energy_J:.0f} J in 2 transitions" in out
-    for phase in found.phases:
+    for phase in found.plan.phases:
         assert f"drive [{phase.mode[0]},{phase.mode[1]}] {phase.start_s:.2f} s to" in out
-    for item in found.transitions:
+    for item in found.plan.transitions:
         assert f"segment {item.segment} {item.to} {item.heater_s:.2f} s to {item.done_s:.2f}" in out
     assert "verification passed" in out
 
