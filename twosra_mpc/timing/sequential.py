@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating, Knot, power_W
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, phase_order
@@ -33,6 +33,12 @@ class Sequential(TransitionModel):
     def words(self) -> str:
         named = f"timing “{self.problem.timing}”"
         return f"the fixed waits of {named}, through which the robot stands still"
+
+    @property
+    def detours(self) -> tuple[ModeSequence, ...]:
+        """To freeze all and melt anew may take less than to reconfigure."""
+        quicker = self.times.freeze_s + self.times.heat_s < self.times.reconfigure_s
+        return ((), (rigid_mode(len(self.first)),)) if quicker else ((),)
 
     def _wait(self, before: Mode, after: Mode) -> float:
         if before == after:

@@ -93,6 +93,11 @@ class TransitionModel(ABC):
         return self.problem.start_mode
 
     @property
+    def detours(self) -> tuple[ModeSequence, ...]:
+        """Phases by which one mode may be quicker to reach from another; () is to go directly."""
+        return ((),)
+
+    @property
     @abstractmethod
     def words(self) -> str:
         """What the times are, to complete "it holds for"."""
