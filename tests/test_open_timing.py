@@ -24,7 +24,7 @@ from twosra_mpc.thermal.lumped import Lumped, State
 from twosra_mpc.timing import EventLayout, TemporalNetwork, Transition, TransitionModel, model_of
 from twosra_mpc.timing.network import phase_order
 from twosra_mpc.timing.sequential import SequentialHeating
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, by_heater_time, own_transitions
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, by_heater_time
 from twosra_mpc.validation import Positive
 
 MOVE: dict[str, Any] = {
@@ -154,14 +154,10 @@ def robot_that_pauses(pause_s: float) -> Robot:
                 ]
             return by_heater_time(found)
 
-        def heating(self, transitions: Sequence[Transition]) -> tuple[SequentialHeating, ...]:
+        def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SequentialHeating:
+            soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
             heater, air = self.problem.robot.heater, self.problem.ambient
-            return tuple(
-                SequentialHeating(bool(soft), own_transitions(transitions, j), heater, air, start)
-                for j, (soft, start) in enumerate(
-                    zip(self.first, self.problem.temperatures, strict=True)
-                )
-            )
+            return SequentialHeating(soft, own, heater, air, now)
 
         def violations(
             self, item: Transition, before: Transition | None, others: Sequence[Transition]

@@ -23,6 +23,7 @@ from twosra_mpc.thermal.trajectory import TemperatureTrajectory
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 from twosra_mpc.timing.network import events_of
 from twosra_mpc.timing.thermal import Thermal
+from twosra_mpc.timing.transitions import own_transitions
 
 V1, V2, ARC = (load_robot(name) for name in ("2sra-v1", "2sr-v2", "2sra-v1-arc"))
 
@@ -221,7 +222,7 @@ def trajectory_of(
     problem: Problem, segment: int, transitions: Sequence[Transition]
 ) -> TemperatureTrajectory:
     """How a segment (from 0) is heated."""
-    return thermal_model(problem).trajectory(segment, transitions)
+    return thermal_model(problem).trajectory(segment, own_transitions(transitions, segment))
 
 
 def phases_of(found: History) -> Iterator[tuple[Mode, float, float]]:

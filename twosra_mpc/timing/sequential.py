@@ -18,7 +18,6 @@ from twosra_mpc.timing.transitions import (
     TransitionModel,
     by_heater_time,
     model_of,
-    own_transitions,
 )
 
 
@@ -99,17 +98,10 @@ class Sequential(TransitionModel):
             found += [Transition(j + 1, "soft", *melt) for j in soft_segments(after)]
         return by_heater_time(found)
 
-    def heating(self, transitions: Sequence[Transition]) -> tuple[ConstantHeating, ...]:
-        return tuple(
-            SequentialHeating(
-                soft_at_start=bool(soft),
-                transitions=own_transitions(transitions, j),
-                heater=self.problem.robot.heater,
-                ambient_C=self.problem.ambient,
-                temperature_C=self.problem.temperatures[j],
-            )
-            for j, soft in enumerate(self.first)
-        )
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SequentialHeating:
+        soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+        heater, air = self.problem.robot.heater, self.problem.ambient
+        return SequentialHeating(soft, own, heater, air, now)
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
