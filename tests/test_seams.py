@@ -66,7 +66,7 @@ STAGES = [
 ]
 
 
-# Records that a robot or a scenario chooses among -> where code may ask which one it is. Anywhere else it
+# What a robot or a scenario chooses among -> where code may ask which one it is. Anywhere else it
 # asks the record's model, so that another one can be added without a change there.
 OPEN_RECORDS = {
     "robot/paths.py": ("robot/", "model/", "identification/"),
