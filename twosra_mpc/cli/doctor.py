@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import platform
 import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -134,10 +135,16 @@ def package(item: Requirement) -> str:
     """Version of a dependency, if it is new enough and can be imported."""
     version = metadata.version(item.name)
     _at_least(version, item.floor)
-    for module, sources in metadata.packages_distributions().items():
+    for module, sources in _modules().items():
         if item.name in (source.lower() for source in sources):
             importlib.import_module(module)
     return version
+
+
+@functools.cache
+def _modules() -> Mapping[str, list[str]]:
+    """Top-level modules -> the packages they are from; half a second to find out."""
+    return metadata.packages_distributions()
 
 
 def _at_least(version: str, floor: str) -> None:

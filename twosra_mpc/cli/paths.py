@@ -19,11 +19,10 @@ from twosra_mpc.cli.options import (
     scenario_options,
 )
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
-from twosra_mpc.identification.path_choice import write_fitted_robot
+from twosra_mpc.identification.path_choice import parameters_in_words, write_fitted_robot
 from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
 from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import sequence_name
-from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 _FIT_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 
@@ -140,21 +139,18 @@ def _fits(robot: Robot) -> dict[str, Any]:
 
 
 def _print_fits(robot: Robot) -> None:
-    built_in = robot.path if isinstance(robot.path, LogSpiralPath) else None
+    given_spirals, given_cardioids = parameters_in_words(robot.path)
     rows = []
     for k, fit in enumerate(fit_spirals(robot.geometry)):
-        known = f"{built_in.scale[k]:.4f}, {built_in.growth[k]:.4f}" if built_in else "-"
         residual = f"{fit.rms_l:.4f}, {fit.max_l:.4f}"
-        rows.append((CASES[k], f"{fit.scale:.4f}, {fit.growth:.4f}", known, residual))
+        rows.append((CASES[k], f"{fit.scale:.4f}, {fit.growth:.4f}", given_spirals[k], residual))
     header = ("spiral", "fitted a / l, b", f"in {robot.name}", "residual / l: rms, largest")
     print_table(header, rows)
-    given = robot.path if isinstance(robot.path, CardioidPath) else None
     rows = []
     for k, cardioid in enumerate(fit_cardioids(robot.geometry)):
-        known = f"{given.radius_m[k]:.4f}, {given.phi_per_alpha[k]:.4f}" if given else "-"
         fitted = f"{cardioid.radius_m:.4f}, {cardioid.phi_per_alpha:.4f}"
         residual = f"{1e3 * cardioid.rms_m:.3f}, {1e3 * cardioid.max_m:.3f}"
-        rows.append((CASES[k], fitted, known, residual))
+        rows.append((CASES[k], fitted, given_cardioids[k], residual))
     header = (
         "cardioid",
         "fitted a [m], dphi/dalpha",
