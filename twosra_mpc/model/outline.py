@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -59,14 +60,12 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShap
         raise InputError("q", at.shape, f"an array of shape (..., {size})")
     n, rows = geometry.segments, at.reshape(-1, size)
     shapes = ((n, points, 2), (n + 1, 2, 2), (2, 4, 2), (4, 4, 2), (2, 3))
-    parts = _outline(geometry, points)(rows.T)
-    return RobotShape(
-        at[..., :2],
-        *(
-            part.full().T.reshape(*at.shape[:-1], *shape)
-            for part, shape in zip(parts, shapes, strict=True)
-        ),
+    columns = (part.full().T.ravel() for part in _outline(geometry, points)(rows.T))
+    parts = (  # CasADi evaluates at least once, even for no rows
+        values[: len(rows) * math.prod(shape)].reshape(*at.shape[:-1], *shape)
+        for values, shape in zip(columns, shapes, strict=True)
     )
+    return RobotShape(at[..., :2], *parts)
 
 
 @lru_cache(maxsize=32)
