@@ -35,7 +35,7 @@ from twosra_mpc.planning.search.bounds import (
     sequence_bound,
     unreachable_reason,
 )
-from twosra_mpc.problem.shape import may_drive
+from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.robot.modes import MODES, RIGID, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
 

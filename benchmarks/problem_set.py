@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot
-from twosra_mpc.problem.shape import check_shapes
+from twosra_mpc.problem.limits import check_shapes
 
 FOLDER = Path(__file__).parent / "sets"
 

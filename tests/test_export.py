@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from twosra_mpc.checking.resampling import refined
 from twosra_mpc.export import foxglove_messages
 from twosra_mpc.export.authors_csv import COLUMNS, save_authors_csv
 from twosra_mpc.export.plan_mcap import TABLES, TOPICS, save_mcap
+from twosra_mpc.installation import install_command
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 
 Messages = dict[str, list[tuple[float, Any]]]
@@ -290,7 +292,7 @@ def test_without_foxglove_the_error_says_how_to_install_it(
     planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(InputError, match=r"pip install 'twosra-mpc\[mcap\]'"):
+    with pytest.raises(InputError, match=re.escape(install_command("mcap"))):
         save_mcap(planned("paper-2"), tmp_path / "plan.mcap")
 
 

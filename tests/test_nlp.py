@@ -13,7 +13,7 @@ from twosra_mpc import Problem, load_problem
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import bending_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import (
     IPOPT_STATUS,
     Candidate,
@@ -26,6 +26,7 @@ from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.nlp.landing import LANDED, land
 from twosra_mpc.planning.nlp.multiple_shooting import transcribe
 from twosra_mpc.planning.outcome import verified
+from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork
 

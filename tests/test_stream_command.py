@@ -21,6 +21,7 @@ from twosra_mpc.execution.serial import port as port_module
 from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_report, stop_command
 from twosra_mpc.execution.serial.plan_stream import STOPS, StreamError
 from twosra_mpc.execution.serial.port import PortError, SerialPort
+from twosra_mpc.installation import install_command
 
 STOP = stop_command()
 
@@ -228,7 +229,7 @@ def test_without_pyserial_the_error_says_how_to_install_it(
     monkeypatch.setitem(sys.modules, "serial", None)
     outcome = run("stream", saved, "--port", "/dev/ttyUSB0")
     assert outcome.code == 2
-    assert "pip install 'twosra-mpc[serial]'" in outcome.err
+    assert install_command("serial") in outcome.err
 
 
 def test_errors_survive_pickling() -> None:

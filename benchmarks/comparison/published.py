@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.measurement import Timing
 from benchmarks.plan_record import PlanRecord
 from twosra_mpc import Problem
-from twosra_mpc.problem.shape import shape_margins
+from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.reproduction.published import PublishedTrajectory, StopReason
 
 PUBLISHED = "published loop"

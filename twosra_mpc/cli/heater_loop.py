@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import file_option, output_options, plot_option
+from twosra_mpc.cli.options import ROBOT, file_option, output_options, plot_option
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.heater_loop import (
@@ -47,7 +47,13 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
 
 
 @click.command("simulate-heater", help=_HELP)
-@click.option("--robot", default="2sra-v1", show_default=True, help="A built-in name or a file.")
+@click.option(
+    "--robot",
+    default="2sra-v1",
+    show_default=True,
+    help="A built-in name or a file.",
+    **ROBOT,
+)
 @click.option(
     "--profile",
     default="soft:120,rigid:400",

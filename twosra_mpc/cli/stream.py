@@ -23,6 +23,7 @@ from twosra_mpc.execution.serial.plan_stream import (
     stream,
 )
 from twosra_mpc.execution.serial.port import Port, open_serial_port
+from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan, load_plan
 from twosra_mpc.robot.modes import mode_name
 
@@ -36,7 +37,7 @@ reported within {LISTEN_S:g} s, phases begin at the plan's times.
 Ctrl-C, SIGTERM, a closed terminal and every error stop the wheels and switch the heaters off. Keep
 a hand at the switch all the same: the robot goes on with its last command if the line breaks.
 
-Needs pyserial: pip install 'twosra-mpc[serial]'.
+Needs pyserial: {install_command("serial")}
 
 \b
 See what would be sent, without a robot:

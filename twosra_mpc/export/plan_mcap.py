@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import atomic_path
+from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
@@ -57,7 +58,8 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
 
         from twosra_mpc.export.foxglove_messages import frames, nanoseconds, scene
     except ImportError as error:
-        allowed = "a .csv file, or any once MCAP can be written: pip install 'twosra-mpc[mcap]'"
+        install = install_command("mcap")
+        allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
         raise InputError("output", str(path), allowed) from error
     verified = plan.require()
     shown = verified if rate_Hz is None else refined(verified, rate_Hz)

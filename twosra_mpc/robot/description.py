@@ -7,7 +7,7 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -22,6 +22,19 @@ from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.segment import Segment
 from twosra_mpc.robot.timing import Timing
 from twosra_mpc.validation import FrozenDict, Value, plain
+
+
+class Body(NamedTuple):
+    """What the motion of a robot depends on, and nothing else: the key of compiled functions."""
+
+    geometry: Geometry
+    path: PathRecord
+    limits: MotionLimits
+
+    @property
+    def body(self) -> Body:
+        """Itself, so that a function of a body can be given a robot."""
+        return self
 
 
 class Robot(Value):
@@ -76,6 +89,11 @@ class Robot(Value):
             needed = f"a table of keys: timing {thermal[0]} takes its times from it"
             raise InputError("segment", "missing", needed)
         return self
+
+    @property
+    def body(self) -> Body:
+        """What its motion depends on."""
+        return Body(self.geometry, self.path, self.limits)
 
     @property
     def coordinates(self) -> Coordinates:

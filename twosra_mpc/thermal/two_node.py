@@ -15,8 +15,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.optimize import brentq
-
 State = tuple[float, ...]
 
 _HORIZON_S = 1e5  # a threshold not passed in a day is never passed
@@ -132,6 +130,8 @@ class TwoNode:
             if excess(low) <= 0:  # by rounding
                 return low
             if high > low and excess(high) <= 0:
+                from scipy.optimize import brentq  # scenarios are listed without it
+
                 return float(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
         return math.inf
 

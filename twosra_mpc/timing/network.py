@@ -24,6 +24,7 @@ class EventLayout:
     """Numbering of the events of a sequence of ``phases`` phases; the same for every sequence."""
 
     phases: int
+    segments: int = 2
 
     @property
     def count(self) -> int:

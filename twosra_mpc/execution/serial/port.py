@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from twosra_mpc.errors import InputError, TwosraError
 from twosra_mpc.execution.serial.firmware_lines import BAUD
+from twosra_mpc.installation import install_command
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -82,7 +83,7 @@ def open_serial_port(name: str) -> SerialPort:
     try:
         from serial import Serial, SerialException
     except ImportError as error:
-        allowed = "any, once pyserial is installed: pip install 'twosra-mpc[serial]'"
+        allowed = f"any, once pyserial is installed: {install_command('serial')}"
         raise InputError("port", name, allowed) from error
     try:
         opened = Serial(name, BAUD, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=True)
