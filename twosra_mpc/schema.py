@@ -157,6 +157,8 @@ def _draft_7(schema: Schema) -> Schema:
 
 def _scenario() -> Schema:
     schema = _of(Problem)
+    schema["properties"]["goal"] = {"$ref": "#/definitions/Goal"}  # the kind that files can say
+    del schema["definitions"]["GoalSet"]
     kappa = schema["definitions"]["Goal"]["properties"]["kappa_per_m"]
     kappa["items"] = {"anyOf": [{"type": "number"}, {"const": "free"}, {"type": "null"}]}
     schema["properties"]["robot"] = {

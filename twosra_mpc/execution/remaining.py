@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.problem.problem import Goal, Problem, Start, Tolerance
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode
 
 Array = NDArray[np.float64]
@@ -73,13 +75,8 @@ def _temperatures(
     return agreed(measured_C[0], mode[0]), agreed(measured_C[1], mode[1])
 
 
-def _goal(goal: Goal, q: Array, accuracy: Accuracy, broken: Collection[int]) -> Goal:
+def _goal(goal: GoalSet, q: Array, accuracy: Accuracy, broken: Collection[int]) -> GoalSet:
     """The same goal, with curvature tolerances within which nothing needs to melt."""
-    widths = list(goal.tolerance.kappa_per_m)
-    off = np.abs(goal.error(q.copy())[3:]) / accuracy.curvature_per_m
-    for segment in (0, 1):
-        kept = ACCEPTED if segment not in broken else 1.0
-        share = float(off[segment]) + _ROUNDING if off[segment] <= kept else 0.0
-        widths[segment] += share * accuracy.curvature_per_m
-    tolerance = Tolerance(**{**dict(goal.tolerance), "kappa_per_m": tuple(widths)})
-    return Goal(**{**dict(goal), "tolerance": tolerance})
+    off = np.abs(goal.error(q.copy())[POSE:]) / accuracy.curvature_per_m
+    kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off))]
+    return goal.loosened(np.where(off <= kept, off + _ROUNDING, 0.0) * accuracy.curvature_per_m)

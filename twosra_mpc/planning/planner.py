@@ -34,6 +34,7 @@ from twosra_mpc.problem.limits import (
     surely_broken,
 )
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, sequence_name
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
@@ -172,24 +173,18 @@ class SequenceSolver:
 def bending_task(problem: Problem) -> BendingTask:
     """What the plan must do to the bending coordinates, from start, goal and path model."""
     facts = bending(problem.robot)
-    start, goal = problem.start.configuration[3:], problem.goal.configuration[3:]
-    width = problem.goal.half_width[3:].tolist()
+    start = problem.start.configuration
+    ends = zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True)
     limit = problem.robot.limits.curvature_per_m
-    origin = facts.coordinates(start.tolist())
-    change, room, words = [], [], []
-    for j, here in enumerate(origin):
-        if math.isnan(goal[j]):
-            low, high = -limit, limit
-            words.append(f"kappa{j + 1} free")
-        else:
-            low, high = max(goal[j] - width[j], -limit), min(goal[j] + width[j], limit)
-            box = f" (+- {width[j]:g})" if width[j] else ""
-            words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g}{box} 1/m")
+    origin = facts.coordinates(start[POSE:].tolist())
+    change, room, exact, words = [], [], [], []
+    for j, (here, (low, high)) in enumerate(zip(origin, ends, strict=True)):
+        low_w, high_w = (facts.coordinate(max(-limit, min(k, limit)), j) for k in (low, high))
         most = facts.coordinate(limit, j)
-        ends = (facts.coordinate(float(end), j) - here for end in (low, high))
-        change.append((next(ends), next(ends)))
+        change.append((low_w - here, high_w - here))
         room.append((-most - here, most - here))
-    exact = [None if math.isnan(k) or w else k for k, w in zip(goal.tolist(), width, strict=True)]
+        exact.append(low if low == high else None)
+        words.append(_asked(f"kappa{j + 1}", float(start[POSE + j]), low, high))
 
     def forbidden(mode: Mode, before: tuple[float, ...], bend: float) -> str | None:
         shapes = facts.shapes_on_the_way(mode, before, bend)
@@ -199,7 +194,7 @@ def bending_task(problem: Problem) -> BendingTask:
     return BendingTask(
         change=tuple(change),
         room=tuple(room),
-        start=tuple(start.tolist()),
+        start=tuple(start[POSE:].tolist()),
         goal=tuple(exact),
         rate=facts.fastest,
         origin=origin,
@@ -213,10 +208,19 @@ def bending_task(problem: Problem) -> BendingTask:
     )
 
 
+def _asked(name: str, start: float, low: float, high: float) -> str:
+    """What a goal asks of a curvature, in words."""
+    if not math.isfinite(high - low):
+        return f"{name} free"
+    box = f" (+- {(high - low) / 2:g})" if high > low else ""
+    return f"{name} from {start:g} to {(low + high) / 2:g}{box} 1/m"
+
+
 def pose_task(problem: Problem) -> PoseTask | None:
     """What the plan must do to the pose; None unless the goal gives it exactly."""
-    start, goal = problem.start.configuration, problem.goal.configuration
-    if np.isnan(goal[:3]).any() or problem.goal.half_width[:3].any():
+    start = problem.start.configuration
+    goal, end = (end[:POSE] for end in problem.goal.box(start))
+    if (goal != end).any():
         return None
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
     c, s = math.cos(start[2]), math.sin(start[2])
@@ -232,22 +236,23 @@ def pose_task(problem: Problem) -> PoseTask | None:
 
 def rigid_time(problem: Problem) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
-    start, goal = problem.start.configuration, problem.goal.configuration
+    start = problem.start.configuration
+    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box(start))
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
-    rows = rigid_rows(problem.robot, start[3:])
+    rows = rigid_rows(problem.robot, start[POSE:])
     c, s = math.cos(start[2]), math.sin(start[2])
-    shift, box = goal[:2] - start[:2], problem.goal.half_width
-    if np.isfinite(shift).all() and not box[:2].any():
+    given = np.isfinite(high - low)
+    ends = np.where(given, [low, high], math.nan)
+    shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
+    if given[:2].all() and not box[:2].any():
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
         rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    turn = goal[2] - start[2]
-    turns = (-math.inf, math.inf) if math.isnan(turn) else (turn - box[2], turn + box[2])
     return least_time(
         speed_rows=rows,
         shift=shift,
         shift_box=box[:2],
-        turns=turns,
+        turns=(float(low[2]), float(high[2])),
         modulo=problem.goal.phi_modulo,
         known_s=float(interval_durations(guess).sum()),
     )
@@ -309,7 +314,7 @@ def _failure(problem: Problem, result: SearchResult[Verified], tree: ModeTree[Ve
     if result.solved == 0:
         return f"{tried}: {too_few_phases(tree)}"
     rigid = problem.robot.rigid
-    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:3]).all():
+    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
         only = f"without mode {mode_name(rigid)} the pose changes only by bending"
         return f"{tried}: {only}: add {mode_name(rigid)} to modes"
     return f"{tried}: {_advice(result.ending)}"
