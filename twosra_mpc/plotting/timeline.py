@@ -151,6 +151,6 @@ def finished(ax: Axes, label: str) -> Axes:
     """Label the quantity of an axes, and name its curves beside it."""
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
     ax.set(ymargin=0.12, ylabel=label)
-    names = ax.get_legend_handles_labels()[1]
-    ax.legend(**BESIDE, ncols=1 if len(names) <= 5 else 2)
+    many = len(ax.get_legend_handles_labels()[1]) > 5
+    ax.legend(**BESIDE, **({"fontsize": 7, "labelspacing": 0.2} if many else {}))
     return ax
