@@ -37,8 +37,7 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.robot.description import Robot, segment_model
 
 Array = NDArray[np.float64]
 
@@ -160,7 +159,7 @@ def energy_J(some: Plan) -> float:
     held_s, currents = np.diff(samples.t_s).tolist(), samples.heater_current_A
     total = 0.0
     if some.problem.timing == "nominal":  # the hotter the coil, the more it resists
-        model = segment_model(some.robot, some.problem.ambient)
+        model = segment_model(some.robot, some.problem.ambient, 0)
         for j, temperature in enumerate(some.problem.temperatures):
             state = model.initial(temperature)
             for current, held in zip(currents[:-1, j].tolist(), held_s, strict=True):

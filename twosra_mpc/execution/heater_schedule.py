@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import stiffness_rule
-from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import Transition
@@ -127,6 +126,6 @@ def heater_schedule(plan: Plan) -> HeaterSchedule:
 def warm_setpoint_C(problem: Problem) -> float:
     """Temperature at which a segment is surely solid, even if its heater is a third stronger."""
     robot, air = problem.robot, problem.ambient
-    lags = temperature_sensor(robot, air).lags_s
-    melts_from_C = stiffness_rule(robot, air, lags).rigid_until_C
+    segments = range(robot.coordinates.segments)
+    melts_from_C = min(stiffness_rule(robot, air, j).rigid_until_C for j in segments)
     return air + _WARM_SHARE * (melts_from_C - air)

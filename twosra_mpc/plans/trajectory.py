@@ -14,12 +14,11 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.motion import FINE_STEPS
-from twosra_mpc.plans.heating import SegmentHeating, segment_heating
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.timing import Transition
+from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 
 Array = NDArray[np.float64]
 
@@ -102,6 +101,10 @@ class Trajectory:
         if found != segments:
             allowed = f"a column for each of {segments} segments"
             raise InputError("samples.mode", f"{found} columns", allowed)
+        for i, item in enumerate(self.transitions):
+            if not 1 <= item.segment <= segments:
+                where = f"transitions.{i}.segment"
+                raise InputError(where, item.segment, f"from 1 to {segments}")
 
     @property
     def duration_s(self) -> float:
@@ -149,7 +152,7 @@ class Trajectory:
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
-        return segment_heating(self.problem, self.transitions)
+        return transition_model(self.problem).heating(self.transitions)
 
     @cached_property
     def _turned_rad(self) -> Array:

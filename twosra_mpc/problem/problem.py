@@ -25,11 +25,10 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
 from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.description import Robot, load_robot
+from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.robot.segment import TwoNodeSegment
-from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
-from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.robot.timing import Timing
+from twosra_mpc.thermal.model import thresholds_C
 from twosra_mpc.validation import ModeField, NonNegative, Number, Numbers, Positive, Value, plain
 
 Array = NDArray[np.float64]
@@ -70,8 +69,9 @@ class Problem(Value):
     always start as late as the plan allows. ``heating`` says what counts beyond that: "fastest",
     time and the given weights; "least_energy", heater energy first and time second; "keep_warm" as
     fastest, and solid segments are kept warm between soft phases where that costs less. At most
-    ``heaters_at_once`` heaters are on at a time. ``transition_quantile`` reserves windows that hold
-    this share of early and of late transitions, given the ranges of the robot's parameters.
+    ``heaters_at_once`` heaters are on at a time: one, or all. ``transition_quantile`` reserves
+    windows that hold this share of early and of late transitions, given the ranges of the robot's
+    parameters.
     """
 
     description: str = ""
@@ -156,8 +156,11 @@ class Problem(Value):
                     InputError(f"{field}.{j}", "missing", required)
                     for j in range(len(given), count)
                 )
-        if self.heaters_at_once > count:
-            yield InputError("heaters_at_once", self.heaters_at_once, f"from 1 to {count}")
+        if self.heaters_at_once not in (
+            1,
+            count,
+        ):  # what between them is possible is not worked out
+            yield InputError("heaters_at_once", self.heaters_at_once, f"1 or {count}")
 
     def _contradictions(self) -> Iterator[InputError]:
         """Yield every value that the robot does not allow."""
@@ -191,19 +194,20 @@ class Problem(Value):
     def _impossible_temperatures(self) -> Iterator[InputError]:
         heater, name = self.robot.heater, self.robot.name
         low, high = heater.temperature_min_C, heater.temperature_max_C
-        solid, liquid = self.stiffness_thresholds_C
-        if not low <= self.ambient < solid:
-            allowed = f"from {low:g} to below {solid:g} C, where the metal of {name} melts"
+        thresholds = self.segment_thresholds_C
+        lowest, _ = self.stiffness_thresholds_C
+        if not low <= self.ambient < lowest:
+            allowed = f"from {low:g} to below {lowest:g} C, where the metal of {name} melts"
             yield InputError("ambient_C", self.ambient, allowed)
             return
-        for j, now in enumerate(self.temperatures):
+        for j, (now, (solid, liquid)) in enumerate(zip(self.temperatures, thresholds, strict=True)):
             field = f"start.temperature_C.{j}"
             if not low <= now <= high:
                 yield InputError(field, now, f"from {low:g} to {high:g} C (robot {name})")
             elif solid < now < liquid:
                 allowed = f"at most {solid:g} C (solid) or at least {liquid:g} C (liquid)"
                 yield InputError(field, now, allowed)
-            elif now == heater.melting_point_C == solid:
+            elif now == solid == liquid:
                 allowed = f"not exactly the melting point {solid:g} C: solid or liquid?"
                 yield InputError(field, now, allowed)
 
@@ -227,7 +231,8 @@ class Problem(Value):
 
     @property
     def _thermal(self) -> bool:
-        return isinstance(self.robot.timing.get(self.timing), ThermalTiming)
+        times = self.robot.timing.get(self.timing)
+        return times is not None and times.needs_segment
 
     @property
     def ambient(self) -> float:
@@ -241,11 +246,18 @@ class Problem(Value):
 
     @property
     def stiffness_thresholds_C(self) -> tuple[float, float]:
-        """Temperatures up to which a segment is solid, and from which on it is liquid [C]."""
-        segment = self.robot.segment
-        if self._thermal and isinstance(segment, TwoNodeSegment):
-            return segment.solid_below_C, segment.liquid_above_C
-        return self.robot.heater.melting_point_C, self.robot.heater.melting_point_C
+        """Temperatures up to which every segment is solid, and from which on liquid [C]."""
+        solid, liquid = zip(*self.segment_thresholds_C, strict=True)
+        return min(solid), max(liquid)
+
+    @property
+    def segment_thresholds_C(self) -> tuple[tuple[float, float], ...]:
+        """Temperatures up to which each segment is solid, and from which on it is liquid [C]."""
+        segments = range(self.robot.coordinates.segments)
+        if self._thermal:
+            models = (segment_model(self.robot, self.ambient, j) for j in segments)
+            return tuple(map(thresholds_C, models))
+        return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
 
     @property
     def stages(self) -> tuple[Stage, ...]:
@@ -255,8 +267,11 @@ class Problem(Value):
     @property
     def start_mode(self) -> Mode:
         """Stiffness at t = 0: a segment above its melting point is soft."""
-        solid, liquid = self.stiffness_thresholds_C
-        return tuple(int(now > solid and now >= liquid) for now in self.temperatures)
+        thresholds = self.segment_thresholds_C
+        return tuple(
+            int(now > solid and now >= liquid)
+            for now, (solid, liquid) in zip(self.temperatures, thresholds, strict=True)
+        )
 
     @property
     def cost_weights(self) -> Weights:
@@ -267,7 +282,7 @@ class Problem(Value):
         return self.weights.model_copy(update={"energy_s_per_J": energy})
 
     @property
-    def transition_times(self) -> OverlappedTiming | SequentialTiming | ThermalTiming:
+    def transition_times(self) -> Timing:
         """The set of transition times that ``timing`` names."""
         return self.robot.timing[self.timing]
 

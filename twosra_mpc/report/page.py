@@ -28,7 +28,6 @@ from twosra_mpc.report.film import ARC_POINTS, Pose, film_of, filmed_box
 from twosra_mpc.report.setpoint_table import setpoint_table
 from twosra_mpc.report.timeline import Thermometer, curve, lanes, ticks
 from twosra_mpc.robot.modes import mode_name, sequence_name
-from twosra_mpc.robot.segment import LumpedSegment
 
 _ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say
@@ -158,7 +157,8 @@ def _motion(plan: Plan) -> dict[str, Any]:
 
 def _fibre_mm(plan: Plan) -> float:
     segment = plan.robot.segment
-    return 1e3 * segment.tube_outer_diameter_m if isinstance(segment, LumpedSegment) else _FIBRE_MM
+    known = segment.fibre_diameter_m if segment else None
+    return _FIBRE_MM if known is None else 1e3 * known
 
 
 def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:

@@ -62,6 +62,10 @@ class TwoNode:
         """State with the core at this temperature and the body as in ``state``."""
         return (level, state[1])
 
+    def warmed(self, state: State, by_K: float) -> State:
+        """State with a warmer core."""
+        return (state[0] + by_K, state[1])
+
     def temperature_C(self, state: State) -> float:
         """Temperature of the core [C]."""
         return state[0]

@@ -99,10 +99,13 @@ class ByReports:
         """Start with the first reports of both segments, which have rested."""
         self._schedule: HeaterSchedule = heater_schedule(plan)
         self._soft_C = plan.robot.heater.soft_setpoint_C
-        controller = stiffness_controller(plan.robot, plan.problem.ambient)
         self._segments = tuple(
-            _ReportedSegment(controller, [r.temperature_C for r in first if r.segment == j], time_s)
-            for j in (0, 1)
+            _ReportedSegment(
+                stiffness_controller(plan.robot, plan.problem.ambient, j),
+                [report.temperature_C for report in first if report.segment == j],
+                time_s,
+            )
+            for j in range(plan.robot.coordinates.segments)
         )
 
     def heated(self, now: Progress) -> Mode:
