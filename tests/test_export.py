@@ -22,7 +22,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from twosra_mpc import InputError, Plan, plotting
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.export import foxglove_messages
-from twosra_mpc.export.authors_csv import COLUMNS, save_authors_csv
+from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TABLES, TOPICS, save_mcap
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.trajectory import SAME_TIME_S
@@ -243,8 +243,8 @@ def test_csv_values_equal_the_plan(planned: Planned, tmp_path: Path) -> None:
 def test_csv_at_a_rate_lies_on_the_path(planned: Planned, tmp_path: Path) -> None:
     plan = planned("paper-2")
     save_authors_csv(plan, tmp_path / "plan.csv", rate_Hz=10.0)
-    _, table = rows_of(tmp_path / "plan.csv")
-    times = table[:, COLUMNS.index("time")]
+    header, table = rows_of(tmp_path / "plan.csv")
+    times = table[:, header.index("time")]
     np.testing.assert_allclose(np.diff(times)[:-1], 0.1, atol=1e-9)
     dense = refined(plan, 10.0).samples
     assert dense is not None

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 
 import matplotlib as mpl
@@ -28,6 +28,7 @@ from twosra_mpc import (
     plan,
     plotting,
 )
+from twosra_mpc.plans.stiffness import stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
@@ -48,7 +49,6 @@ from twosra_mpc.plotting import (
     plot_plan,
     plot_snapshots,
     robot_shape,
-    segment_states,
 )
 from twosra_mpc.plotting.robot_drawing import robot_artists
 from twosra_mpc.plotting.style import STATES
@@ -201,20 +201,18 @@ def test_a_plan_without_motion_can_be_drawn() -> None:
 def test_bars_are_soft_exactly_where_the_mode_is(name: str, planner: str) -> None:
     result = made(name, planner)
     t = result.samples.t_s
-    for segment in (1, 2):
-        states = segment_states(result, segment, float(t[-1]))
+    for j, states in enumerate(stiffness_intervals(result.trajectory)):
         assert [low for low, _, _ in states] == [0.0, *(high for _, high, _ in states[:-1])]
         for low, high, state in states:
             inside = (t > low + 1e-6) & (t < high - 1e-6)
-            assert np.all(result.samples.mode[inside, segment - 1] == (state == "soft")), state
+            assert np.all(result.samples.mode[inside, j] == (state == "soft")), state
 
 
 def test_lanes_heaters_and_motion_stand_where_the_plan_has_them() -> None:
     result, ax = made("paper-1"), axes_of()
     assert draw_timeline(ax, result) is ax
-    end_s = float(result.samples.t_s[-1])
     bars = [patch for patch in ax.patches if patch.get_height() == 0.5]
-    states = [state for segment in (1, 2) for state in segment_states(result, segment, end_s)]
+    states = chain.from_iterable(reversed(stiffness_intervals(result.trajectory)))
     for bar, (low, high, state) in zip(bars, states, strict=True):
         assert (bar.get_x(), bar.get_width()) == pytest.approx((low, high - low))
         assert same_color(bar.get_facecolor(), STATES[state]["fc"])
@@ -224,7 +222,9 @@ def test_lanes_heaters_and_motion_stand_where_the_plan_has_them() -> None:
         assert (span.get_x(), span.get_width()) == pytest.approx(
             (phase.start_s, phase.end_s - phase.start_s)
         )
-    for heater, current in zip(ax.collections, result.samples.heater_current_A.T, strict=True):
+    for heater, current in zip(
+        ax.collections, result.samples.heater_current_A.T[::-1], strict=True
+    ):
         on = result.samples.t_s[current > 0]
         points = heater.get_paths()[0].vertices
         raised = points[points[:, 1] > points[:, 1].min() + 0.01]
@@ -274,7 +274,7 @@ def test_a_snapshot_has_the_robot_as_it_is_then_over_its_target() -> None:
     time_s = result.phases[1].start_s + 1.0  # segment 1 is soft, segment 2 melts
     assert draw_snapshot(ax, result, time_s) is ax
     assert ax.get_title() == f"{time_s:.2f} s: soft, melting"
-    q = [np.interp(time_s, result.samples.t_s, column) for column in result.samples.q.T]
+    q = result.trajectory.configuration(time_s)[0]
     ghost, robot = ax.lines[:2], ax.lines[5:7]
     for lines, at in ((ghost, result.samples.q[-1]), (robot, q)):
         for line, arc in zip(lines, robot_shape(ROBOT.geometry, at).segments, strict=True):

@@ -29,8 +29,10 @@ from twosra_mpc import (
     load_problem,
 )
 from twosra_mpc.identification.path_choice import with_path_model
+from twosra_mpc.plans.stiffness import stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
+from twosra_mpc.plotting import TimeStretch, robot_shape
+from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import Origin, film, report_page, words, write_report
 from twosra_mpc.report import page as page_module
 from twosra_mpc.report.reproduction import scenario_toml
@@ -189,15 +191,15 @@ def coordinates(points: str) -> np.ndarray:
 
 
 def test_every_frame_shows_the_robot_at_its_time(paper: Result, page: str) -> None:
-    made, samples = film_in(page), paper.plan.samples
+    made, plan = film_in(page), paper.require()
     assert made["time_s"][0] == 0.0
     assert made["time_s"][-1] == pytest.approx(paper.plan.duration_s, abs=1e-6)
     assert np.all(np.diff(made["time_s"]) >= 0)
-    spans = [segment_states(paper.plan, segment, samples.t_s[-1]) for segment in (1, 2)]
-    for frame in range(0, film.FRAMES, 13):
+    spans = stiffness_intervals(plan.trajectory)
+    for frame in range(0, PLACES, 13):
         t, pose = made["time_s"][frame], made["poses"][made["pose"][frame]]
-        q = np.array([np.interp(t, samples.t_s, column) for column in samples.q.T])
-        shape = robot_shape(paper.problem.robot.geometry, q, film.ARC_POINTS)
+        q = plan.trajectory.configuration(t)[0]
+        shape = robot_shape(plan.robot.geometry, q, film.ARC_POINTS)
         for name in ("segments", "links", "units", "wheels"):
             drawn = np.array([coordinates(points) for points in pose[name]])
             assert np.abs(drawn - getattr(shape, name)).max() < 2e-5, (name, t)
@@ -208,7 +210,7 @@ def test_every_frame_shows_the_robot_at_its_time(paper: Result, page: str) -> No
 
 def test_waits_store_one_pose_and_events_are_frames(paper: Result, page: str) -> None:
     made = film_in(page)
-    assert len(made["poses"]) < 0.5 * film.FRAMES
+    assert len(made["poses"]) < 0.5 * PLACES
     shown = np.array(made["time_s"])[made["events"]]
     for t in film.event_times(paper.plan):
         assert np.abs(shown - t).min() < 1.0
@@ -221,7 +223,7 @@ def test_waits_store_one_pose_and_events_are_frames(paper: Result, page: str) ->
 def test_the_timeline_fills_its_lanes(any_plan: Plan) -> None:
     samples = any_plan.samples
     stretch = TimeStretch.of(any_plan.phases, float(samples.t_s[-1]))
-    made = {lane.name: lane.spans for lane in lanes(any_plan, samples, stretch)}
+    made = {lane.name: lane.spans for lane in lanes(any_plan, stretch)}
     assert list(made) == ["motion", "segment 1", "heater 1", "segment 2", "heater 2"]
     assert len(made["motion"]) == len(any_plan.phases)
     for segment in (1, 2):
@@ -232,7 +234,7 @@ def test_the_timeline_fills_its_lanes(any_plan: Plan) -> None:
     marks = ticks(stretch)
     assert [tick.place for tick in marks] == sorted(tick.place for tick in marks)
     assert 2 <= sum(tick.on_narrow for tick in marks) < len(marks)
-    scale = Thermometer.of(any_plan, samples)
+    scale = Thermometer.of(any_plan)
     assert 0 < scale.level(samples.temperature_C.min()) < scale.level(scale.liquid_C) < 100
     assert scale.level(samples.temperature_C.max()) < 100
 

@@ -18,12 +18,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plotting import TimeStretch, plot_plan
+from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figure_file import picture_address
+from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.report import reproduction, words
-from twosra_mpc.report.film import film_of, filmed_box, pose_of
+from twosra_mpc.report.film import ARC_POINTS, Pose, film_of, filmed_box
 from twosra_mpc.report.setpoint_table import setpoint_table
 from twosra_mpc.report.timeline import Thermometer, curve, lanes, ticks
 from twosra_mpc.robot.modes import mode_name, sequence_name
@@ -129,30 +131,27 @@ def _verification(plan: Plan) -> dict[str, Any]:
 
 def _motion(plan: Plan) -> dict[str, Any]:
     """Everything that is drawn: film, timeline, set-points, figure."""
-    samples, end_s = plan.samples, plan.duration_s
-    stretch = TimeStretch.of(plan.phases, end_s or 1.0)
-    film, geometry = film_of(plan, samples, stretch), plan.robot.geometry
-    scale, table = Thermometer.of(plan, samples), setpoint_table(samples)
+    playback, samples = plan_playback(plan), plan.trajectory.samples
+    scale, table = Thermometer.of(plan), setpoint_table(samples)
     goal = plan.problem.goal.configuration
-    aim = np.where(np.isnan(goal), samples.q[-1], goal)
-    ghosts = {"start": film.poses[0], "goal": pose_of(geometry, aim)}
-    box = filmed_box([*film.poses, ghosts["goal"]])
+    goal = np.where(np.isnan(goal), samples.q[-1], goal)
+    start, end = (robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], goal))
+    box = filmed_box([robot_shape(playback.geometry, playback.q, ARC_POINTS), end])
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
         "data": {
-            "film": film.document(),
+            "film": film_of(plan, playback).document(),
             "row_s": table.time_s,
             "temperature_C": [scale.low_C, scale.high_C],
         },
-        "moves": end_s > 0.0,
-        "first": film.poses[0],
-        "ghosts": ghosts,
+        "moves": plan.trajectory.duration_s > 0.0,
+        "ghosts": {"start": Pose.of(start), "goal": Pose.of(end)},
         "box": box,
         "grid": _grid(box),
         "fibre_mm": _fibre_mm(plan),
-        "lanes": lanes(plan, samples, stretch),
-        "ticks": ticks(stretch),
-        "curves": [curve(samples.t_s, column, stretch) for column in levels],
+        "lanes": lanes(plan, playback.stretch),
+        "ticks": ticks(playback.stretch),
+        "curves": [curve(samples.t_s, column, playback.stretch) for column in levels],
         "thermometer": scale,
         "table": table,
         "figure": picture_address(plot_plan(plan), "svg"),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.problem import COORDINATE_UNITS, Problem
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import transition_model
 
@@ -31,7 +31,7 @@ _LIMITS = {  # name of a limit in a plan file -> what it is
     "wheel_independence": "independence of the wheels",
 }
 _NONE = "\N{EN DASH}"
-_COORDINATES = ("x", "y", "heading φ", "curvature κ₁", "curvature κ₂")
+_COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
 
 class GoalRow(NamedTuple):
@@ -145,7 +145,8 @@ def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
     """Return the goal coordinate by coordinate, with the error after re-integration."""
     rows = []
     goal, width = problem.goal.configuration.tolist(), problem.goal.half_width.tolist()
-    items = zip(_COORDINATES, COORDINATE_UNITS, goal, width, check.goal_error, strict=False)
+    units = problem.robot.coordinates.units
+    items = zip(_COORDINATES, units, goal, width, check.goal_error, strict=False)
     for name, unit, asked, box, error in items:
         if math.isnan(asked):
             rows.append(GoalRow(name, unit, "free", _NONE))
