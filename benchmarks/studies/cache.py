@@ -1,0 +1,74 @@
+"""Robots that differ only in what no compiled function depends on, planned for in one process."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from pydantic import TypeAdapter
+
+from benchmarks.measurement import Timing
+from benchmarks.report import Row, milliseconds
+from benchmarks.study import PlanStudy
+from benchmarks.thermal_scale import thermally_faster
+from twosra_mpc import Robot, plan
+
+SAME = "nothing"
+CHANGES: dict[str, Callable[[Robot, int], Robot]] = {
+    SAME: lambda robot, _: robot,
+    "name": lambda robot, n: _with(robot, name=f"{robot.name}, number {n}"),
+    "description": lambda robot, n: _with(robot, description=f"Number {n}."),
+    "heat": lambda robot, n: thermally_faster(robot, 1 + 1e-6 * n),
+}
+AIM = 1.1
+
+
+class Case(NamedTuple):
+    """One problem: all changes in turns."""
+
+    problem: str
+
+
+class Cache(PlanStudy):
+    """Every plan but that of the same robot is for a robot that no plan was made for before."""
+
+    record: ClassVar = TypeAdapter(dict[str, Timing])
+    question: ClassVar = "What does a plan cost for a robot of another name, description or heat?"
+
+    def cases(self) -> Iterator[Case]:
+        """Yield the problems."""
+        yield from map(Case, self.named)
+
+    def run(self, case: Case) -> dict[str, Timing]:
+        """Plan for the robot as it is and for changed ones."""
+        problem, numbers = self.named[case.problem], range(1, self.repeats + 2)
+        asked = {
+            what: iter([problem.with_robot(change(problem.robot, n)) for n in numbers])
+            for what, change in CHANGES.items()
+        }
+        made = self.timed({what: lambda of=of: plan(next(of)) for what, of in asked.items()})
+        return {what: timing for what, (_, timing) in made.items()}
+
+    def report(
+        self, results: Sequence[tuple[Case, Mapping[str, Timing]]], folder: Path
+    ) -> dict[str, Any]:
+        """One row for each change."""
+        del folder
+        return {"rows": [_row(what, [made for _, made in results]) for what in CHANGES], "aim": AIM}
+
+
+def _row(what: str, made: Sequence[Mapping[str, Timing]]) -> Row:
+    wall = [one[what].median_s / one[SAME].median_s for one in made]
+    cpu = [one[what].cpu_median_s / one[SAME].cpu_median_s for one in made]
+    return {
+        "what differs": what,
+        "wall time [ms] median": milliseconds(statistics.median(m[what].median_s for m in made)),
+        "wall time / same robot, median / max": f"{statistics.median(wall):.2f} / {max(wall):.2f}",
+        "CPU time / same robot, median / max": f"{statistics.median(cpu):.2f} / {max(cpu):.2f}",
+    }
+
+
+def _with(robot: Robot, **changes: str) -> Robot:
+    return Robot.parse({**robot.model_dump(mode="json"), **changes}, robot.name)
