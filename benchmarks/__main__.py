@@ -22,17 +22,10 @@ _BAD_INPUT, _INTERRUPTED = 2, 130
 def _settings(
     _ctx: click.Context, _param: click.Parameter, given: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Read KEY=VALUE pairs; a value is TOML, or a word as it stands."""
-    settings = {}
-    for text in given:
-        key, equals, value = text.partition("=")
-        if not equals:
-            raise click.BadParameter(f"{text!r} is not KEY=VALUE, such as repeats=3")
-        try:
-            settings[key] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            settings[key] = value
-    return settings
+    try:
+        return tomllib.loads("\n".join(given))
+    except tomllib.TOMLDecodeError as error:
+        raise click.BadParameter(f"not TOML, such as repeats=3 ({error})") from None
 
 
 @click.command(
@@ -52,7 +45,7 @@ def _settings(
     metavar="KEY=VALUE",
     multiple=True,
     callback=_settings,
-    help="""A setting other than the study's own, in TOML, e.g. 'problems=["tiny:1"]'.""",
+    help="""A setting other than the study's own, in TOML: repeats=3, 'problems=["tiny:1"]'.""",
 )
 def main(name: str, out: Path | None, settings: dict[str, Any]) -> None:
     """Measure what is not finished yet, then write the report and print it."""

@@ -73,12 +73,12 @@ def _spread(ax: Axes, values: Mapping[float, Sequence[float]], colour: str, labe
     ax.plot([*values], [max(v) for v in values.values()], "--", color=colour, lw=0.7)
 
 
-def draw_wall_times(planners: Mapping[str, Sequence[PlanRecord]], path: Path) -> None:
+def draw_wall_times(planners: Mapping[str, Plans], path: Path) -> None:
     """Empirical distribution of wall time over all problems; failures never reach the top."""
     with _figure(path, height_in=2.7, width_in=5.0) as figure:
         ax = figure.subplots()
         for (name, plans), colour in zip(planners.items(), COLOURS, strict=False):
-            timings = [plan.timing for plan in plans if plan.correct]
+            timings = [plan.timing for plan in plans.values() if plan.correct]
             label = f"{name} ({len(timings)}/{len(plans)})"
             shares = np.arange(len(timings) + 1) / len(plans)
             for width, clock in ((1.4, "median_s"), (0.6, "cpu_median_s")):
@@ -144,30 +144,12 @@ def _draw_sequence(ax: Axes, at: tuple[int, int], plan: PlanRecord, block_pt: fl
     ax.add_artist(AnnotationBbox(area, at, frameon=False, pad=0.0))
 
 
-def draw_total_times(sweep: Sweep, path: Path) -> None:
-    """Total time over transition time, one panel a problem, shaded down to the lower bound."""
-    rows = -(-len(sweep) // 5)
-    with _figure(path, height_in=0.5 + 1.5 * rows) as figure:
-        grid = figure.subplots(rows, min(5, len(sweep)), sharex=True, sharey=True, squeeze=False)
-        for ax in grid.flat[len(sweep) :]:
-            ax.set_axis_off()
-        for (label, plans), ax in zip(sweep.items(), grid.flat, strict=False):
-            correct = [(freeze, plan) for freeze, plan in sorted(plans.items()) if plan.correct]
-            times, costs = [freeze for freeze, _ in correct], [plan.cost for _, plan in correct]
-            bounds = [plan.lower_bound for _, plan in correct]
-            ax.fill_between(times, bounds, costs, color=BLUE, alpha=0.25, lw=0)
-            ax.plot(times, costs, color=BLUE, marker="o", ms=2.5, lw=1.0)
-            _log(ax)
-            ax.set_title(label, loc="left")
-        figure.supxlabel(_FREEZE, fontsize=9.5)
-        figure.supylabel("total time [s]", fontsize=9.5)
-
-
 def draw_proofs(columns: Mapping[float, Sequence[PlanRecord]], limit_s: float, path: Path) -> None:
-    """Proved gap and wall time over transition time: every run, median and largest."""
-    with _figure(path, height_in=4.4, width_in=4.8) as figure:
-        gap_ax, time_ax = figure.subplots(2, 1, sharex=True)
+    """Cost, gap and wall time over transition time: every run, median and largest."""
+    with _figure(path, height_in=6.0, width_in=4.8) as figure:
+        cost_ax, gap_ax, time_ax = figure.subplots(3, 1, sharex=True)
         values: dict[Axes, Callable[[PlanRecord], float | None]] = {
+            cost_ax: lambda plan: plan.cost,
             gap_ax: lambda plan: None if plan.gap is None else 100 * plan.gap,
             time_ax: lambda plan: plan.timing.median_s,
         }
@@ -179,6 +161,7 @@ def draw_proofs(columns: Mapping[float, Sequence[PlanRecord]], limit_s: float, p
                 for plan in (plan for plan in plans if plan.stopped_early or not plan.correct):
                     ax.plot(freeze, value(plan) or np.nan, clip_on=False,
                             **(_STOPPED if plan.correct else _WITHOUT))  # fmt: skip
+        _log(cost_ax, ylabel="cost [s]")
         _log(time_ax, ylabel="wall time [s]", xlabel=_FREEZE)
         gap_ax.set_yscale("symlog", linthresh=1e-3)
         gap_ax.set(ylabel="proved gap [%]", ylim=(0.0, 150.0))
@@ -199,7 +182,7 @@ def _draw_limit(ax: Axes, y: float, text: str) -> None:
 
 
 def draw_growth(
-    searches: Mapping[str, Mapping[float, Sequence[float]]],
+    searches: Mapping[tuple[float, float], Mapping[float, Sequence[PlanRecord]]],
     limit_s: float,
     laws: Mapping[str, Mapping[float, Sequence[float]]],
     path: Path,
@@ -207,8 +190,9 @@ def draw_growth(
     """Wall time of searches over ``max_phases``, CPU times of programs with their power laws."""
     with _figure(path, height_in=5.4) as figure:
         axes = list(figure.subplots(2, 2).flat)
-        for (setting, values), colour in zip(searches.items(), COLOURS[1:], strict=False):
-            _spread(axes[0], values, colour, setting)
+        for ((faster, gap), plans), colour in zip(searches.items(), COLOURS[1:], strict=False):
+            walls = {n: [plan.timing.median_s for plan in some] for n, some in plans.items()}
+            _spread(axes[0], walls, colour, f"{faster:g} x as fast, gap {100 * gap:g} %")
         _draw_limit(axes[0], limit_s, "limit")
         axes[0].set(yscale="log", xlabel="max_phases", ylabel="wall time [s]")
         axes[0].set_title("whole search", loc="left")

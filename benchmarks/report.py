@@ -16,36 +16,25 @@ from benchmarks.study import Study
 from twosra_mpc.files import write_text
 
 NAME = "report.md"
-_AT = (0.5, 0.9, 0.99, 1.0)
-
-Row = dict[str, str]  # column -> cell
 
 
 def write_report(study: Study, log: RunLog, folder: Path) -> str:
-    """Write report and figures of a study that was run to its end; return the report."""
-    about = log.about
-    text = _ENVIRONMENT.get_template(f"{type(study).__module__.rpartition('.')[2]}.md").render(
-        name=about["study"],
-        question=study.question,
-        facts=_pairs("machine and versions", {**about["machine"], **about["versions"]}),
-        settings=_pairs("setting", about["settings"]),
-        loads=log.loads,
-        **study.report(results_of(study, log), folder),
-    )
+    """Write report and figures of a study that was run to its end; return the report.
+
+    Its template has the name of the study's module. It gets the study, its results, the log's
+    facts, and what the study's own ``report`` adds.
+    """
+    template = _ENVIRONMENT.get_template(f"{type(study).__module__.rpartition('.')[2]}.md")
+    results = results_of(study, log)
+    more = study.report(results, folder)
+    text = template.render(study=study, results=results, loads=log.loads, about=log.about, **more)
     write_text(folder / NAME, text)
     return text
 
 
-def _pairs(title: str, facts: Mapping[str, Any]) -> list[Row]:
-    words = {key: ", ".join(map(str, v)) if isinstance(v, list) else v for key, v in facts.items()}
-    return [{title: key, "": str(value)} for key, value in words.items()]
-
-
-def table(rows: Sequence[Row]) -> str:
-    """Write a Markdown table; the first row's keys are the header."""
-    lines = [rows[0].keys(), ["---"] * len(rows[0]), *(row.values() for row in rows)]
-    cells = ([cell.replace("|", "/") for cell in line] for line in lines)
-    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
+def head(columns: str) -> str:
+    """Begin a Markdown table with columns that are separated by bars."""
+    return f"| {columns} |\n|{'---|' * (columns.count('|') + 1)}"
 
 
 def figure(file: str, caption: str) -> str:
@@ -53,9 +42,21 @@ def figure(file: str, caption: str) -> str:
     return f"![{caption}]({file})\n\n*{caption}*"
 
 
-def share(flags: Sequence[bool]) -> str:
+def joined(values: Iterable[Any], form: str = "") -> str:
+    """Numbers in one table cell, separated by slashes; a dash without any."""
+    return " / ".join(f"{value:{form}}" for value in values) or "-"
+
+
+def words(value: Any) -> str:
+    """A value in a table cell."""
+    text = ", ".join(map(words, value)) if isinstance(value, list | tuple) else str(value)
+    return text.replace("|", "/")
+
+
+def share(flags: Iterable[bool]) -> str:
     """A rate with what it counts, e.g. ``99 % (99 of 100)``."""
-    return f"{100 * sum(flags) / len(flags):.3g} % ({sum(flags)} of {len(flags)})"
+    counted = list(flags)
+    return f"{100 * np.mean(counted):.3g} % ({sum(counted)} of {len(counted)})"
 
 
 def milliseconds(seconds: float) -> str:
@@ -74,7 +75,7 @@ def quantiles(
 ) -> str:
     """Quantiles of what is known, separated by slashes; a dash where nothing is."""
     known = [scale * value for value in values if value is not None]
-    return " / ".join(f"{np.quantile(known, q):{form}}" for q in at) if known else "-"
+    return joined(np.quantile(known, at) if known else (), form)
 
 
 def shifted_geometric_mean(values: Sequence[float], shift: float) -> float:
@@ -86,31 +87,6 @@ def power_law(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
     """Fit y = scale * x ** slope by least squares of the logarithms; return (scale, slope)."""
     slope, offset = np.polyfit(np.log(x), np.log(y), 1)
     return float(np.exp(offset)), float(slope)
-
-
-def summary(plans: Sequence[PlanRecord]) -> Row:
-    """Sum up plans of several problems."""
-    warm = [plan.timing for plan in plans]
-    return {
-        "success rate": share([plan.success for plan in plans]),
-        "correct rate": share([plan.correct for plan in plans]),
-        "proved optimal": str(sum(plan.status == "optimal" for plan in plans)),
-        "proved infeasible": str(sum(plan.status == "infeasible" for plan in plans)),
-        "stopped early": str(sum(plan.stopped_early for plan in plans)),
-        "different sequences": str(len({plan.sequence for plan in plans})),
-        "solved median / max": quantiles([plan.solved for plan in plans], (0.5, 1.0), ".0f"),
-        "cost [s] median / max": quantiles([plan.cost for plan in plans], (0.5, 1.0), ".1f"),
-        "gap [%] median / p90 / max": quantiles(
-            [plan.gap for plan in plans], (0.5, 0.9, 1.0), ".2g", 100
-        ),
-        "wall time [ms] median / p90 / p99 / max": quantiles(
-            [timing.median_s for timing in warm], _AT, ".1f", 1e3
-        ),
-        "CPU time [ms] median / p90 / p99 / max": quantiles(
-            [timing.cpu_median_s for timing in warm], _AT, ".1f", 1e3
-        ),
-        "longest first call [ms]": milliseconds(max(timing.first_s for timing in warm)),
-    }
 
 
 def worst(plans: Mapping[str, PlanRecord], others: Mapping[str, PlanRecord], most: int = 5) -> str:
@@ -135,5 +111,7 @@ _ENVIRONMENT = Environment(  # Markdown, which needs no escaping
     keep_trailing_newline=True,
     autoescape=False,
 )
-_ENVIRONMENT.filters |= {"table": table, "milliseconds": milliseconds, "quantiles": quantiles}
-_ENVIRONMENT.globals |= {"figure": figure}
+_ENVIRONMENT.filters |= {
+    item.__name__: item for item in (joined, words, share, milliseconds, percent, quantiles)
+}
+_ENVIRONMENT.globals |= {"head": head, "figure": figure, "worst": worst}

@@ -9,14 +9,13 @@ import re
 import signal
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
 
 import twosra_mpc
 from benchmarks.run_log import RunLog
-from benchmarks.study import Study
+from benchmarks.study import Measured, Study
 
 PACKAGES = ("casadi", "numpy", "scipy", "osqp", "pydantic", "matplotlib")
 REPORTING = ("figures.py", "report.py")  # change nothing that is measured
@@ -63,10 +62,10 @@ def run_study(study: Study, log: RunLog, console: Console) -> bool:
     return True
 
 
-def results_of(study: Study, log: RunLog) -> list[tuple[Any, Any]]:
-    """(case, record) pairs of a study that was run to its end."""
+def results_of(study: Study, log: RunLog) -> list[Measured]:
+    """Cases and records of a study that was run to its end."""
     read = study.record.validate_python
-    return [(case, read(log[case._asdict()])) for case in study.cases()]
+    return [Measured(case, read(log[case._asdict()])) for case in study.cases()]
 
 
 def machine() -> dict[str, str]:

@@ -6,7 +6,7 @@ import abc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from pydantic import BeforeValidator, Field, TypeAdapter
 
@@ -19,6 +19,13 @@ Result = TypeVar("Result")
 Count = Annotated[int, Field(ge=1)]
 Numbers = Annotated[tuple[Positive, ...], Field(min_length=1), BeforeValidator(plain)]
 Counts = Annotated[tuple[Count, ...], Field(min_length=1), BeforeValidator(plain)]
+
+
+class Measured(NamedTuple):
+    """A case with its record."""
+
+    case: Any
+    record: Any
 
 
 class Study(Value, abc.ABC):
@@ -39,16 +46,10 @@ class Study(Value, abc.ABC):
     def run(self, case: Any) -> Any:
         """Measure a case; returns its record."""
 
-    @abc.abstractmethod
-    def report(self, results: Sequence[tuple[Any, Any]], folder: Path) -> dict[str, Any]:
-        """Draw figures into ``folder`` and return what the template asks for.
-
-        The template has the name of the study's module.
-
-        Args:
-            results: (case, record) pairs of all cases, in order.
-            folder: Where figures go.
-        """
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Draw figures into ``folder``; return what the template asks for besides the results."""
+        del results, folder
+        return {}
 
 
 class PlanStudy(Study):

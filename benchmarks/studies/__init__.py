@@ -8,6 +8,7 @@ from benchmarks.studies.closed_loop import ClosedLoop
 from benchmarks.studies.cold_start import ColdStart
 from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.growth import Growth
+from benchmarks.studies.peers import Peers
 from benchmarks.studies.tracker_step import TrackerSteps
 from benchmarks.studies.transition_sweep import TransitionSweep
 from benchmarks.study import Study
@@ -42,5 +43,6 @@ STUDIES: dict[str, Study] = {
     "certificate": Certificate(problems=("random-100:50",), repeats=1),
     "closed-loop": ClosedLoop(),
     "closed-loop-hard": ClosedLoop(level="hard", seeds=2, path_models=("arc",)),
+    "peers": Peers(problems=("published", "random-100:10"), repeat_budget_s=60.0),
     "tracker-step": TrackerSteps(),
 }

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from pydantic import TypeAdapter
 
 from benchmarks.measurement import Timing
-from benchmarks.report import Row, milliseconds
-from benchmarks.study import PlanStudy
+from benchmarks.study import Measured, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Robot, plan
 
@@ -22,7 +20,6 @@ CHANGES: dict[str, Callable[[Robot, int], Robot]] = {
     "description": lambda robot, n: _with(robot, description=f"Number {n}."),
     "heat": lambda robot, n: thermally_faster(robot, 1 + 1e-6 * n),
 }
-AIM = 1.1
 
 
 class Case(NamedTuple):
@@ -51,23 +48,17 @@ class Cache(PlanStudy):
         made = self.timed({what: lambda of=of: plan(next(of)) for what, of in asked.items()})
         return {what: timing for what, (_, timing) in made.items()}
 
-    def report(
-        self, results: Sequence[tuple[Case, Mapping[str, Timing]]], folder: Path
-    ) -> dict[str, Any]:
-        """One row for each change."""
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Times over those for the same robot."""
         del folder
-        return {"rows": [_row(what, [made for _, made in results]) for what in CHANGES], "aim": AIM}
-
-
-def _row(what: str, made: Sequence[Mapping[str, Timing]]) -> Row:
-    wall = [one[what].median_s / one[SAME].median_s for one in made]
-    cpu = [one[what].cpu_median_s / one[SAME].cpu_median_s for one in made]
-    return {
-        "what differs": what,
-        "wall time [ms] median": milliseconds(statistics.median(m[what].median_s for m in made)),
-        "wall time / same robot, median / max": f"{statistics.median(wall):.2f} / {max(wall):.2f}",
-        "CPU time / same robot, median / max": f"{statistics.median(cpu):.2f} / {max(cpu):.2f}",
-    }
+        wall, cpu = (
+            {
+                what: [getattr(m[what], clock) / getattr(m[SAME], clock) for _, m in results]
+                for what in CHANGES
+            }
+            for clock in ("median_s", "cpu_median_s")
+        )
+        return {"wall_ratios": wall, "cpu_ratios": cpu}
 
 
 def _with(robot: Robot, **changes: str) -> Robot:

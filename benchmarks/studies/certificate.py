@@ -8,16 +8,14 @@ sequences.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from benchmarks.measurement import PlanRecord
-from benchmarks.report import Row, percent
 from benchmarks.study import Count, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Problem
@@ -58,6 +56,11 @@ class CertificateRecord:
     brute_s: float | None
     search: PlanRecord
 
+    @property
+    def excess(self) -> float | None:
+        """Cost of the search's plan over that of brute force, less 1; infinite without a plan."""
+        return (self.search.cost or math.inf) / self.brute_s - 1 if self.brute_s else None
+
 
 class Certificate(PlanStudy):
     """Brute force over short mode sequences.
@@ -97,29 +100,6 @@ class Certificate(PlanStudy):
             brute_s=float(best.min()) if solved.any() else None,
             search=self.planned(problem),
         )
-
-    def report(
-        self, results: Sequence[tuple[Case, CertificateRecord]], folder: Path
-    ) -> dict[str, Any]:
-        """One row for each transition time."""
-        del folder
-        groups = {x: [made for case, made in results if case[1] == x] for x in self.times_faster}
-        return {"rows": [_row(factor, found) for factor, found in groups.items()]}
-
-
-def _row(factor: float, records: Sequence[CertificateRecord]) -> Row:
-    worst = [(one.search.cost or math.inf) / one.brute_s - 1 for one in records if one.brute_s]
-    tightest = [one.tightest for one in records if one.tightest is not None]
-    return {
-        "faster by": f"{factor:g}",
-        "problems": str(len(records)),
-        "sequences bounded": str(sum(one.sequences for one in records)),
-        "with a plan": str(sum(one.solved for one in records)),
-        "below their bound": str(sum(one.violated for one in records)),
-        "tightest bound": percent(min(tightest, default=None)),
-        "search / brute force - 1, largest": f"{100 * max(worst, default=math.nan):.3f} %",
-        "solved by the search": str(sum(one.search.solved for one in records)),
-    }
 
 
 def _brute_force(problem: Problem, starts: int) -> Iterator[tuple[float, float]]:

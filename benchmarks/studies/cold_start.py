@@ -19,8 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 from pydantic import TypeAdapter
 
 from benchmarks import figures
-from benchmarks.report import milliseconds, percent, quantiles
-from benchmarks.study import Count, Study
+from benchmarks.study import Count, Measured, Study
 
 ROOT = Path(__file__).parents[2]
 PLAN, CASADI, NOTHING = "twosra plan", "import casadi", "python -c pass"
@@ -102,37 +101,18 @@ class ColdStart(Study):
         planned["exit"] = time.monotonic() - planned.pop("ended")  # one clock for all processes
         return RoundRecord(wall_s, cpu_s, _by_package(new), planned)
 
-    def report(self, results: Sequence[tuple[Case, RoundRecord]], folder: Path) -> dict[str, Any]:
-        """Medians, their ratio, and the breakdown."""
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Medians of ratios, and the breakdown."""
         records = [made for _, made in results]
         parts = breakdown(records)
         figures.draw_cold_start(parts, folder / "cold-start.png")
-        clocks = {"wall time": [r.wall_s for r in records], "CPU time": [r.cpu_s for r in records]}
-        at = (0.0, 0.5, 0.9)
-        return {
-            "commands": [
-                {"command": name}
-                | {
-                    f"{clock} [ms] least / median / p90": quantiles(
-                        [times[name] for times in rounds], at, ".0f", 1e3
-                    )
-                    for clock, rounds in clocks.items()
-                }
-                for name in (PLAN, CASADI, NOTHING)
-            ],
-            "ratios": {
-                clock: statistics.median(times[PLAN] / times[CASADI] for times in rounds)
-                for clock, rounds in clocks.items()
-            },
-            "parts": [
-                {
-                    "part": name,
-                    "time [ms]": milliseconds(s),
-                    "share": percent(s / sum(parts.values())),
-                }
-                for name, s in parts.items()
-            ],
+        ratios = {
+            clock: statistics.median(
+                getattr(r, clock)[PLAN] / getattr(r, clock)[CASADI] for r in records
+            )
+            for clock in ("wall_s", "cpu_s")
         }
+        return {"commands": (PLAN, CASADI, NOTHING), "parts": parts, "ratios": ratios}
 
 
 def breakdown(records: Sequence[RoundRecord]) -> dict[str, float]:

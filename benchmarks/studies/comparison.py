@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -12,8 +12,8 @@ from pydantic import TypeAdapter
 
 from benchmarks import figures
 from benchmarks.measurement import PlanRecord, Timing, plan_record
-from benchmarks.report import Row, milliseconds, percent, shifted_geometric_mean, summary, worst
-from benchmarks.study import PlanStudy
+from benchmarks.report import shifted_geometric_mean
+from benchmarks.study import Measured, PlanStudy
 from twosra_mpc import Problem, plan
 from twosra_mpc.problem.shape import shape_margins
 from twosra_mpc.reproduction.published import (
@@ -24,8 +24,6 @@ from twosra_mpc.reproduction.published import (
 from twosra_mpc.validation import Positive
 
 OPTIMAL, GREEDY, PUBLISHED = PLANNERS = ("optimal", "greedy", "published loop")
-
-Records = Mapping[str, PlanRecord]  # planner -> what it did
 
 
 class Case(NamedTuple):
@@ -50,7 +48,7 @@ class Comparison(PlanStudy):
         """Yield the problems."""
         yield from map(Case, self.named)
 
-    def run(self, case: Case) -> Records:
+    def run(self, case: Case) -> dict[str, PlanRecord]:
         """Let every planner plan."""
         problem = self.named[case.problem]
         ends = (problem.start.configuration, problem.goal.configuration)
@@ -61,58 +59,33 @@ class Comparison(PlanStudy):
         records = {name: plan_record(*made[name]) for name in (OPTIMAL, GREEDY)}
         return {**records, PUBLISHED: _published_record(problem, *made[PUBLISHED])}
 
-    def report(self, results: Sequence[tuple[Case, Records]], folder: Path) -> dict[str, Any]:
-        """Rates, times and costs of the planners; distributions of wall time and cost ratio."""
-        plans = {name: {case.problem: one[name] for case, one in results} for name in PLANNERS}
-        ours, greedy = plans[OPTIMAL], plans[GREEDY]
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Distributions of wall time and cost ratio; means and ratios."""
+        planners = {name: {case.problem: one[name] for case, one in results} for name in PLANNERS}
+        ours, greedy = planners[OPTIMAL], planners[GREEDY]
         ratios = {
-            label: mine.cost / theirs.cost
-            for (label, mine), theirs in zip(ours.items(), greedy.values(), strict=True)
-            if mine.correct and theirs.correct and mine.cost and theirs.cost
+            label: mine.cost / greedy[label].cost
+            for label, mine in ours.items()
+            if mine.correct and greedy[label].correct
         }
-        figures.draw_wall_times(
-            {name: [*made.values()] for name, made in plans.items()}, folder / "wall-time.png"
-        )
+        figures.draw_wall_times(planners, folder / "wall-time.png")
         figures.draw_cost_ratios(ours, greedy, ratios, folder / "cost-ratio.png")
-        others = {f"{x}, {name}": plans[name][x] for name in PLANNERS[1:] for x in ours}
         return {
-            "planners": [self._planner(name, [*made.values()]) for name, made in plans.items()],
-            "time_ratios": {name: _time_ratios(ours, plans[name]) for name in PLANNERS[1:]},
-            "cost_ratios": [*ratios.values()],
+            "planners": planners,
+            "means": {name: self._mean_s([*made.values()]) for name, made in planners.items()},
+            "ratios": ratios,
+            "time_ratios": {
+                name: [ours[x].timing.median_s / planners[name][x].timing.median_s for x in ours]
+                for name in PLANNERS[1:]
+            },
             "errors": [made.goal_error for made in ours.values() if made.correct],
-            "worst": worst(ours, others),
-            "problems": [_problem(x, one, ratios.get(x)) for (x,), one in results],
-            "limit_s": self.time_limit_s,
-            "shift_s": self.time_shift_s,
+            "others": {f"{x}, {name}": planners[name][x] for name in PLANNERS[1:] for x in ours},
         }
 
-    def _planner(self, name: str, plans: Sequence[PlanRecord]) -> Row:
-        scored = [one.timing.median_s if one.correct else self.time_limit_s for one in plans]
-        mean = milliseconds(shifted_geometric_mean(scored, self.time_shift_s))
-        return {"planner": name, **summary(plans), "shifted geometric mean [ms]": mean}
-
-
-def _time_ratios(ours: Records, others: Records) -> list[float]:
-    """Wall time of the optimal planner over that of another, problem by problem."""
-    return [ours[x].timing.median_s / others[x].timing.median_s for x in ours]
-
-
-def _problem(label: str, one: Records, ratio: float | None) -> Row:
-    plans = {name: one[name] for name in (OPTIMAL, GREEDY)}
-    return {
-        "problem": label,
-        **{name: f"`{made.sequence_name}`" for name, made in plans.items()},
-        **{f"{name} cost [s]": _seconds(made) for name, made in plans.items()},
-        "ratio": "-" if ratio is None else f"{ratio:.3f}",
-        "proved gap": percent(one[OPTIMAL].gap),
-        **{f"{name} [ms]": milliseconds(one[name].timing.median_s) for name in PLANNERS},
-    }
-
-
-def _seconds(made: PlanRecord) -> str:
-    if made.cost is None:
-        return made.status
-    return f"{made.cost:.1f}" if made.correct else f"{made.cost:.1f} (not correct)"
+    def _mean_s(self, plans: Sequence[PlanRecord]) -> float:
+        """Shifted geometric mean of the wall times; a plan that is not correct took the limit."""
+        times_s = [one.timing.median_s if one.correct else self.time_limit_s for one in plans]
+        return shifted_geometric_mean(times_s, self.time_shift_s)
 
 
 def _published_record(problem: Problem, path: PublishedTrajectory, timing: Timing) -> PlanRecord:

@@ -14,8 +14,8 @@ from pydantic import BeforeValidator, Field, TypeAdapter
 
 from benchmarks import figures
 from benchmarks.measurement import PlanRecord, Timing
-from benchmarks.report import Row, milliseconds, power_law, quantiles, share, summary
-from benchmarks.study import Count, Counts, Numbers, PlanStudy
+from benchmarks.report import power_law
+from benchmarks.study import Count, Counts, Measured, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Problem
 from twosra_mpc.model.motion import roll_out
@@ -53,6 +53,16 @@ class ProgramRecord:
 
     iterations: int | None
     timing: Timing
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU time [s]."""
+        return self.timing.cpu_median_s
+
+    @property
+    def iteration_s(self) -> float:
+        """CPU time per iteration of the solver, everything included [s]."""
+        return self.cpu_s / (self.iterations or np.nan)
 
 
 Sized = dict[int, list[ProgramRecord]]  # by size
@@ -103,77 +113,40 @@ class Growth(PlanStudy):
         limits = {"gap": case.gap, "max_phases": case.max_phases}
         return self.planned(problem.model_copy(update=limits))
 
-    def report(self, results: Sequence[tuple[Any, Any]], folder: Path) -> dict[str, Any]:
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """Wall times over phases and over the grid, with slopes."""
-        searches: dict[str, dict[int, list[PlanRecord]]] = {}
+        searches: dict[tuple[float, float], dict[int, list[PlanRecord]]] = {}
         by_phases: Sized = {n: [] for n in sorted(self.phases)}
         by_grid: Sized = {n: [] for n in sorted(self.grid)}
         for case, made in results:
             if isinstance(case, Search):
-                words = f"{case.times_faster:g} x as fast, gap {100 * case.gap:g} %"
-                searches.setdefault(words, {}).setdefault(case.max_phases, []).append(made)
-            else:
-                if case.intervals == self.intervals and case.phases in by_phases:
-                    by_phases[case.phases].append(made)
-                if case.phases == self.grid_phases and case.intervals in by_grid:
-                    by_grid[case.intervals].append(made)
+                same = searches.setdefault((case.times_faster, case.gap), {})
+                same.setdefault(case.max_phases, []).append(made)
+                continue
+            if case.intervals == self.intervals and case.phases in by_phases:
+                by_phases[case.phases].append(made)
+            if case.phases == self.grid_phases and case.intervals in by_grid:
+                by_grid[case.intervals].append(made)
         laws = {
-            "phases": _values(by_phases, _cpu_s),
-            "intervals per phase": _values(by_grid, _cpu_s),
-            "intervals per phase, each iteration's time": _values(by_grid, _iteration_s),
+            "phases": _solved(by_phases, "cpu_s"),
+            "intervals per phase": _solved(by_grid, "cpu_s"),
+            "intervals per phase, each iteration": _solved(by_grid, "iteration_s"),
         }
-        walls = {
-            words: {n: [made.timing.median_s for made in plans] for n, plans in by_length.items()}
-            for words, by_length in searches.items()
+        slopes = {
+            name: power_law([*values], [np.median(several) for several in values.values()])[1]
+            for name, values in laws.items()
+            if len(values) > 1
         }
-        figures.draw_growth(walls, self.time_limit_s, laws, folder / "growth.png")
-        return {
-            "searches": [
-                {"search": words, "max_phases": str(most)} | summary(plans)
-                for words, by_length in searches.items()
-                for most, plans in by_length.items()
-            ],
-            "by_phases": [_program("phases", n, group) for n, group in by_phases.items()],
-            "by_grid": [_program("intervals", n, group) for n, group in by_grid.items()],
-            "laws": {
-                name: power_law([*values], [np.median(several) for several in values.values()])[1]
-                for name, values in laws.items()
-                if len(values) > 1
-            },
-        }
+        figures.draw_growth(searches, self.time_limit_s, laws, folder / "growth.png")
+        groups = {"searches": searches, "by_phases": by_phases, "by_grid": by_grid}
+        return {**groups, "slopes": slopes}
 
 
-def _cpu_s(made: ProgramRecord) -> float:
-    return made.timing.cpu_median_s
-
-
-def _iteration_s(made: ProgramRecord) -> float:
-    """CPU time per iteration of the solver, everything included [s]."""
-    return _cpu_s(made) / (made.iterations or np.nan)
-
-
-def _values(programs: Sized, value: Callable[[ProgramRecord], float]) -> dict[float, list[float]]:
+def _solved(programs: Sized, name: str) -> dict[int, list[float]]:
     """A value of the solved programs, by their size."""
-    known = {n: [value(one) for one in group if one.iterations] for n, group in programs.items()}
+    known = {n: [getattr(one, name) for one in group if one.iterations]
+             for n, group in programs.items()}  # fmt: skip
     return {n: several for n, several in known.items() if several}
-
-
-def _program(name: str, size: int, group: Sequence[ProgramRecord]) -> Row:
-    done = [one for one in group if one.iterations]
-    at = (0.5, 0.9, 1.0)
-    return {
-        name: str(size),
-        "solved": share([one.iterations is not None for one in group]),
-        "iterations median / max": quantiles([one.iterations for one in done], (0.5, 1.0), ".0f"),
-        "wall time [ms] median / p90 / max": quantiles(
-            [one.timing.median_s for one in done], at, ".0f", 1e3
-        ),
-        "CPU time [ms] median / p90 / max": quantiles(map(_cpu_s, done), at, ".0f", 1e3),
-        "each iteration [ms] median / p90 / max": quantiles(
-            map(_iteration_s, done), at, ".1f", 1e3
-        ),
-        "longest first call [ms]": milliseconds(max(one.timing.first_s for one in group)),
-    }
 
 
 def cyclic_sequence(phases: int) -> ModeSequence:

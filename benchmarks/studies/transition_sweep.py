@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -12,8 +12,7 @@ from pydantic import TypeAdapter
 
 from benchmarks import figures
 from benchmarks.measurement import PlanRecord
-from benchmarks.report import Row, summary, worst
-from benchmarks.study import Numbers, PlanStudy
+from benchmarks.study import Measured, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc.validation import Positive
 
@@ -50,39 +49,25 @@ class TransitionSweep(PlanStudy):
         robot = thermally_faster(problem.robot, self.reference_freeze_s / case.freeze_s)
         return self.planned(problem.with_robot(robot))
 
-    def report(self, results: Sequence[tuple[Case, PlanRecord]], folder: Path) -> dict[str, Any]:
-        """Best sequences, total times, proved gaps and wall times over the transition time."""
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Best sequences, costs, proved gaps and wall times over the transition time."""
         sweep: dict[str, dict[float, PlanRecord]] = {}
         for case, made in results:
             sweep.setdefault(case.problem, {})[case.freeze_s] = made
         times, as_it_is = sorted(set(self.freeze_s)), self.reference_freeze_s
         columns = {freeze: [plans[freeze] for plans in sweep.values()] for freeze in times}
         figures.draw_sequences(sweep, times, as_it_is, folder / "sequences.png")
-        figures.draw_total_times(sweep, folder / "total-time.png")
-        figures.draw_proofs(columns, self.time_limit_s, folder / "gap-and-wall-time.png")
+        figures.draw_proofs(columns, self.time_limit_s, folder / "proofs.png")
         slow, fast = (
             min(times, key=lambda freeze: abs(np.log(faster * freeze / as_it_is)))
             for faster in (1, 10)
         )
-        return {
-            "limit_s": self.time_limit_s,
-            "changes": [_changes(label, plans, slow, fast) for label, plans in sweep.items()],
-            "different": sum(p[slow].sequence != p[fast].sequence for p in sweep.values()),
-            "columns": [
-                {"freeze [s]": f"{x:g}", "times faster": f"{as_it_is / x:.3g}"} | summary(plans)
-                for x, plans in reversed(columns.items())
-            ],
-            "worst": worst({f"{label} at {freeze:g} s": m for (label, freeze), m in results}, {}),
+        changes = {
+            label: sum(a.sequence != b.sequence for a, b in itertools.pairwise(plans.values()))
+            for label, plans in sweep.items()
         }
-
-
-def _changes(label: str, plans: Mapping[float, PlanRecord], slow: float, fast: float) -> Row:
-    before, after = plans[slow], plans[fast]
-    sequences = [plans[freeze].sequence for freeze in sorted(plans)]
-    name = "the same" if before.sequence == after.sequence else f"`{after.sequence_name}`"
-    return {
-        "problem": label,
-        f"freeze {slow:g} s": f"`{before.sequence_name}`, {before.cost or np.nan:.1f} s",
-        f"freeze {fast:g} s (ten times faster)": f"{name}, {after.cost or np.nan:.1f} s",
-        "changes in the whole sweep": str(sum(a != b for a, b in itertools.pairwise(sequences))),
-    }
+        return {
+            **{"sweep": sweep, "columns": columns, "slow": slow, "fast": fast, "changes": changes},
+            "different": sum(p[slow].sequence != p[fast].sequence for p in sweep.values()),
+            "every": {f"{case.problem} at {case.freeze_s:g} s": made for case, made in results},
+        }

@@ -20,178 +20,110 @@ allows. Between integers J and V blend the modes multilinearly in sigma, as writ
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.peers.answer import Answer, Settings
-from benchmarks.peers.time_grid import (
+from benchmarks.studies.peers.motions import Answer, Solve, straight_line
+from benchmarks.studies.peers.time_grid import (
     TIME_SCALE,
     Block,
+    Program,
     as_motion,
-    stacked,
     stacked_waits,
     state_bounds,
-    straight_line,
+    state_rows,
 )
-from twosra_mpc import Problem, Robot
+from benchmarks.study import Count
+from twosra_mpc import Problem
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.kinematics import kinematics, wheel_travel
-from twosra_mpc.planning.nlp.multiple_shooting import GAP_SCALE, INPUT_SCALE, STATE_SCALE
-
-Array = NDArray[np.float64]
+from twosra_mpc.model.kinematics import wheel_travel
+from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, STATE_SCALE
+from twosra_mpc.validation import Positive, Value
 
 _REGULARISATION = 1e-2  # s per squared scaled displacement; speeds the relaxations up
 _WIDEST = 10.0  # largest scaled displacement of a stage
 _LATEST = 30.0  # largest scaled time
 _INTEGRAL = 1e-4
-
-
-@dataclass(frozen=True)
-class TimeGridMinlp:
-    """Peer 1 and what was tuned."""
-
-    stages: int = 24
-    time_limit_s: float = 20.0  # Bonmin counts CPU time
-    longest_stage_s: float = 0.5  # short stages tighten the relaxation
-    gap: float = 0.01  # the planner's own default
-
-    @property
-    def name(self) -> str:
-        """What the report calls it."""
-        return "time-grid MINLP"
-
-    @property
-    def settings(self) -> Settings:
-        """Everything that was tuned."""
-        return {**asdict(self), **_OPTIONS}
-
-    def prepare(self, problem: Problem) -> None:
-        """Write down and compile the program."""
-        _program(problem.robot, self)
-
-    def solve(self, problem: Problem) -> Answer:
-        """Plan; the answer is Bonmin's incumbent when it ends."""
-        program = _program(problem.robot, self)
-        low, high = self._bounds(problem)
-        solution = program.solver(
-            x0=self._guess(problem),
-            p=stacked_waits(problem),
-            lbx=low,
-            ubx=high,
-            lbg=program.low,
-            ubg=program.high,
-        )
-        status = f"Bonmin: {program.solver.stats()['return_status']}"
-        x = ca.DM(solution["x"]).full().ravel()
-        modes = x[program.modes]
-        if not np.isfinite(x).all() or float(solution["f"]) > 1e20:
-            return Answer(f"{status}, no incumbent", None)
-        if np.abs(modes - modes.round()).max() > _INTEGRAL:
-            return Answer(f"{status}, incumbent is not integral", None)
-        pairs = modes.round().astype(int).reshape(self.stages, 2).tolist()
-        displacements = x[program.inputs].reshape(self.stages, 5) * INPUT_SCALE
-        motion = as_motion(problem, [(a, b) for a, b in pairs], displacements)
-        return Answer(f"{status}, incumbent {float(solution['f']):.1f} s", motion)
-
-    def _bounds(self, problem: Problem) -> tuple[Array, Array]:
-        n = self.stages
-        low, high = state_bounds(problem, n + 1)
-        widest = np.full(5 * n, _WIDEST)
-        lower = [(low / STATE_SCALE).ravel(), -widest, np.zeros(2 * n + n + n + 1)]
-        upper = [(high / STATE_SCALE).ravel(), widest, np.ones(2 * n)]
-        upper += [np.full(n, self.longest_stage_s), np.full(n + 1, _LATEST)]
-        return np.concatenate(lower), np.concatenate(upper)
-
-    def _guess(self, problem: Problem) -> Array:
-        n = self.stages
-        states = straight_line(problem, n + 1) / STATE_SCALE
-        lengths = np.full(n, min(0.2, self.longest_stage_s))
-        halves, times = np.full(2 * n, 0.5), np.linspace(0.0, 3.0, n + 1)
-        return np.concatenate([states.ravel(), np.full(5 * n, 0.01), halves, lengths, times])
-
-
 _OPTIONS: dict[str, Any] = {
     "expand": True,
     "bonmin.algorithm": "B-BB",
     "bonmin.variable_selection": "most-fractional",
     "bonmin.nlp_failure_behavior": "fathom",
     "bonmin.max_iter": 200,
-}
-_SILENT: dict[str, Any] = {
-    "print_time": False,
-    "bonmin.sb": "yes",
-    "bonmin.bb_log_level": 0,
-    "bonmin.nlp_log_level": 0,
+    **{"bonmin.sb": "yes", "bonmin.bb_log_level": 0, "bonmin.nlp_log_level": 0},
 }
 
 
-@dataclass(frozen=True, eq=False)
-class _Program:
-    """The compiled program, bounds of its constraints, and where its variables lie."""
+class TimeGridMinlp(Value):
+    """Peer 1 and what was tuned.
 
-    solver: ca.Function
-    low: Array
-    high: Array
-    inputs: slice
-    modes: slice
+    Attributes:
+        stages: Stages of the grid.
+        time_limit_s: Bonmin's limit; it counts CPU time.
+        longest_stage_s: Short stages tighten the relaxation.
+        gap: The planner's own default.
+    """
 
+    stages: Count = 24
+    time_limit_s: Positive = 20.0
+    longest_stage_s: Positive = 0.5
+    gap: Positive = 0.01
 
-@lru_cache(maxsize=8)
-def _program(robot: Robot, peer: TimeGridMinlp) -> _Program:
-    n = peer.stages
-    states, inputs = ca.MX.sym("q", 5, n + 1), ca.MX.sym("s", 5, n)
-    modes, lengths = ca.MX.sym("sigma", 2, n), ca.MX.sym("h", 1, n)
-    times, least = ca.MX.sym("t", 1, n + 1), ca.MX.sym("waits", 2, 5)
-    g, low, high = stacked(
-        [
-            *_motion_rows(robot, states, inputs, modes, lengths),
+    def prepared(self, problem: Problem) -> Solve:
+        """Compile the program; the answer of what is returned is Bonmin's incumbent at its end."""
+        program, n = self._program(problem), self.stages
+        low, high = state_bounds(problem, n + 1)
+        guess = {
+            "q": straight_line(problem, n + 1) / STATE_SCALE,
+            **{"s": 0.01, "sigma": 0.5, "h": min(0.2, self.longest_stage_s)},
+            "t": np.linspace(0.0, 3.0, n + 1)[:, None],
+        }
+        lower = {"q": low, "s": -_WIDEST, "sigma": 0.0, "h": 0.0, "t": 0.0}
+        upper = {"q": high, "s": _WIDEST, "sigma": 1.0, "h": self.longest_stage_s, "t": _LATEST}
+
+        def solve() -> Answer:
+            words, cost, x = program.solve(lower, upper, guess, stacked_waits(problem))
+            status, modes = f"Bonmin: {words}", x["sigma"]
+            if cost > 1e20 or not all(np.isfinite(part).all() for part in x.values()):
+                return Answer(f"{status}, no incumbent", None)
+            if np.abs(modes - modes.round()).max() > _INTEGRAL:
+                return Answer(f"{status}, incumbent is not integral", None)
+            chosen = [tuple(mode) for mode in modes.round().astype(int).tolist()]
+            motion = as_motion(problem, chosen, x["s"] * INPUT_SCALE)
+            return Answer(f"{status}, incumbent {cost:.1f} s", motion)
+
+        return solve
+
+    def _program(self, problem: Problem) -> Program:
+        n, of, limits = self.stages, problem.robot.coordinates, problem.robot.limits
+        states, inputs = ca.MX.sym("q", of.size, n + 1), ca.MX.sym("s", 5, n)
+        modes, lengths = ca.MX.sym("sigma", of.segments, n), ca.MX.sym("h", 1, n)
+        times, least = ca.MX.sym("t", 1, n + 1), ca.MX.sym("waits", of.segments, 5)
+        q, s = ca.DM(STATE_SCALE) * states, ca.DM(INPUT_SCALE) * inputs
+        rolled = wheel_travel(problem.robot).map(n)(q[:, :-1], s, modes) / limits.wheel_speed_rad_s
+        used = ca.vertcat(rolled, s[:2, :] / limits.unit_speed_m_s)
+        time = ca.repmat(lengths, used.shape[0], 1)
+        rows = [
+            *state_rows(
+                problem, states, interval_flow(problem.robot, 1).map(n)(q[:, :-1], s, modes)
+            ),
+            (used - time, -np.inf, 0.0),
+            (-used - time, -np.inf, 0.0),
             *_timing_rows(modes, lengths, times, least),
         ]
-    )
-    parts = [ca.vec(part) for part in (states, inputs, modes, lengths, times)]
-    ends = np.cumsum([part.numel() for part in parts])
-    discrete = np.zeros(ends[-1], dtype=bool)
-    discrete[ends[1] : ends[2]] = True
-    nlp = {
-        "x": ca.vertcat(*parts),
-        "p": ca.vec(least),
-        "f": TIME_SCALE * times[-1] + _REGULARISATION * n * ca.sumsqr(inputs),
-        "g": g,
-    }
-    options: dict[str, Any] = {
-        **_OPTIONS,
-        **_SILENT,
-        "discrete": discrete.tolist(),
-        "bonmin.time_limit": peer.time_limit_s,
-        "bonmin.allowable_fraction_gap": peer.gap,
-    }
-    solver = ca.nlpsol("time_grid", "bonmin", nlp, options)
-    return _Program(solver, low, high, slice(ends[0], ends[1]), slice(ends[1], ends[2]))
-
-
-def _motion_rows(
-    robot: Robot, states: ca.MX, inputs: ca.MX, modes: ca.MX, lengths: ca.MX
-) -> list[Block]:
-    """Defects, speed limits of wheels and units, and the gap between the units."""
-    n, limits = inputs.shape[1], robot.limits
-    q, s = ca.DM(STATE_SCALE) * states, ca.DM(INPUT_SCALE) * inputs
-    arrive = interval_flow(robot, 1).map(n)(q[:, :-1], s, modes)
-    rolled = wheel_travel(robot).map(n)(q[:, :-1], s, modes) / limits.wheel_speed_rad_s
-    travelled = s[:2, :] / limits.unit_speed_m_s
-    gap = kinematics(robot).shape_margins.map(n + 1)(q[3:, :])[0, :] - limits.unit_gap_m
-    return [
-        ((arrive - q[:, 1:]) / ca.DM(STATE_SCALE), 0.0, 0.0),
-        (rolled - ca.repmat(lengths, 4, 1), -np.inf, 0.0),
-        (-rolled - ca.repmat(lengths, 4, 1), -np.inf, 0.0),
-        (travelled - ca.repmat(lengths, 2, 1), -np.inf, 0.0),
-        (-travelled - ca.repmat(lengths, 2, 1), -np.inf, 0.0),
-        (gap / GAP_SCALE, 0.0, np.inf),
-    ]
+        cost = TIME_SCALE * times[-1] + _REGULARISATION * n * ca.sumsqr(inputs)
+        variables = {"q": states, "s": inputs, "sigma": modes, "h": lengths, "t": times}
+        options = {
+            **_OPTIONS,
+            "discrete": [
+                name == "sigma" for name, v in variables.items() for _ in range(v.numel())
+            ],
+            "bonmin.time_limit": self.time_limit_s,
+            "bonmin.allowable_fraction_gap": self.gap,
+        }
+        return Program("bonmin", variables, cost, rows, least, options)
 
 
 def _timing_rows(modes: ca.MX, lengths: ca.MX, times: ca.MX, least: ca.MX) -> list[Block]:
@@ -202,6 +134,8 @@ def _timing_rows(modes: ca.MX, lengths: ca.MX, times: ca.MX, least: ca.MX) -> li
     melted, melting, freezing, first, last = ca.horzsplit(least)
     change = ca.horzcat(modes, last) - ca.horzcat(first, modes)
     pause = TIME_SCALE * times - ca.horzcat(0, TIME_SCALE * times[:-1] + lengths)
-    pauses, starts = ca.repmat(pause, 2, 1), ca.repmat(TIME_SCALE * times[:-1], 2, 1)
+    pauses, starts = (
+        ca.repmat(part, modes.shape[0], 1) for part in (pause, TIME_SCALE * times[:-1])
+    )
     rows = [pauses - melting * change, pauses + freezing * change, pause, starts - melted * modes]
     return [(row / TIME_SCALE, 0.0, np.inf) for row in rows]

@@ -14,23 +14,18 @@ approximates (Sager, Jung, Kirches 2011), with the number of switches and dwell 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_array
-
-Array = NDArray[np.float64]
 
 _PER_SWITCH = 0.05  # stages of approximation error that one switch fewer is worth
 _DECIMALS = 4  # of the shares; what is left of vanished shares upsets HiGHS
-_Row = tuple[dict[int, float], float, float]
 
 
-@dataclass(frozen=True)
-class Rounding:
+class Rounding(NamedTuple):
     """Outcome of the rounding.
 
     Attributes:
@@ -45,7 +40,7 @@ class Rounding:
 
 
 def rounded(
-    shares: Array,
+    shares: NDArray[np.float64],
     needed: Sequence[Sequence[int]],
     *,
     max_switches: int,
@@ -61,53 +56,28 @@ def rounded(
         dwell_stages: Least stages a mode stays on.
         time_limit_s: Wall time HiGHS may take.
     """
-    stages, modes = int(shares.shape[0]), int(shares.shape[1])
-    used, switches = stages * modes, (stages - 1) * modes
-    width = used + switches + 1
-    rows = list(_rows(shares.round(_DECIMALS), max_switches, dwell_stages))
+    opti, (stages, modes) = ca.Opti("conic"), shares.shape
+    on, error = opti.variable(stages, modes), opti.variable()
+    switched = ca.vertcat(on[0, :], opti.variable(stages - 1, modes))  # the first: on from there
+    sums = ca.DM(np.tri(stages)) @ (shares.round(_DECIMALS) - on)
+    changes = ca.sum1(ca.sum2(switched)) - 1
+    opti.set_domain(on, "integer")
+    opti.subject_to(opti.bounded(0, ca.vec(on), 1))
+    opti.subject_to(ca.vec(switched) >= 0)
+    opti.subject_to(ca.sum2(on) == 1)
+    opti.subject_to(ca.vec(sums) <= error)
+    opti.subject_to(ca.vec(sums) >= -error)
+    opti.subject_to(ca.vec(switched[1:, :] - on[1:, :] + on[:-1, :]) >= 0)
+    for later in range(1, min(stages, dwell_stages)):
+        opti.subject_to(ca.vec(on[later:, :] - switched[: stages - later, :]) >= 0)
     for group in needed:
-        columns = [k * modes + m for k in range(stages) for m in group]
-        rows.append((dict.fromkeys(columns, 1.0), 1.0, np.inf))
-    cells = [(i, column, value) for i, row in enumerate(rows) for column, value in row[0].items()]
-    at, places, values = zip(*cells, strict=True)
-    matrix = csr_array((values, (at, places)), shape=(len(rows), width))
-    objective = np.concatenate([np.zeros(used), np.full(switches, _PER_SWITCH), [1.0]])
-    result = milp(
-        objective,
-        constraints=LinearConstraint(matrix, [row[1] for row in rows], [row[2] for row in rows]),
-        integrality=np.repeat([1, 0], [used, switches + 1]),
-        bounds=Bounds(0.0, np.append(np.ones(width - 1), np.inf)),
-        options={"time_limit": time_limit_s},
-    )
-    if result.x is None:
-        return Rounding(str(result.message), None, np.inf)
-    choice = result.x[:used].reshape(stages, modes).argmax(axis=1)
-    return Rounding(str(result.message), tuple(choice.tolist()), float(result.x[-1]))
-
-
-def _rows(shares: Array, max_switches: int, dwell_stages: int) -> Iterator[_Row]:
-    """Yield the constraints as ({column: coefficient}, lower, upper)."""
-    stages, modes = int(shares.shape[0]), int(shares.shape[1])
-    error = stages * modes + (stages - 1) * modes
-
-    def on(k: int, m: int) -> int:
-        return k * modes + m
-
-    def switched(k: int, m: int) -> int:
-        return (stages + k - 1) * modes + m
-
-    for k in range(stages):
-        yield {on(k, m): 1.0 for m in range(modes)}, 1.0, 1.0
-    for m in range(modes):
-        for k, sum_of_shares in enumerate(np.cumsum(shares[:, m]).tolist()):
-            sum_of_choices = {on(i, m): -1.0 for i in range(k + 1)}
-            yield {**sum_of_choices, error: 1.0}, -sum_of_shares, np.inf
-            yield {**sum_of_choices, error: -1.0}, -np.inf, -sum_of_shares
-        for i in range(1, min(stages, dwell_stages)):
-            yield {on(i, m): 1.0, on(0, m): -1.0}, 0.0, np.inf
-        for k in range(1, stages):
-            yield {switched(k, m): 1.0, on(k, m): -1.0, on(k - 1, m): 1.0}, 0.0, np.inf
-            for i in range(k, min(stages, k + dwell_stages)):
-                yield {on(i, m): 1.0, switched(k, m): -1.0}, 0.0, np.inf
-    every = {switched(k, m): 1.0 for k in range(1, stages) for m in range(modes)}
-    yield every, 0.0, float(max_switches)
+        opti.subject_to(sum(ca.sum1(on[:, m]) for m in group) >= 1)
+    opti.subject_to(changes <= max_switches)
+    opti.minimize(error + _PER_SWITCH * changes)
+    settings = {"output_flag": False, "time_limit": time_limit_s}
+    opti.solver("highs", {"print_time": False, "error_on_fail": False, "highs": settings})
+    try:
+        choice = opti.solve().value(on).reshape(stages, modes).argmax(axis=1)
+    except RuntimeError:
+        return Rounding(opti.stats()["return_status"], None, np.inf)
+    return Rounding(opti.stats()["return_status"], tuple(choice.tolist()), float(opti.value(error)))

@@ -17,11 +17,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter
 
-from benchmarks.report import Row
 from benchmarks.studies.tracker_step import solvers
 from benchmarks.studies.tracker_step.solvers import Answer, Array, Clock, Recorded, Solver
 from benchmarks.studies.tracker_step.steps import first_speeds, record_steps
-from benchmarks.study import Count, Study
+from benchmarks.study import Count, Measured, Study
 from twosra_mpc import load_problem, plan
 from twosra_mpc.execution.tracking.settings import TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.setup import Setup
@@ -139,12 +138,10 @@ class TrackerSteps(Study):
             iterations=np.quantile(iterations, (0.5, 0.9, 1.0)).tolist(),
         )
 
-    def report(self, results: Sequence[tuple[Case, StepsRecord]], folder: Path) -> dict[str, Any]:
-        """One table for each phase."""
-        del folder
-        rows = [[_row(name, one) for name, one in made.solvers.items()] for _, made in results]
-        tables = [(case, made, some) for (case, made), some in zip(results, rows, strict=True)]
-        return {"tables": tables, "horizon": HORIZON, "rounds": self.rounds, "tracker": TRACKER}
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """The horizon."""
+        del results, folder
+        return {"horizon": HORIZON}
 
 
 def _measured(
@@ -183,19 +180,3 @@ def _record(
         residuals=None if np.isnan(residuals).any() else residuals.tolist(),
         errors=np.quantile(errors, (0.5, 1.0)).tolist(),
     )
-
-
-def _row(name: str, made: SolverRecord) -> Row:
-    def joined(values: Sequence[float] | None, form: str, otherwise: str = "") -> str:
-        return " / ".join(f"{value:{form}}" for value in values) if values else otherwise
-
-    return {
-        "solver": name,
-        "solves": made.solves,
-        "success": f"{made.success} of {made.steps}",
-        "wall [us] min / median / p99": joined(made.wall_us, ".0f"),
-        "core [us] min / median / p99": joined(made.core_us, ".0f", "another process"),
-        "times the tracker": f"{made.ratio:.3g}",
-        "residual primal / dual": joined(made.residuals, ".1e", "not told"),
-        "error of the first speeds, median / max": joined(made.errors, ".1e"),
-    }
