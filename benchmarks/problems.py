@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot
-from twosra_mpc.problem.shape import check_shapes
+from twosra_mpc.problem.limits import check_shapes
 from twosra_mpc.validation import FrozenDict, plain
 
 FOLDER = Path(__file__).parent / "sets"

@@ -16,8 +16,9 @@ import pytest
 from conftest import Outcome, Run
 from test_problem import ROBOT, SCENARIO, changed, write
 
-from twosra_mpc import __version__, load_plan, load_robot, planner, robot_names, scenario_names
+from twosra_mpc import __version__, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import output, planning
+from twosra_mpc.planning import planner
 from twosra_mpc.problem.problem import Problem, load_problem
 
 SHARED_BEND = {

@@ -304,16 +304,6 @@ def test_the_help_tells_exit_codes_and_completion(run: Run) -> None:
     assert "_TWOSRA_COMPLETE=bash_source" in out
 
 
-def test_commands_and_options_are_completed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("_TWOSRA_COMPLETE", "bash_complete")
-    monkeypatch.setenv("COMP_WORDS", "twosra ver")
-    monkeypatch.setenv("COMP_CWORD", "1")
-    assert run().out == "plain,verify\n"
-    monkeypatch.setenv("COMP_WORDS", "twosra verify --q")
-    monkeypatch.setenv("COMP_CWORD", "2")
-    assert run().out == "plain,--quiet\n"
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

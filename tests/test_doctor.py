@@ -12,6 +12,7 @@ from conftest import Run
 
 from twosra_mpc import __version__, plan
 from twosra_mpc.cli import doctor
+from twosra_mpc.installation import install_command
 
 
 @pytest.fixture
@@ -90,7 +91,7 @@ class TestWithoutPlanning:
         code, out, _ = run()
         assert code == 0
         assert "PASS extra: there numpy" in out
-        how = "pip install 'twosra-mpc[away]' (missing: no-such-package)"
+        how = f"{install_command('away')} (missing: no-such-package)"
         assert f"none extra: away {how}" in out
 
     def test_a_package_that_is_not_installed_fails(

@@ -72,6 +72,6 @@ def test_a_path_beyond_the_curvature_limit_is_not_called_feasible() -> None:
     result = plan(random_problem(37, planner="greedy", robot=robot))
     assert result.status is Status.FAILED
     assert result.samples is None
-    assert "leaves the curvature limit of 50 1/m" in result.message
+    assert "curvature is beyond curvature_per_m = 50 1/m" in result.message
     optimal = plan(random_problem(37, robot=robot))
     assert optimal.status is Status.OPTIMAL

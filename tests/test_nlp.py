@@ -13,7 +13,7 @@ from twosra_mpc import Problem, load_problem
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import bending_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import (
     IPOPT_STATUS,
     Candidate,
@@ -26,6 +26,7 @@ from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.nlp.landing import LANDED, land
 from twosra_mpc.planning.nlp.multiple_shooting import transcribe
 from twosra_mpc.planning.outcome import verified
+from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork
 
@@ -167,7 +168,7 @@ def test_a_goal_out_of_reach_of_the_modes_is_reported_as_no_motion() -> None:
 
 
 def test_the_decision_vector_packs_and_unpacks() -> None:
-    program = transcribe(ROBOT, phases=3, intervals=4, steps=2)
+    program = transcribe(ROBOT, None, phases=3, intervals=4, steps=2)
     rng = np.random.default_rng(0)
     states, inputs = rng.standard_normal((3, 5, 5)), rng.standard_normal((3, 4, 5))
     times = rng.uniform(0, 500, program.layout.count)

@@ -33,3 +33,31 @@ print("twosra_mpc.identification.thermal" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split("\n") == ["[]", "True", ""]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "without"),
+    [
+        (["--version"], ("numpy", "pydantic", "rich")),
+        (["--help"], ("numpy", "pydantic", "rich")),
+        (["scenarios"], ()),
+        (["robots", "--json"], ()),
+    ],
+    ids=lambda x: " ".join(x),
+)
+def test_commands_that_plan_nothing_load_no_solver(
+    arguments: list[str], without: tuple[str, ...]
+) -> None:
+    heavy = ("casadi", "scipy", "matplotlib", "osqp", "tomlkit", *without)
+    code = f"""
+import sys
+from twosra_mpc import cli
+try:
+    cli.main({arguments!r})
+except SystemExit as end:
+    assert end.code == 0
+print([name for name in {heavy!r} if name in sys.modules], file=sys.stderr)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout
+    assert done.stderr == "[]\n"

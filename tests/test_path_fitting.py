@@ -27,10 +27,11 @@ from twosra_mpc.identification.path_fitting import (
     path_curves,
 )
 from twosra_mpc.model.kinematics import fibre_end_pose
-from twosra_mpc.model.path_models import Arc, LogSpiral, path_model
+from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
 from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode, soft_segments
 
 Array = NDArray[np.float64]
 
@@ -314,7 +315,13 @@ def test_the_fitted_spirals_have_the_speed_of_the_exact_paths() -> None:
     """Kinematics note, section 2: ratio of the rates, with row III at its own phase."""
     tables = fitted_path_tables(ROBOT)
     alpha, own = ca.SX.sym("alpha"), ca.SX.sym("own")
-    exact = Arc(0.040, 0.030, None)
+    exact = Arc(PAPER, at_wheel=False)
+
+    def rate(path: PathModel, mode: Mode, unit: int, own: ca.SX, other: ca.SX) -> ca.SX:
+        """Rate of the last soft segment; ``own`` is the bend next to the unit that moves."""
+        both = ca.vertcat(own, other) if unit == 0 else ca.vertcat(other, own)
+        return path.bends(both, mode)[unit].bending[max(soft_segments(mode))]
+
     bends = np.array([0.0, 0.5, 1.0, np.pi / 2, 2.4, np.pi])
     expected = [
         (0.872, 0.962, 1.047, 1.134, 1.230, 1.277),
@@ -325,9 +332,12 @@ def test_the_fitted_spirals_have_the_speed_of_the_exact_paths() -> None:
         spiral = path_model(with_path(tables[name]))
         assert isinstance(spiral, LogSpiral)
         ratios = [
-            spiral.adjacent(alpha) / exact.adjacent(alpha),
-            spiral.opposite(alpha, own) / exact.opposite(alpha, own),
-            spiral.both(alpha, alpha) * spiral.share(alpha) / exact.both(alpha, alpha),
+            rate(spiral, mode, unit, near, far) / rate(exact, mode, unit, near, far)
+            for mode, unit, near, far in (
+                (SOFT_1, 0, alpha, own),
+                (SOFT_2, 0, own, alpha),
+                (SOFT_BOTH, 1, alpha, alpha),
+            )
         ]
         rates = ca.Function("ratios", [alpha, own], ratios)(bends.reshape(1, -1), 0.0)
         assert [ratio.full().ravel() for ratio in rates] == [

@@ -16,6 +16,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
+from twosra_mpc.problem.limits import UNIT_GAP, surely_broken
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.paths import ArcPath
 
@@ -162,11 +163,11 @@ def test_bending_with_both_units_at_full_speed_takes_the_proved_least_time(
     assert least >= 0.98 * seconds
 
 
-def test_a_bend_through_overlapping_units_takes_for_ever() -> None:
+def test_a_bend_through_overlapping_units_is_forbidden() -> None:
     facts = bending(ROBOT)
     origin = (facts.coordinate(59.0), facts.coordinate(0.0))
     bend = facts.coordinate(59.0)
-    assert facts.least_time(SOFT_2, origin, bend) == math.inf
+    assert surely_broken(ROBOT, facts.shapes_on_the_way(SOFT_2, origin, bend)) is UNIT_GAP
 
 
 @pytest.mark.parametrize("model", PATH_MODELS)

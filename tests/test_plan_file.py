@@ -34,10 +34,10 @@ from twosra_mpc import (
 )
 from twosra_mpc.files import atomic_path, write_text
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.plans.plan import Cost, Samples
-from twosra_mpc.plans.setpoints import SAME_TIME_S, rows
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.plans.plan import Cost
+from twosra_mpc.plans.setpoints import rows
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
+from twosra_mpc.robot.description import Robot, segment_model
 
 Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ def energy_J(some: Plan) -> float:
     held_s, currents = np.diff(samples.t_s).tolist(), samples.heater_current_A
     total = 0.0
     if some.problem.timing == "nominal":  # the hotter the coil, the more it resists
-        model = segment_model(some.robot, some.problem.ambient)
+        model = segment_model(some.robot, some.problem.ambient, 0)
         for j, temperature in enumerate(some.problem.temperatures):
             state = model.initial(temperature)
             for current, held in zip(currents[:-1, j].tolist(), held_s, strict=True):
@@ -235,8 +235,8 @@ def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Plan, tmp_path: 
     assert samples_of(empty).t_s.tolist() == [0.0]
     empty.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").to_dict() == empty.to_dict()
-    _, resampled = rows(samples_of(empty), 10.0, empty.robot)
-    assert resampled.tolist() == rows(samples_of(empty), None, empty.robot)[1].tolist()
+    _, regular = rows(empty.trajectory.resampled(10.0))
+    assert regular.tolist() == rows(samples_of(empty))[1].tolist()
 
 
 def test_a_plan_is_found_under_the_name_it_was_saved_under(empty: Plan, tmp_path: Path) -> None:
@@ -498,7 +498,7 @@ def test_the_csv_file_is_the_samples(any_plan: Plan, tmp_path: Path) -> None:
 @lru_cache(maxsize=64)
 def resampled(some: Plan, rate_Hz: float) -> dict[str, Array]:
     """Columns of the resampled set-points by name of the samples' array."""
-    names, values = rows(samples_of(some), rate_Hz, some.robot)
+    names, values = rows(some.trajectory.resampled(rate_Hz))
     assert ",".join(names) == HEADER
     widths = [1 if name == "t_s" else WIDTHS[name] for name in ORDER]
     parts = np.split(values, np.cumsum(widths)[:-1], axis=1)
@@ -596,9 +596,9 @@ def test_a_rate_that_is_not_positive_and_finite_is_refused(
 
 
 def test_the_highest_rate_is_allowed_and_more_is_refused(empty: Plan) -> None:
-    rows(samples_of(empty), 1000.0, empty.robot)
+    empty.trajectory.resampled(1000.0)
     with pytest.raises(InputError, match="at most 1000 Hz") as caught:
-        rows(samples_of(empty), 1000.1, empty.robot)
+        empty.trajectory.resampled(1000.1)
     assert (caught.value.field, caught.value.value) == ("rate", 1000.1)
 
 

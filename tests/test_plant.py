@@ -13,14 +13,15 @@ from twosra_mpc import InputError, Plan, Problem, load_problem
 from twosra_mpc.execution.heater_schedule import warm_setpoint_C
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
-from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot, with_ranges
+from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import NO_DRIFT, Drift, rolling
 from twosra_mpc.plotting import robot_shape
+from twosra_mpc.robot.coordinates import Coordinates
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.thermal.lumped import Lumped
-from twosra_mpc.thermal.model import segment_model
 
 ARC = "2sra-v1-arc"
 COLD = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [10.0, -5.0]}
@@ -233,9 +234,8 @@ def test_a_broken_heater_stays_cold_and_is_reported() -> None:
 
 def test_a_range_of_no_width_is_the_nominal_model() -> None:
     robot = problem().robot
-    nominal = segment_model(robot, robot.heater.ambient_C)
+    nominal = segment_model(robot, robot.heater.ambient_C, 0)
     assert [segment.model for segment in undisturbed().segments] == [nominal, nominal]
-    assert with_ranges(robot, 1.0).segment == robot.segment
     drawn = SimulatedRobot(problem(), "arc", LEVELS["moderate"], 1).segments
     assert drawn[0].model != drawn[1].model != nominal
 
@@ -254,21 +254,22 @@ def test_an_undisturbed_camera_tells_the_truth_at_once() -> None:
 
 
 def test_frames_are_late_noisy_and_rounded() -> None:
-    camera = Camera(noise=(1e-3, 1e-3, 0.02, 1.0, 1.0), step=(1e-3, 1e-3, 0.02, 1.0, 1.0))
+    camera = Camera(noise=(1e-3, 0.02, 1.0), step=(1e-3, 0.02, 1.0))
     robot = SimulatedRobot(problem(), "arc", Disturbance(camera=camera, delay_frames=(2, 2)), 5)
     assert not len(robot.read().frames)
     robot.wait(400.0)
     reading = robot.read()
     assert reading.time_s - reading.taken_s[-1] == pytest.approx(2 / 15)
     assert np.diff(reading.taken_s) == pytest.approx(1 / 15)
-    steps = reading.frames / np.array(camera.step)
+    two = Coordinates(2)
+    steps = reading.frames / two.each(*camera.step)
     assert steps == pytest.approx(np.round(steps), abs=1e-6)
     count = len(reading.frames)
     assert count == 400 * 15 + 1 - 2
     spread = reading.frames.std(axis=0)
-    assert spread == pytest.approx(np.sqrt(camera.variance), rel=0.05)
+    assert spread == pytest.approx(np.sqrt(camera.variance(two)), rel=0.05)
     mean = reading.frames.mean(axis=0) - robot.q
-    assert (np.abs(mean) < 4 * np.sqrt(camera.variance / count)).all()
+    assert (np.abs(mean) < 4 * np.sqrt(camera.variance(two) / count)).all()
 
 
 # --- drawing -------------------------------------------------------------------------------------

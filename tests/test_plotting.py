@@ -10,7 +10,6 @@ from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
 
-import casadi as ca
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -31,8 +30,7 @@ from twosra_mpc import (
     plan,
     plotting,
 )
-from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
     DPI,
@@ -66,12 +64,7 @@ PLANS = [
     ("move-and-shape", "optimal"),
     ("rigid-move", "optimal"),
 ]
-CONFIGURATIONS = [
-    (0.0, 0.0, 0.0, 0.0, 0.0),
-    (0.2, -0.1, 0.7, 1e-9, -1e-9),
-    (0.238, 0.276, -0.24, -38.0, -24.0),
-    (-1.0, 2.0, 3.0, 78.5, -60.0),
-]
+BENT = (0.238, 0.276, -0.24, -38.0, -24.0)
 
 
 @cache
@@ -96,50 +89,7 @@ def colour(soft: int) -> str:
     return SOFT_COLOUR if soft else RIGID_COLOUR
 
 
-def to_world(q: tuple[float, ...], x: float, y: float) -> np.ndarray:
-    c, s = np.cos(q[2]), np.sin(q[2])
-    return np.array([q[0] + c * x - s * y, q[1] + s * x + c * y])
-
-
 # --- the robot
-
-
-@pytest.mark.parametrize("q", CONFIGURATIONS)
-def test_segments_end_where_the_kinematics_puts_the_fibre_ends(q: tuple[float, ...]) -> None:
-    shape, symbol = robot_shape(ROBOT.geometry, q), ca.SX.sym("q", 5)
-    for j, side in enumerate((-1, 1)):
-        pose = ca.Function("pose", [symbol], [fibre_end_pose(ROBOT.geometry, symbol, j)])
-        x, y, angle = np.ravel(pose(q).full())
-        tip = to_world(q, x, y)
-        np.testing.assert_allclose(shape.segments[j, -1], tip, rtol=0, atol=1e-9)
-        root = to_world(q, side * ROBOT.geometry.middle_link_m / 2, 0.0)
-        np.testing.assert_allclose(shape.segments[j, 0], root, rtol=0, atol=1e-9)
-        direction = side * np.array([np.cos(angle + q[2]), np.sin(angle + q[2])])
-        link = tip + ROBOT.geometry.end_link_m * direction
-        np.testing.assert_allclose(shape.links[1 + j], [tip, link], rtol=0, atol=1e-9)
-        centre = link + ROBOT.geometry.unit_side_m / 2 * direction
-        np.testing.assert_allclose(shape.units[j].mean(axis=0), centre, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("q", CONFIGURATIONS)
-def test_segments_are_arcs_of_the_right_length_and_curvature(q: tuple[float, ...]) -> None:
-    for arc, kappa in zip(robot_shape(ROBOT.geometry, q, 400).segments, q[3:], strict=True):
-        steps = np.diff(arc, axis=0)
-        length = np.linalg.norm(steps, axis=1)
-        assert length.sum() == pytest.approx(ROBOT.geometry.lengths_m[0], rel=1e-4)
-        turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
-        np.testing.assert_allclose(np.abs(turns) / length[1:], abs(kappa), rtol=1e-3, atol=1e-6)
-
-
-@pytest.mark.parametrize("q", CONFIGURATIONS)
-def test_wheels_stand_and_roll_where_the_kinematics_says(q: tuple[float, ...]) -> None:
-    poses = kinematics(ROBOT).wheel_poses(q).full()
-    for corners, (x, y, psi) in zip(robot_shape(ROBOT.geometry, q).wheels, poses.T, strict=True):
-        np.testing.assert_allclose(corners.mean(axis=0), to_world(q, x, y), rtol=0, atol=1e-9)
-        edges = np.diff(corners[[0, 1, 2]], axis=0)
-        rolling = np.array([np.cos(psi + q[2]), np.sin(psi + q[2])])
-        extents = sorted(abs(edges @ rolling))
-        np.testing.assert_allclose(extents, [0.0, 2 * ROBOT.geometry.wheel_radius_m], atol=1e-9)
 
 
 @pytest.mark.parametrize("changing", MODES)
@@ -148,8 +98,8 @@ def test_a_segment_is_red_blue_or_hatched_as_it_is_soft_rigid_or_changing(
     mode: Mode, changing: Mode
 ) -> None:
     ax = axes_of()
-    assert draw_robot(ax, ROBOT.geometry, CONFIGURATIONS[2], mode, changing=changing) is ax
-    arcs = robot_shape(ROBOT.geometry, CONFIGURATIONS[2]).segments
+    assert draw_robot(ax, ROBOT.geometry, BENT, mode, changing=changing) is ax
+    arcs = robot_shape(ROBOT.geometry, BENT).segments
     for line, soft, changes, arc in zip(ax.lines, mode, changing, arcs, strict=False):
         assert same_color(line.get_color(), CHANGING_COLOUR if changes else colour(soft))
         np.testing.assert_array_equal(line.get_xydata(), arc)
@@ -160,14 +110,14 @@ def test_a_segment_is_red_blue_or_hatched_as_it_is_soft_rigid_or_changing(
 
 def test_robot_artists_are_all_that_is_drawn() -> None:
     ax = axes_of()
-    artists = robot_artists(ax, ROBOT.geometry, CONFIGURATIONS[2], (1, 0), changing=(0, 1))
+    artists = robot_artists(ax, ROBOT.geometry, BENT, (1, 0), changing=(0, 1))
     assert set(artists) == {*ax.lines, *ax.patches}
 
 
 def test_an_outline_is_the_robot_dashed() -> None:
     ax = axes_of()
-    assert draw_outline(ax, ROBOT.geometry, CONFIGURATIONS[2]) is ax
-    shape = robot_shape(ROBOT.geometry, CONFIGURATIONS[2])
+    assert draw_outline(ax, ROBOT.geometry, BENT) is ax
+    shape = robot_shape(ROBOT.geometry, BENT)
     for line, arc in zip(ax.lines, shape.segments, strict=True):
         np.testing.assert_array_equal(line.get_xydata(), arc)
         assert line.get_linestyle() == "--"

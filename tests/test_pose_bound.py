@@ -13,12 +13,13 @@ from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.planner import bending_task
 from twosra_mpc.planning.search import bounds
 from twosra_mpc.planning.search.bounds import least_durations, pose_bound
 from twosra_mpc.planning.search.rigid_motion import twist_vertices
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 
 Array = NDArray[np.float64]
@@ -91,7 +92,7 @@ def test_what_each_unit_does_to_the_robot_is_enclosed(robot: Robot, mode: Mode) 
         low, high = facts.motions_between(mode, origin, along)
         for box, share in enumerate(rng.uniform(size=12)):
             change = along[box] + share * (along[box + 1] - along[box])
-            shape = facts.curvature(np.array(origin) + np.array(mode) * change)
+            shape = np.array(facts.curvatures(np.array(origin) + np.array(mode) * change))
             j, step = mode.index(1), 1e-3
             steep = facts.coordinate(shape[j] + step) - facts.coordinate(shape[j] - step)
             moved = kinematics(robot).jacobian([0, 0, 0, *shape], mode).full()[:, :2]
@@ -132,7 +133,7 @@ def random_motion(robot: Robot, rng: np.random.Generator) -> Motion | None:
             inputs[i, :, :2] = unit_speed(robot) * time * speed * corner
         else:
             matrix = kinematics(robot).wheel_matrix(motion.end, RIGID).full()[:, 2:]
-            vertices = twist_vertices(matrix, robot.limits.wheel_speed_rad_s)
+            vertices = twist_vertices(matrix / robot.limits.wheel_speed_rad_s)
             assert vertices is not None
             corner = vertices[rng.integers(len(vertices), size=intervals)]
             inputs[i, :, 2:] = time * speed * corner

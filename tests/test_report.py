@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from twosra_mpc import Goal, InputError, Plan, Problem, Start, Status, load_plan, load_problem
 from twosra_mpc.identification.path_choice import with_path_model
-from twosra_mpc.plans.plan import Samples
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
 from twosra_mpc.report import Origin, film, report_page, words, write_report
 from twosra_mpc.report import page as page_module
@@ -110,7 +110,7 @@ def test_the_plan_in_the_page_is_the_plan(paper: Plan, page: str, tmp_path: Path
 
 def test_the_set_points_are_the_whole_grid(paper: Plan, page: str) -> None:
     assert paper.samples is not None
-    table = setpoint_table(paper.samples, paper.robot)
+    table = setpoint_table(paper.samples)
     assert len(table.cells) == len(paper.samples) == len(table.time_s)
     assert table.words in unescape(page)
     assert [float(row[0]) for row in table.cells] == pytest.approx(table.time_s, abs=5e-5)
@@ -124,7 +124,7 @@ def test_a_very_long_table_is_thinned_and_says_so(paper: Plan) -> None:
     widths = {"t_s": (count,), "q": (count, 5), "v": (count, 5), "wheel_rad_s": (count, 4)}
     columns = {item.name: np.zeros(widths.get(item.name, (count, 2))) for item in fields(Samples)}
     columns["t_s"] = np.arange(count) / 8
-    table = setpoint_table(Samples(**columns), paper.robot)  # type: ignore[arg-type]
+    table = setpoint_table(Samples(**columns))  # type: ignore[arg-type]
     assert len(table.cells) <= MOST_ROWS + 1
     assert table.time_s[0] == 0.0
     assert table.time_s[-1] == (count - 1) / 8

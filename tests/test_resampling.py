@@ -14,7 +14,8 @@ from conftest import Planned, Run
 from twosra_mpc import InputError, NoPlanError, Plan, load_plan, load_problem, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.resampling import refined
-from twosra_mpc.plans.setpoints import SAME_TIME_S, save_setpoints
+from twosra_mpc.plans.setpoints import save_setpoints
+from twosra_mpc.plans.trajectory import SAME_TIME_S
 
 
 @pytest.fixture

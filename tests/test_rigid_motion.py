@@ -99,4 +99,4 @@ def test_free_and_loose_goals_are_never_bounded_above_a_tight_one(goal: Goal) ->
 def test_wheels_that_cannot_hold_the_body_give_no_bound() -> None:
     matrix = np.array([[1.0, 0.0, 0.1], [1.0, 0.0, 0.2], [1.0, 0.0, 0.3], [1.0, 0.0, 0.4]])
     shift = np.array([1.0, 0.0])
-    assert least_time(matrix, 1.0, shift, np.zeros(2), (0.0, 0.0), True, known_s=9.0) == 0.0
+    assert least_time(matrix, shift, np.zeros(2), (0.0, 0.0), True, known_s=9.0) == 0.0

@@ -139,7 +139,7 @@ WRONG_PLANS: list[tuple[str, object]] = [
     ("cost", {"total": 1.0}),
     ("cost", [1.0, 1.0, 1.0, 1]),
     ("phases", [{"mode": [0, 0], "start_s": 0.0}]),
-    ("transitions", [{"segment": 3, "to": "soft", "heater_s": 0, "onset_s": 0, "done_s": 0}]),
+    ("transitions", [{"segment": 0, "to": "soft", "heater_s": 0, "onset_s": 0, "done_s": 0}]),
     ("samples.q", [[0.0, 0.0]]),
     ("samples.mode", [[0, 2]]),
     ("samples", {}),

@@ -11,14 +11,9 @@ from hypothesis import strategies as st
 from problems import ROBOT, random_problem
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, plan
+from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.problem.shape import (
-    check_shapes,
-    condition_number,
-    may_drive,
-    shape_margins,
-    singular_shapes,
-)
+from twosra_mpc.problem.limits import check_shapes, may_drive, shape_margins
 from twosra_mpc.robot.geometry import Wheel
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_BOTH
 
@@ -57,7 +52,7 @@ def test_units_are_apart_exactly_when_a_line_separates_their_corners(
             axis = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
             p, r = first @ axis, second @ axis
             best = max(best, r.min() - p.max(), p.min() - r.max())
-    assert shape_margins(ROBOT, kappa).unit_gap_m[0] == pytest.approx(best, abs=1e-7)
+    assert shape_margins(ROBOT, kappa)["unit_gap_m"][0] == pytest.approx(best, abs=1e-7)
 
 
 @settings(deadline=None, derandomize=True, max_examples=100)
@@ -68,7 +63,7 @@ def test_the_independence_margin_is_below_the_smallest_singular_value(
     matrix = kinematics(ROBOT).wheel_matrix([0, 0, 0, *kappa], RIGID).full()[:, 2:]
     scaled = matrix * ROBOT.geometry.wheel_radius_m * np.array([1, 1, 10.0])
     smallest = np.linalg.svd(scaled, compute_uv=False)[-1]
-    bound = shape_margins(ROBOT, kappa).wheel_independence[0] + ROBOT.limits.wheel_independence
+    bound = shape_margins(ROBOT, kappa)["wheel_independence"][0] + ROBOT.limits.wheel_independence
     assert 0 <= bound <= smallest + 1e-6
 
 
@@ -140,7 +135,7 @@ def test_plans_keep_the_units_apart_all_the_way(seed: int) -> None:
     result = plan(random_problem(seed))
     assert result.found
     assert result.samples is not None
-    assert shape_margins(ROBOT, result.samples.q[:, 3:]).unit_gap_m.min() >= 0
+    assert shape_margins(ROBOT, result.samples.q[:, 3:])["unit_gap_m"].min() >= 0
 
 
 def test_a_plan_goes_round_the_shapes_that_overlap() -> None:
@@ -153,7 +148,7 @@ def test_a_plan_goes_round_the_shapes_that_overlap() -> None:
     result = plan(problem)
     assert result.found
     assert result.samples is not None
-    assert shape_margins(ROBOT, result.samples.q[:, 3:]).unit_gap_m.min() >= 0
+    assert shape_margins(ROBOT, result.samples.q[:, 3:])["unit_gap_m"].min() >= 0
 
 
 @pytest.mark.parametrize(

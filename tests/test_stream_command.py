@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import select
@@ -17,12 +18,15 @@ import numpy as np
 import pytest
 from conftest import Planned, Run
 
+from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.serial import port as port_module
 from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_report, stop_command
-from twosra_mpc.execution.serial.plan_stream import STOPS, StreamError
 from twosra_mpc.execution.serial.port import PortError, SerialPort
+from twosra_mpc.execution.serial.robot import STOPS
+from twosra_mpc.execution.serial.stream import StreamError, stream
+from twosra_mpc.installation import install_command
 
-STOP = stop_command()
+STOP = stop_command(2)
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +68,8 @@ def test_a_command_is_written_as_the_firmware_reads_it() -> None:
     )
     assert command((0.0, 0.0, 0.0, 0.0), (0, 1), 7) == b"s0.000\n0.000\n0.000\n0.000\n0\n1\n7\n"
     assert STOP == b"s0.000\n0.000\n0.000\n0.000\n0\n0\n"
+    assert command((1.0, 0.0, 0.0, 0.0), (0, 1, 1), 7).endswith(b"0.000\n0\n1\n1\n7\n")
+    assert stop_command(4).count(b"\n") == 8
 
 
 @pytest.mark.parametrize(
@@ -83,7 +89,13 @@ def test_a_command_is_written_as_the_firmware_reads_it() -> None:
     ],
 )
 def test_reports_are_read_and_other_lines_are_not(line: bytes, report: Report | None) -> None:
-    assert parse_report(line) == report
+    assert parse_report(line, 2) == report
+
+
+def test_as_many_segments_report_as_there_are() -> None:
+    heard = [[parse_report(line, n) for line in (b"A20", b"B30", b"C40", b"D50")] for n in (1, 4)]
+    assert heard[0] == [Report(0, 20.0), None, None, None]
+    assert heard[1] == [Report(j, 20.0 + 10 * j) for j in range(4)]
 
 
 def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
@@ -158,7 +170,8 @@ def test_a_missing_answer_is_told_with_the_exit_code(
     terminal: Terminal,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("twosra_mpc.execution.serial.plan_stream.LISTEN_S", 0.2)
+    hasty = functools.partial(stream, patience=Patience(listen_s=0.2))
+    monkeypatch.setattr("twosra_mpc.cli.stream.stream", hasty)
     outcome = run("stream", saved, "--port", terminal.name, "--confirm", "required")
     os.close(terminal.ours)
     assert (outcome.code, outcome.out) == (4, "")
@@ -228,7 +241,7 @@ def test_without_pyserial_the_error_says_how_to_install_it(
     monkeypatch.setitem(sys.modules, "serial", None)
     outcome = run("stream", saved, "--port", "/dev/ttyUSB0")
     assert outcome.code == 2
-    assert "pip install 'twosra-mpc[serial]'" in outcome.err
+    assert install_command("serial") in outcome.err
 
 
 def test_errors_survive_pickling() -> None:

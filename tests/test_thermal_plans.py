@@ -22,8 +22,8 @@ from twosra_mpc import Goal, Plan, Problem, Start, Status, load_problem, plan
 from twosra_mpc.planning.planner import bending_task, mode_tree
 from twosra_mpc.planning.search.bounds import unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import MODES, Mode, ModeSequence
-from twosra_mpc.thermal.model import segment_model
 from twosra_mpc.timing import transition_model
 
 Array = NDArray[np.float64]
@@ -213,7 +213,7 @@ def less_molten(case: Case, segment: int, by: float) -> Case:
 
 def replayed(case: Case, segment: int, current: Array) -> Case:
     """Another current, with the temperature and melt fraction that it makes."""
-    model, samples = segment_model(case.problem.robot, case.problem.ambient), case.samples
+    model, samples = segment_model(case.problem.robot, case.problem.ambient, 0), case.samples
     states = [model.initial(case.problem.temperatures[segment - 1])]
     for ampere, span in zip(current[:-1].tolist(), np.diff(samples.t_s).tolist(), strict=True):
         states.append(model.propagate(states[-1], ampere, span))

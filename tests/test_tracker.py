@@ -28,7 +28,7 @@ from twosra_mpc import (
     with_path_model,
 )
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.outputs import OUTPUTS
+from twosra_mpc.execution.tracking.outputs import outputs_of
 from twosra_mpc.execution.tracking.reference import PhaseReference
 from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.setup import Setup
@@ -36,7 +36,16 @@ from twosra_mpc.execution.tracking.solver import QuadraticProgram
 from twosra_mpc.execution.tracking.tracker import Command, CommandStatus, Measurement, Tracker
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.modes import (
+    MODES,
+    RIGID,
+    SOFT_1,
+    SOFT_2,
+    SOFT_BOTH,
+    Mode,
+    all_modes,
+    soft_segments,
+)
 
 Array = NDArray[np.float64]
 
@@ -136,7 +145,7 @@ def test_residuals_are_within_the_tolerance(planned: Planned, mode: Mode) -> Non
 @pytest.mark.parametrize("mode", MODES)
 def test_the_tolerance_bounds_the_error_of_the_first_speeds(planned: Planned, mode: Mode) -> None:
     tracker, program = stepped(planned, mode)
-    rows = slice(0, OUTPUTS[mode].count)  # the first limits of the first stage
+    rows = slice(0, outputs_of(mode).count)  # the first limits of the first stage
     error = program.constraints @ (program.x - dense_solution(program))
     assert np.abs(error[rows]).max() < 10 * tracker.solver.tolerance
 
@@ -250,6 +259,20 @@ def test_every_phase_ends_where_the_plan_does(planned: Planned, scenario: str) -
         np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
 
 
+@pytest.mark.parametrize("segments", [1, 2, 3, 4])
+def test_a_mode_has_as_many_outputs_as_inputs_whatever_the_number_of_segments(
+    segments: int,
+) -> None:
+    for mode in all_modes(segments):
+        outputs = outputs_of(mode)
+        assert outputs.selection.shape == (outputs.count, 3 + segments)
+        assert outputs.selection.sum(axis=1) == pytest.approx(1.0)  # coordinates, or a mean
+        bending = np.flatnonzero(outputs.selection[-1, 3:])
+        assert tuple(bending) == soft_segments(mode)
+        assert outputs.selection[outputs.heading, 2] == 1.0
+        assert np.linalg.matrix_rank(outputs.selection) == outputs.count
+
+
 def test_each_mode_is_among_the_phases_above(planned: Planned) -> None:
     scenarios = ("paper-1", "paper-2", "paper-4")
     assert {phase.mode for name in scenarios for phase in planned(name).phases} == set(MODES)
@@ -327,8 +350,8 @@ def test_the_reference_is_the_path_of_the_plan(planned: Planned, mode: Mode) -> 
     of = planned(scenario)
     phase, samples, period_s, horizon = of.phases[index], of.samples, 1 / 15, 4
     assert samples is not None
-    selection = OUTPUTS[mode].selection
-    path = PhaseReference(of.robot, samples, phase, selection, horizon, period_s)
+    selection = outputs_of(mode).selection
+    path = PhaseReference(of.trajectory, phase, selection, horizon, period_s)
     flow = interval_flow(of.robot, 16)
     found = np.zeros((horizon + 1, len(selection)))
     tolerance = selection @ np.array([1e-5, 1e-5, 1e-4, 5e-3, 5e-3])
@@ -434,7 +457,7 @@ def test_a_curvature_out_of_all_bounds_is_still_bent_back(
     tracker = Tracker(of.robot)
     tracker.reset(of)
     q = configuration(of, of.phases[phase].end_s)
-    moving = list(OUTPUTS[mode].bending)
+    moving = list(outputs_of(mode).bending)
     q[moving] = kappa
     command = tracker.step(Measurement(300.0, phase, q))
     assert command.status is CommandStatus.SOLVED

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from twosra_mpc.robot.description import load_robot
-from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.thermal.two_node import TwoNode
 
 AMBIENT_C = 22.6
@@ -20,7 +19,7 @@ AMBIENT_C = 22.6
 
 def logged_segment() -> TwoNode:
     """A segment of the follow-up robot in the air of its log."""
-    model = segment_model(load_robot("2sr-v2"), AMBIENT_C)
+    model = segment_model(load_robot("2sr-v2"), AMBIENT_C, 0)
     assert isinstance(model, TwoNode)
     return model
 

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import reintegrate, verify
-from twosra_mpc.plans.plan import Phase, Samples, Verification
+from twosra_mpc.plans.plan import Verification
+from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.problem.problem import COORDINATES
-from twosra_mpc.problem.shape import shape_margins
 from twosra_mpc.robot.modes import MODES, Mode, mode_name
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import Transition
@@ -148,9 +149,9 @@ def test_margins_are_the_distance_to_each_limit(any_plan: Plan) -> None:
     assert {name: margins[name] for name in expected} == pytest.approx(expected, abs=2e-6)
     assert set(margins) - set(expected) == {"unit_gap_m", "wheel_independence"}
     shapes = shape_margins(robot, samples.q[:, 3:])
-    assert margins["unit_gap_m"] <= shapes.unit_gap_m.min()
+    assert margins["unit_gap_m"] <= shapes["unit_gap_m"].min()
     driving = samples.v[:, 2:].any(axis=1)
-    assert margins["wheel_independence"] == shapes.wheel_independence[driving].min()
+    assert margins["wheel_independence"] == shapes["wheel_independence"][driving].min()
 
 
 @all_timings

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.planning.search.schedule import schedule
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
-from twosra_mpc.thermal.trajectory import Course
+from twosra_mpc.thermal.trajectory import TemperatureTrajectory
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 from twosra_mpc.timing.network import events_of
 from twosra_mpc.timing.thermal import Thermal
@@ -87,7 +87,7 @@ class History(NamedTuple):
 
     network: TemporalNetwork
     times: list[float]
-    courses: list[Course]
+    trajectories: list[TemperatureTrajectory]
 
     @property
     def finish_s(self) -> float:
@@ -96,8 +96,8 @@ class History(NamedTuple):
 
     @property
     def energy_J(self) -> float:
-        """Heater energy of both segments."""
-        return sum(course.energy_J(self.finish_s) for course in self.courses)
+        """Heater energy of all segments."""
+        return sum(one.energy_J(self.finish_s) for one in self.trajectories)
 
     def violated(self) -> list[str]:
         """What the network, its energy and its longest path say and the history does not keep."""
@@ -126,7 +126,7 @@ def earliest_finish(network: TemporalNetwork) -> float:
 def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) -> History:
     """Let each segment melt and freeze as soon as it can after some waits.
 
-    Only the course of the segments decides what takes how long: the network is not asked.
+    Only the trajectory of the segments decides what takes how long: the network is not asked.
     """
     model, last = thermal_model(problem), problem.goal.mode
     durations = list(spans_s[: len(sequence)])
@@ -134,32 +134,33 @@ def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) 
     layout, waits = network.layout, iter(spans_s[len(sequence) :])
     due = {(event.gap, event.segment): event for event in events_of(sequence, model.first, last)}
     times = [0.0] * layout.count
-    onsets: tuple[list[tuple[Any, float]], ...] = ([], [])
+    count = len(model.first)
+    onsets: list[list[tuple[Any, float]]] = [[] for _ in range(count)]
     for gap in range(len(sequence) + 1):
         ends = [times[layout.end(gap - 1)]]
-        for segment in (0, 1):
+        for segment in range(count):
             wait = next(waits)
             if (event := due.get((gap, segment))) is None:
                 continue
             asked = [*onsets[segment], (event.to, ends[0] + wait)]
-            soft, temperature = bool(model.first[segment]), model.temperatures[segment]
-            made = model.heating.course(temperature, soft, asked)[1][-1]
+            soft, temperature = bool(model.first[segment]), problem.temperatures[segment]
+            made = model.plans[segment].heated(temperature, soft, asked)[1][-1]
             onsets[segment].append((event.to, made.onset_s))
             times[layout.onset(gap, segment)] = made.onset_s
             ends.append(made.done_s)
         times[layout.start(gap)] = max(ends) + next(waits)
         if gap < len(sequence):
             times[layout.end(gap)] = times[layout.start(gap)] + durations[gap]
-    courses = [
-        model.heating.course(model.temperatures[j], bool(model.first[j]), onsets[j])[0]
-        for j in (0, 1)
+    trajectories = [
+        model.plans[j].heated(problem.temperatures[j], bool(model.first[j]), onsets[j])[0]
+        for j in range(count)
     ]
-    return History(network, times, courses)
+    return History(network, times, trajectories)
 
 
 def settled(problem: Problem, sequence: ModeSequence, durations: Sequence[float]) -> History | None:
     """The cheapest schedule that the model settles; None if there is none."""
-    model = transition_model(problem)
+    model = thermal_model(problem)
     first = network = model.network(sequence, problem.goal.mode, durations)
     for _ in range(60):
         times = schedule(network, np.array(durations), problem.cost_weights)
@@ -167,8 +168,9 @@ def settled(problem: Problem, sequence: ModeSequence, durations: Sequence[float]
             return None
         raised = model.settle(network, times.tolist())
         if raised is None:
-            courses = [course_of(problem, j, transitions_of(problem, first, times)) for j in (0, 1)]
-            return History(first, times.tolist(), courses)
+            made = transitions_of(problem, first, times)
+            trajectories = [trajectory_of(problem, j, made) for j in range(len(model.first))]
+            return History(first, times.tolist(), trajectories)
         network = raised
     raise AssertionError(f"not settled: {sequence}, {durations}")
 
@@ -180,9 +182,11 @@ def transitions_of(
     return transition_model(problem).transitions(network, [float(t) for t in times])
 
 
-def course_of(problem: Problem, segment: int, transitions: Sequence[Transition]) -> Course:
-    """How a segment (0 or 1) is heated."""
-    return thermal_model(problem).course(segment, transitions)
+def trajectory_of(
+    problem: Problem, segment: int, transitions: Sequence[Transition]
+) -> TemperatureTrajectory:
+    """How a segment (from 0) is heated."""
+    return thermal_model(problem).trajectory(segment, transitions)
 
 
 def phases_of(found: History) -> Iterator[tuple[Mode, float, float]]:

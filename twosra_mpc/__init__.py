@@ -25,11 +25,10 @@ if TYPE_CHECKING:
     from twosra_mpc.planning.planner import Progress, plan
     from twosra_mpc.plans.plan import Plan, Status, load_plan
     from twosra_mpc.plans.setpoints import save_setpoints
+    from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
     from twosra_mpc.problem.problem import (
-        Goal,
         Problem,
         Start,
-        Tolerance,
         Weights,
         load_problem,
         scenario_names,
@@ -41,7 +40,8 @@ if TYPE_CHECKING:
 # Public name -> module, imported when the name is first asked for: solvers take a second to load.
 _MODULES = {
     "Explanation": "analysis.explanation",
-    "Goal": "problem.problem",
+    "Goal": "problem.goals",
+    "GoalSet": "problem.goals",
     "HeatingLog": "identification.heating_log",
     "InputError": "errors",
     "Mode": "robot.modes",
@@ -55,7 +55,7 @@ _MODULES = {
     "Start": "problem.problem",
     "Status": "plans.plan",
     "ThermalFit": "identification.thermal",
-    "Tolerance": "problem.problem",
+    "Tolerance": "problem.goals",
     "TwosraError": "errors",
     "Weights": "problem.problem",
     "check_plan": "checking.plan_file",
@@ -79,6 +79,7 @@ _MODULES = {
 __all__ = [
     "Explanation",
     "Goal",
+    "GoalSet",
     "HeatingLog",
     "InputError",
     "Mode",

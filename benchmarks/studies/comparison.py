@@ -15,7 +15,7 @@ from benchmarks.measurement import PlanRecord, Timing, plan_record
 from benchmarks.report import shifted_geometric_mean
 from benchmarks.study import Measured, PlanStudy
 from twosra_mpc import Problem, plan
-from twosra_mpc.problem.shape import shape_margins
+from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.reproduction.published import (
     PublishedTrajectory,
     StopReason,

@@ -212,7 +212,7 @@ def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, 
     for mode in dict.fromkeys(_modes(original)):
         modes = tuple(other for other in problem.modes if other != mode)
         yield f"without mode {mode_name(mode)}", partial(_with, problem, "modes", modes)
-    if problem.heaters_at_once == 2 and original.transitions:
+    if problem.heaters_at_once > 1 and original.transitions:
         yield "with one heater at a time", partial(_with, problem, "heaters_at_once", 1)
     kinds = {item.to for item in original.transitions}
     if "rigid" in kinds:
@@ -278,7 +278,7 @@ def _passed_modes(made: Plan) -> list[Mode]:
     """Stiffness of the segments whenever none of them is changing, in order of time."""
     changes = made.transitions
     moments = {0.0, *(t.onset_s for t in changes), *(t.done_s for t in changes)}
-    passed = []
+    passed: list[Mode] = []
     for now in sorted(moments):
         if any(t.onset_s + _SAME_S < now < t.done_s - _SAME_S for t in changes):
             continue
@@ -286,5 +286,5 @@ def _passed_modes(made: Plan) -> list[Mode]:
         for item in sorted(changes, key=lambda t: t.done_s):
             if item.done_s <= now + _SAME_S:
                 mode[item.segment - 1] = int(item.to == "soft")
-        passed.append((mode[0], mode[1]))
+        passed.append(tuple(mode))
     return passed

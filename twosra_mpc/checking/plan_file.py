@@ -19,11 +19,11 @@ import numpy as np
 
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
-from twosra_mpc.plans.plan import Cost, Plan, Samples, Status, Verification, load_plan
+from twosra_mpc.plans.plan import Cost, Plan, Status, Verification, load_plan
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.timing import ThermalTiming
-from twosra_mpc.thermal.model import segment_model
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
@@ -153,13 +153,14 @@ def _cost(plan: Plan, samples: Samples, cost: Cost) -> Iterator[Check]:
 
 
 def energy_J(problem: Problem, samples: Samples) -> float:
-    """Heat that the sampled currents give off in both coils."""
+    """Heat that the sampled currents give off in all coils."""
     held_s = np.diff(samples.t_s)
     currents = samples.heater_current_A[:-1]
-    if not isinstance(problem.transition_times, ThermalTiming):
+    if not problem.transition_times.needs_segment:
         return float((held_s @ (problem.robot.heater.resistance_ohm * currents**2)).sum())
-    model, total = segment_model(problem.robot, problem.ambient), 0.0
+    total = 0.0
     for j, temperature in enumerate(problem.temperatures):
+        model = segment_model(problem.robot, problem.ambient, j)
         state = model.initial(temperature)
         for current, held in zip(currents[:, j].tolist(), held_s.tolist(), strict=True):
             total += model.energy_J(state, current, held)

@@ -15,20 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.checking.transitions import TIME_TOLERANCE_S, transition_problems
+from twosra_mpc.checking.transitions import transition_problems
 from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
-from twosra_mpc.plans.plan import Phase, Samples, Verification
-from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
-from twosra_mpc.problem.shape import TOUCHING_M, shape_margins
+from twosra_mpc.plans.plan import Verification
+from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.problem.limits import RELATIVE_ROUNDING, WHEEL_SPEED, verified_margins
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.timing import Transition
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
 Array = NDArray[np.float64]
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
-RELATIVE_TOLERANCE = 1e-7  # of a limit
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
@@ -65,7 +66,9 @@ def examine(
     """Verify a plan, and say of every rule whether it holds."""
     grid = {"time grid": tuple(_grid_problems(samples))}
     if unusable := grid["time grid"]:  # nothing can be integrated on such a grid
-        nothing = Verification(np.inf, (np.inf,) * 5, {}, ok=False, problems=unusable)
+        nothing = Verification(
+            np.inf, (np.inf,) * problem.robot.coordinates.size, {}, ok=False, problems=unusable
+        )
         return Findings(nothing, grid)
     reached = reintegrate(problem, samples)
     defect = float(np.abs(reached - samples.q).max())
@@ -78,7 +81,7 @@ def examine(
         "transitions": tuple(transition_problems(problem, samples, phases, transitions)),
     }
     problems = [
-        *_motion_problems(defect, goal_error),
+        *_motion_problems(problem.robot.coordinates, defect, goal_error),
         *(f"limit {name} exceeded by {-m:.3g}" for name, m in limits.items() if m < 0),
         *itertools.chain.from_iterable(rules.values()),
     ]
@@ -93,7 +96,7 @@ def examine(
 
 
 def reintegrate(problem: Problem, samples: Samples) -> Array:
-    """Integrate q' = J(q, mode) v over the samples from the start configuration, (n, 5).
+    """Integrate q' = J(q, mode) v over the samples from the start configuration, (m, 3 + n).
 
     Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the direction of the
     input or the mode changes; in between only the speed does, which does not change the path.
@@ -106,7 +109,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
 
     runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
     jacobian = JacobianInPlace(problem.robot)
-    reached = np.full((len(samples), 5), np.nan)
+    reached = np.full((len(samples), problem.robot.coordinates.size), np.nan)
     reached[0] = problem.start.configuration
     for first, last, direction, lengths in _paths(samples):
         if not direction.any():
@@ -131,7 +134,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             events=runs_away,
         )
         passed = len(end.t)
-        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (5, passed)).T
+        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (len(jacobian.q), passed)).T
         if end.status != 0:
             break
     return reached
@@ -193,54 +196,48 @@ def _command_problems(
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
         yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
-    heater, (solid_below_C, _) = problem.robot.heater, problem.stiffness_thresholds_C
+    heater = problem.robot.heater
     just_after = samples.t_s + 2 * TIME_TOLERANCE_S
     lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
-    for j in (0, 1):
+    for j, (solid_below_C, _) in enumerate(problem.segment_thresholds_C):
         on = np.full(len(just_after), bool(problem.start_mode[j]))
-        for item in (item for item in transitions if item.segment == j + 1):
+        for item in own_transitions(transitions, j):
             on[just_after >= item.heater_s] = item.to == "soft"
         setpoint = samples.heater_setpoint_C[:, j]
         wrong = np.where(on, setpoint != heater.soft_setpoint_C, setpoint > solid_below_C)
-        if not isinstance(problem.transition_times, ThermalTiming):  # else replaying them will tell
+        if not problem.transition_times.needs_segment:  # else replaying the currents will tell
             wrong |= (samples.heater_current_A[:, j] > 0) != on
         if (wrong & lasting).any():
             when = samples.t_s[wrong & lasting][0]
             yield f"at {when:.3f} s heater {j + 1} does not do what the transitions say"
-    both = (samples.heater_current_A > 0).all(axis=1) & lasting
-    if problem.heaters_at_once == 1 and both.any():
-        yield f"at {samples.t_s[both][0]:.3f} s both heaters are on"
+    count = (samples.heater_current_A > 0).sum(axis=1)
+    many = (count > problem.heaters_at_once) & lasting
+    if many.any():
+        hot = "both" if count[many][0] == 2 else count[many][0]
+        yield f"at {samples.t_s[many][0]:.3f} s {hot} heaters are on"
 
 
-def _motion_problems(defect: float, goal_error: Array) -> Iterator[str]:
+def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:
     if not defect <= DEFECT_TOLERANCE:
         yield f"re-integration departs from the samples by {defect:.3g} (m, rad or 1/m)"
-    for name, unit, error in zip(COORDINATES, COORDINATE_UNITS, goal_error, strict=True):
+    for name, unit, error in zip(coordinates.names, coordinates.units, goal_error, strict=True):
         if not abs(error) <= GOAL_TOLERANCE:
             yield f"goal.{name} is missed by {error:.3g} {unit}"
 
 
 def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
-    limits, heater = problem.robot.limits, problem.robot.heater
-    used = {
-        "wheel_speed_rad_s": (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
-        "unit_speed_m_s": (np.abs(samples.v[:, :2]).max(), limits.unit_speed_m_s),
-        "curvature_per_m": (np.abs(samples.q[:, 3:]).max(), limits.curvature_per_m),
-        "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
-        "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
-    }
-    margins = {}
-    for name, (value, limit) in used.items():
-        margin = float(limit - value)
-        margins[name] = 0.0 if abs(margin) <= RELATIVE_TOLERANCE * limit else margin
-    between = (samples.q[1:, 3:] + samples.q[:-1, 3:]) / 2
-    shapes = shape_margins(problem.robot, np.concatenate([samples.q[:, 3:], between]))
-    gap = float(shapes.unit_gap_m.min())
-    margins["unit_gap_m"] = 0.0 if abs(gap) <= TOUCHING_M else gap
-    driving = (np.abs(samples.v[:, 2:]).max(axis=1) > 0).nonzero()
-    independence = shapes.wheel_independence[: len(samples)][driving]
-    margins["wheel_independence"] = float(independence.min(initial=np.inf))
+    heater = problem.robot.heater
+    margins = dict(verified_margins(problem.robot, samples.q, samples.v, samples.mode))
+    turned = float(np.abs(samples.wheel_rad_s).max())  # what is sent, whatever the model says
+    sent = WHEEL_SPEED.settled(problem.robot, WHEEL_SPEED.most(problem.robot) - turned)
+    margins[WHEEL_SPEED.name] = min(sent, margins[WHEEL_SPEED.name])
+    for name, used, limit in (
+        ("temperature_max_C", samples.temperature_C.max(), heater.temperature_max_C),
+        ("heater_current_A", samples.heater_current_A.max(), heater.current_max_A),
+    ):
+        margin = float(limit - used)
+        margins[name] = 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
     return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
 
 
@@ -253,9 +250,9 @@ def _stiffness_problems(
         yield "the last sample still moves"
         return
     begin, end = samples.t_s[moving], samples.t_s[moving + 1]
-    for j in (0, 1):
-        soft = np.full(len(moving), problem.start_mode[j])
-        for item in (item for item in transitions if item.segment == j + 1):
+    for j, start in enumerate(problem.start_mode):
+        soft = np.full(len(moving), start)
+        for item in own_transitions(transitions, j):
             soft[begin >= item.done_s - TIME_TOLERANCE_S] = item.to == "soft"
             clash = (begin < item.done_s - TIME_TOLERANCE_S) & (
                 end > item.onset_s + TIME_TOLERANCE_S
@@ -267,7 +264,7 @@ def _stiffness_problems(
         wrong = soft != samples.mode[moving, j]
         if wrong.any():
             row = moving[np.flatnonzero(wrong)[0]]
-            mode = mode_name((int(samples.mode[row, 0]), int(samples.mode[row, 1])))
+            mode = mode_name(tuple(samples.mode[row].tolist()))
             when = f"at {samples.t_s[row]:.3f} s"
             yield f"{when} the mode is {mode} but segment {j + 1} is not so yet"
     rigid = samples.mode[moving].max(axis=1, initial=0) == 0

@@ -12,10 +12,10 @@ import signal
 import sys
 
 import click
+from click.shell_completion import CompletionItem
 
 from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_BROKEN_PIPE, EXIT_INFEASIBLE, EXIT_NO_PLAN
 from twosra_mpc.errors import InputError, NoPlanError
-from twosra_mpc.plans.plan import Status
 from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
@@ -42,7 +42,7 @@ _COMMANDS = {
     "Describe robots and problems": {
         "scenarios": ("robots", "List the built-in scenarios."),
         "robots": ("robots", "List the built-in robots."),
-        "check-robot": ("robots", "Check a robot file and its wheels."),
+        "check-robot": ("check_robot", "Check a robot file and its wheels."),
         "fit-paths": ("paths", "Fit spirals and cardioids to a fibre's lengths."),
         "fit-thermal": ("thermal_fit", "Identify a segment from a heating log."),
         "schema": ("schema", "Print JSON Schemas of the files, for editors."),
@@ -52,6 +52,7 @@ _COMMANDS = {
     },
 }
 _MODULES = {name: module for section in _COMMANDS.values() for name, (module, _) in section.items()}
+_WORDS = {name: words for section in _COMMANDS.values() for name, (_, words) in section.items()}
 
 _HELP = """Plan motions of the self-reconfigurable soft-rigid agent (2SRA).
 
@@ -72,8 +73,9 @@ Exit codes:
   3  proved infeasible
   4  no plan, not verified, or not reached (the best so far is written, if any)
 
-Completion of commands and options: put eval "$(_TWOSRA_COMPLETE=bash_source twosra)" into ~/.bashrc
-(zsh_source into ~/.zshrc, or fish_source).
+Completion of commands, options, scenarios and robots: put
+eval "$(_TWOSRA_COMPLETE=bash_source twosra)" into ~/.bashrc (zsh_source into ~/.zshrc, or
+fish_source).
 """
 
 
@@ -101,6 +103,12 @@ class _Commands(click.Group):
             ctx.fail(f"No such command {args[0]!r}. Did you mean {close[0]}?")
         return super().resolve_command(ctx, args)
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        # Not click's own, which imports every command to ask for its help.
+        names = [name for name in _WORDS if name.startswith(incomplete)]
+        items = [CompletionItem(name, help=_WORDS[name]) for name in names]
+        return items + click.Command.shell_complete(self, ctx, incomplete)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         del ctx
         width = max(map(len, _MODULES))
@@ -127,7 +135,7 @@ def main(arguments: list[str] | None = None) -> None:
         code = EXIT_BAD_INPUT
     except NoPlanError as error:
         click.echo(f"twosra: {error}", err=True)
-        code = EXIT_INFEASIBLE if error.status == Status.INFEASIBLE else EXIT_NO_PLAN
+        code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
     except click.ClickException as error:
         error.show()
         code = EXIT_BAD_INPUT

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import Load, output_options, plot_option, scenario_options
+from twosra_mpc.cli.options import SCENARIO, Load, output_options, plot_option, scenario_options
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.plans.plan import Plan
@@ -33,7 +33,7 @@ For a program:
 
 
 @click.command("compare", help=_HELP)
-@click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...")
+@click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...", **SCENARIO)
 @scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @plot_option("Draw them on one time axis")
 @output_options

@@ -20,13 +20,13 @@ from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.cli.options import output_options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
+from twosra_mpc.installation import DISTRIBUTION, install_command
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.version import __version__
 
-DISTRIBUTION = "twosra-mpc"
 _NAME, _FLOOR = re.compile(r"([\w.-]+)"), re.compile(r">=\s*([\d.]+)")
 _EXTRA = re.compile(r"extra\s*==\s*['\"]([^'\"]+)['\"]")
 
@@ -151,7 +151,7 @@ def _extras(needed: list[Requirement]) -> Iterator[Finding]:
     for extra in dict.fromkeys(item.extra for item in needed if item.extra):
         names = [item.name for item in needed if item.extra == extra]
         missing = [name for name in names if not _installed(name)]
-        how = f"pip install '{DISTRIBUTION}[{extra}]' (missing: {', '.join(missing)})"
+        how = f"{install_command(extra)} (missing: {', '.join(missing)})"
         complete = Finding(f"extra: {extra}", "PASS", ", ".join(names))
         yield Finding(f"extra: {extra}", "none", how) if missing else complete
 

@@ -8,7 +8,7 @@ import click
 
 from twosra_mpc.analysis.critical_path import Activity, in_words
 from twosra_mpc.analysis.explanation import Explanation, explain
-from twosra_mpc.cli.options import Load, output_options, scenario_options
+from twosra_mpc.cli.options import SCENARIO, Load, output_options, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.plans.plan import Status
 
@@ -26,7 +26,7 @@ With another model of how the fibre bends, and at most five seconds for each of 
 
 
 @click.command("explain", help=_HELP)
-@click.argument("scenario")
+@click.argument("scenario", **SCENARIO)
 @scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @output_options
 def explain_command(scenario: str, load: Load, output: Output) -> int:

@@ -11,16 +11,17 @@ from twosra_mpc.cli.options import ending, out_argument, output_options, rate_op
 from twosra_mpc.cli.output import EXIT_PLANNED, Output
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
+from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import load_plan
 
-_HELP = """Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
+_HELP = f"""Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
 
-MCAP opens in Foxglove and rerun without ROS: the robot to scale (topic /robot, frames on /tf),
+MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
 configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV has
 the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. At a
 --rate, a phase that is shorter than a period can fall between two of its rows.
 
-MCAP needs the package mcap: pip install 'twosra-mpc[mcap]'.
+MCAP needs the package foxglove-sdk: {install_command("mcap")}
 
 \b
 Play a plan at thirty frames a second (in Foxglove: open the file, add a 3D panel):
@@ -47,6 +48,6 @@ def export_command(plan: Path, out: Path, rate_Hz: float | None, output: Output)
     robot, duration_s = given.robot.name, given.duration_s
     document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
     if out.suffix == ".mcap":
-        document["topics"] = [topic.name for topic in TOPICS]
+        document["topics"] = list(TOPICS)
     output.record((robot, "exported"), document)
     return EXIT_PLANNED

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from twosra_mpc.cli.output import Output, check_writable
 from twosra_mpc.errors import InputError
-from twosra_mpc.identification.path_choice import with_path_model
-from twosra_mpc.plans.setpoints import check_rate
+from twosra_mpc.files import built_in_names
 from twosra_mpc.problem.problem import Problem, load_problem
 
 Function = Callable[..., Any]
@@ -20,10 +20,26 @@ Decorator = Callable[[Function], Function]
 Check = Callable[[Path], None]
 Load = Callable[[str], Problem]
 
+
+def _built_in(folder: str) -> Callable[..., list[CompletionItem]]:
+    """Complete the name of a built-in scenario or robot, or of a file."""
+
+    def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
+        names = [name for name in built_in_names(folder) if name.startswith(begun)]
+        return [*map(CompletionItem, names), CompletionItem(begun, type="file")]
+
+    return complete
+
+
+SCENARIO: dict[str, Any] = {"shell_complete": _built_in("scenarios")}
+ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots")}
+
 _PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
 _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
-    "robot": click.option("--robot", help="Override the robot: a built-in name or a file."),
+    "robot": click.option(
+        "--robot", help="Override the robot: a built-in name or a file.", **ROBOT
+    ),
     "path_model": click.option("--path-model", help="Override the robot's path model, e.g. arc."),
     "timing": click.option("--timing", help="Override the set of transition times, e.g. paper."),
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
@@ -70,6 +86,8 @@ def _load(scenario: str, path_model: str | None = None, **overrides: Any) -> Pro
     problem = load_problem(scenario, **overrides)
     if path_model is None:
         return problem
+    from twosra_mpc.identification.path_choice import with_path_model  # CasADi takes a second
+
     return problem.with_robot(with_path_model(problem.robot, path_model))
 
 
@@ -109,6 +127,8 @@ def rate_option(words: str, *, required: bool = False) -> Decorator:
 
     def checked(_ctx: click.Context, _param: click.Parameter, rate: float | None) -> float | None:
         if rate is not None:
+            from twosra_mpc.plans.trajectory import check_rate  # CasADi takes a second
+
             check_rate(rate)
         return rate
 

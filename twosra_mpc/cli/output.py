@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from twosra_mpc.errors import InputError
 
@@ -101,7 +100,7 @@ def numbers(values: Any) -> str:
 
 def plain_data(value: Any) -> Any:
     """Turn a value into what JSON can hold: arrays to lists, NaN and infinities to None."""
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # of NumPy, which commands that need no numbers do not load
         value = value.tolist()
     if isinstance(value, float):
         return value if math.isfinite(value) else None

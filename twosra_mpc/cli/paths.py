@@ -10,6 +10,8 @@ import click
 
 from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
 from twosra_mpc.cli.options import (
+    ROBOT,
+    SCENARIO,
     Load,
     file_option,
     output_options,
@@ -36,7 +38,7 @@ A robot file for your own fibre's lengths, with its comments kept:
 
 
 @click.command("fit-paths", help=_FIT_HELP)
-@click.argument("robot")
+@click.argument("robot", **ROBOT)
 @file_option("--out", "Write a robot file with the fit.")
 @click.option(
     "--model",
@@ -74,7 +76,7 @@ The same with constant times of melting and freezing, for a program to read:
 
 
 @click.command("compare-models", help=_COMPARE_HELP)
-@click.argument("scenario")
+@click.argument("scenario", **SCENARIO)
 @scenario_options("robot", "timing", "gap", "time_limit_s")
 @output_options
 def compare_models_command(scenario: str, load: Load, output: Output) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from twosra_mpc.cli.options import (
+    SCENARIO,
     Load,
     file_option,
     output_options,
@@ -42,7 +43,7 @@ Ctrl-C and --time-limit end the search; the best plan so far is written, with it
 
 
 @click.command("plan", help=_HELP)
-@click.argument("scenario")
+@click.argument("scenario", **SCENARIO)
 @file_option("--out", "Write the plan as JSON.")
 @file_option("--csv", "Write the set-points as CSV.")
 @rate_option("Rows per second of --csv; default: the plan's grid.")

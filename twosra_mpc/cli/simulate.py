@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from twosra_mpc.cli.options import (
+    SCENARIO,
     Load,
     animate_option,
     file_option,
@@ -46,7 +47,7 @@ A heater fails; here the other segment alone cannot reach the goal, and the reas
 
 
 @click.command("simulate", help=_HELP)
-@click.argument("scenario")
+@click.argument("scenario", **SCENARIO)
 @click.option("--plant", default="arc", show_default=True, help="True path model of the robot.")
 @click.option("--disturbance", default="moderate", show_default=True, help="Level of disturbance.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn.")

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import file_option, output_options, plot_option
+from twosra_mpc.cli.options import ROBOT, file_option, output_options, plot_option
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
 from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.identification.identified_robot import write_identified_robot
@@ -52,7 +52,9 @@ How well does the robot as it is explain a log?
 
 @click.command("fit-thermal", help=_HELP)
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option("--robot", required=True, help="Whose segment it is: a built-in name or a file.")
+@click.option(
+    "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
+)
 @click.option("--ambient", "ambient_C", type=float, help="Air [C]; default: the first reading.")
 @file_option("--out", "Write a robot file with the fit.")
 @plot_option("Draw the fit")

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.setpoints import resampled
 
 COLUMNS = ("x", "y", "angle", "k1", "k2", "v1", "v2", "u0", "v0", "r0", "s1", "s2", "time")
 
@@ -28,10 +27,8 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
         NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
-    samples = plan.require().samples
-    assert samples is not None, "a verified plan has samples"
-    if rate_Hz is not None:
-        samples = resampled(samples, rate_Hz, plan.robot)
+    given = plan.require().trajectory
+    samples = given.samples if rate_Hz is None else given.resampled(rate_Hz)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)

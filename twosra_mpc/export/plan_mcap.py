@@ -1,68 +1,40 @@
-"""A plan as MCAP, to be played in Foxglove or rerun without ROS."""
+"""A plan as MCAP, to be played in Foxglove without ROS.
+
+The robot and its frames are Foxglove's own messages; the numbers are tables in JSON, whose schemas
+carry the units.
+"""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+import io
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
-from twosra_mpc.export.foxglove_messages import Message, frames, nanoseconds, scene
-from twosra_mpc.export.foxglove_schemas import (
-    FRAME_TRANSFORMS,
-    SCENE_UPDATE,
-    Schema,
-    number,
-    record,
-)
 from twosra_mpc.files import atomic_path
-from twosra_mpc.plans.plan import Plan, Samples
-from twosra_mpc.plans.setpoints import SAME_TIME_S
-from twosra_mpc.version import __version__
+from twosra_mpc.installation import install_command
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.setpoints import columns
+from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
+from twosra_mpc.plans.trajectory import Samples, Trajectory
 
-_PAIR = (1, 2)
+Array = NDArray[np.float64]
 
-
-class Topic(NamedTuple):
-    """A topic and the schema of its messages."""
-
-    name: str
-    schema: Schema
-
-
-def _table(name: str, title: str, description: str, units: dict[str, str]) -> Topic:
-    fields = {field: number(unit) for field, unit in units.items()}
-    return Topic(name, record(title, description, **fields))
-
-
-SCENE = Topic("/robot", SCENE_UPDATE)
-FRAMES = Topic("/tf", FRAME_TRANSFORMS)
-CONFIGURATION = _table(
-    *("/configuration", "twosra.Configuration", "Pose of the middle link, and curvatures"),
-    {"x_m": "m", "y_m": "m", "phi_rad": "rad", "kappa1_per_m": "1/m", "kappa2_per_m": "1/m"},
-)
-MODE = _table(
-    *("/mode", "twosra.Mode", "Stiffness: 1 soft, 0 rigid"),
-    {f"mode{j}": "1 soft, 0 rigid" for j in _PAIR},
-)
-WHEELS = _table(
-    *("/wheels", "twosra.WheelSpeeds", "Set-points of the wheels"),
-    {f"wheel{i}_rad_s": "rad/s" for i in (1, 2, 3, 4)},
-)
-HEATERS = _table(
-    *("/heaters", "twosra.Heaters", "Set-points and feed-forward currents of the heaters"),
-    {f"heater{j}_C": "degrees Celsius" for j in _PAIR} | {f"current{j}_A": "A" for j in _PAIR},
-)
-TEMPERATURES = _table(
-    *("/temperatures", "twosra.Temperatures", "Expected temperatures and melt fractions"),
-    {f"temperature{j}_C": "degrees Celsius" for j in _PAIR}
-    | {f"melt_fraction{j}": "0 solid, 1 liquid" for j in _PAIR},
-)
-TOPICS = (SCENE, FRAMES, CONFIGURATION, MODE, WHEELS, HEATERS, TEMPERATURES)
+SCENE, FRAMES = "/robot", "/tf"
+TABLES = {  # topic -> what it says, how the names of its columns begin
+    "/configuration": ("Pose of the middle link, and curvatures", ("x_", "y_", "phi_", "kappa")),
+    "/mode": ("Stiffness of the segments", ("mode",)),
+    "/wheels": ("Set-points of the wheels", ("wheel",)),
+    "/heaters": ("Set-points, feed-forward currents of the heaters", ("heater", "current")),
+    "/temperatures": ("Expected temperatures and melt fractions", ("temperature", "melt")),
+}
+TOPICS = (SCENE, FRAMES, *TABLES)
+_UNITS = {"_rad_s": "rad/s", "_rad": "rad", "_per_m": "1/m", "_m": "m", "_A": "A", "_C": "°C"}
 
 
 def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
@@ -78,70 +50,79 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
 
     Raises:
         NoPlanError: If the plan is not verified.
-        InputError: If mcap is not installed, or the rate or the path is not acceptable.
+        InputError: If foxglove-sdk is not installed, or the rate or the path is not acceptable.
     """
     try:
-        from mcap.writer import Writer
+        import foxglove
+        from foxglove.channels import FrameTransformsChannel, SceneUpdateChannel
+
+        from twosra_mpc.export.foxglove_messages import frames, nanoseconds, scene
     except ImportError as error:
-        allowed = "a .csv file, or any once mcap is installed: pip install 'twosra-mpc[mcap]'"
+        install = install_command("mcap")
+        allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
         raise InputError("output", str(path), allowed) from error
-    plan = plan.require() if rate_Hz is None else refined(plan.require(), rate_Hz)
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="", library=f"twosra_mpc {__version__}")
-        channels = {}
-        for topic in TOPICS:
-            text = json.dumps(topic.schema).encode()
-            schema = writer.register_schema(topic.schema["title"], "jsonschema", text)
-            channels[topic.name] = writer.register_channel(topic.name, "json", schema)
-        for time_s, topic, message in messages(plan):
-            at, data = nanoseconds(time_s), json.dumps(message, allow_nan=False).encode()
-            writer.add_message(channels[topic.name], log_time=at, data=data, publish_time=at)
-        writer.add_metadata("plan", _metadata(plan))
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves this one out
+    verified = plan.require()
+    shown = verified if rate_Hz is None else refined(verified, rate_Hz)
+    context, memory = foxglove.Context(), io.BytesIO()  # a full disk is then an error like any
+    robots = SceneUpdateChannel(SCENE, context=context)
+    transforms = FrameTransformsChannel(FRAMES, context=context)
+    with atomic_path(path) as temporary:
+        with foxglove.open_mcap(memory, context=context) as file:
+            file.write_metadata("plan", _metadata(plan))
+            for time_s, q, states in _changes(shown.trajectory):
+                at = nanoseconds(time_s)
+                transforms.log(frames(plan.robot.geometry, time_s, q), log_time=at)
+                robots.log(scene(plan.robot.geometry, time_s, q, states), log_time=at)
+            for topic, table in tables(shown.trajectory.samples).items():
+                channel = foxglove.Channel(topic, schema=_schema(topic, table), context=context)
+                rows = np.column_stack(list(table.values())).tolist()
+                for time_s, row in zip(shown.trajectory.samples.t_s.tolist(), rows, strict=True):
+                    message = dict(zip(table, row, strict=True))
+                    channel.log(message, log_time=nanoseconds(time_s))
+        temporary.write_bytes(memory.getvalue())
 
 
-def messages(plan: Plan) -> Iterator[tuple[float, Topic, Message]]:
-    """Every message of a plan in order: time [s], topic, content."""
-    samples, geometry = plan.samples, plan.robot.geometry
-    assert samples is not None, "a verified plan has samples"
-    shown: object = None
-    for row, time_s in enumerate(samples.t_s.tolist()):
-        q, states = samples.q[row].tolist(), stiffness(plan, time_s)
-        if shown != (shown := (q, states)):
-            yield time_s, FRAMES, frames(geometry, time_s, q)
-            yield time_s, SCENE, scene(geometry, time_s, q, states)
-        for topic, values in _rows(samples, row):
-            names = topic.schema["properties"]
-            yield time_s, topic, dict(zip(names, values, strict=True))
+def _changes(trajectory: Trajectory) -> Iterator[tuple[float, list[float], list[State]]]:
+    """Time, configuration and states of the segments wherever one of these is new."""
+    samples, intervals = trajectory.samples, stiffness_intervals(trajectory)
+    before: object = None
+    for time_s, q in zip(samples.t_s.tolist(), samples.q.tolist(), strict=True):
+        states = [state_at(each, time_s) for each in intervals]
+        if before != (before := (q, states)):
+            yield time_s, q, states
 
 
-def _rows(samples: Samples, row: int) -> Iterator[tuple[Topic, list[Any]]]:
-    yield CONFIGURATION, samples.q[row].tolist()
-    yield MODE, samples.mode[row].tolist()
-    yield WHEELS, samples.wheel_rad_s[row].tolist()
-    heaters = (samples.heater_setpoint_C[row], samples.heater_current_A[row])
-    yield HEATERS, np.concatenate(heaters).tolist()
-    metal = (samples.temperature_C[row], samples.melt_fraction[row])
-    yield TEMPERATURES, np.concatenate(metal).tolist()
+def tables(samples: Samples) -> dict[str, dict[str, Array]]:
+    """Topic -> name of each column, unit included -> its values, one a sample."""
+    named = columns(samples)
+    return {
+        topic: {name: values for name, values in named.items() if name.startswith(begins)}
+        for topic, (_, begins) in TABLES.items()
+    }
 
 
-def stiffness(plan: Plan, time_s: float) -> tuple[str, str]:
-    """Expected stiffness of both segments: "rigid", "soft", or "changing" from onset to done."""
-    now = ["soft" if soft else "rigid" for soft in plan.problem.start_mode]
-    for item in plan.transitions:
-        if time_s >= item.onset_s - SAME_TIME_S:
-            done = time_s >= item.done_s - SAME_TIME_S
-            now[item.segment - 1] = item.to if done else "changing"
-    return now[0], now[1]
+def _schema(topic: str, names: Iterable[str]) -> dict[str, Any]:
+    """JSON schema of a table: every column a number, and no other."""
+    return {
+        "title": f"twosra.{topic.removeprefix('/').capitalize()}",
+        "description": TABLES[topic][0],
+        "type": "object",
+        "properties": {name: {"type": "number", "description": _unit(name)} for name in names},
+        "required": list(names),
+        "additionalProperties": False,
+    }
+
+
+def _unit(name: str) -> str:
+    given = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), None)
+    return given or ("1 soft, 0 rigid" if name.startswith("mode") else "0 solid, 1 liquid")
 
 
 def _metadata(plan: Plan) -> dict[str, str]:
-    duration = "" if plan.duration_s is None else f"{plan.duration_s:.6f}"
     return {
         "robot": plan.robot.name,
         "planner": plan.planner,
         "status": str(plan.status),
         "message": plan.message,
-        "duration_s": duration,
+        "duration_s": f"{plan.duration_s:.6f}",
     }

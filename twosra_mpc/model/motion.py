@@ -1,23 +1,20 @@
-"""A motion: the path of one mode sequence, and the least time each piece of it takes.
+"""A motion: the path of one mode sequence.
 
 A motion has no clock. Because the kinematics is driftless, a path may be travelled at any speed;
-``interval_durations`` gives the fastest one, and the temporal network decides when.
+``problem.limits.interval_durations`` gives the fastest one, and the temporal network decides when.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.flow import drive, interval_flow
-from twosra_mpc.model.kinematics import wheel_travels
+from twosra_mpc.model.flow import drive, interval_chain
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import RIGID, ModeSequence
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
 
 Array = NDArray[np.float64]
 
@@ -33,7 +30,7 @@ class Motion:
         robot: The robot that moves.
         sequence: Mode of each phase.
         inputs: Input displacements s = v h per interval [m, m, m, m, rad], (phases, intervals, 5).
-        states: q at the nodes, (phases, intervals + 1, 5).
+        states: q at the nodes, (phases, intervals + 1, 3 + n).
     """
 
     robot: Robot
@@ -43,7 +40,7 @@ class Motion:
 
     @property
     def end(self) -> Array:
-        """Q after the last phase, shape (5,)."""
+        """Q after the last phase, shape (3 + n,)."""
         final: Array = self.states[-1, -1]
         return final
 
@@ -51,16 +48,16 @@ class Motion:
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:
     """Follow input displacements (phases, intervals, 5) from ``start`` with fine steps."""
     phases, intervals, _ = inputs.shape
-    states = np.empty((phases, intervals + 1, 5))
     here = np.asarray(start, dtype=float)
+    states = np.empty((phases, intervals + 1, len(here)))
     for i, mode in enumerate(sequence):
         states[i, 0] = here
         if not inputs[i].any():
             states[i, 1:] = here
-        elif mode == RIGID:
+        elif is_rigid(mode):
             states[i, 1:] = drive(here, inputs[i, :, 2:])
         else:
-            chain = _chain(robot, intervals, steps_for(inputs[i]))
+            chain = interval_chain(robot, intervals, steps_for(inputs[i]))
             modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
             states[i, 1:] = chain(here, inputs[i].T, modes.T).full().T
         here = states[i, -1]
@@ -75,28 +72,3 @@ def steps_for(s: Array) -> int:
     travel = float(np.abs(s[:, :2]).sum(axis=1).max())
     doublings = max(1, math.ceil(math.log2(max(travel / STEP_TRAVEL_M, 1.0))))
     return min(FINE_STEPS, int(2**doublings))
-
-
-@lru_cache(maxsize=64)
-def _chain(robot: Robot, intervals: int, steps: int) -> ca.Function:
-    return interval_flow(robot, steps).mapaccum(intervals)
-
-
-def interval_durations(motion: Motion) -> Array:
-    """Least time of each interval within wheel and locomotion unit speeds, (phases, intervals) [s].
-
-    Wheel speeds are taken at the start, in the middle and at the end of an interval.
-    """
-    limits = motion.robot.limits
-    phases, intervals, _ = motion.inputs.shape
-    before = motion.states[:, :-1].reshape(-1, 5).T
-    after = motion.states[:, 1:].reshape(-1, 5).T
-    s = motion.inputs.reshape(-1, 5).T
-    modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0).T
-    travel = wheel_travels(motion.robot, phases * intervals)
-    places = (before, (before + after) / 2, after)
-    rolled = np.array([np.abs(travel(q, s, modes).full()).max(axis=0) for q in places])
-    by_wheel = rolled.max(axis=0) / limits.wheel_speed_rad_s
-    by_unit = np.abs(s[:2]).max(axis=0) / limits.unit_speed_m_s
-    durations: Array = np.maximum(by_wheel, by_unit).reshape(phases, intervals)
-    return durations

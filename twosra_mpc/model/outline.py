@@ -1,26 +1,35 @@
-"""Points of the robot's outline in the plane, for whatever draws it."""
+"""The robot's outline in the plane, by its kinematics, for whatever draws it."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twosra_mpc.errors import InputError
+from twosra_mpc.model.chain import composed, fibre_ends, fibre_poses, placed, wheel_poses
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Coordinates
 from twosra_mpc.robot.geometry import Geometry
 
 Array = NDArray[np.float64]
 
+_CORNERS = ca.DM([(-1, -1), (1, -1), (1, 1), (-1, 1)]).T
+
 
 class RobotShape(NamedTuple):
-    """Points of the robot in the plane [m].
+    """The robot in the plane [m, rad]; leading axes are those of the configurations.
 
     Attributes:
-        origin: b0, (2,).
-        segments: Arcs from the middle link to the fibre ends, (2, n, 2).
-        links: Middle link and the two end links, (3, 2, 2).
-        units: Corners of the locomotion units, (2, 4, 2).
-        wheels: Corners of wheels 1 to 4, (4, 4, 2).
+        origin: b0, (..., 2).
+        segments: Points along each segment from LU1 towards LU2, (..., n, points, 2).
+        links: Ends of the end link of LU1, the links between segments and that of LU2, in this
+            order, (..., n + 1, 2, 2).
+        units: Corners of the locomotion units, (..., 2, 4, 2).
+        wheels: Corners of wheels 1 to 4, (..., 4, 4, 2); from the first to the second they roll.
+        ends: Poses of the fibre ends, x axis towards LU2, (..., 2, 3).
     """
 
     origin: Array
@@ -28,44 +37,54 @@ class RobotShape(NamedTuple):
     links: Array
     units: Array
     wheels: Array
+    ends: Array
+
+    @property
+    def centres(self) -> Array:
+        """Centres of the locomotion units, (..., 2, 2)."""
+        middle: Array = self.units.mean(axis=-2)
+        return middle
 
 
 def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShape:
-    """Place the robot at q = [x, y, phi, kappa1, kappa2] [m, m, rad, 1/m, 1/m], shape (5,)."""
-    x, y, phi, *kappa = np.asarray(q, dtype=float)
-    half_link, half_side = geometry.middle_link_m / 2, geometry.unit_side_m / 2
-    rolling, across = geometry.wheel_radius_m, geometry.wheel_thickness_m / 2
-    (h2, h3), h1 = geometry.front_wheel_m, geometry.side_wheel_m
-    segments, units, wheels = [], [], []
-    links = [np.array([(-half_link, 0.0), (half_link, 0.0)])]
-    for side, curvature in zip((-1, 1), kappa, strict=True):
-        arc = segment_arc(geometry, curvature, side, points)
-        end, turn = arc[-1], side * curvature * geometry.lengths_m[0]
-        segments.append(arc)
-        links.append(_moved([(0.0, 0.0), (side * geometry.end_link_m, 0.0)], end, turn))
-        units.append(_moved(_box(side * h2, 0.0, half_side, half_side), end, turn))
-        wheels.append(_moved(_box(side * h1, 0.0, across, rolling), end, turn))
-        wheels.append(_moved(_box(side * h2, -side * h3, rolling, across), end, turn))
-    origin = np.array([x, y])
-    placed = (_moved(part, origin, phi) for part in (segments, links, units, wheels))
-    return RobotShape(origin, *placed)
+    """Place the robot at q = [x, y, phi, kappa1 ... kappan] [m, m, rad, 1/m], shape (..., 3 + n).
+
+    ``points`` are drawn along each segment.
+
+    Raises:
+        InputError: If q has another number of coordinates.
+    """
+    at, size = np.asarray(q, dtype=float), Coordinates(geometry.segments).size
+    if at.shape[-1:] != (size,):
+        raise InputError("q", at.shape, f"an array of shape (..., {size})")
+    n, rows = geometry.segments, at.reshape(-1, size)
+    shapes = ((n, points, 2), (n + 1, 2, 2), (2, 4, 2), (4, 4, 2), (2, 3))
+    parts = _outline(geometry, points)(rows.T)
+    return RobotShape(
+        at[..., :2],
+        *(
+            part.full().T.reshape(*at.shape[:-1], *shape)
+            for part, shape in zip(parts, shapes, strict=True)
+        ),
+    )
 
 
-def segment_arc(geometry: Geometry, kappa: float, side: int, points: int = 40) -> Array:
-    """Arc of the segment on one side (-1 or 1) of b0, from the middle link out [m], (points, 2)."""
-    run = np.linspace(0.0, geometry.lengths_m[0], points)
-    half = kappa * run / 2
-    along, across = np.sinc(2 * half / np.pi), np.sin(half) * np.sinc(half / np.pi)
-    return np.stack([side * (geometry.middle_link_m / 2 + run * along), run * across], axis=1)
-
-
-def _box(x: float, y: float, half_x: float, half_y: float) -> Array:
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    return np.array([x, y]) + corners * (half_x, half_y)
-
-
-def _moved(points: ArrayLike, origin: Array, turn: float) -> Array:
-    """Points (..., 2) turned by ``turn`` [rad], then shifted by ``origin``."""
-    c, s = np.cos(turn), np.sin(turn)
-    moved: Array = np.asarray(points, dtype=float) @ np.array([(c, s), (-s, c)]) + origin
-    return moved
+@lru_cache(maxsize=32)
+def _outline(geometry: Geometry, points: int) -> ca.Function:
+    """Q -> the parts of ``RobotShape`` but the first, their points as columns."""
+    q = ca.SX.sym("q", Coordinates(geometry.segments).size)
+    shares = ca.DM(np.linspace(0.0, 1.0, points)).T
+    segments = [fibre_poses(geometry, q, j, shares)[:2, :] for j in range(geometry.segments)]
+    joints = [segment[:, [0, -1]] for segment in segments]  # a link from each end to the next one
+    ends, poses = fibre_ends(geometry, q), wheel_poses(geometry, q)
+    half_side, link_m = geometry.unit_side_m / 2, geometry.end_link_m
+    tips, units = [], []
+    for side, end in ((-1, ends[:, 0]), (1, ends[:, 1])):
+        tips.append(placed(end, ca.DM([side * link_m, 0.0])))
+        centre = ca.DM([side * (link_m + half_side), 0.0])
+        units.append(placed(end, centre + half_side * _CORNERS))
+    tread = ca.DM([geometry.wheel_radius_m, geometry.wheel_thickness_m / 2])
+    wheels = [placed(poses[:, i], tread * _CORNERS) for i in range(WHEELS)]
+    parts = (segments, [tips[0], *joints, tips[1]], units, wheels)
+    world = [placed(q[:POSE], ca.horzcat(*part)) for part in parts]
+    return ca.Function("outline", [q], [*world, composed(q[:POSE], ends)])

@@ -1,46 +1,62 @@
 r"""Path models: how the bend of the fibre follows from the travel of a locomotion unit (LU).
 
-With alpha = kappa l the bending angle of a segment and s the travel of the moving LU [m], a path
-model gives four things, and knows no other model:
+With alpha_j = kappa_j l_j the bending angle of segment j and s the travel of the moving LU [m], the
+other LU held, a path model gives
 
-``displacement``  how b0 moves while a segment bends and its far end is held [m/rad], along and
-                  across b0's x axis. The paper's spiral I (its rho term), or l A and l B exactly.
-``adjacent``      d alpha / d s when the LU next to the only soft segment moves (case I) [rad/m].
-``opposite``      d alpha / d s when the other LU moves (case II) [rad/m].
-``share``         g(alpha): how case III (both soft) splits the bend between the segments: whoever
-                  moves, d alpha_1 / g(alpha_1) = d alpha_2 / g(alpha_2).
-``both``          that common value per travel of the moving LU, so that in case III
-                  d alpha_j / d s = both * g(alpha_j).
+``bends``  what the travel of each LU does to the robot in a mode (`Bend`).
+``share``  g_j(alpha): how soft segments split a bend among them: whoever moves, d alpha_j / g_j is
+           the same for all of them. W_j, the integral of 1 / g_j, is the *bending coordinate*.
 
-In every model d phi / d s = -+ d alpha / d s: b0 turns with the segment whose end is held.
-
-``speed`` says what v_j measures, ``wheel_map`` which wheel speeds belong to it: the paper's V (a
-side wheel rolls v_j, the others rest) or the exact map.
+In every model b0 turns with what bends between it and the LU that is held. ``speed`` says what v_j
+measures, ``wheel_map`` which wheel speeds belong to it: the paper's V (a side wheel rolls v_j, the
+others rest) or the exact map.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import casadi as ca
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.model.series import (
     sagitta_ratio,
     sinc,
     versine_ratio,
     versine_ratio_squared,
 )
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.description import Body, Robot
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
 
+Stiffnesses = Sequence[ca.SX | float]  # of the segments, 1 soft: symbols, or the numbers of a mode
+
 _BOTH = 2  # case III among I, II, III
+_LEAST_ROLL = 0.1  # share of its travel that a wheel must roll to measure a speed
+
+Twist = tuple[ca.SX, ca.SX, ca.SX]  # motion of a frame: along, across, turn
+
+
+class Bend(NamedTuple):
+    """What the travel of one locomotion unit does in a soft mode, per metre.
+
+    Attributes:
+        twist: Of b0 in its own frame, (u, v, r) [1, 1, rad/m].
+        bending: d alpha_j / d s of every segment [rad/m].
+        pace: d W / d s, the same for all soft segments.
+    """
+
+    twist: list[ca.SX]
+    bending: list[ca.SX]
+    pace: ca.SX
 
 
 class PathModel(Protocol):
-    """What the kinematics needs to know of a path; ``own`` is the segment next to the moving LU."""
+    """What the kinematics needs to know of a path."""
 
     @property
     def speed(self) -> str:
@@ -50,47 +66,63 @@ class PathModel(Protocol):
     def wheel_map(self) -> Literal["paper", "exact"]:
         """Which wheel speeds belong to the model."""
 
-    def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Displacement of b0 along and across its x axis per bending angle [m/rad]."""
+    @property
+    def conserved(self) -> tuple[str, str, float]:
+        """What two soft segments keep while they bend together: name, unit, factor to W_i - W_j."""
 
-    def adjacent(self, soft: ca.SX) -> ca.SX:
-        """Case I: d alpha / d s of the soft segment, the LU next to it moving [rad/m]."""
+    def bends(self, alpha: ca.SX, sigma: Stiffnesses) -> tuple[Bend, Bend]:
+        """What LU1 does when it moves, and what LU2 does; meaningless where no segment is soft."""
 
-    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
-        """Case II: d alpha / d s of the soft segment, the LU on the rigid ``own`` moving."""
-
-    def share(self, alpha: ca.SX) -> ca.SX:
-        """Case III: the factor g(alpha) of a segment's bend."""
-
-    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
-        """Case III: d alpha / d s of either segment, divided by its ``share``."""
+    def share(self, segment: int, alpha: ca.SX) -> ca.SX:
+        """The factor g_j(alpha) of a segment's bend."""
 
 
 class FittedCurves(ABC):
-    """Path models that replace the paths of cases I, II and III by fitted curves.
+    """Path models of two equal segments that replace the moving LU's path by fitted curves.
 
+    Case I: the LU next to the only soft segment moves. II: the other LU does. III: both are soft.
     Each segment bends at a rate of its own curvature alone, whatever the other one does.
     """
 
+    link_m: float
+
     @abstractmethod
-    def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
+    def rate(self, k: int, alpha: ca.SX) -> ca.SX:
         """Bending angle per travel on the curve of case I, II or III (k = 0, 1, 2) [rad/m]."""
+
+    @abstractmethod
+    def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Displacement of b0 along and across its x axis per bending angle [m/rad]."""
 
     @property
     def wheel_map(self) -> Literal["paper", "exact"]:
         return "paper"
 
-    def adjacent(self, soft: ca.SX) -> ca.SX:
-        return self._rate(0, soft)
+    @property
+    def conserved(self) -> tuple[str, str, float]:
+        return "W{0} - W{1} (W: travel that bends a segment from straight)", "m", 1.0
 
-    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
-        return self._rate(1, soft)
+    def share(self, segment: int, alpha: ca.SX) -> ca.SX:
+        return self.rate(_BOTH, alpha)
 
-    def share(self, alpha: ca.SX) -> ca.SX:
-        return self._rate(2, alpha)
+    def bends(self, alpha: ca.SX, sigma: Stiffnesses) -> tuple[Bend, Bend]:
+        return self._bend(alpha, sigma, 0), self._bend(alpha, sigma, 1)
 
-    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
-        return ca.SX(1)
+    def _bend(self, alpha: ca.SX, sigma: Stiffnesses, unit: int) -> Bend:
+        own, other = unit, 1 - unit  # the segment next to the LU that moves, and the other one
+        adjacent, opposite = sigma[own] * (1 - sigma[other]), (1 - sigma[own]) * sigma[other]
+        both = sigma[own] * sigma[other]
+        near, far = self.rate(0, alpha[own]), self.rate(1, alpha[other])
+        shares = self.rate(_BOTH, alpha[own]), self.rate(_BOTH, alpha[other])
+        turn, side = opposite * far + both * shares[1], (-1, 1)[unit]
+        x, y = self.displacement(alpha[other])
+        bending = [ca.SX(0), ca.SX(0)]
+        bending[own], bending[other] = adjacent * near + both * shares[0], turn
+        return Bend(
+            twist=[side * x * turn, (self.link_m / 2 + y) * turn, side * turn],
+            bending=bending,
+            pace=adjacent * (near / shares[0]) + opposite * (far / shares[1]) + both,
+        )
 
 
 @dataclass(frozen=True)
@@ -103,6 +135,7 @@ class LogSpiral(FittedCurves):
     """
 
     length_m: float
+    link_m: float
     path: LogSpiralPath
 
     @property
@@ -116,7 +149,7 @@ class LogSpiral(FittedCurves):
         in_phase = k == _BOTH and self.path.model == "log_spiral_corrected"
         return a * self.length_m * ca.exp(-b * (size / m + (0.0 if in_phase else math.pi)))
 
-    def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
+    def rate(self, k: int, alpha: ca.SX) -> ca.SX:
         return self.path.angle_ratio[k] / self._radius(k, alpha)
 
     def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -134,6 +167,7 @@ class Cardioid(FittedCurves):
     is that of a point on cardioid I, derivative of r included.
     """
 
+    link_m: float
     path: CardioidPath
 
     @property
@@ -143,7 +177,7 @@ class Cardioid(FittedCurves):
     def _angle(self, k: int, alpha: ca.SX) -> ca.SX:
         return math.pi + self.path.phi_per_alpha[k] * alpha
 
-    def _rate(self, k: int, alpha: ca.SX) -> ca.SX:
+    def rate(self, k: int, alpha: ca.SX) -> ca.SX:
         radius = 2 * self.path.radius_m[k] * (1 - ca.cos(self._angle(k, alpha)))
         return 1 / (self.path.phi_per_alpha[k] * radius)
 
@@ -156,69 +190,123 @@ class Cardioid(FittedCurves):
 
 @dataclass(frozen=True)
 class Arc:
-    """Exact constant-curvature arcs; both segments bend equally when both are soft.
+    """Exact constant-curvature arcs: soft segments all bend by the same curvature per metre.
 
-    v_j is the speed of the fibre end along its path (``reach_m`` None), or what a side wheel
-    ``reach_m`` beyond the fibre end rolls. (t, n) are the components of that point's displacement
-    per bending angle along and across its own end frame.
+    v_j is the speed of the fibre end along its path, or what the side wheel rolls. Twists are
+    followed from the held end outwards: (t, n, r) are the components of a frame's motion along and
+    across its own outward axis and its turn, per W = kappa l_1.
     """
 
-    length_m: float
-    link_m: float
-    reach_m: float | None
+    geometry: Geometry
+    at_wheel: bool
 
     @property
     def speed(self) -> str:
-        if self.reach_m is None:
-            return "fibre end along its exact path"
-        return "rolling speed of the side wheel, exact"
+        if self.at_wheel:
+            return "rolling speed of the side wheel, exact"
+        return "fibre end along its exact path"
 
     @property
     def wheel_map(self) -> Literal["paper", "exact"]:
         return "exact"
 
-    def _rate(self, t: ca.SX, n: ca.SX, lever: float) -> ca.SX:
-        if self.reach_m is None:
-            return 1 / ca.sqrt(t**2 + n**2)
-        return 1 / (n + lever * self.reach_m)
+    @property
+    def conserved(self) -> tuple[str, str, float]:
+        return "kappa{0} - kappa{1}", "1/m", 1 / self.geometry.lengths_m[0]
 
-    def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
-        return self.length_m * sagitta_ratio(alpha), self.length_m * versine_ratio_squared(alpha)
+    def share(self, segment: int, alpha: ca.SX) -> ca.SX:
+        return ca.SX(self._per_bend(segment))
 
-    def adjacent(self, soft: ca.SX) -> ca.SX:
-        t, n = self.displacement(soft)
-        return self._rate(t, n, 1.0)
+    def _per_bend(self, segment: int) -> float:
+        lengths = self.geometry.lengths_m
+        return lengths[segment] / lengths[0]
 
-    def opposite(self, soft: ca.SX, own: ca.SX) -> ca.SX:
-        along, across = self._far_end(soft, own)
-        return self._rate(along, across, 1.0)
+    def bends(self, alpha: ca.SX, sigma: Stiffnesses) -> tuple[Bend, Bend]:
+        turned = [s * self._per_bend(j) for j, s in enumerate(sigma)]
+        passed = [self._passed(j, alpha[j], turned[j]) for j in range(len(turned))]
+        rigid = ca.SX(math.prod((1 - s for s in sigma), start=ca.SX(1)))
+        return self._bend(passed, turned, rigid, 0), self._bend(passed, turned, rigid, 1)
 
-    def share(self, alpha: ca.SX) -> ca.SX:
-        return ca.SX(1)
+    def _passed(self, segment: int, alpha: ca.SX, turn: ca.SX | float) -> Callable[..., Twist]:
+        """(t, n, r) beyond a segment from that before it; the segment turns by ``turn`` per W."""
+        length, c, s = self.geometry.lengths_m[segment], ca.cos(alpha), ca.sin(alpha)
+        across, along = length * versine_ratio(alpha), length * sinc(alpha)
+        a, b = length * sagitta_ratio(alpha), length * versine_ratio_squared(alpha)
 
-    def both(self, own: ca.SX, other: ca.SX) -> ca.SX:
-        along, across = self._far_end(other, own)
-        own_along, own_across = self.displacement(own)
-        return self._rate(along + own_along, across + own_across, 2.0)
+        def beyond(t: ca.SX, n: ca.SX, r: ca.SX) -> Twist:
+            moved = c * t + s * n + r * across + turn * a, c * n - s * t + r * along + turn * b
+            return (*moved, r + turn)
 
-    def _far_end(self, soft: ca.SX, own: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Displacement of the end beyond ``own`` per bend of ``soft``, in that end's frame."""
-        l, l0 = self.length_m, self.link_m  # noqa: E741  (the paper's symbols)
-        c, s = ca.cos(own), ca.sin(own)
-        a, b = sagitta_ratio(soft), versine_ratio_squared(soft)
-        along = l * (versine_ratio(own) + c * a + s * b) + l0 * s
-        across = l * (sinc(own) + c * b - s * a) + l0 * c
-        return along, across
+        return beyond
+
+    def _bend(
+        self,
+        passed: Sequence[Callable[..., Twist]],
+        turned: Sequence[ca.SX | float],
+        rigid: ca.SX,
+        unit: int,
+    ) -> Bend:
+        """From the held LU to the moving one."""
+        count, side = len(passed), (-1, 1)[unit]
+        order = range(count) if unit == 1 else range(count - 1, -1, -1)
+        inner = self.geometry.inner_link_of_b0  # b0 lies between segments inner - 1 and inner
+        here = at_b0 = (ca.SX(0), ca.SX(0), ca.SX(0))
+        for number, segment in enumerate(order):
+            if number:
+                here = _along_link(here, self.geometry.middle_link_m)
+            here = passed[segment](*here)
+            if segment == (inner - 1 if unit == 1 else inner):
+                at_b0 = _along_link(here, self.geometry.half_link_m)
+        pace = 1 / (self._speed_of(here, unit) + rigid)
+        return Bend(
+            twist=[side * at_b0[0] * pace, at_b0[1] * pace, side * at_b0[2] * pace],
+            bending=[turn * pace for turn in turned],
+            pace=pace,
+        )
+
+    def _speed_of(self, end: Twist, unit: int) -> ca.SX:
+        """Speed v of a unit whose fibre end moves so."""
+        t, n, r = end
+        if not self.at_wheel:
+            return ca.sqrt(t**2 + n**2)
+        along, across, x, y = self._side_wheel(unit)
+        return along * (t - r * y) + across * (n + r * x)
+
+    def _side_wheel(self, unit: int) -> tuple[float, float, float, float]:
+        """Drive direction and place of a unit's first wheel, outwards and across its end frame.
+
+        The direction is the one in which it rolls when its unit bends a straight segment to +y.
+        """
+        x, y, beta = self.geometry.wheel_placement[2 * unit]
+        side, length = (-1, 1)[unit], self.geometry.lengths_m[0]
+        along, across = side * round(math.cos(beta), 15), round(math.sin(beta), 15)
+        rolled = across * (length / 2 + side * x) - along * y
+        if abs(rolled) < _LEAST_ROLL * math.hypot(length / 2 + side * x, y):
+            allowed = "a first wheel of each unit that rolls when the unit bends a straight segment"
+            raise InputError(f"geometry.wheels.{2 * unit}", (x, y, beta), allowed)
+        sign = math.copysign(1.0, rolled)
+        return sign * along, sign * across, side * x, y
 
 
-def path_model(robot: Robot) -> PathModel:
-    """Build the path model that the robot description names."""
-    length = robot.geometry.lengths_m[0]
-    match robot.path:
+def _along_link(twist: Twist, length_m: float) -> Twist:
+    t, n, r = twist
+    return t, n + r * length_m, r
+
+
+def path_model(robot: Robot | Body) -> PathModel:
+    """Build the path model that the robot description names.
+
+    Raises:
+        InputError: If v_j is to be the rolling speed of wheels that do not roll.
+    """
+    body = robot.body
+    length, link = body.geometry.lengths_m[0], body.geometry.middle_link_m
+    match body.path:
         case LogSpiralPath() as spiral:
-            return LogSpiral(length, spiral)
+            return LogSpiral(length, link, spiral)
         case CardioidPath() as cardioid:
-            return Cardioid(cardioid)
+            return Cardioid(link, cardioid)
         case ArcPath() as arc:
-            reach = robot.geometry.side_wheel_m if arc.speed_reference == "side_wheel" else None
-            return Arc(length, robot.geometry.middle_link_m, reach)
+            return Arc(body.geometry, arc.speed_reference == "side_wheel")
+        case other:
+            raise NotImplementedError(f"path model {other.model}")

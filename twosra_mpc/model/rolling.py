@@ -11,15 +11,16 @@ and slides while the fibre bends, and two soft segments do not bend quite equall
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
 
+from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.coordinates import POSE, WHEELS
+from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, Mode
+from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 _ALMOST_SINGULAR = 1e-12  # relative; keeps the normal equations solvable in singular shapes
 
@@ -30,7 +31,8 @@ class Drift(NamedTuple):
     Attributes:
         pivot_rad_per_rad: Turn of the holding unit about its centre, per bending angle.
         slide_m_per_rad: Its shift along y of b0, per bending angle.
-        split: With both segments soft, share by which segment 1 bends more and segment 2 less.
+        split: With several segments soft, share by which the first of them bends more, the second
+            less, the third more again.
     """
 
     pivot_rad_per_rad: float = 0.0
@@ -41,14 +43,14 @@ class Drift(NamedTuple):
 NO_DRIFT = Drift()
 
 
-@lru_cache(maxsize=64)
-def rolling(robot: Robot, mode: Mode) -> ca.Function:
+@per_body(64)
+def rolling(body: Body, mode: Mode) -> ca.Function:
     """(q, turned, drift) -> q after the wheels have turned evenly by ``turned`` (4,) [rad].
 
     One Runge-Kutta 4 step; ``drift`` are the values of a `Drift`, (3,).
     """
-    q, turned, drift = ca.SX.sym("q", 5), ca.SX.sym("turned", 4), ca.SX.sym("drift", 3)
-    rate = _rate(robot, mode)
+    q, turned, drift = _arguments(body)
+    rate = _rate(body, mode)
     k1 = rate(q, turned, drift)
     k2 = rate(q + k1 / 2, turned, drift)
     k3 = rate(q + k2 / 2, turned, drift)
@@ -56,27 +58,34 @@ def rolling(robot: Robot, mode: Mode) -> ca.Function:
     return ca.Function("rolling", [q, turned, drift], [q + (k1 + 2 * k2 + 2 * k3 + k4) / 6])
 
 
-def _rate(robot: Robot, mode: Mode) -> ca.Function:
+def _arguments(body: Body) -> tuple[ca.SX, ca.SX, ca.SX]:
+    size = POSE + body.geometry.segments
+    return ca.SX.sym("q", size), ca.SX.sym("turned", WHEELS), ca.SX.sym("drift", 3)
+
+
+def _rate(body: Body, mode: Mode) -> ca.Function:
     """(q, turned, drift) -> rate of q per unit of time, in which the wheels turn by ``turned``."""
-    compiled = kinematics(robot)
-    q, turned, drift = ca.SX.sym("q", 5), ca.SX.sym("turned", 4), ca.SX.sym("drift", 3)
-    inputs = [2, 3, 4] if mode == RIGID else [0, 1]
+    compiled = kinematics(body)
+    q, turned, drift = _arguments(body)
+    inputs = [2, 3, 4] if is_rigid(mode) else [0, 1]
     sigma = ca.DM(mode)
     drive = ca.sparsify(compiled.wheel_matrix(q, sigma)[:, inputs])
     gram = drive.T @ drive
     gram += _ALMOST_SINGULAR * ca.trace(gram) * ca.DM.eye(len(inputs))
     v = ca.inv_minor(gram) @ (drive.T @ turned)
     moved = ca.sparsify(compiled.jacobian(q, sigma)[:, inputs]) @ v
-    if mode != RIGID:
-        if mode == SOFT_BOTH:
-            moved[3:] *= 1 + drift[2] * ca.DM([1.0, -1.0])
-        moved[:3] += _slipped(robot.geometry, q, v, moved[3:], drift)
+    if not is_rigid(mode):
+        soft = soft_segments(mode)
+        if len(soft) > 1:
+            for number, segment in enumerate(soft):
+                moved[POSE + segment] *= 1 + drift[2] * (-1.0) ** number
+        moved[:POSE] += _slipped(body.geometry, q, v, moved[POSE:], drift)
     return ca.Function("rate", [q, turned, drift], [ca.densify(moved)])
 
 
 def _slipped(geometry: Geometry, q: ca.SX, v: ca.SX, bending: ca.SX, drift: ca.SX) -> ca.SX:
     """Rate of the pose (3,) by which the whole robot follows the unit that does not hold still."""
-    bend = geometry.lengths_m[0] * ca.sum(bending)
+    bend = ca.dot(ca.DM(geometry.lengths_m), bending)
     first, second = _unit_centre(geometry, q, 0), _unit_centre(geometry, q, 1)
     centre = ca.if_else(ca.fabs(v[0]) < ca.fabs(v[1]), first, second)  # the slower unit holds
     turn = drift[0] * bend
@@ -85,8 +94,8 @@ def _slipped(geometry: Geometry, q: ca.SX, v: ca.SX, bending: ca.SX, drift: ca.S
     return ca.vertcat(ca.blockcat([[c, -s], [s, c]]) @ in_body, turn)
 
 
-def _unit_centre(geometry: Geometry, q: ca.SX, segment: int) -> ca.SX:
-    """Centre of a locomotion unit in b0, (2,) [m]."""
-    end = fibre_end_pose(geometry, q, segment)
-    outward = (-1, 1)[segment] * geometry.front_wheel_m[0]
+def _unit_centre(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
+    """Centre of a locomotion unit (0 or 1) in b0, (2,) [m]."""
+    end = fibre_end_pose(geometry, q, unit)
+    outward = (-1, 1)[unit] * geometry.front_wheel_m[0]
     return ca.vertcat(end[0] + outward * ca.cos(end[2]), end[1] + outward * ca.sin(end[2]))

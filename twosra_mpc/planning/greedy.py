@@ -24,7 +24,9 @@ from twosra_mpc.model.motion import roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import timed
 from twosra_mpc.planning.outcome import Verified, finished, verified
 from twosra_mpc.plans.plan import Plan, Stats, Status
+from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, sequence_name
 from twosra_mpc.timing import transition_model
 
@@ -120,11 +122,10 @@ def plan_greedily(problem: Problem) -> Plan:
         if refusal is not None:
             reason = refusal
         elif path.ending is GreedyEnding.REACHED:
-            limits = problem.robot.limits
-            reason = (
-                f"its path leaves the curvature limit of {limits.curvature_per_m:g} 1/m or brings "
-                f"the units closer than {1e3 * limits.unit_gap_m:g} mm"
-            )
+            visited = motion.states[:, :, POSE:].reshape(-1, problem.robot.coordinates.segments)
+            broken = broken_by_shapes(problem.robot, visited)
+            words = "wheels lose control" if broken is None else broken.words(problem.robot.limits)
+            reason = f"its path leads through shapes whose {words}"
         message = f"the greedy rule found no plan: {reason}"
         return finished(problem, "greedy", None, Status.FAILED, message, stats)
     check = outcome.verification

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
-from twosra_mpc.plans.heating import segment_heating
-from twosra_mpc.plans.plan import Cost, Phase, Plan, Samples, Stats, Status, Verification
-from twosra_mpc.plans.setpoints import SAME_TIME_S, sample
+from twosra_mpc.plans.plan import Cost, Plan, Stats, Status, Verification
+from twosra_mpc.plans.sampling import sample
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
 
@@ -51,7 +51,7 @@ def verified(problem: Problem, candidate: Candidate, network: TemporalNetwork) -
 def _cost(problem: Problem, samples: Samples, transitions: Sequence[Transition]) -> Cost:
     """Cost of what will be executed."""
     seconds, count = float(samples.t_s[-1]), len(transitions)
-    heating = segment_heating(problem, transitions)
+    heating = transition_model(problem).heating(transitions)
     energy = sum(item.energy_J(seconds) for item in heating)
     weights = problem.cost_weights
     total = seconds + weights.energy_s_per_J * energy + weights.transition_s * count

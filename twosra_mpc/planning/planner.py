@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import interval_durations, roll_out
+from twosra_mpc.model.motion import roll_out
+from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
 from twosra_mpc.planning.nlp.guess import guess_motion
@@ -24,10 +25,17 @@ from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.plans.plan import Plan, Stats, Status
+from twosra_mpc.problem.limits import (
+    CURVATURE,
+    check_shapes,
+    interval_durations,
+    may_drive,
+    rigid_rows,
+    surely_broken,
+)
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.shape import check_shapes, may_drive
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import RIGID, ModeSequence, sequence_name
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, sequence_name
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
@@ -165,92 +173,86 @@ class SequenceSolver:
 def bending_task(problem: Problem) -> BendingTask:
     """What the plan must do to the bending coordinates, from start, goal and path model."""
     facts = bending(problem.robot)
-    start, goal = problem.start.configuration[3:], problem.goal.configuration[3:]
-    width = problem.goal.half_width[3:].tolist()
+    start = problem.start.configuration
+    ends = zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True)
     limit = problem.robot.limits.curvature_per_m
-    change, room, words = [], [], []
-    for j in (0, 1):
-        if math.isnan(goal[j]):
-            low, high = -limit, limit
-            words.append(f"kappa{j + 1} free")
-        else:
-            low, high = max(goal[j] - width[j], -limit), min(goal[j] + width[j], limit)
-            box = f" (+- {width[j]:g})" if width[j] else ""
-            words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g}{box} 1/m")
-        here, most = facts.coordinate(float(start[j])), facts.coordinate(limit)
-        change.append((facts.coordinate(float(low)) - here, facts.coordinate(float(high)) - here))
+    origin = facts.coordinates(start[POSE:].tolist())
+    change, room, exact, words = [], [], [], []
+    for j, (here, (low, high)) in enumerate(zip(origin, ends, strict=True)):
+        low_w, high_w = (facts.coordinate(max(-limit, min(k, limit)), j) for k in (low, high))
+        most = facts.coordinate(limit, j)
+        change.append((low_w - here, high_w - here))
         room.append((-most - here, most - here))
-    exact = [None if math.isnan(k) or w else k for k, w in zip(goal.tolist(), width, strict=True)]
+        exact.append(low if low == high else None)
+        words.append(_asked(f"kappa{j + 1}", float(start[POSE + j]), low, high))
+
+    def forbidden(mode: Mode, before: tuple[float, ...], bend: float) -> str | None:
+        shapes = facts.shapes_on_the_way(mode, before, bend)
+        limit = surely_broken(problem.robot, shapes)
+        return None if limit is None else limit.words(problem.robot.limits)
+
     return BendingTask(
-        change=(change[0], change[1]),
-        room=(room[0], room[1]),
-        start=(float(start[0]), float(start[1])),
-        goal=(exact[0], exact[1]),
+        change=tuple(change),
+        room=tuple(room),
+        start=tuple(start[POSE:].tolist()),
+        goal=tuple(exact),
         rate=facts.fastest,
-        origin=(facts.coordinate(float(start[0])), facts.coordinate(float(start[1]))),
+        origin=origin,
         least_time=facts.least_time,
+        forbidden=forbidden,
+        beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
         shape=", ".join(words),
-        conserved=_conserved(problem.robot),
-        curvature=lambda w: _curvatures(problem, w),
+        conserved=Conserved(*path_model(problem.robot).conserved),
+        curvature=facts.curvatures,
         pose=pose_task(problem),
     )
 
 
-def _curvatures(problem: Problem, coordinates: tuple[float, float]) -> tuple[float, float]:
-    first, second = bending(problem.robot).curvature(np.array(coordinates)).tolist()
-    return first, second
+def _asked(name: str, start: float, low: float, high: float) -> str:
+    """What a goal asks of a curvature, in words."""
+    if not math.isfinite(high - low):
+        return f"{name} free"
+    box = f" (+- {(high - low) / 2:g})" if high > low else ""
+    return f"{name} from {start:g} to {(low + high) / 2:g}{box} 1/m"
 
 
 def pose_task(problem: Problem) -> PoseTask | None:
     """What the plan must do to the pose; None unless the goal gives it exactly."""
-    start, goal = problem.start.configuration, problem.goal.configuration
-    if np.isnan(goal[:3]).any() or problem.goal.half_width[:3].any():
+    start = problem.start.configuration
+    goal, end = (end[:POSE] for end in problem.goal.box(start))
+    if (goal != end).any():
         return None
-    guess = guess_motion(problem.robot, start, problem.goal, (RIGID,), np.zeros(1), 1)
+    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
     c, s = math.cos(start[2]), math.sin(start[2])
     east, north = (goal[:2] - start[:2]).tolist()
     return PoseTask(
         shift=np.array([c * east + s * north, -s * east + c * north]),
         turn=float(goal[2] - start[2]),
         known_s=float(interval_durations(guess).sum()),
-        wheel_matrix=lambda kappa: _rigid_wheel_matrix(problem, kappa),
-        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        speed_rows=partial(rigid_rows, problem.robot),
         soft_motions=bending(problem.robot).motions_between,
     )
 
 
-def _rigid_wheel_matrix(problem: Problem, kappa: tuple[float, float]) -> Array:
-    matrix = kinematics(problem.robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], RIGID)
-    rigid: Array = matrix.full()[:, 2:]
-    return rigid
-
-
-def _conserved(robot: Robot) -> Conserved:
-    """What mode [1,1] cannot change, in the unit a person thinks in where there is one."""
-    if robot.path.model == "arc":  # W is the bending angle kappa l
-        return Conserved("kappa1 - kappa2", "1/m", 1 / robot.geometry.lengths_m[0])
-    return Conserved("W1 - W2 (W: travel that bends a segment from straight)", "m", 1.0)
-
-
 def rigid_time(problem: Problem) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
-    start, goal = problem.start.configuration, problem.goal.configuration
-    guess = guess_motion(problem.robot, start, problem.goal, (RIGID,), np.zeros(1), 1)
-    matrix = _rigid_wheel_matrix(problem, (float(start[3]), float(start[4])))
+    start = problem.start.configuration
+    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box(start))
+    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
+    rows = rigid_rows(problem.robot, start[POSE:])
     c, s = math.cos(start[2]), math.sin(start[2])
-    shift, box = goal[:2] - start[:2], problem.goal.half_width
-    if np.isfinite(shift).all() and not box[:2].any():
+    given = np.isfinite(high - low)
+    ends = np.where(given, [low, high], math.nan)
+    shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
+    if given[:2].all() and not box[:2].any():
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
-        matrix = matrix @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    turn = goal[2] - start[2]
-    turns = (-math.inf, math.inf) if math.isnan(turn) else (turn - box[2], turn + box[2])
+        rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return least_time(
-        wheel_matrix=matrix,
-        wheel_speed_rad_s=problem.robot.limits.wheel_speed_rad_s,
+        speed_rows=rows,
         shift=shift,
         shift_box=box[:2],
-        turns=turns,
+        turns=(float(low[2]), float(high[2])),
         modulo=problem.goal.phi_modulo,
         known_s=float(interval_durations(guess).sum()),
     )
@@ -299,7 +301,7 @@ def _proof(
     """Why there is no plan at all; None where that is not proved."""
     proof = impossibility(tree)
     if proof is None and result.ending is Ending.EXHAUSTED and result.lower_bound == math.inf:
-        proof = disproof(tree, problem.robot.limits)
+        proof = disproof(tree)
     return proof
 
 
@@ -310,9 +312,11 @@ def _failure(problem: Problem, result: SearchResult[Verified], tree: ModeTree[Ve
         return f"no plan found ({result.ending.value}): {_advice(result.ending)} ({effort})"
     tried = f"no plan found ({result.solved} mode sequences tried)"
     if result.solved == 0:
-        return f"{tried}: {too_few_phases(tree, problem.robot.limits)}"
-    if RIGID not in problem.modes and not np.isnan(problem.goal.configuration[:3]).all():
-        return f"{tried}: without mode [0,0] the pose changes only by bending: add [0,0] to modes"
+        return f"{tried}: {too_few_phases(tree)}"
+    rigid = problem.robot.rigid
+    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
+        only = f"without mode {mode_name(rigid)} the pose changes only by bending"
+        return f"{tried}: {only}: add {mode_name(rigid)} to modes"
     return f"{tried}: {_advice(result.ending)}"
 
 

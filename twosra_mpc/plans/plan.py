@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -16,9 +17,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError, NoPlanError
 from twosra_mpc.files import read_text, write_text
+from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import Transition
 from twosra_mpc.validation import named_problem
 from twosra_mpc.version import __version__
@@ -37,14 +38,6 @@ class Status(enum.StrEnum):
     FAILED = "failed"  # no verified plan found, nothing proved
 
 
-class Phase(NamedTuple):
-    """One motion phase; holds are the gaps between phases. Times in s."""
-
-    mode: Mode
-    start_s: float
-    end_s: float
-
-
 class Cost(NamedTuple):
     """Cost of a plan in s, and what it is made of."""
 
@@ -52,47 +45,6 @@ class Cost(NamedTuple):
     time_s: float
     energy_J: float
     transitions: int
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """The plan on its own grid; inputs hold from a sample to the next. Arrays are read-only.
-
-    Attributes:
-        t_s: Time [s], (n,).
-        q: Configuration [m, m, rad, 1/m, 1/m], (n, 5).
-        v: Input [v1, v2, u0, v0, r0] [m/s, m/s, m/s, m/s, rad/s], (n, 5).
-        mode: 1 where a segment is liquid, (n, 2).
-        wheel_rad_s: Wheel speeds, (n, 4).
-        temperature_C: Expected temperature of the segments, (n, 2).
-        melt_fraction: Expected melt fraction of the segments, 0 solid, 1 liquid, (n, 2).
-        heater_setpoint_C: Temperature set-points, (n, 2).
-        heater_current_A: Feed-forward heater currents, (n, 2).
-    """
-
-    t_s: Array
-    q: Array
-    v: Array
-    mode: NDArray[np.int64]
-    wheel_rad_s: Array
-    temperature_C: Array
-    melt_fraction: Array
-    heater_setpoint_C: Array
-    heater_current_A: Array
-
-    def __post_init__(self) -> None:
-        width = {"q": 5, "v": 5, "wheel_rad_s": 4}
-        for item in fields(self):
-            array = getattr(self, item.name)
-            shape = (
-                (len(self.t_s),) if item.name == "t_s" else (len(self.t_s), width.get(item.name, 2))
-            )
-            if array.shape != shape:
-                raise InputError(f"samples.{item.name}", array.shape, f"an array of shape {shape}")
-            array.setflags(write=False)
-
-    def __len__(self) -> int:
-        return len(self.t_s)
 
 
 @dataclass(frozen=True)
@@ -160,6 +112,17 @@ class Plan:
     def robot(self) -> Robot:
         """The robot planned for."""
         return self.problem.robot
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The plan at any time.
+
+        Raises:
+            NoPlanError: If there is no plan.
+        """
+        if self.samples is None:
+            raise NoPlanError(self.status, self.message)
+        return Trajectory(self.problem, self.samples, self.phases, self.transitions)
 
     @property
     def found(self) -> bool:

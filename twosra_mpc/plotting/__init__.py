@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from twosra_mpc.model.outline import RobotShape, robot_shape, segment_arc
+from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting.animation import animate_plan
 from twosra_mpc.plotting.comparison_figure import plot_comparison
 from twosra_mpc.plotting.figure_file import check_figure_path, save_figure
@@ -81,7 +81,6 @@ __all__ = [
     "plot_snapshots",
     "robot_shape",
     "save_figure",
-    "segment_arc",
     "segment_states",
 ]
 

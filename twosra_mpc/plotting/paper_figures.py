@@ -289,7 +289,7 @@ def _draw_task(ax: Axes, geometry: Geometry, pieces: Sequence[_Piece]) -> None:
         colour = SOFT_COLOUR if any(piece.mode) else RIGID_COLOUR
         ends: dict[str, Any] = {"marker": "o", "ms": 3.0, "mfc": "white", "markevery": [-1]}
         ax.plot(*piece.q[:, :2].T, c=colour, lw=1.4, zorder=5, **ends)
-        centres = np.array([robot_shape(geometry, q, 2).units.mean(axis=1) for q in piece.q])
+        centres = robot_shape(geometry, piece.q, 2).centres
         for unit in (0, 1):
             ax.plot(*centres[:, unit].T, c=colour, lw=0.9, zorder=4)
     ax.set(xticks=[], yticks=[])

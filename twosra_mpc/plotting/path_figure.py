@@ -157,12 +157,11 @@ def _draw_fibre(ax: Axes, geometry: Geometry, case: Case, alpha: float) -> Array
     shape = robot_shape(geometry, held_pose(geometry, case, alpha))
     style: dict[str, Any] = {"solid_capstyle": "butt", "zorder": 2}
     length = geometry.lengths_m[0]
-    ax.plot(*shape.links[0].T / length, lw=2.4, c=_pale(METAL_COLOUR), **style)
+    ax.plot(*shape.links[1].T / length, lw=2.4, c=_pale(METAL_COLOUR), **style)
     for arc, soft in zip(shape.segments / length, MODES[case], strict=True):
         ax.plot(*arc.T, lw=3.2, c=_pale(SOFT_COLOUR if soft else RIGID_COLOUR), **style)
-    end: Array = shape.links[1, 0] / length
-    across, along = shape.links[1, 1] / length - end
-    ax.plot(*end, **UNIT | {"marker": (4, 0, 45 + np.degrees(np.arctan2(along, across)))})
+    end, heading = shape.ends[0, :2] / length, shape.ends[0, 2]
+    ax.plot(*end, **UNIT | {"marker": (4, 0, 45 + np.degrees(heading))})
     return end
 
 

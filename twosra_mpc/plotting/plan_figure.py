@@ -17,7 +17,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Phase, Plan, Samples
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_robot, number_units
 from twosra_mpc.plotting.style import (
@@ -107,7 +108,7 @@ def _draw_overview(ax: Axes, plan: Plan, samples: Samples) -> None:
     for phase in reversed(plan.phases):  # the end of a phase lies over the start of the next
         _draw_path(ax, samples, phase)
     shapes = [robot_shape(geometry, q) for q in ends]
-    start, goal = (shape.units.mean(axis=1) for shape in shapes)
+    start, goal = (shape.centres for shape in shapes)
     number_units(ax, geometry, ends[1])
     apart = np.linalg.norm(start[:, None] - goal, axis=2)
     i, j = np.argmax(apart.min(axis=1)), np.argmax(apart.min(axis=0))

@@ -96,5 +96,5 @@ def draw_outline(ax: Axes, geometry: Geometry, q: ArrayLike) -> Axes:
 def number_units(ax: Axes, geometry: Geometry, q: ArrayLike, size_pt: float = 8.5) -> list[Artist]:
     """Write 1 and 2 on the locomotion units; q as for ``draw_robot``."""
     style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": size_pt, "zorder": 8}
-    centres = robot_shape(geometry, q, 2).units.mean(axis=1)
+    centres = robot_shape(geometry, q, 2).centres.tolist()
     return [ax.text(x, y, str(number), **style) for number, (x, y) in enumerate(centres, start=1)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.simulation.plant import Truth
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.animation import animate_story
 from twosra_mpc.plotting.film import Film, OnProgress
 from twosra_mpc.plotting.run_figure import (

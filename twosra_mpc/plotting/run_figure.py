@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from twosra_mpc.execution.run import CHANGING, Drive, Run, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_outline, draw_robot
 from twosra_mpc.plotting.style import (
@@ -102,7 +102,7 @@ def _draw_plane(figure: SubFigure, run: Run, time_s: Array, q: Array) -> None:
         left = 2 * column + (row == rows - 1) * (rows * columns - len(drives))  # centred
         panels.append(figure.add_subplot(grid[row, left : left + 2]))
         _draw_drive(panels[-1], run, time_s, q, number, drive)
-    corners = np.concatenate([robot_shape(run.problem.robot.geometry, at).wheels for at in q[::20]])
+    corners = robot_shape(run.problem.robot.geometry, q[::20], 2).wheels
     for panel in panels:
         panel.set_aspect("equal", adjustable="datalim")
         panel.update_datalim(corners.reshape(-1, 2))
@@ -159,7 +159,7 @@ def _draw_paths(ax: Axes, run: Run, time_s: Array, q: Array, start_s: float, end
     for rows, style in styles:
         if not len(rows):
             continue
-        centres = np.array([robot_shape(geometry, at, 2).units.mean(axis=1) for at in rows])
+        centres = robot_shape(geometry, rows, 2).centres
         for unit, colour in enumerate(SEGMENT_COLOURS):
             ax.plot(*centres[:, unit].T, c=colour, zorder=5, **style)
         ax.plot(*rows[:, :2].T, c=SOFT_COLOUR, zorder=5, **style)
@@ -257,7 +257,9 @@ def _draw_curvatures(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
 
 def _draw_distances(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
     """Distance from the goal in units of the accuracy, on a logarithmic axis."""
-    errors = np.array([run.problem.goal.error(at.copy()) for at in q]) / run.accuracy.scale
+    errors = np.array([run.problem.goal.error(at.copy()) for at in q]) / run.accuracy.scale(
+        run.problem.robot.coordinates
+    )
     parts = {
         "position": (np.hypot(errors[:, 0], errors[:, 1]), RIGID_COLOUR),
         "heading": (np.abs(errors[:, 2]), "#7b5ea7"),

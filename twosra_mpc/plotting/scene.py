@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.film import Moment
 from twosra_mpc.plotting.robot_drawing import draw_outline, number_units, robot_artists
 from twosra_mpc.plotting.style import (
@@ -132,9 +132,9 @@ class Scene:
         top = rows[0].subgridspec(2, 2, width_ratios=(5.4, 1.0), height_ratios=(1, 6), wspace=0.18)
         self._plane, self._gauges = (self.figure.add_subplot(at) for at in (top[:, 0], top[1, 1]))
         self._bars, self._curves = (self.figure.add_subplot(rows[row]) for row in (1, 2))
-        shapes = [robot_shape(story.geometry, q, 2) for q in story.q]
-        self._centres = np.array([shape.units.mean(axis=1).ravel() for shape in shapes])
-        _set_plane(self._plane, story, np.concatenate([shape.wheels for shape in shapes]))
+        shapes = robot_shape(story.geometry, story.q, 2)
+        self._centres = shapes.centres.reshape(-1, 4)
+        _set_plane(self._plane, story, shapes.wheels)
         self._floor_C, top_C = _set_gauges(self._gauges, story)
         _set_bars(self._bars, story)
         _set_curves(self._curves, story, (self._floor_C, top_C))

@@ -54,12 +54,12 @@ def plot_snapshots(
     with styled_figure((WIDTH_IN, PANEL_IN * rows + 0.8), path) as figure:
         figure.suptitle(plan_title(plan), wrap=True)
         grid = figure.subplots(rows, columns, squeeze=False).ravel()
-        corners = [robot_shape(plan.robot.geometry, q).wheels for q in samples.q]
+        corners = robot_shape(plan.robot.geometry, samples.q, 2).wheels.reshape(-1, 2)
         for ax, time_s in zip(grid, moments, strict=False):
             draw_snapshot(ax, plan, time_s).set(xticks=[], yticks=[])
             ax.spines[:].set(visible=True, color="0.8")
             ax.set_aspect("equal", adjustable="datalim")
-            ax.update_datalim(np.concatenate(corners).reshape(-1, 2))
+            ax.update_datalim(corners)
         for ax in grid[len(moments) :]:
             ax.remove()
         _legend(figure)

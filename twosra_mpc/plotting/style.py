@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-RIGID_COLOUR, SOFT_COLOUR, CHANGING_COLOUR = "#2a6fbb", "#c8202f", "#f6b04e"
+RIGID_COLOUR = "#2a6fbb"
+SOFT_COLOUR = "#c8202f"
+CHANGING_COLOUR = "#f6b04e"  # melting or freezing
 SEGMENT_COLOURS = ("#222222", "#12997c")  # segment and locomotion unit 1, 2
 UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR = "#eceff1", "#455a64", "#5d4037"
 PLANNED_COLOUR = "0.35"  # what shall be: goals, references

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from twosra_mpc.plans.plan import Phase
+from twosra_mpc.plans.trajectory import Phase
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import NoPlanError
-from twosra_mpc.plans.plan import Phase, Plan, Samples
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.plotting.style import BESIDE, SEGMENT_COLOURS, STATES
 from twosra_mpc.plotting.time_axis import TimeStretch
 from twosra_mpc.robot.modes import mode_name

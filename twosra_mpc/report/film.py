@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.plans.plan import Plan, Samples
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import mode_name
@@ -146,7 +147,7 @@ def pose_of(geometry: Geometry, q: Array) -> Pose:
         links=tuple(map(svg_points, shape.links)),
         units=tuple(map(svg_points, shape.units)),
         wheels=tuple(map(svg_points, shape.wheels)),
-        centres=tuple(svg_points(unit.mean(axis=0)) for unit in shape.units),
+        centres=tuple(map(svg_points, shape.centres)),
         origin=svg_points(shape.origin),
     )
 

@@ -19,14 +19,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
-from twosra_mpc.plans.plan import Plan, Samples
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, plot_plan
 from twosra_mpc.report import reproduction, words
 from twosra_mpc.report.film import film_of, filmed_box, pose_of
 from twosra_mpc.report.setpoint_table import setpoint_table
 from twosra_mpc.report.timeline import Thermometer, curve, lanes, ticks
 from twosra_mpc.robot.modes import mode_name, sequence_name
-from twosra_mpc.robot.segment import LumpedSegment
 
 _ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say
@@ -130,7 +130,7 @@ def _motion(plan: Plan, samples: Samples) -> dict[str, Any]:
     end_s = float(samples.t_s[-1])
     stretch = TimeStretch.of(plan.phases, end_s or 1.0)
     film, geometry = film_of(plan, samples, stretch), plan.robot.geometry
-    scale, table = Thermometer.of(plan, samples), setpoint_table(samples, plan.robot)
+    scale, table = Thermometer.of(plan, samples), setpoint_table(samples)
     goal = plan.problem.goal.configuration
     aim = np.where(np.isnan(goal), samples.q[-1], goal)
     ghosts = {"start": film.poses[0], "goal": pose_of(geometry, aim)}
@@ -159,7 +159,8 @@ def _motion(plan: Plan, samples: Samples) -> dict[str, Any]:
 
 def _fibre_mm(plan: Plan) -> float:
     segment = plan.robot.segment
-    return 1e3 * segment.tube_outer_diameter_m if isinstance(segment, LumpedSegment) else _FIBRE_MM
+    known = segment.fibre_diameter_m if segment else None
+    return _FIBRE_MM if known is None else 1e3 * known
 
 
 def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:

@@ -6,12 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.plans.plan import Samples
 from twosra_mpc.plans.setpoints import rows
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.plans.trajectory import Samples
 
 MOST_ROWS = 1500  # a page with more of them is slow to scroll
-_COUNTS = ("mode1", "mode2")
 
 
 class SetpointTable(NamedTuple):
@@ -30,9 +28,9 @@ class SetpointTable(NamedTuple):
     words: str
 
 
-def setpoint_table(samples: Samples, robot: Robot) -> SetpointTable:
+def setpoint_table(samples: Samples) -> SetpointTable:
     """Return the plan's whole grid, or every k-th row and the last where it is very long."""
-    names, table = rows(samples, None, robot)
+    names, table = rows(samples)
     step = -(-len(table) // MOST_ROWS)
     shown = table[np.unique([*range(0, len(table), step), len(table) - 1])]
     words = f"All {len(table)} rows of the plan's own grid"
@@ -46,9 +44,9 @@ def setpoint_table(samples: Samples, robot: Robot) -> SetpointTable:
 
 
 def _cell(name: str, value: float) -> str:
-    if name in _COUNTS:
+    if name.startswith("mode"):
         return str(int(value))
-    digits = 3 if name.endswith(("_rad_s", "_A", "fraction1", "fraction2", "per_m")) else 4
+    digits = 3 if name.endswith(("_rad_s", "_A", "per_m")) or name.startswith("melt_") else 4
     digits = 2 if name.endswith("_C") else digits
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text

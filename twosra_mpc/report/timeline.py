@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.plans.plan import Plan, Samples
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, segment_states
 from twosra_mpc.robot.modes import mode_name
 

@@ -10,7 +10,7 @@ from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.problem.problem import COORDINATE_UNITS, Problem
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
+from twosra_mpc.timing import transition_model
 
 _UNITS = {  # ending of a limit's name -> unit, longest first
     "_rad_s": "rad/s",
@@ -101,7 +101,10 @@ def bound_sentences(plan: Plan) -> Iterator[str]:
         f" {problem.max_phases} phases that were searched, with every path that path model"
         f" {problem.robot.path.model} can take within the robot's limits."
     )
-    yield f"It holds for {_timing(problem)}; a different heater controller has different times."
+    times = transition_model(problem).words
+    if problem.heaters_at_once < problem.robot.coordinates.segments:
+        times += ", one heater on at a time"
+    yield f"It holds for {times}; a different heater controller has different times."
 
 
 def caveat_sentences(plan: Plan) -> Iterator[str]:
@@ -123,28 +126,6 @@ def _cost_formula(problem: Problem) -> str:
     if weights.transition_s:
         terms.append(f"{weights.transition_s:g} s for every melt or freeze")
     return " + ".join(terms) if len(terms) > 1 else "the duration, nothing else"
-
-
-def _timing(problem: Problem) -> str:
-    heater, timing = problem.robot.heater, problem.transition_times
-    named = f"timing “{problem.timing}”"
-    if isinstance(timing, SequentialTiming):
-        return f"the fixed waits of {named}, through which the robot stands still"
-    if isinstance(timing, OverlappedTiming):
-        words = f"the constant melt and freeze times of {named}"
-    else:
-        words = (
-            f"melt and freeze times from the thermal model ({named}, air of {problem.ambient:g} °C)"
-            f" under one heating policy: {heater.melt_current_A:g} A until the set-point of"
-            f" {heater.soft_setpoint_C:g} °C, then hold"
-        )
-    if problem.heating == "keep_warm":
-        words += ", solid segments kept warm where that costs less"
-    if problem.transition_quantile is not None:
-        words += f", windows that hold {100 * problem.transition_quantile:g} % of all transitions"
-    if problem.heaters_at_once == 1:
-        words += ", one heater on at a time"
-    return words
 
 
 def verification_sentence(check: Verification) -> str:

@@ -76,6 +76,16 @@ class Geometry(Value):
         return given if isinstance(given, tuple) else (given,) * self.segments
 
     @property
+    def inner_link_of_b0(self) -> int:
+        """b0 is in the middle of this inner link, counted from 1; 0: at the fibre end of LU1."""
+        return self.segments // 2
+
+    @property
+    def half_link_m(self) -> float:
+        """Distance from b0 to the segments next to it."""
+        return self.middle_link_m / 2 if self.segments > 1 else 0.0
+
+    @property
     def wheel_placement(self) -> tuple[tuple[float, float, float], ...]:
         """(x [m], y [m], drive direction [rad]) of each wheel in the frame of its fibre end."""
         if self.wheels is not None:

@@ -75,6 +75,13 @@ class Lumped:
         del state
         return (level,)
 
+    def warmed(self, state: State, by_K: float) -> State:
+        """State at more enthalpy; on the plateau the same."""
+        (h,) = state
+        if 0 <= h <= self.latent_J:
+            return state
+        return (h + (self.heat_solid_J_per_K if h < 0 else self.heat_liquid_J_per_K) * by_K,)
+
     def temperature_C(self, state: State) -> float:
         """Temperature of the metal [C]."""
         (h,) = state

@@ -35,7 +35,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Course:
+class TemperatureTrajectory:
     """A segment's pieces in order; the last one has no end.
 
     Attributes:
@@ -48,9 +48,9 @@ class Course:
     melt_current_A: float
     pieces: tuple[Piece, ...]
 
-    def extended(self, *pieces: Piece) -> Course:
-        """Return the same course with more pieces."""
-        return Course(self.model, self.melt_current_A, (*self.pieces, *pieces))
+    def extended(self, *pieces: Piece) -> TemperatureTrajectory:
+        """Return the same trajectory with more pieces."""
+        return TemperatureTrajectory(self.model, self.melt_current_A, (*self.pieces, *pieces))
 
     def state_at(self, time_s: float) -> State:
         """State of the segment."""

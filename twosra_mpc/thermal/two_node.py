@@ -15,8 +15,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.optimize import brentq
-
 State = tuple[float, ...]
 
 _HORIZON_S = 1e5  # a threshold not passed in a day is never passed
@@ -63,6 +61,10 @@ class TwoNode:
     def at_level(self, state: State, level: float) -> State:
         """State with the core at this temperature and the body as in ``state``."""
         return (level, state[1])
+
+    def warmed(self, state: State, by_K: float) -> State:
+        """State with a warmer core."""
+        return (state[0] + by_K, state[1])
 
     def temperature_C(self, state: State) -> float:
         """Temperature of the core [C]."""
@@ -132,6 +134,8 @@ class TwoNode:
             if excess(low) <= 0:  # by rounding
                 return low
             if high > low and excess(high) <= 0:
+                from scipy.optimize import brentq  # scenarios are listed without it
+
                 return float(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
         return math.inf
 

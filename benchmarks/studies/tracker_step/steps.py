@@ -29,7 +29,7 @@ def record_steps(of: Plan, phase: int, setup: Setup, runs: int) -> list[Recorded
     path, samples, h = of.phases[phase], of.samples, setup.period_s
     program = ProgramInPlace(tracking_program(setup), SolverSettings())
     selection = setup.outputs.selection
-    reference = PhaseReference(of.robot, samples, path, selection, setup.horizon, h)
+    reference = PhaseReference(of.trajectory, path, selection, setup.horizon, h)
     flow = interval_flow(of.robot, 16)
     start = samples.q[np.searchsorted(samples.t_s, path.start_s - 1e-6)]
     steps = []

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.serial.firmware_lines import BAUD
+from twosra_mpc.installation import install_command
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -14,7 +16,7 @@ _WRITE_TIMEOUT_S = 1.0  # a command takes 4 ms: a line that is busy for so long 
 _LONGEST_LINE = 200  # bytes; a report has ten
 
 
-class PortError(TwosraError):
+class PortError(RobotError):
     """The line to the robot does not work any more."""
 
 
@@ -82,7 +84,7 @@ def open_serial_port(name: str) -> SerialPort:
     try:
         from serial import Serial, SerialException
     except ImportError as error:
-        allowed = "any, once pyserial is installed: pip install 'twosra-mpc[serial]'"
+        allowed = f"any, once pyserial is installed: {install_command('serial')}"
         raise InputError("port", name, allowed) from error
     try:
         opened = Serial(name, BAUD, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=True)

@@ -9,13 +9,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.motion import Motion, interval_durations, roll_out
+from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.landing import available_inputs, land
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
+from twosra_mpc.problem.limits import interval_durations, may_drive, shapes_allowed
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.shape import TOUCHING_M, may_drive, shape_margins
-from twosra_mpc.robot.modes import RIGID
+from twosra_mpc.robot.coordinates import INPUTS, POSE
+from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
@@ -80,7 +81,7 @@ def timed(
     Returns None if it cannot be landed or takes a shape that the limits forbid.
     """
     landed = land(motion, problem.goal)
-    if landed is None or not _shapes_allowed(landed):
+    if landed is None or not shapes_allowed(landed, _STILL):
         return None
     durations = interval_durations(landed)
     times = _settled_schedule(network, durations.sum(axis=1), problem)
@@ -103,26 +104,11 @@ def _settled_schedule(network: TemporalNetwork, durations: Array, problem: Probl
     return None
 
 
-def _shapes_allowed(motion: Motion) -> bool:
-    """Whether the curvatures stay in range, the units apart, and the wheels independent."""
-    kappa = motion.states[:, :, 3:]
-    if np.abs(kappa).max() > motion.robot.limits.curvature_per_m * (1 + 1e-9):
-        return False
-    between = (kappa[:, 1:] + kappa[:, :-1]) / 2
-    visited = np.concatenate([kappa.reshape(-1, 2), between.reshape(-1, 2)])
-    moved = np.abs(motion.inputs).max(axis=(1, 2))
-    drives = [
-        mode == RIGID and far > _STILL for mode, far in zip(motion.sequence, moved, strict=True)
-    ]
-    apart = shape_margins(motion.robot, visited).unit_gap_m.min() >= -TOUCHING_M
-    driven = shape_margins(motion.robot, kappa[:, 0]).wheel_independence[drives]
-    return bool(apart and (driven >= 0).all())
-
-
 def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
     """Solve the multiple-shooting program of the sequence from ``guess`` and land the result."""
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
-    program, solver = ipopt(robot, phases, intervals, _STEPS, _MAX_ITERATIONS)
+    curved = None if problem.goal.is_box else problem.goal
+    program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS)
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:
@@ -152,18 +138,15 @@ def _decision_bounds(
 ) -> tuple[Array, Array]:
     """Bounds on the decision vector: start, goal box, curvature range, inputs of each mode."""
     n, m = program.phases, program.intervals
-    states = np.full((n, m + 1, 5), np.inf)
-    states[:, :, 3:] = problem.robot.limits.curvature_per_m
+    states = np.full((n, m + 1, len(program.scale)), np.inf)
+    states[:, :, POSE:] = problem.robot.limits.curvature_per_m
     low, high = -states, states.copy()
     low[0, 0] = high[0, 0] = problem.start.configuration
-    goal, box = problem.goal.configuration.copy(), problem.goal.half_width
-    if problem.goal.phi_modulo:
-        goal[2] += np.round((guess.end[2] - goal[2]) / (2 * np.pi)) * 2 * np.pi
-    asked = ~np.isnan(goal)
-    low[-1, -1, asked] = np.maximum(low[-1, -1, asked], (goal - box)[asked])
-    high[-1, -1, asked] = np.minimum(high[-1, -1, asked], (goal + box)[asked])
-    inputs = np.zeros((n, m, 5))
-    inputs[available_inputs(network.sequence, m).reshape(n, m, 5) > 0] = np.inf
+    goal_low, goal_high = problem.goal.box(guess.end)
+    low[-1, -1] = np.maximum(low[-1, -1], goal_low)
+    high[-1, -1] = np.minimum(high[-1, -1], goal_high)
+    inputs = np.zeros((n, m, INPUTS))
+    inputs[available_inputs(network.sequence, m).reshape(n, m, INPUTS) > 0] = np.inf
     inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
     used = np.zeros(program.layout.count)
     for u, v in network.least:
@@ -176,15 +159,16 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
     """Bounds on the constraints: defects and linkages zero, limits one-sided, network active."""
     size = program.nlp["g"].numel()
     lower, upper = np.full(size, -np.inf), np.zeros(size)
-    for name in ("defects", "linkage"):
+    for name in ("defects", "linkage", "terminal"):
         lower[program.rows[name]] = 0.0
-    shapes, middle = program.rows["shape"], program.rows["independence"]
-    upper[shapes] = upper[middle] = np.inf
+    shapes, driving = program.rows["shape"], program.rows["driving"]
+    upper[shapes] = upper[driving] = np.inf
     lower[shapes] = 0.0
-    lower[middle] = [
-        0.0 if mode == RIGID and 0 < i < program.phases - 1 else -np.inf
+    middle = [
+        0.0 if is_rigid(mode) and 0 < i < program.phases - 1 else -np.inf
         for i, mode in enumerate(network.sequence)
     ]
+    lower[driving] = np.repeat(middle, (driving.stop - driving.start) // program.phases)
     rows = program.rows["network"]
     upper[rows] = np.inf
     lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]

@@ -10,18 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import bending_flow
+from twosra_mpc.model.flow import bending_chain
 from twosra_mpc.model.motion import Motion, roll_out
-from twosra_mpc.problem.problem import Goal
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 
 Array = NDArray[np.float64]
 
@@ -32,7 +30,7 @@ _MOST_STEPS = 64
 def guess_motion(
     robot: Robot,
     start: Array,
-    goal: Goal,
+    goal: GoalSet,
     sequence: ModeSequence,
     bends: Array,
     intervals: int,
@@ -42,7 +40,7 @@ def guess_motion(
 
     Args:
         robot: The robot.
-        start: q at t = 0, shape (5,).
+        start: q at t = 0, shape (3 + n,).
         goal: The goal.
         sequence: Mode of each phase.
         bends: Change of the bending coordinate W in each phase, shape (phases,).
@@ -50,14 +48,14 @@ def guess_motion(
         may_drive: Phases whose inputs may be used; all if left out.
     """
     inputs = np.zeros((len(sequence), intervals, 5))
-    q, states = start, np.empty((len(sequence), 5))
+    q, states = start, np.empty((len(sequence), len(start)))
     for i, mode in enumerate(sequence):
         states[i] = q
         if any(mode) and bends[i] != 0.0:
             q, travel = _bent(robot, q, mode, float(bends[i]), intervals)
             inputs[i, :, :2] = travel[:, None]
     usable = may_drive or [True] * len(sequence)
-    rigid = [i for i, mode in enumerate(sequence) if mode == RIGID and usable[i]]
+    rigid = [i for i, mode in enumerate(sequence) if is_rigid(mode) and usable[i]]
     if rigid:
         inputs[rigid[0]] = rigid_move(states[rigid[0]], q, goal) / intervals
     return roll_out(robot, start, sequence, inputs)
@@ -65,31 +63,26 @@ def guess_motion(
 
 def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tuple[Array, Array]:
     """(q after the bend, travel of each locomotion unit in each interval [m])."""
-    facts, segment = bending(robot), mode.index(1)
-    passed = facts.coordinate(float(q[3 + segment])) + bend * np.linspace(0, 1, intervals + 1)
-    turned = np.abs(np.diff(facts.curvature(passed))) * robot.geometry.lengths_m[0]
-    doublings = math.ceil(math.log2(max(float(turned.max()) / _STEP_RAD, 1.0)))
-    chain = _bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
+    facts, turned = bending(robot), 0.0
+    for j in soft_segments(mode):
+        passed = facts.coordinate(float(q[3 + j]), j) + bend * np.linspace(0, 1, intervals + 1)
+        steps = np.abs(np.diff(facts.curvature(passed, j))) * robot.geometry.lengths_m[j]
+        turned = max(turned, float(steps.max()))
+    doublings = math.ceil(math.log2(max(turned / _STEP_RAD, 1.0)))
+    chain = bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
     modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
     states, travel = chain(q, np.full((1, intervals), bend / intervals), modes.T)
     return states.full()[:, -1], travel.full().ravel()
 
 
-@lru_cache(maxsize=64)
-def _bending_chain(robot: Robot, intervals: int, steps: int) -> ca.Function:
-    return bending_flow(robot, steps).mapaccum(intervals)
-
-
-def rigid_move(before: Array, after: Array, goal: Goal) -> Array:
+def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
     """Input displacement (5,) of a rigid phase that brings the motion's end to the goal.
 
     ``before`` is q at the phase, ``after`` q at the end of the motion without the move. Free
     coordinates of the goal keep the value they have without it.
     """
     here, end = before[:3], after[:3]
-    wanted = np.where(np.isnan(goal.configuration[:3]), end, goal.configuration[:3])
-    if goal.phi_modulo:
-        wanted[2] = end[2] + math.remainder(wanted[2] - end[2], math.tau)
+    wanted = goal.aim(after)[:3]
     onward = np.linalg.solve(_matrix(here), _matrix(end))
     turn = float(wanted[2] - end[2])
     move = np.linalg.solve(_matrix(here), _matrix(wanted)) @ np.linalg.inv(onward)

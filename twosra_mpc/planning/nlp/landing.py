@@ -6,17 +6,17 @@ the transcription, and among all corrections the least one, in each interval's o
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.motion import Motion, roll_out
-from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, STATE_SCALE
-from twosra_mpc.problem.problem import Goal
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.robot.coordinates import INPUTS, POSE
+from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import ModeSequence
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ _ITERATIONS = 12
 _COARSE_STEPS = 2
 
 
-def land(motion: Motion, goal: Goal) -> Motion | None:
+def land(motion: Motion, goal: GoalSet) -> Motion | None:
     """Correct a motion until it ends in the goal box to within 1e-9, or return None.
 
     Raises nothing: a motion that cannot be corrected is an outcome, not an error.
@@ -49,7 +49,8 @@ def _least_correction(motion: Motion, error: Array) -> Array:
     modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0)
     flat = motion.inputs.reshape(-1, 5).T
     derivative = _terminal_jacobian(motion.robot, phases * intervals)
-    gradient = derivative(motion.states[0, 0], flat, modes.T).full() / STATE_SCALE[:, None]
+    scale = state_scale(motion.robot)
+    gradient = derivative(motion.states[0, 0], flat, modes.T).full() / scale[:, None]
     size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=2)
     resting = size.sum(axis=1) == 0.0  # used only as far as the moving phases cannot help
     size[resting] = 1e-9 * max(float(size.max()), 1e-6)
@@ -57,7 +58,7 @@ def _least_correction(motion: Motion, error: Array) -> Array:
     weight *= np.tile(INPUT_SCALE, phases * intervals) * available_inputs(
         motion.sequence, intervals
     )
-    step, *_ = np.linalg.lstsq(gradient * weight, error / STATE_SCALE, rcond=1e-12)
+    step, *_ = np.linalg.lstsq(gradient * weight, error / scale, rcond=1e-12)
     return np.asarray(weight * step).reshape(motion.inputs.shape)
 
 
@@ -68,10 +69,11 @@ def available_inputs(sequence: ModeSequence, intervals: int) -> Array:
     return np.repeat(mask, intervals, axis=0).ravel()
 
 
-@lru_cache(maxsize=64)
-def _terminal_jacobian(robot: Robot, intervals: int) -> ca.Function:
-    """(q0, s of all intervals, sigma of all intervals) -> d q_end / d s, 5 x (5 intervals)."""
-    q, s = ca.MX.sym("q", 5), ca.MX.sym("s", 5, intervals)
-    sigma = ca.MX.sym("sigma", 2, intervals)
-    end = interval_flow(robot, _COARSE_STEPS).fold(intervals)(q, s, sigma)
+@per_body(64)
+def _terminal_jacobian(body: Body, intervals: int) -> ca.Function:
+    """(q0, s and sigma of all intervals) -> d q_end / d s, (3 + n) x (5 intervals)."""
+    segments = body.geometry.segments
+    q, s = ca.MX.sym("q", POSE + segments), ca.MX.sym("s", INPUTS, intervals)
+    sigma = ca.MX.sym("sigma", segments, intervals)
+    end = interval_flow(body, _COARSE_STEPS).fold(intervals)(q, s, sigma)
     return ca.Function("terminal_jacobian", [q, s, sigma], [ca.jacobian(end, s)])

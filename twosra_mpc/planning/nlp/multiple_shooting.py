@@ -21,42 +21,47 @@ shortest of the many motions that take equally long; it is not part of the cost 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.kinematics import kinematics, wheel_travel
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.problem import limits
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Coordinates
+from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.timing import EventLayout
 
 Array = NDArray[np.float64]
 
-STATE_SCALE = np.array([0.1, 0.1, 1.0, 30.0, 30.0])  # m, m, rad, 1/m, 1/m
 INPUT_SCALE = np.array([0.03, 0.03, 0.1, 0.1, 1.0])  # m, m, m, m, rad
 TIME_SCALE = 100.0  # s
-GAP_SCALE = 0.1  # m
+
+
+def state_scale(robot: Robot | Body) -> Array:
+    """What the coordinates of q are divided by, (3 + n,): 0.1 m, 1 rad, 30 1/m."""
+    return Coordinates(robot.body.geometry.segments).each(0.1, 1.0, 30.0)
 
 
 @dataclass(frozen=True)
 class Transcription:
     """A compiled multiple-shooting program for ``phases`` phases of ``intervals`` intervals.
 
-    The decision vector holds the states (phases, intervals + 1, 5), the input displacements
+    The decision vector holds the states (phases, intervals + 1, 3 + n), the input displacements
     (phases, intervals, 5) and the event times, each divided by its scale.
 
     Attributes:
-        robot: The robot.
+        scale: What the coordinates of a state are divided by, (3 + n,).
         layout: Numbering of the events.
         intervals: Shooting intervals per phase.
         nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
-        rows: Slices of g by name: defects, linkage, wheel, unit, shape, independence, network.
+        rows: Slices of g by name: defects, linkage, terminal, speed, shape, driving, network.
     """
 
-    robot: Robot
+    scale: Array
     layout: EventLayout
     intervals: int
     nlp: dict[str, ca.MX]
@@ -69,35 +74,41 @@ class Transcription:
 
     def pack(self, states: Array, inputs: Array, times: Array) -> Array:
         """Scale and stack states, input displacements and event times into the decision vector."""
-        parts = [states / STATE_SCALE, inputs / INPUT_SCALE, times / TIME_SCALE]
+        parts = [states / self.scale, inputs / INPUT_SCALE, times / TIME_SCALE]
         return np.concatenate([part.ravel() for part in parts])
 
     def unpack(self, x: Array) -> tuple[Array, Array, Array]:
         """Split a decision vector into states, input displacements and event times."""
-        n, m = self.phases, self.intervals
-        cut_1, cut_2 = n * (m + 1) * 5, n * (m + 1) * 5 + n * m * 5
-        states = x[:cut_1].reshape(n, m + 1, 5) * STATE_SCALE
-        inputs = x[cut_1:cut_2].reshape(n, m, 5) * INPUT_SCALE
+        n, m, size = self.phases, self.intervals, len(self.scale)
+        cut_1, cut_2 = n * (m + 1) * size, n * (m + 1) * size + n * m * INPUTS
+        states = x[:cut_1].reshape(n, m + 1, size) * self.scale
+        inputs = x[cut_1:cut_2].reshape(n, m, INPUTS) * INPUT_SCALE
         return states, inputs, x[cut_2:] * TIME_SCALE
 
     def parameters(self, modes: Array, cost: Array, regularisation: float) -> Array:
-        """Stack the parameters: modes (phases, 2), cost coefficients of the events, rho."""
+        """Stack the parameters: modes (phases, n), cost coefficients of the events, rho."""
         return np.concatenate([modes.ravel(), cost, [regularisation]])
 
 
-@lru_cache(maxsize=32)
-def transcribe(robot: Robot, phases: int, intervals: int, steps: int) -> Transcription:
-    """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval."""
-    layout = EventLayout(phases)
-    states = ca.MX.sym("q", 5, phases * (intervals + 1))
-    inputs = ca.MX.sym("s", 5, phases * intervals)
+@per_body(32)
+def transcribe(
+    robot: Body, goal: GoalSet | None, phases: int, intervals: int, steps: int
+) -> Transcription:
+    """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval.
+
+    A ``goal`` that is no box adds the equations that its members fulfil; None: it is one.
+    """
+    segments, scale = robot.geometry.segments, state_scale(robot)
+    layout = EventLayout(phases, segments)
+    states = ca.MX.sym("q", POSE + segments, phases * (intervals + 1))
+    inputs = ca.MX.sym("s", INPUTS, phases * intervals)
     times = ca.MX.sym("t", layout.count)
-    modes = ca.MX.sym("sigma", 2, phases)
+    modes = ca.MX.sym("sigma", segments, phases)
     cost = ca.MX.sym("c", layout.count)
     rho = ca.MX.sym("rho")
 
     t = times * TIME_SCALE
-    q, s = ca.DM(STATE_SCALE) * states, ca.DM(INPUT_SCALE) * inputs
+    q, s = ca.DM(scale) * states, ca.DM(INPUT_SCALE) * inputs
     nodes = np.arange(phases * (intervals + 1)).reshape(phases, intervals + 1)
     before, after = nodes[:, :-1].ravel().tolist(), nodes[:, 1:].ravel().tolist()
     mode_of = ca.horzcat(*[ca.repmat(modes[:, i], 1, intervals) for i in range(phases)])
@@ -111,23 +122,21 @@ def transcribe(robot: Robot, phases: int, intervals: int, steps: int) -> Transcr
     flow = interval_flow(robot, steps).map(phases * intervals)
     arrive = flow(q[:, before], s, mode_of)
     link = states[:, nodes[1:, 0].tolist()] - states[:, nodes[:-1, -1].tolist()]
-    rolled = wheel_travel(robot).map(phases * intervals)(q[:, before], s, mode_of)
-    wheel_limit = robot.limits.wheel_speed_rad_s
-    unit_limit = robot.limits.unit_speed_m_s
-    margins = kinematics(robot).shape_margins.map(phases * (intervals + 1))(q[3:, :])
+    least_times = limits.speed_function(robot).map(phases * intervals)(q[:, before], s, mode_of)
+    margins = limits.shape_function(robot).map(phases * (intervals + 1))(q[POSE:, :])
     blocks = {
-        "defects": (arrive - q[:, after]) / ca.DM(STATE_SCALE),
+        "defects": (arrive - q[:, after]) / ca.DM(scale),
         "linkage": link,
-        "wheel": ca.vertcat(
-            rolled / wheel_limit - ca.repmat(share, 4, 1),
-            -rolled / wheel_limit - ca.repmat(share, 4, 1),
+        "terminal": _terminal(goal, q[:, -1]),
+        "speed": ca.vertcat(
+            *(
+                sign * time - ca.repmat(share, time.size1(), 1)
+                for time in least_times
+                for sign in (1, -1)
+            )
         ),
-        "unit": ca.vertcat(
-            s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
-            -s[:2, :] / unit_limit - ca.repmat(share, 2, 1),
-        ),
-        "shape": (margins[0, :] - robot.limits.unit_gap_m) / GAP_SCALE,
-        "independence": margins[1, nodes[:, 0].tolist()] - robot.limits.wheel_independence,
+        "shape": _rows_of(margins, driving=False),
+        "driving": _rows_of(margins[:, nodes[:, 0].tolist()], driving=True),
         "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
     }
     g, rows = _stacked(blocks)
@@ -138,7 +147,25 @@ def transcribe(robot: Robot, phases: int, intervals: int, steps: int) -> Transcr
         "f": objective,
         "g": g,
     }
-    return Transcription(robot, layout, intervals, nlp, rows)
+    return Transcription(scale, layout, intervals, nlp, rows)
+
+
+def _terminal(goal: GoalSet | None, end: ca.MX) -> ca.MX:
+    """What is zero where the motion ends in the goal, within its box."""
+    if goal is None:
+        return ca.MX(0, 1)
+    q = ca.SX.sym("q", end.numel())
+    return ca.Function("residual", [q], [ca.densify(goal.residual(q))])(end)
+
+
+def _rows_of(margins: ca.MX, *, driving: bool) -> ca.MX:
+    """Rows of the shape limits that are no box, in units of their scale."""
+    rows, scales = [], []
+    for row, limit in enumerate(limits.SHAPE_LIMITS):
+        if limit.driving == driving and limit.scale is not None:
+            rows.append(row)
+            scales.append(limit.scale)
+    return margins[rows, :] / ca.repmat(ca.DM(scales), 1, margins.size2())
 
 
 def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:
@@ -151,12 +178,17 @@ def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:
     return ca.vertcat(*[ca.vec(block) for block in blocks.values()]), rows
 
 
-@lru_cache(maxsize=32)
+@per_body(32)
 def ipopt(
-    robot: Robot, phases: int, intervals: int, steps: int, max_iterations: int
+    robot: Body,
+    goal: GoalSet | None,
+    phases: int,
+    intervals: int,
+    steps: int,
+    max_iterations: int,
 ) -> tuple[Transcription, ca.Function]:
     """Compile the program of ``transcribe`` for IPOPT."""
-    transcription = transcribe(robot, phases, intervals, steps)
+    transcription = transcribe(robot, goal, phases, intervals, steps)
     options: dict[str, Any] = {
         "expand": True,
         "ipopt.print_level": 0,

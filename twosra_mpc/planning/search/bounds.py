@@ -1,6 +1,6 @@
 r"""Proved lower bounds on the cost of a mode sequence.
 
-Relax the motion to what it does to the bending coordinates W_1, W_2 (see ``model.bending``), drop
+Relax the motion to what it does to the bending coordinates W_j (see ``model.bending``), drop
 the pose, and keep the temporal network of the melts and freezes. With t the event times and d_i
 the change of W in soft phase i,
 
@@ -21,6 +21,7 @@ pose adds the constraint of ``pose_bound``. A sequence that never melts anything
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,20 +39,20 @@ from twosra_mpc.planning.search.pose_bound import (
 )
 from twosra_mpc.planning.search.schedule import cost_coefficients, with_durations
 from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import SOFT_BOTH, Mode, ModeSequence, mode_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, soft_segments
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 Array = NDArray[np.float64]
 
-Interval2 = tuple[tuple[float, float], tuple[float, float]]
+Intervals = tuple[tuple[float, float], ...]  # (low, high) of every segment
 
 REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
 
 
 class Conserved(NamedTuple):
-    """What mode [1,1] cannot change, for messages: ``factor`` (W_1 - W_2)."""
+    """What bending two segments together cannot change, for messages: ``factor`` (W_i - W_j)."""
 
-    name: str
+    name: str  # to be formatted with i and j
     unit: str
     factor: float
 
@@ -61,41 +62,51 @@ class BendingTask:
     """What a plan must do to the bending coordinates, and how fast it can.
 
     Attributes:
-        change: ((low, high), (low, high)): required change of W_1 and W_2.
-        room: ((low, high), (low, high)): change of W_1 and W_2 that the curvature limits allow.
+        change: (low, high) of each segment: required change of W.
+        room: (low, high) of each segment: change of W that the curvature limits allow.
         start: Curvatures at t = 0 [1/m].
         goal: Curvatures at the end [1/m]; None where they are not given exactly.
         rate: (mode, known curvatures) -> upper bound of abs(dW/dt), valid for every curvature
             given as None.
-        origin: (W_1, W_2) at t = 0.
-        least_time: (mode, (W_1, W_2) before, change of W) -> lower bound on the time it takes;
-            inf if every such bend passes a shape that is forbidden.
+        origin: W of each segment at t = 0.
+        least_time: (mode, W before, change of W of the soft segments) -> lower bound on the
+            time it takes.
+        forbidden: The same arguments -> what is wrong with a shape that every such bend passes, in
+            words; None if nothing is.
+        beyond: Where ``room`` ends, in words.
         shape: The required curvature changes in words, for messages.
-        conserved: What mode [1,1] cannot change, for messages.
-        curvature: (W_1, W_2) -> (kappa1, kappa2) [1/m].
+        conserved: What bending together cannot change, for messages.
+        curvature: W of all segments -> their curvatures [1/m].
         pose: The change of pose, if the goal gives one exactly.
     """
 
-    change: Interval2
-    room: Interval2
-    start: tuple[float, float]
-    goal: tuple[float | None, float | None]
-    rate: Callable[[Mode, tuple[float | None, float | None]], float]
-    origin: tuple[float, float]
-    least_time: Callable[[Mode, tuple[float, float], float], float]
+    change: Intervals
+    room: Intervals
+    start: tuple[float, ...]
+    goal: tuple[float | None, ...]
+    rate: Callable[[Mode, tuple[float | None, ...]], float]
+    origin: tuple[float, ...]
+    least_time: Callable[[Mode, tuple[float, ...], float], float]
+    forbidden: Callable[[Mode, tuple[float, ...], float], str | None]
+    beyond: str
     shape: str
     conserved: Conserved
-    curvature: Callable[[tuple[float, float]], tuple[float, float]]
+    curvature: Callable[[Sequence[float]], tuple[float, ...]]
     pose: PoseTask | None
 
+    @property
+    def segments(self) -> range:
+        """The segments, counted from 0."""
+        return range(len(self.change))
+
     def within(self, segment: int, coordinate: float) -> bool:
-        """Whether the curvature limits allow this W of ``segment`` (0 or 1)."""
+        """Whether the curvature limits allow this W of ``segment`` (from 0)."""
         change = coordinate - self.origin[segment]
         low, high = self.room[segment]
         return low - self.slack <= change <= high + self.slack
 
     def must_bend(self, segment: int) -> bool:
-        """Whether the goal asks for another curvature of ``segment`` (0 or 1)."""
+        """Whether the goal asks for another curvature of ``segment`` (from 0)."""
         low, high = self.change[segment]
         return not low - self.slack <= 0 <= high + self.slack
 
@@ -124,26 +135,53 @@ class SequenceBound:
 def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
     """Say why the modes of ``sequence`` cannot bring about the required bend, or None if they can.
 
-    The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and mode
-    [1,1] changes W_1 and W_2 by the same amount.
+    The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and segments
+    that are only ever soft together change their W by the same amount.
     """
-    soft = {mode for mode in sequence if any(mode)}
-    for j in (0, 1):
+    soft = list(dict.fromkeys(mode for mode in sequence if any(mode)))
+    for j in task.segments:
         if not any(mode[j] for mode in soft) and task.must_bend(j):
             names = " and ".join(mode_name(mode) for mode in dict.fromkeys(sequence))
             return f"segment {j + 1} must bend ({task.shape}) but is rigid in {names or 'no mode'}"
-    if soft == {SOFT_BOTH}:
-        (low_1, high_1), (low_2, high_2) = task.change
-        apart = max(low_1 - high_2, low_2 - high_1)
-        if apart > task.slack:
-            name, unit, factor = task.conserved
-            needed = factor * math.copysign(apart, low_1 - high_2)
-            return (
-                f"mode {mode_name(SOFT_BOTH)} alone bends both segments together and cannot reach "
-                f"this shape ({task.shape}): it keeps {name}, which must change by "
-                f"{needed:+.3g} {unit}; segment 1 or 2 must also be bent alone"
-            )
+    for i, j in itertools.combinations(task.segments, 2):
+        if all(mode[i] == mode[j] for mode in soft):
+            (low_i, high_i), (low_j, high_j) = task.change[i], task.change[j]
+            if max(low_i - high_j, low_j - high_i) > task.slack:
+                return _tied(soft, (i, j), task)
+    return _dependent(soft, task)
+
+
+def _tied(soft: Sequence[Mode], pair: tuple[int, int], task: BendingTask) -> str:
+    """Say that these modes bend two segments only together."""
+    i, j = pair
+    (low_i, high_i), (low_j, high_j) = task.change[i], task.change[j]
+    apart = math.copysign(max(low_i - high_j, low_j - high_i), low_i - high_j)
+    name, unit, factor = task.conserved
+    both = "both segments" if len(task.change) == 2 else f"segments {i + 1} and {j + 1}"
+    alone = len(soft) == 1
+    modes = f"mode {mode_name(soft[0])} alone bends" if alone else f"{_names(soft)} bend"
+    return (
+        f"{modes} {both} together and cannot reach this shape ({task.shape}): "
+        f"{'it keeps' if alone else 'they keep'} {name.format(i + 1, j + 1)}, which must change by "
+        f"{factor * apart:+.3g} {unit}; segment {i + 1} or {j + 1} must also be bent alone"
+    )
+
+
+def _dependent(soft: Sequence[Mode], task: BendingTask) -> str | None:
+    """Say that what these modes keep besides differences of two W forbids the shape, if it does."""
+    if len(task.change) < 3 or not soft:  # of two segments nothing else is kept
+        return None
+    incidence = np.array(soft, dtype=float).T
+    left, singular, _ = np.linalg.svd(incidence)
+    for kept in left[:, int((singular > REACH_TOLERANCE).sum()) :].T:
+        ends = kept[:, None] * np.array(task.change)  # of what should be kept, by segment
+        if ends.min(axis=1).sum() > task.slack or ends.max(axis=1).sum() < -task.slack:
+            return f"{_names(soft)} cannot bend the segments independently ({task.shape})"
     return None
+
+
+def _names(modes: Sequence[Mode]) -> str:
+    return f"modes {' and '.join(map(mode_name, modes))}"
 
 
 def sequence_bound(
@@ -212,7 +250,7 @@ def _phase_motions(
         if any(mode):
             bend = float(bends[i])
             motions = task.pose.soft_phase(mode, here, bend, _room(mode, here, task))
-            here = here[0] + bend * mode[0], here[1] + bend * mode[1]
+            here = tuple(w + bend * soft for w, soft in zip(here, mode, strict=True))
         else:
             motions = task.pose.rigid_phase(_shape(sequence, i, here, task))
         if motions is None:
@@ -221,23 +259,22 @@ def _phase_motions(
     return found
 
 
-def _room(mode: Mode, here: tuple[float, float], task: BendingTask) -> tuple[float, float]:
+def _room(mode: Mode, here: tuple[float, ...], task: BendingTask) -> tuple[float, float]:
     """Changes of W from ``here`` that the curvature limits allow to all soft segments of a mode."""
-    soft = [j for j in (0, 1) if mode[j]]
+    soft = soft_segments(mode)
     least, most = ([task.origin[j] + task.room[j][end] - here[j] for j in soft] for end in (0, 1))
     return max(least), min(most)
 
 
 def _shape(
-    sequence: ModeSequence, phase: int, here: tuple[float, float], task: BendingTask
-) -> tuple[float, float]:
+    sequence: ModeSequence, phase: int, here: tuple[float, ...], task: BendingTask
+) -> tuple[float, ...]:
     """Curvatures in a rigid phase: the start's or the goal's, or else those with these W."""
     known = _known_curvatures(sequence, phase, task)
-    first, second = (
+    return tuple(
         given if given is not None else bent
         for given, bent in zip(known, task.curvature(here), strict=True)
     )
-    return first, second
 
 
 def _linear_program_bound(
@@ -269,7 +306,7 @@ def _linear_program_bound(
             for sign in (1.0, -1.0):
                 bend = layout.count + i
                 at_least({layout.end(i): rate, layout.start(i): -rate, bend: sign}, 0.0)
-    for j in (0, 1):
+    for j in task.segments:
         bends: dict[int, float] = {}
         for i in (i for i, mode in enumerate(network.sequence) if mode[j]):
             bends[layout.count + i] = 1.0
@@ -299,15 +336,15 @@ def _linear_program_bound(
 def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
     """Change of W in each phase where the task leaves no choice, else None.
 
-    With at most two soft phases of different modes and a given shape at the end, the bends are the
-    unique solution of two linear equations. None also where they are no solution.
+    With independent soft modes and a given shape at the end, the bends are the unique solution of
+    one linear equation for each segment. None also where they are no solution.
     """
     soft = [i for i, mode in enumerate(sequence) if any(mode)]
     bends = np.zeros(len(sequence))
     if any(low != high for low, high in task.change):
         return None
     if soft:
-        incidence = np.array([[sequence[i][j] for i in soft] for j in (0, 1)], dtype=float)
+        incidence = np.array([[sequence[i][j] for i in soft] for j in task.segments], dtype=float)
         if np.linalg.matrix_rank(incidence) < len(soft):
             return None
         wanted = np.array([low for low, _ in task.change])
@@ -329,17 +366,18 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
     here = np.array(task.origin)
     for i, mode in enumerate(sequence):
         if any(mode):
-            before = (float(here[0]), float(here[1]))
-            durations[i] = task.least_time(mode, before, float(bends[i]))
+            before, bend = tuple(here.tolist()), float(bends[i])
+            forbidden = task.forbidden(mode, before, bend) is not None
+            durations[i] = np.inf if forbidden else task.least_time(mode, before, bend)
             here = here + bends[i] * np.array(mode)
-            if not all(task.within(j, float(here[j])) for j in (0, 1)):
+            if not all(task.within(j, float(here[j])) for j in task.segments):
                 durations[i] = np.inf
     return durations
 
 
 def _known_curvatures(
     sequence: ModeSequence, phase: int, task: BendingTask
-) -> tuple[float | None, float | None]:
+) -> tuple[float | None, ...]:
     """Curvatures of the rigid segments in a phase, where the sequence alone determines them."""
 
     def known(j: int) -> float | None:
@@ -349,4 +387,4 @@ def _known_curvatures(
             return task.start[j]
         return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
 
-    return known(0), known(1)
+    return tuple(known(j) for j in task.segments)

@@ -16,8 +16,14 @@ import numpy as np
 
 from twosra_mpc.planning.search.bounds import BendingTask, determined_bends, unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.robot.limits import MotionLimits
-from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence, mode_name, sequence_name
+from twosra_mpc.robot.modes import (
+    Mode,
+    ModeSequence,
+    all_modes,
+    mode_name,
+    rigid_mode,
+    sequence_name,
+)
 from twosra_mpc.timing import TransitionModel
 
 _FURTHER = 3  # how many phases beyond max_phases are looked at
@@ -39,7 +45,9 @@ def impossibility(tree: ModeTree[Any]) -> str | None:
         return None
     allowed = f"allowed modes are {', '.join(map(mode_name, tree.modes))}"
     remedy = _remedy(usable, tree.task, tree.timing)
-    refusals = [tree.timing.refusal((mode,), RIGID) for mode in tree.modes if mode not in usable]
+    refusals = [
+        tree.timing.refusal((mode,), tree.rigid) for mode in tree.modes if mode not in usable
+    ]
     if refusals and refusals[0] is not None:
         reason += f"; {refusals[0]}"
         if unreachable_reason(tree.modes, tree.task) is None:
@@ -52,12 +60,12 @@ def _usable(modes: Sequence[Mode], timing: TransitionModel) -> tuple[Mode, ...]:
 
     A mode that is refused although everything freezes after it is refused in every sequence.
     """
-    return tuple(mode for mode in modes if timing.refusal((mode,), RIGID) is None)
+    return tuple(mode for mode in modes if timing.refusal((mode,), rigid_mode(len(mode))) is None)
 
 
 def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel) -> str:
     """The fewest further modes with which the invariants no longer forbid the shape."""
-    missing = [mode for mode in _usable(MODES, timing) if mode not in modes]
+    missing = [mode for mode in _usable(all_modes(len(task.change)), timing) if mode not in modes]
     for count in range(1, len(missing) + 1):
         enough = [
             " with ".join(map(mode_name, more))
@@ -69,15 +77,15 @@ def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel)
     return "ask for another shape"
 
 
-def disproof(tree: ModeTree[Any], limits: MotionLimits) -> str:
+def disproof(tree: ModeTree[Any]) -> str:
     """Say why the only sequence that the allowed modes make is no plan."""
     allowed = f"allowed modes are {', '.join(map(mode_name, tree.modes))}: add another mode"
     for sequence, words in tree.unreachable.items():
-        return f"{_shape_limit(sequence, tree.task, limits) or words}; {allowed}"
+        return f"{_shape_limit(sequence, tree.task) or words}; {allowed}"
     return f"there is no other mode sequence; {allowed}"
 
 
-def too_few_phases(tree: ModeTree[Any], limits: MotionLimits) -> str:
+def too_few_phases(tree: ModeTree[Any]) -> str:
     """Say how many phases a plan needs, where every sequence of ``max_phases`` is disproved.
 
     The rigid phases that open and close a sequence count, whether anything moves in them or not.
@@ -90,13 +98,13 @@ def too_few_phases(tree: ModeTree[Any], limits: MotionLimits) -> str:
             example = f", possibly {sequence_name(found)}"
             break
         at_least = length + 1
-    reasons = (_shape_limit(leaf, tree.task, limits) for leaf in tree.unreachable)
+    reasons = (_shape_limit(leaf, tree.task) for leaf in tree.unreachable)
     because = next((f" ({reason})" for reason in reasons if reason), "")
     needed = f"a plan needs at least {at_least} phases{example}{because}"
     return f"{needed}, but max_phases is {tree.max_phases}: raise max_phases"
 
 
-def _shape_limit(sequence: ModeSequence, task: BendingTask, limits: MotionLimits) -> str | None:
+def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
     """Say which limit forbids the bends of a sequence that leaves no choice of them."""
     bends = determined_bends(sequence, task)
     if bends is None:
@@ -105,13 +113,12 @@ def _shape_limit(sequence: ModeSequence, task: BendingTask, limits: MotionLimits
     for mode, bend in zip(sequence, bends.tolist(), strict=True):
         who = f"in {sequence_name(sequence)}, mode {mode_name(mode)} would have to"
         there = here + bend * np.array(mode)
-        for j in (0, 1):
+        for j in task.segments:
             if not task.within(j, float(there[j])):
-                beyond = f"curvature_per_m = {limits.curvature_per_m:g} 1/m"
-                return f"{who} bend segment {j + 1} beyond {beyond} ({task.shape})"
-        if any(mode) and task.least_time(mode, (float(here[0]), float(here[1])), bend) == math.inf:
-            close = f"overlap or come closer than unit_gap_m = {limits.unit_gap_m:g} m"
-            return f"{who} pass shapes whose locomotion units {close} ({task.shape})"
+                return f"{who} bend segment {j + 1} {task.beyond} ({task.shape})"
+        words = task.forbidden(mode, tuple(here.tolist()), bend) if any(mode) else None
+        if words is not None:
+            return f"{who} pass shapes whose {words} ({task.shape})"
         here = there
     return None
 

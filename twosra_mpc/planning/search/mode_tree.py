@@ -21,7 +21,7 @@ from twosra_mpc.planning.search.bounds import (
     unreachable_reason,
 )
 from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence, sequence_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
 
 Solution = TypeVar("Solution")
@@ -59,15 +59,21 @@ class ModeTree(Generic[Solution]):
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
     _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
 
+    @property
+    def rigid(self) -> Mode:
+        """The mode in which every segment is solid."""
+        return rigid_mode(len(self.first))
+
     def root(self) -> ModeSequence:
         """The opening rigid phase if the robot starts solid and may drive, else nothing."""
-        return (RIGID,) if self.first == RIGID and RIGID in self.modes else ()
+        return (self.rigid,) if self.first == self.rigid and self.rigid in self.modes else ()
 
     def leaf(self, node: ModeSequence) -> ModeSequence | None:
         """The complete sequence a node stands for, or None if another node stands for it."""
-        opening = node == (RIGID,) and self.first == RIGID
-        if self.last == RIGID and RIGID in self.modes and not opening:
-            return None if node and node[-1] == RIGID else (*node, RIGID)
+        rigid = self.rigid
+        opening = node == (rigid,) and self.first == rigid
+        if self.last == rigid and rigid in self.modes and not opening:
+            return None if node and node[-1] == rigid else (*node, rigid)
         return node or None
 
     def bound(self, node: ModeSequence) -> float:
@@ -78,10 +84,10 @@ class ModeTree(Generic[Solution]):
             return math.inf
         if not node:
             return 0.0
-        if (reason := self.timing.refusal(node, RIGID)) is not None:
+        if (reason := self.timing.refusal(node, self.rigid)) is not None:
             self.unreachable[node] = reason
             return math.inf
-        missing = [j for j in (0, 1) if self._must_still_soften(node, j)]
+        missing = [j for j in self.task.segments if self._must_still_soften(node, j)]
         least = self._least_time(node)
         for j in missing:
             first = [self._least_time((*node, mode)) for mode in self.modes if mode[j]]
@@ -94,7 +100,7 @@ class ModeTree(Generic[Solution]):
         return solid and self.task.must_bend(segment)
 
     def _network(self, sequence: ModeSequence) -> TemporalNetwork:
-        settled = self.last if self.last == RIGID else sequence[-1]
+        settled = self.last if self.last == self.rigid else sequence[-1]
         return self.timing.network(sequence, settled, [0.0] * len(sequence))
 
     def _least_time(self, sequence: ModeSequence) -> float:
@@ -103,7 +109,7 @@ class ModeTree(Generic[Solution]):
         Completions of a node append phases. Those before the melt of a segment that was solid so
         far delay it, and the freeze after it; the other segment has to freeze in any case.
         """
-        if self.timing.refusal(sequence, RIGID) is not None:
+        if self.timing.refusal(sequence, self.rigid) is not None:
             return math.inf
         network = self._network(sequence)
         times = earliest_times(network)
@@ -114,7 +120,7 @@ class ModeTree(Generic[Solution]):
         network = self._network(node)
         energy, count = network.melt_energy_J, network.transitions
         for j in missing:
-            mode = (1 - j, j)
+            mode = tuple(int(k == j) for k in self.task.segments)
             energy += self.timing.network((mode,), mode, [0.0]).melt_energy_J
             count += 1 + (self.last[j] == 0)
         return self.weights.energy_s_per_J * energy + self.weights.transition_s * count
@@ -149,7 +155,7 @@ class ModeTree(Generic[Solution]):
             )
             return math.inf
         self._bounds[leaf] = bound
-        if not any(any(mode) for mode in leaf) and self.first == self.last == RIGID:
+        if not any(any(mode) for mode in leaf) and self.first == self.last == self.rigid:
             return max(bound.cost, self.rigid_time())
         return bound.cost
 

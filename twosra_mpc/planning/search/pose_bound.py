@@ -64,23 +64,21 @@ class PoseTask:
         shift: Change of (x, y) in the start frame of heading [m], (2,).
         turn: Change of heading, modulo full turns [rad].
         known_s: Duration of a rigid motion in the start shape that makes the change [s].
-        wheel_matrix: (kappa1, kappa2) -> V of the rigid mode, (4, 3) [1/m, 1/m, 1].
-        wheel_speed_rad_s: Wheel speed limit.
-        soft_motions: (mode, (W_1, W_2), changes of W (n + 1,)) -> lower and upper bounds, each
-            (2, 4, n), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, between
+        speed_rows: Kappa (n,) -> rows M with abs(M xi) <= 1 for every rigid twist, (m, 3).
+        soft_motions: (mode, W of each segment, changes of W (m + 1,)) -> lower and upper bounds,
+            each (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, between
             neighbouring changes of W.
     """
 
     shift: Array
     turn: float
     known_s: float
-    wheel_matrix: Callable[[tuple[float, float]], Array]
-    wheel_speed_rad_s: float
-    soft_motions: Callable[[Mode, tuple[float, float], Array], tuple[Array, Array]]
+    speed_rows: Callable[[tuple[float, ...]], Array]
+    soft_motions: Callable[[Mode, tuple[float, ...], Array], tuple[Array, Array]]
 
-    def rigid_phase(self, shape: tuple[float, float]) -> PhaseMotions | None:
-        """What a rigid phase in a shape (kappa1, kappa2) can do; None if nothing limits it."""
-        twists = twist_vertices(self.wheel_matrix(shape), self.wheel_speed_rad_s)
+    def rigid_phase(self, shape: tuple[float, ...]) -> PhaseMotions | None:
+        """What a rigid phase in a shape (curvatures) can do; None if nothing limits it."""
+        twists = twist_vertices(self.speed_rows(shape))
         if twists is None:
             return None
         motions = np.hstack([twists, np.zeros((len(twists), 1))])
@@ -88,7 +86,7 @@ class PoseTask:
         return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1))
 
     def soft_phase(
-        self, mode: Mode, origin: tuple[float, float], bend: float, room: tuple[float, float]
+        self, mode: Mode, origin: tuple[float, ...], bend: float, room: tuple[float, float]
     ) -> PhaseMotions | None:
         """What a soft phase can do that bends by ``bend`` and may stray within ``room``.
 

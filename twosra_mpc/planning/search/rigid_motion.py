@@ -1,6 +1,6 @@
 r"""A proved lower bound on the time of a rigid motion within wheel speed limits.
 
-A rigid body moves with body twists xi = (u, v, r) in the polytope P = {|V xi| <= omega_max}. Let
+A rigid body moves with body twists xi = (u, v, r) in the polytope P = {|M xi| <= 1}. Let
 S(x, y, phi) = p . (x, y) + C(phi). If, for every heading phi that can occur and every vertex
 (w, r) of P, with w = (u, v),
 
@@ -33,8 +33,7 @@ _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the line
 
 
 def least_time(
-    wheel_matrix: Array,
-    wheel_speed_rad_s: float,
+    speed_rows: Array,
     shift: Array,
     shift_box: Array,
     turns: tuple[float, float],
@@ -44,15 +43,14 @@ def least_time(
     """Lower bound on the duration of any rigid motion with this change of pose [s].
 
     Args:
-        wheel_matrix: V of the rigid mode, (4, 3), per body twist [1/m, 1/m, 1].
-        wheel_speed_rad_s: Wheel speed limit.
+        speed_rows: M, (m, 3), per body twist [s/m, s/m, s].
         shift: Change of (x, y) in the start frame of heading [m]; NaN where free.
         shift_box: Half-width of the goal box in the same frame's axes [m], (2,).
         turns: (low, high) of the change of heading [rad]; infinite where free.
         modulo: Whether headings that differ by full turns are equal.
         known_s: Duration of a known motion; the bound never exceeds it.
     """
-    vertices = twist_vertices(wheel_matrix, wheel_speed_rad_s)
+    vertices = twist_vertices(speed_rows)
     if vertices is None:
         return 0.0
     fastest_turn = float(vertices[:, 2].max())
@@ -70,18 +68,18 @@ def least_time(
     return best * (1 - _ROUNDING)
 
 
-def twist_vertices(wheel_matrix: Array, limit: float) -> Array | None:
+def twist_vertices(speed_rows: Array) -> Array | None:
     """Vertices (u, v, r) of the polytope of body twists, (n, 3); None if it is unbounded."""
-    if np.linalg.matrix_rank(wheel_matrix) < 3:
+    if len(speed_rows) < 3 or np.linalg.matrix_rank(speed_rows) < 3:
         return None
     found = []
-    for rows in itertools.combinations(range(len(wheel_matrix)), 3):
-        square = wheel_matrix[list(rows)]
+    for rows in itertools.combinations(range(len(speed_rows)), 3):
+        square = speed_rows[list(rows)]
         if abs(np.linalg.det(square)) < 1e-9 * np.abs(square).max() ** 3:
             continue
-        for signs in itertools.product((-limit, limit), repeat=3):
+        for signs in itertools.product((-1.0, 1.0), repeat=3):
             twist = np.linalg.solve(square, np.array(signs))
-            if np.abs(wheel_matrix @ twist).max() <= limit * (1 + 1e-9):
+            if np.abs(speed_rows @ twist).max() <= 1 + 1e-9:
                 found.append(twist)
     return np.array(found)
 

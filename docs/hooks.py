@@ -1,0 +1,68 @@
+"""What the build of the documentation does beside Markdown: changelog, gallery, and its own checks.
+
+The gallery's figures are made by the code blocks beside them, so that a figure that can no longer
+be drawn that way fails the build.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from contextlib import chdir
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parent.parent
+GALLERY = "gallery.md"
+PUBLIC = ("", ".execution", ".execution.tracking", ".plotting", ".report")
+_FIGURE = re.compile(r'```python title="([\w-]+\.\w+)"\n(.*?)```\n', re.DOTALL)
+_FETCHED = re.compile(r'<(?:script|link|img|iframe)[^>]*(?:src|href)="(?:https?:)?//[^"]*"')
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the changelog, and the gallery's figures, drawn now."""
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    files.append(File.generated(config, "changelog.md", content=changelog))
+    gallery = (ROOT / "docs" / GALLERY).read_text(encoding="utf-8")
+    for name, content in _drawn(_FIGURE.findall(gallery)).items():
+        files.append(File.generated(config, f"gallery/{name}", content=content))
+    return files
+
+
+def _drawn(figures: list[tuple[str, str]]) -> dict[str, bytes]:
+    """Run the code blocks one after the other; each writes the file it is titled with."""
+    known: dict[str, Any] = {}
+    with TemporaryDirectory() as folder, chdir(folder):
+        for name, code in figures:
+            exec(compile(code, f"gallery: {name}", "exec"), known)
+        return {name: Path(name).read_bytes() for name, _ in figures}
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Show each of the gallery's figures above the code that draws it."""
+    del config, files
+    if page.file.src_uri != GALLERY:
+        return markdown
+    return _FIGURE.sub(lambda found: f"![{found[1]}](gallery/{found[1]})\n\n{found[0]}", markdown)
+
+
+def on_post_build(config: MkDocsConfig) -> None:
+    """Refuse pages that fetch anything, and a reference that leaves out a public name."""
+    pages = {
+        path: path.read_text(encoding="utf-8") for path in Path(config.site_dir).rglob("*.html")
+    }
+    for path, text in pages.items():
+        if fetched := _FETCHED.search(text):
+            raise PluginError(f"{path} fetches from the network: {fetched[0]}")
+    reference = "".join(text for path, text in pages.items() if path.parent.name == "reference")
+    for suffix in PUBLIC:
+        module = importlib.import_module(f"twosra_mpc{suffix}")
+        for name in module.__all__:
+            if name[0] != "_" and f'id="{module.__name__}.{name}"' not in reference:
+                raise PluginError(f"the reference leaves out {module.__name__}.{name}")

@@ -1,0 +1,164 @@
+"""Limits: each written once; here every one of them a second time, by hand."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_segments import ROBOTS, world
+
+from twosra_mpc import Robot, load_problem, load_robot, plan
+from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.motion import roll_out
+from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.problem import limits
+from twosra_mpc.problem.limits import (
+    SHAPE_LIMITS,
+    SPEED_LIMITS,
+    ShapeLimit,
+    broken_by_shapes,
+    interval_durations,
+    may_drive_in,
+    rigid_rows,
+    shape_margins,
+    shapes_allowed,
+    surely_broken,
+    verified_margins,
+)
+
+ARC = load_robot("2sra-v1-arc")
+
+
+@pytest.mark.parametrize("robot", ROBOTS[1::2], ids=lambda r: str(r.coordinates.segments))
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10_000))
+def test_margins_of_shapes_by_hand(robot: Robot, seed: int) -> None:
+    limit = 1.2 * robot.limits.curvature_per_m
+    kappa = np.random.default_rng(seed).uniform(-limit, limit, robot.coordinates.segments)
+    margins = {name: float(found[0]) for name, found in shape_margins(robot, kappa).items()}
+    expected = robot.limits.curvature_per_m - np.abs(kappa).max()
+    assert margins["curvature_per_m"] == pytest.approx(expected, abs=1e-5)
+    assert margins["unit_gap_m"] == pytest.approx(gap(robot, kappa), abs=1e-9)
+    matrix = kinematics(robot).wheel_matrix([0, 0, 0, *kappa], robot.rigid).full()[:, 2:]
+    scaled = matrix * robot.geometry.wheel_radius_m * np.array([1, 1, 10.0])
+    smallest = np.linalg.svd(scaled, compute_uv=False)[-1]
+    bound = margins["wheel_independence"] + robot.limits.wheel_independence
+    assert 0 <= bound <= smallest + 1e-6
+
+
+def gap(robot: Robot, kappa: np.ndarray) -> float:
+    """Gap between the squares by projecting their corners, less what is asked for."""
+    g, squares = robot.geometry, []
+    for side, end in zip((-1, 1), world(robot, np.array([0, 0, 0, *kappa])), strict=True):
+        centre, half = side * (g.end_link_m + g.unit_side_m / 2), g.unit_side_m / 2
+        corners = [(centre + a * half, b * half, 1) for a in (-1, 1) for b in (-1, 1)]
+        squares.append((end @ np.array(corners).T)[:2].T)
+    best = -math.inf
+    for points in squares:
+        for corner in (1, 2):
+            axis = (points[corner] - points[0]) / np.linalg.norm(points[corner] - points[0])
+            one, other = squares[0] @ axis, squares[1] @ axis
+            best = max(best, other.min() - one.max(), one.min() - other.max())
+    return best - robot.limits.unit_gap_m
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_least_times_of_motions_by_hand(seed: int) -> None:
+    """Each wheel and each unit within its speed, at the start, in the middle and at the end."""
+    rng, sequence = np.random.default_rng(seed), ((1, 0), (0, 0), (1, 1))
+    inputs = np.zeros((3, 2, 5))
+    inputs[[0, 2], :, :2] = rng.uniform(-0.01, 0.01, (2, 2, 2))
+    inputs[1, :, 2:] = rng.uniform(-0.1, 0.1, (2, 3))
+    motion = roll_out(ARC, np.array([0, 0, 0.3, 10, -20.0]), sequence, inputs)
+    found = interval_durations(motion)
+    for i, mode in enumerate(sequence):
+        for k in range(2):
+            s, least = inputs[i, k], np.abs(inputs[i, k, :2]).max() / 0.03
+            before, after = motion.states[i, k], motion.states[i, k + 1]
+            for q in (before, (before + after) / 2, after):
+                rolled = np.abs(kinematics(ARC).wheel_matrix(q, mode).full() @ s).max()
+                least = max(least, rolled / 10.0)
+            assert found[i, k] == pytest.approx(least, rel=1e-12)
+
+
+def test_rigid_rows_are_the_wheel_matrix_over_the_wheel_speed() -> None:
+    matrix = kinematics(ARC).wheel_matrix([0, 0, 0, 12.0, -7.0], (0, 0)).full()[:, 2:]
+    assert rigid_rows(ARC, (12.0, -7.0)) == pytest.approx(matrix / 10.0)
+
+
+def test_every_limit_is_checked_in_every_plan() -> None:
+    made = plan(load_problem("move-and-shape")).require()
+    samples = made.samples
+    margins = dict(verified_margins(made.robot, samples.q, samples.v, samples.mode))
+    assert set(margins) == {limit.name for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
+    assert made.verification.limits.items() >= margins.items()
+    assert all(margin >= 0 for margin in margins.values())
+    faster = dict(verified_margins(made.robot, samples.q, 1.5 * samples.v, samples.mode))
+    assert faster["wheel_speed_rad_s"] == pytest.approx(-5.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kappa", "name"),
+    [((0.0, 0.0), None), ((90.0, 0.0), "curvature_per_m"), ((45.0, 55.0), "unit_gap_m")],
+)
+def test_a_broken_limit_is_named(kappa: tuple[float, float], name: str | None) -> None:
+    found = broken_by_shapes(ARC, [kappa])
+    assert (found.name if found else None) == name
+    if found is not None:
+        assert found.name in found.words(ARC.limits) or "overlap" in found.words(ARC.limits)
+
+
+def test_a_motion_that_comes_too_close_between_nodes_is_refused() -> None:
+    """Bending both segments by 110 1/m passes shapes in which the units overlap."""
+    inputs = np.zeros((1, 12, 5))
+    inputs[0, :, :2] = 0.018
+    motion = roll_out(ARC, np.array([0, 0, 0, -20.0, -20.0]), ((1, 1),), inputs)
+    apart = shape_margins(ARC, motion.states[0, :, 3:])["unit_gap_m"] >= 0
+    assert shapes_allowed(motion, 1e-9) == bool(apart.all())
+    assert surely_broken(ARC, motion.states[0, :1, 3:]) is None
+
+
+# A limit of one's own: one value, and everything that plans and checks follows it.
+
+
+@pytest.fixture
+def narrow(monkeypatch: pytest.MonkeyPatch) -> ShapeLimit:
+    """The difference of the curvatures stays within 30 1/m."""
+    toy = ShapeLimit(
+        name="difference_per_m",
+        unit="1/m",
+        margin=lambda body, kappa: 30.0 - ca.fabs(kappa[0] - kappa[1]),
+        words=lambda numbers: "curvatures differ by over 30 1/m",
+        rounding=1e-9,
+        scale=30.0,
+    )
+    monkeypatch.setattr(limits, "SHAPE_LIMITS", (*SHAPE_LIMITS, toy))
+    for name in ("shape_function", "_shape_functions"):  # compiled for the limits there were
+        function = getattr(limits, name)
+        monkeypatch.setattr(limits, name, per_body(32)(function.__wrapped__))
+    return toy
+
+
+def test_a_further_limit_is_kept_by_plans_and_named_by_messages(narrow: ShapeLimit) -> None:
+    problem = load_problem("paper-1", robot="2sra-v1-arc")  # from a difference of 14 1/m to 10
+    margins = shape_margins(problem.robot, (20.0, -20.0))
+    assert margins[narrow.name][0] == pytest.approx(-10.0)
+    found = plan(problem).require()
+    assert found.verification.limits[narrow.name] >= 0
+    rows = transcribe.__wrapped__(ARC.body, None, 2, 3, 1).rows["shape"]
+    assert rows.stop - rows.start == 2 * (2 * 4)  # it and the gap, at every node
+    apart = load_problem("paper-4", robot="2sra-v1-arc")  # starts at a difference of 44 1/m
+    with pytest.raises(ValueError, match=r"start\.kappa_per_m .* curvatures differ by over 30"):
+        plan(apart)
+
+
+def test_driving_limits_forbid_driving_only() -> None:
+    singular = next(limit for limit in SHAPE_LIMITS if limit.driving)
+    shape = (39.6, 58.8)  # where the paper's wheels lose control, and the units overlap
+    assert shape_margins(ARC, shape)[singular.name][0] < 0
+    assert not may_drive_in(ARC, [shape])[0]

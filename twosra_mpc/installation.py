@@ -1,0 +1,39 @@
+"""Where this package was installed from, and how to add an extra to it from there."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from importlib.metadata import distribution
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+DISTRIBUTION = "twosra-mpc"
+
+
+def install_command(extra: str) -> str:
+    """Return the command that adds an extra to this installation.
+
+    A package index need not have the package: what was installed from a clone, an archive or a
+    repository is installed from there again (as PEP 610 records it).
+
+    Args:
+        extra: Name of the extra, such as ``mcap``.
+    """
+    return f"pip install {_source(distribution(DISTRIBUTION).read_text('direct_url.json'), extra)}"
+
+
+def _source(direct_url: str | None, extra: str) -> str:
+    """What to give to pip: the name alone if it came from an index, else where it came from."""
+    named = f"{DISTRIBUTION}[{extra}]"
+    if direct_url is None:
+        return shlex.quote(named)
+    origin: dict[str, Any] = json.loads(direct_url)
+    url = origin["url"]
+    if "dir_info" in origin:
+        folder = shlex.quote(f"{url2pathname(urlsplit(url).path)}[{extra}]")
+        return f"-e {folder}" if origin["dir_info"].get("editable") else folder
+    if "vcs_info" in origin:
+        url = f"{origin['vcs_info']['vcs']}+{url}@{origin['vcs_info']['commit_id']}"
+    return shlex.quote(f"{named} @ {url}")

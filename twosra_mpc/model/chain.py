@@ -1,0 +1,67 @@
+"""The fibre as a chain of straight links and arcs: where its points and the wheels are in b0.
+
+b0 sits in the middle of the middle link, the one before segment n // 2 (from 0); a single segment
+has none, and b0 is the fibre end of LU1. x points towards LU2. Poses are (x, y, angle) [m, m, rad],
+a column each, and a frame on the fibre has its x axis along it, towards LU2.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from twosra_mpc.model.series import sinc, versine_ratio
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.geometry import Geometry
+
+
+def placed(pose: ca.SX, points: ca.SX | ca.DM) -> ca.SX:
+    """Points, 2xk, given in the frame at ``pose``, where that frame is given, 2xk [m]."""
+    c, s = ca.cos(pose[2]), ca.sin(pose[2])
+    turned = ca.blockcat([[c, -s], [s, c]]) @ points
+    return turned + ca.repmat(pose[:2], 1, points.shape[1])
+
+
+def composed(pose: ca.SX, poses: ca.SX | ca.DM) -> ca.SX:
+    """Poses, 3xk, given in the frame at ``pose``, where that frame is given, 3xk."""
+    return ca.vertcat(placed(pose, poses[:2, :]), pose[2] + poses[2, :])
+
+
+def fibre_poses(geometry: Geometry, q: ca.SX, segment: int, shares: ca.SX | ca.DM) -> ca.SX:
+    """Poses in b0 of points of a segment, 3xk.
+
+    Args:
+        geometry: Lengths of the fibre.
+        q: Configuration, 3+n.
+        segment: Which segment, from 0.
+        shares: Where on it, 1xk: 0 at its end towards LU1, 1 at its end towards LU2.
+    """
+    middle = geometry.segments // 2
+    side = 1 if segment >= middle else -1  # of b0; runs along the fibre are negative before it
+    half_link = geometry.middle_link_m / 2 if geometry.segments > 1 else 0.0
+    base = ca.SX([side * half_link, 0.0, 0.0])
+    for inner in range(middle if side > 0 else middle - 1, segment, side):
+        base = composed(base, _arc(q[POSE + inner], ca.DM(side * geometry.lengths_m[inner])))
+        base = composed(base, ca.DM([side * geometry.middle_link_m, 0.0, 0.0]))
+    outward = shares if side > 0 else shares - 1
+    return composed(base, _arc(q[POSE + segment], geometry.lengths_m[segment] * outward))
+
+
+def _arc(kappa: ca.SX, runs_m: ca.SX | ca.DM) -> ca.SX:
+    """Poses of points of an arc that starts at the origin along x, 3xk; ``runs_m`` has a sign."""
+    alpha = kappa * runs_m
+    return ca.vertcat(runs_m * sinc(alpha), runs_m * versine_ratio(alpha), alpha)
+
+
+def fibre_ends(geometry: Geometry, q: ca.SX) -> ca.SX:
+    """Poses in b0 of the fibre ends b1 (at LU1) and b2 (at LU2), 3x2, eq. transform-matrix."""
+    last = geometry.segments - 1
+    ends = fibre_poses(geometry, q, 0, ca.DM(0)), fibre_poses(geometry, q, last, ca.DM(1))
+    return ca.horzcat(*ends)
+
+
+def wheel_poses(geometry: Geometry, q: ca.SX) -> ca.SX:
+    """Poses in b0 of the four wheels, their angle that of the drive direction, 3x4 (eq. q_bC)."""
+    placement = ca.DM(geometry.wheel_placement).T
+    ends = fibre_ends(geometry, q)
+    of_units = (composed(ends[:, i], placement[:, 2 * i : 2 * i + 2]) for i in (0, 1))
+    return ca.horzcat(*of_units)

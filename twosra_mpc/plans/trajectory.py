@@ -1,0 +1,229 @@
+"""What a plan does at any time: the one place that looks between its samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.kinematics import wheel_travel
+from twosra_mpc.model.motion import steps_for
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode
+from twosra_mpc.timing import SegmentHeating, Transition, transition_model
+
+Array = NDArray[np.float64]
+
+SAME_TIME_S = 1e-6  # events closer than this are one
+HIGHEST_RATE_HZ = 1000.0
+_LEAST_STEPS = 16  # of Runge-Kutta: turns of a rigid interval are then right to 1e-10 rad
+
+
+class Phase(NamedTuple):
+    """One motion phase; holds are the gaps between phases. Times in s."""
+
+    mode: Mode
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A plan at some times, for a robot of n segments; arrays are read-only.
+
+    On a plan's own grid inputs, wheel speeds, modes and heater commands hold to the next sample.
+
+    Attributes:
+        t_s: Time [s], (rows,).
+        q: Configuration [m, m, rad, 1/m ...], (rows, 3 + n).
+        v: Input [v1, v2, u0, v0, r0] [m/s, m/s, m/s, m/s, rad/s], (rows, 5).
+        mode: 1 where a segment is liquid, (rows, n).
+        wheel_rad_s: Wheel speeds, (rows, 4).
+        temperature_C: Expected temperature of the segments, (rows, n).
+        melt_fraction: Expected melt fraction of the segments, 0 solid, 1 liquid, (rows, n).
+        heater_setpoint_C: Temperature set-points, (rows, n).
+        heater_current_A: Feed-forward heater currents, (rows, n).
+    """
+
+    t_s: Array
+    q: Array
+    v: Array
+    mode: NDArray[np.int64]
+    wheel_rad_s: Array
+    temperature_C: Array
+    melt_fraction: Array
+    heater_setpoint_C: Array
+    heater_current_A: Array
+
+    def __post_init__(self) -> None:
+        segments = self.mode.shape[-1]
+        width = {"t_s": (), "q": (POSE + segments,), "v": (INPUTS,), "wheel_rad_s": (WHEELS,)}
+        for item in fields(self):
+            array = getattr(self, item.name)
+            shape = (len(self.t_s), *width.get(item.name, (segments,)))
+            if array.shape != shape:
+                raise InputError(f"samples.{item.name}", array.shape, f"an array of shape {shape}")
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A plan's course from t = 0 to its end, asked at any times, which are clipped to that.
+
+    Between samples the configuration follows the kinematics from the sample before, with the input
+    in force; temperatures and melt fractions are those of the heating model. A time less than a
+    microsecond before a sample is taken to be the sample's.
+
+    Attributes:
+        problem: The problem planned for (robot included).
+        samples: The plan on its own grid.
+        phases: Motion phases in order.
+        transitions: Melts and freezes by heater time.
+    """
+
+    problem: Problem
+    samples: Samples
+    phases: tuple[Phase, ...]
+    transitions: tuple[Transition, ...]
+
+    def __post_init__(self) -> None:
+        segments, found = self.problem.robot.coordinates.segments, self.samples.mode.shape[1]
+        if found != segments:
+            allowed = f"a column for each of {segments} segments"
+            raise InputError("samples.mode", f"{found} columns", allowed)
+        for i, item in enumerate(self.transitions):
+            if not 1 <= item.segment <= segments:
+                where = f"transitions.{i}.segment"
+                raise InputError(where, item.segment, f"from 1 to {segments}")
+
+    @property
+    def duration_s(self) -> float:
+        """Time from start to the end of the last phase or transition."""
+        return float(self.samples.t_s[-1])
+
+    def at(self, t: ArrayLike) -> Samples:
+        """Everything at these times [s], (n,): one row each."""
+        times, at, elapsed = self._in_force(t)
+        held, q = self.samples, self._flown(at, elapsed)
+        v, mode = held.v[at], held.mode[at]
+        metal = [item.temperature_and_melt_fraction(times) for item in self._heating]
+        return Samples(
+            t_s=times,
+            q=q,
+            v=v,
+            mode=mode,
+            wheel_rad_s=wheel_speeds(self.problem.robot, q, v, mode),
+            temperature_C=np.column_stack([temperature for temperature, _ in metal]),
+            melt_fraction=np.column_stack([fraction for _, fraction in metal]),
+            heater_setpoint_C=held.heater_setpoint_C[at],
+            heater_current_A=held.heater_current_A[at],
+        )
+
+    def configuration(self, t: ArrayLike) -> Array:
+        """Configuration q at these times [s], (n,): (n, 3 + segments)."""
+        _, at, elapsed = self._in_force(t)
+        return self._flown(at, elapsed)
+
+    def heater_setpoint_C(self, t: ArrayLike) -> Array:
+        """Set-points in force at these times [s], (n,): (n, segments)."""
+        return self.samples.heater_setpoint_C[self._in_force(t)[1]]
+
+    def wheel_travel_rad(self, t: ArrayLike) -> Array:
+        """How far each wheel has turned since t = 0, at these times [s], (n,): (n, 4)."""
+        _, at, elapsed = self._in_force(t)
+        return self._turned_rad[at] + self._rolled(at, elapsed)
+
+    def resampled(self, rate_Hz: float) -> Samples:
+        """Samples at a regular rate, and at the end.
+
+        Raises:
+            InputError: If the rate is not positive, or beyond 1000 Hz.
+        """
+        check_rate(rate_Hz)
+        end = self.duration_s
+        t = np.arange(int(np.floor(end * rate_Hz + 1e-9)) + 1) / rate_Hz
+        return self.at(np.append(t, end) if t[-1] < end - SAME_TIME_S else t)
+
+    @cached_property
+    def _heating(self) -> Sequence[SegmentHeating]:
+        return transition_model(self.problem).heating(self.transitions)
+
+    @cached_property
+    def _turned_rad(self) -> Array:
+        """Wheel travel at the samples."""
+        steps = self._rolled(np.arange(len(self.samples) - 1), np.diff(self.samples.t_s))
+        return np.concatenate([np.zeros((1, WHEELS)), np.cumsum(steps, axis=0)])
+
+    def _in_force(self, t: ArrayLike) -> tuple[Array, NDArray[np.intp], Array]:
+        """Times within the plan, the sample in force at each, and the time since that [s]."""
+        known = self.samples.t_s
+        times = np.clip(np.atleast_1d(np.asarray(t, dtype=float)), known[0], known[-1])
+        at = np.searchsorted(known, times, side="right") - 1
+        after = np.minimum(at + 1, len(known) - 1)
+        # Rounding must not hold an input beyond its sample; asked at a sample, it is that sample.
+        at = np.where((known[after] - times <= SAME_TIME_S) & (known[at] < times), after, at)
+        return times, at, np.maximum(times - known[at], 0.0)
+
+    def _flown(self, at: NDArray[np.intp], elapsed: Array) -> Array:
+        """Configuration ``elapsed`` [s] after the samples ``at``."""
+        held = self.samples
+        s = held.v[at] * elapsed[:, None]
+        return flown(self.problem.robot, held.q[at], s, held.mode[at])
+
+    def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
+        """How far the wheels turn within ``elapsed`` [s] after the samples ``at``, by Simpson."""
+        held, robot = self.samples, self.problem.robot
+        v, mode = held.v[at], held.mode[at]
+        first, last = wheel_speeds(robot, held.q[at], v, mode), self._flown(at, elapsed)
+        middle = wheel_speeds(robot, self._flown(at, elapsed / 2), v, mode)
+        mean = (first + 4 * middle + wheel_speeds(robot, last, v, mode)) / 6
+        return mean * elapsed[:, None]
+
+
+def check_rate(rate_Hz: float) -> None:
+    """Check a rate of samples.
+
+    Raises:
+        InputError: If it is not positive, or beyond 1000 Hz.
+    """
+    if not 0 < rate_Hz <= HIGHEST_RATE_HZ:
+        raise InputError("rate", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:g} Hz")
+
+
+def new_times(times: Array, known: Array) -> Array:
+    """Those of the growing ``times`` that are an event of their own beside the ``known`` ones."""
+    after = np.searchsorted(known, times).clip(1, len(known) - 1)
+    nearest = np.minimum(np.abs(times - known[after - 1]), np.abs(times - known[after]))
+    own: Array = times[(nearest > SAME_TIME_S) & (np.diff(times, prepend=-np.inf) > SAME_TIME_S)]
+    return own
+
+
+def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
+    """Where input displacements s = v h lead from q, row by row; rows at rest stay as they are."""
+    reached = q.copy()
+    moving = s.any(axis=1)
+    if moving.any():
+        flow = interval_flow(robot, max(_LEAST_STEPS, steps_for(s[moving])))
+        reached[moving] = flow(q[moving].T, s[moving].T, mode[moving].T).full().T
+    return reached
+
+
+def wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> Array:
+    """Speeds of the wheels that inputs ask for, row by row, (rows, 4) [rad/s]; zero at rest."""
+    speeds = np.zeros((len(q), WHEELS))
+    moving = v.any(axis=1)
+    if moving.any():
+        roll = wheel_travel(robot)
+        speeds[moving] = roll(q[moving].T, v[moving].T, mode[moving].T).full().T
+    return speeds

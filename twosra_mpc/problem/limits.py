@@ -1,0 +1,347 @@
+"""Limits of shape and motion, each written once, symbolically, for whoever needs it.
+
+The NLP's rows, the screening of guesses, the bends that bounds forbid, the verification and the
+messages all ask these values. A further limit is one more value, in `SHAPE_LIMITS` or
+`SPEED_LIMITS`, and its number in the robot file (``robot.limits``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.kinematics import unit_gap, wheel_independence, wheel_travel
+from twosra_mpc.model.motion import Motion
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import INPUTS, POSE
+from twosra_mpc.robot.description import Body, Robot
+from twosra_mpc.robot.limits import MotionLimits
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
+
+Array = NDArray[np.float64]
+
+TOUCHING_M = 1e-9  # rounding allowed in a gap
+RELATIVE_ROUNDING = 1e-7  # of a limit
+_CERTAIN = 1e-3  # of a limit's scale: beyond what interpolating a shape can feign
+
+
+@dataclass(frozen=True)
+class ShapeLimit:
+    """A limit of the shapes that a robot may take, or drive in.
+
+    Attributes:
+        name: Of its number in ``robot.limits``, unit included.
+        unit: Unit of the margin.
+        margin: (body, curvatures (n,)) -> what is left, negative where forbidden, symbolically.
+        words: What is wrong with a forbidden shape, to complete "a shape whose ...".
+        rounding: Margins that count as zero.
+        scale: Unit of its rows in the NLP; None: it is a box about zero, and bounds the curvatures.
+        driving: Whether only rigid driving is forbidden.
+    """
+
+    name: str
+    unit: str
+    margin: Callable[[Body, ca.SX], ca.SX]
+    words: Callable[[MotionLimits], str]
+    rounding: float
+    scale: float | None
+    driving: bool = False
+
+
+@dataclass(frozen=True)
+class SpeedLimit:
+    """A limit of how fast something may travel.
+
+    Attributes:
+        name: Of its number in ``robot.limits``, unit included.
+        unit: Unit of the margin.
+        travel: (body, q, s, sigma) -> what an input displacement s moves, (m,); linear in s.
+        words: What is wrong with a motion that is too fast, to complete "a motion in which ...".
+    """
+
+    name: str
+    unit: str
+    travel: Callable[[Body, ca.SX, ca.SX, ca.SX], ca.SX]
+    words: Callable[[MotionLimits], str]
+
+    def most(self, robot: Robot | Body) -> float:
+        """The limit itself."""
+        return float(getattr(robot.body.limits, self.name))
+
+    def settled(self, robot: Robot | Body, margin: float) -> float:
+        """A margin, zero within rounding of an active limit."""
+        return 0.0 if abs(margin) <= RELATIVE_ROUNDING * self.most(robot) else margin
+
+
+def _curvature(body: Body, kappa: ca.SX) -> ca.SX:
+    limit = body.limits.curvature_per_m
+    return ca.mmin(ca.vertcat(limit - kappa, limit + kappa))
+
+
+CURVATURE = ShapeLimit(
+    name="curvature_per_m",
+    unit="1/m",
+    margin=_curvature,
+    words=lambda limits: f"curvature is beyond curvature_per_m = {limits.curvature_per_m:g} 1/m",
+    rounding=5e-6,
+    scale=None,
+)
+UNIT_GAP = ShapeLimit(
+    name="unit_gap_m",
+    unit="m",
+    margin=lambda body, kappa: unit_gap(body.geometry, kappa) - body.limits.unit_gap_m,
+    words=lambda limits: (
+        f"locomotion units overlap or come closer than unit_gap_m = {limits.unit_gap_m:g} m"
+    ),
+    rounding=TOUCHING_M,
+    scale=0.1,
+)
+WHEEL_INDEPENDENCE = ShapeLimit(
+    name="wheel_independence",
+    unit="",
+    margin=lambda body, kappa: (
+        wheel_independence(body.geometry, kappa) - body.limits.wheel_independence
+    ),
+    words=lambda limits: (
+        "wheels lose control of the robot, by less than wheel_independence = "
+        f"{limits.wheel_independence:g}"
+    ),
+    rounding=0.0,
+    scale=1.0,
+    driving=True,
+)
+SHAPE_LIMITS = (CURVATURE, UNIT_GAP, WHEEL_INDEPENDENCE)
+
+WHEEL_SPEED = SpeedLimit(
+    name="wheel_speed_rad_s",
+    unit="rad/s",
+    travel=lambda body, q, s, sigma: wheel_travel(body)(q, s, sigma),
+    words=lambda limits: f"wheels turn faster than {limits.wheel_speed_rad_s:g} rad/s",
+)
+UNIT_SPEED = SpeedLimit(
+    name="unit_speed_m_s",
+    unit="m/s",
+    travel=lambda body, q, s, sigma: s[:2],
+    words=lambda limits: f"locomotion units move faster than {limits.unit_speed_m_s:g} m/s",
+)
+SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED)
+
+UNITS = {limit.name: limit.unit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
+
+
+# Shapes.
+
+
+@per_body(32)
+def shape_function(body: Body) -> ca.Function:
+    """Kappa (n,) -> margin of every shape limit, in their order."""
+    kappa = ca.SX.sym("kappa", body.geometry.segments)
+    margins = [limit.margin(body, kappa) for limit in SHAPE_LIMITS]
+    return ca.Function("shape_margins", [kappa], [ca.vertcat(*margins)])
+
+
+@per_body(256)
+def _shape_functions(body: Body, count: int) -> ca.Function:
+    return shape_function(body).map(count)
+
+
+def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
+    """How far shapes are from what the limits forbid, by name of the limit, each (m,).
+
+    Negative: forbidden. Margins within rounding of zero are zero.
+
+    Args:
+        robot: The robot.
+        kappa: Curvatures, (m, n) or (n,) [1/m].
+    """
+    shapes = np.atleast_2d(np.asarray(kappa, dtype=float))
+    values = _shape_functions(robot, len(shapes))(shapes.T).full()
+    return {
+        limit.name: np.where(np.abs(row) <= limit.rounding, 0.0, row)
+        for limit, row in zip(SHAPE_LIMITS, values, strict=True)
+    }
+
+
+def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None:
+    """A limit that one of these shapes (m, n) breaks whether the robot drives in it or not."""
+    margins = shape_margins(robot, kappa)
+    broken = (limit for limit in SHAPE_LIMITS if not limit.driving)
+    return next((limit for limit in broken if (margins[limit.name] < 0).any()), None)
+
+
+def surely_broken(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None:
+    """A limit broken by so much that shapes known only to a micrometre cannot feign it.
+
+    Curvatures are left to whoever knows their bending coordinates exactly.
+    """
+    margins = shape_margins(robot, kappa)
+    broken = (limit for limit in SHAPE_LIMITS if not limit.driving and limit.scale is not None)
+    return next((b for b in broken if margins[b.name].min() < -_CERTAIN * (b.scale or 1.0)), None)
+
+
+def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
+    """Whether the robot may drive rigidly in each of these shapes (m, n)."""
+    margins = shape_margins(robot, kappa)
+    driving = [margins[limit.name] >= 0 for limit in SHAPE_LIMITS if limit.driving]
+    allowed: NDArray[np.bool_] = np.all(driving, axis=0)
+    return allowed
+
+
+def exact(goal: GoalSet) -> bool:
+    """Whether a goal leaves no choice of a curvature that it asks for."""
+    return not goal.half_width[POSE:].any()
+
+
+def check_shapes(problem: Problem) -> None:
+    """Refuse a start or goal shape that a limit forbids.
+
+    Raises:
+        InputError: Naming the curvatures, the limit and what is missing.
+    """
+    robot = problem.robot
+    for name, q in (("start", problem.start.configuration), ("goal", problem.goal.configuration)):
+        if np.isnan(q[POSE:]).any() or (name == "goal" and not exact(problem.goal)):
+            continue
+        limit = broken_by_shapes(robot, q[POSE:])
+        if limit is not None:
+            short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
+            amount = f"{1e3 * short:.1f} mm" if limit.unit == "m" else f"{short:.3g} {limit.unit}"
+            allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
+            raise InputError(f"{name}.kappa_per_m", tuple(q[POSE:].tolist()), allowed)
+
+
+def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
+    """For each phase, whether its inputs may be used: in some shapes rigid driving may not.
+
+    The shape of the first rigid phase is the start's, of the last one the goal's; in between it is
+    not known beforehand, and the answer is True.
+    """
+
+    def allowed(phase: int) -> bool:
+        if not is_rigid(sequence[phase]):
+            return True
+        before = all(map(is_rigid, sequence[:phase]))
+        after = all(map(is_rigid, sequence[phase:]))
+        shape = (problem.start if before else problem.goal).configuration[POSE:]
+        loose = not before and not exact(problem.goal)
+        if not (before or after) or loose or np.isnan(shape).any():
+            return True
+        return bool(may_drive_in(problem.robot, shape).all())
+
+    return tuple(allowed(phase) for phase in range(len(sequence)))
+
+
+# Motions.
+
+
+@per_body(32)
+def speed_function(body: Body) -> ca.Function:
+    """(q, s, sigma) -> for each speed limit the least time [s] that it leaves to a displacement.
+
+    Each is a vector of signed times, of which the largest absolute value counts.
+    """
+    segments = body.geometry.segments
+    q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
+    sigma = ca.SX.sym("sigma", segments)
+    times = [limit.travel(body, q, s, sigma) / limit.most(body) for limit in SPEED_LIMITS]
+    return ca.Function("least_times", [q, s, sigma], [ca.densify(time) for time in times])
+
+
+@per_body(256)
+def _speed_functions(body: Body, count: int) -> ca.Function:
+    return speed_function(body).map(count)
+
+
+def interval_durations(motion: Motion) -> Array:
+    """Least time of each interval within the speed limits, (phases, intervals) [s].
+
+    Speeds are taken at the start, in the middle and at the end of an interval.
+    """
+    phases, intervals, _ = motion.inputs.shape
+    size = motion.states.shape[2]
+    before = motion.states[:, :-1].reshape(-1, size).T
+    after = motion.states[:, 1:].reshape(-1, size).T
+    s = motion.inputs.reshape(-1, INPUTS).T
+    modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0).T
+    times = _speed_functions(motion.robot, phases * intervals)
+    places = (before, (before + after) / 2, after)
+    signed = [time.full() for q in places for time in times(q, s, modes)]
+    durations: Array = np.abs(np.vstack(signed)).max(axis=0).reshape(phases, intervals)
+    return durations
+
+
+def shapes_allowed(motion: Motion, still: float) -> bool:
+    """Whether a motion takes no forbidden shape, and drives in none that is forbidden to drive in.
+
+    Rigid phases that move less than ``still`` [m or rad] in every interval do not drive.
+    """
+    kappa = motion.states[:, :, POSE:]
+    between = (kappa[:, 1:] + kappa[:, :-1]) / 2
+    visited = [shapes.reshape(-1, kappa.shape[2]) for shapes in (kappa, between)]
+    moved = np.abs(motion.inputs).max(axis=(1, 2)) > still
+    drives = [is_rigid(mode) and far for mode, far in zip(motion.sequence, moved, strict=True)]
+    if broken_by_shapes(motion.robot, np.concatenate(visited)) is not None:
+        return False
+    return bool(may_drive_in(motion.robot, kappa[drives, 0]).all()) if any(drives) else True
+
+
+def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
+    """Rows M (m, 3): abs(M xi) <= 1 for every body twist xi = (u, v, r) within the speed limits.
+
+    Args:
+        robot: The robot.
+        kappa: The shape it drives in, (n,) [1/m].
+    """
+    q = np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)])
+    rows = _rigid_rows(robot)(q).full()
+    limited: Array = rows[np.abs(rows).max(axis=1) > 0]
+    return limited
+
+
+@per_body(32)
+def _rigid_rows(body: Body) -> ca.Function:
+    q, twist = ca.SX.sym("q", POSE + body.geometry.segments), ca.SX.sym("twist", 3)
+    rigid = ca.DM.zeros(body.geometry.segments)
+    times = ca.vertcat(*speed_function(body)(q, ca.vertcat(0, 0, twist), rigid))
+    return ca.Function("rigid_rows", [q], [ca.densify(ca.jacobian(times, twist))])
+
+
+def verified_margins(
+    robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]
+) -> Iterator[tuple[str, float]]:
+    """Yield (name, least margin) of every limit over samples of a plan and the shapes between them.
+
+    Args:
+        robot: The robot.
+        q: Configurations, (m, 3 + n).
+        v: Inputs from each to the next, (m, 5).
+        mode: Stiffness, (m, n).
+    """
+    kappa = q[:, POSE:]
+    shapes = shape_margins(robot, np.concatenate([kappa, (kappa[1:] + kappa[:-1]) / 2]))
+    moving = v.any(axis=1)
+    for limit, used in zip(
+        SPEED_LIMITS, _used(robot, q[moving], v[moving], mode[moving]), strict=True
+    ):
+        yield limit.name, limit.settled(robot, limit.most(robot) * (1 - used))
+    driving = v[:, 2:].any(axis=1)
+    for shape in SHAPE_LIMITS:
+        margins = shapes[shape.name]
+        counted = margins[: len(q)][driving] if shape.driving else margins
+        yield shape.name, float(counted.min(initial=np.inf))
+
+
+def _used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[float]:
+    """Largest share of each speed limit that is used at samples that move."""
+    if not len(q):
+        return [0.0] * len(SPEED_LIMITS)
+    return [
+        float(np.abs(t.full()).max()) for t in _speed_functions(robot, len(q))(q.T, v.T, mode.T)
+    ]
