@@ -65,7 +65,7 @@ def _log(ax: Axes, **settings: Any) -> None:
     ax.yaxis.set_major_formatter(_PLAIN)
 
 
-def _spread(ax: Axes, values: Mapping[float, Sequence[float]], colour: str, label: str) -> None:
+def _spread(ax: Axes, values: Mapping[Any, Sequence[float]], colour: str, label: str) -> None:
     """Every value over x, the medians, and the largest."""
     for x, several in values.items():
         ax.plot([x] * len(several), several, clip_on=False, **_DOT)
@@ -144,7 +144,7 @@ def _draw_sequence(ax: Axes, at: tuple[int, int], plan: PlanRecord, block_pt: fl
     ax.add_artist(AnnotationBbox(area, at, frameon=False, pad=0.0))
 
 
-def draw_proofs(columns: Mapping[float, Sequence[PlanRecord]], limit_s: float, path: Path) -> None:
+def draw_proofs(columns: Mapping[Any, Sequence[PlanRecord]], limit_s: float, path: Path) -> None:
     """Cost, gap and wall time over transition time: every run, median and largest."""
     with _figure(path, height_in=6.0, width_in=4.8) as figure:
         cost_ax, gap_ax, time_ax = figure.subplots(3, 1, sharex=True)
@@ -182,9 +182,9 @@ def _draw_limit(ax: Axes, y: float, text: str) -> None:
 
 
 def draw_growth(
-    searches: Mapping[tuple[float, float], Mapping[float, Sequence[PlanRecord]]],
+    searches: Mapping[tuple[float, float], Mapping[Any, Sequence[PlanRecord]]],
     limit_s: float,
-    laws: Mapping[str, Mapping[float, Sequence[float]]],
+    laws: Mapping[str, Mapping[Any, Sequence[float]]],
     path: Path,
 ) -> None:
     """Wall time of searches over ``max_phases``, CPU times of programs with their power laws."""

@@ -28,6 +28,12 @@ class Measured(NamedTuple):
     record: Any
 
 
+class OneProblem(NamedTuple):
+    """The usual case: a problem, by its label."""
+
+    problem: str
+
+
 class Study(Value, abc.ABC):
     """A question, and the settings with which it is answered.
 
@@ -67,6 +73,10 @@ class PlanStudy(Study):
     repeats: Count = 5
     repeat_budget_s: Positive = 30.0
     time_limit_s: Positive = 60.0
+
+    def cases(self) -> Iterator[Any]:
+        """Yield the problems."""
+        yield from map(OneProblem, self.named)
 
     @property
     def named(self) -> Mapping[str, Problem]:

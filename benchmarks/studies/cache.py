@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from pydantic import TypeAdapter
 
 from benchmarks.measurement import Timing
-from benchmarks.study import Measured, PlanStudy
+from benchmarks.study import Measured, OneProblem, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Robot, plan
 
@@ -22,23 +22,13 @@ CHANGES: dict[str, Callable[[Robot, int], Robot]] = {
 }
 
 
-class Case(NamedTuple):
-    """One problem: all changes in turns."""
-
-    problem: str
-
-
 class Cache(PlanStudy):
     """Every plan but that of the same robot is for a robot that no plan was made for before."""
 
     record: ClassVar = TypeAdapter(dict[str, Timing])
     question: ClassVar = "What does a plan cost for a robot of another name, description or heat?"
 
-    def cases(self) -> Iterator[Case]:
-        """Yield the problems."""
-        yield from map(Case, self.named)
-
-    def run(self, case: Case) -> dict[str, Timing]:
+    def run(self, case: OneProblem) -> dict[str, Timing]:
         """Plan for the robot as it is and for changed ones."""
         problem, numbers = self.named[case.problem], range(1, self.repeats + 2)
         asked = {

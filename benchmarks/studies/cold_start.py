@@ -10,7 +10,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,9 +146,9 @@ def _python(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def own_import_times(text: str) -> Counter[str]:
+def own_import_times(text: str) -> defaultdict[str, float]:
     """Module -> its own import time [s], from the output of ``python -X importtime``."""
-    own: Counter[str] = Counter()
+    own: defaultdict[str, float] = defaultdict(float)
     for microseconds, module in re.findall(r"^import time: +(\d+) \|.*\| +(\S+)", text, re.M):
         own[module] += 1e-6 * int(microseconds)
     return own
@@ -156,7 +156,7 @@ def own_import_times(text: str) -> Counter[str]:
 
 def _by_package(own: Mapping[str, float]) -> dict[str, float]:
     """Sum up import times by package; the standard library is one, small ones another."""
-    packages: Counter[str] = Counter()
+    packages: defaultdict[str, float] = defaultdict(float)
     for module, seconds in own.items():
         top = module.partition(".")[0]
         name = next((name for name in PACKAGES if top.startswith(name)), "other packages")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -13,23 +13,18 @@ from pydantic import TypeAdapter
 from benchmarks import figures
 from benchmarks.measurement import PlanRecord, Timing, plan_record
 from benchmarks.report import shifted_geometric_mean
-from benchmarks.study import Measured, PlanStudy
+from benchmarks.study import Measured, OneProblem, PlanStudy
 from twosra_mpc import Problem, plan
-from twosra_mpc.problem.limits import shape_margins
+from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.reproduction.published import (
     PublishedTrajectory,
     StopReason,
     published_trajectory,
 )
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.validation import Positive
 
 OPTIMAL, GREEDY, PUBLISHED = PLANNERS = ("optimal", "greedy", "published loop")
-
-
-class Case(NamedTuple):
-    """One problem: all planners in turns."""
-
-    problem: str
 
 
 class Comparison(PlanStudy):
@@ -44,11 +39,7 @@ class Comparison(PlanStudy):
 
     time_shift_s: Positive = 0.01
 
-    def cases(self) -> Iterator[Case]:
-        """Yield the problems."""
-        yield from map(Case, self.named)
-
-    def run(self, case: Case) -> dict[str, PlanRecord]:
+    def run(self, case: OneProblem) -> dict[str, PlanRecord]:
         """Let every planner plan."""
         problem = self.named[case.problem]
         ends = (problem.start.configuration, problem.goal.configuration)
@@ -96,14 +87,12 @@ def _published_record(problem: Problem, path: PublishedTrajectory, timing: Timin
     the locomotion units apart.
     """
     error = float(np.abs(problem.goal.error(path.final_q.copy())).max())
-    kappa = path.q[:, 3:]
-    in_range = np.abs(kappa).max() <= problem.robot.limits.curvature_per_m
-    apart = (shape_margins(problem.robot, kappa).unit_gap_m >= 0).all()
+    shapes_allowed = broken_by_shapes(problem.robot, path.q[:, POSE:]) is None
     return PlanRecord(
         status=path.stop.name.lower(),
         message=path.stop.value,
         success=path.stop is StopReason.REACHED,
-        verified=bool(in_range and apart),
+        verified=shapes_allowed,
         stopped_early=path.stop is StopReason.ITERATION_LIMIT,
         timing=timing,
         goal_error=error if np.isfinite(error) else None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import faulthandler
-import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -90,22 +89,26 @@ class Peers(PlanStudy):
         """Every peer's answers beside ours."""
         del folder
         ours = {case.problem: made for case, made in results if case.planner == OURS}
-        rivals = [_beside(*case, made, ours[case[0]]) for case, made in results if case[1] != OURS]
+        rivals = [
+            _beside(case, made, ours[case.problem])
+            for case, made in results
+            if case.planner != OURS
+        ]
         unplanned = [label for label, made in ours.items() if not made.correct]
         return {"rivals": rivals, "unplanned": unplanned}
 
 
-def _beside(problem: str, peer: str, made: PlanRecord, ours: PlanRecord) -> dict[str, Any]:
+def _beside(case: Case, made: PlanRecord, ours: PlanRecord) -> dict[str, Any]:
     """An answer beside ours; costs are compared where both planners have a verified plan."""
-    above = made.cost / ours.cost - 1 if made.correct and ours.correct else None
-    bound = ours.lower_bound if made.correct and ours.lower_bound is not None else -math.inf
+    cost = made.cost if made.correct else None
+    above = cost / ours.cost - 1 if cost and ours.cost and ours.correct else None
     return {
-        **{"problem": problem, "peer": peer, "name": f"{problem} ({peer})"},
-        **{"record": made, "ours": ours, "above": above},
+        **{"problem": case.problem, "peer": case.planner, "record": made, "ours": ours},
+        **{"name": f"{case.problem} ({case.planner})", "above": above},
         "wall_ratio": made.timing.median_s / ours.timing.median_s,
         "cpu_ratio": made.timing.cpu_median_s / ours.timing.cpu_median_s,
         "better": above is not None and above < -_ROUNDING,
-        "below_bound": made.correct and made.cost < bound * (1 - _ROUNDING),
+        "below_bound": cost is not None and cost < (ours.lower_bound or 0.0) * (1 - _ROUNDING),
     }
 
 

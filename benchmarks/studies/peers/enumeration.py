@@ -10,15 +10,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-from benchmarks.studies.peers.motions import (
-    Answer,
-    Solve,
-    bent_segments,
-    cold_guess,
-    compile_programs,
-    judged,
-    solved,
-)
+from benchmarks.studies.peers import motions
+from benchmarks.studies.peers.motions import Answer, Solve, bent_segments
 from benchmarks.study import Count
 from twosra_mpc import Problem
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
@@ -36,16 +29,19 @@ class Enumeration(Value):
 
     def prepared(self, problem: Problem) -> Solve:
         """Compile the programs; the answer is the shortest motion that verifies."""
-        compile_programs(problem, self.max_phases)
+        motions.compile_programs(problem, self.max_phases)
 
         def solve() -> Answer:
             sequences = list(admissible_sequences(problem, self.max_phases))
-            tried = (solved(cold_guess(problem, sequence), problem) for sequence in sequences)
+            tried = (
+                motions.solved(motions.cold_guess(problem, sequence), problem)
+                for sequence in sequences
+            )
             found = [candidate for candidate in tried if candidate is not None]
             status = f"IPOPT: solved {len(found)} of {len(sequences)} sequences"
             for candidate in sorted(found, key=lambda candidate: float(candidate.times.max())):
-                found = judged(problem, candidate.motion)
-                if found and found.verification.ok:
+                outcome = motions.judged(problem, candidate.motion)
+                if outcome and outcome.verification.ok:
                     return Answer(status, candidate.motion)
             return Answer(f"{status}, none verified", None)
 

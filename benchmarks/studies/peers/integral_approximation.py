@@ -24,31 +24,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.studies.peers.motions import (
-    INTERVALS,
-    Answer,
-    Solve,
-    bent_segments,
-    compile_programs,
-    solved,
-    straight_line,
-)
+from benchmarks.studies.peers import motions, time_grid
+from benchmarks.studies.peers.motions import INTERVALS, Answer, Solve
 from benchmarks.studies.peers.rounding import rounded
-from benchmarks.studies.peers.time_grid import (
-    TIME_SCALE,
-    Block,
-    Program,
-    stacked_waits,
-    state_bounds,
-    state_rows,
-)
+from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Program
 from benchmarks.study import Count
 from twosra_mpc import Problem, Robot
-from twosra_mpc.model.kinematics import kinematics, wheel_travel
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.motion import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import SolveStatus, solve_status
 from twosra_mpc.planning.nlp.landing import available_inputs
-from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, STATE_SCALE
+from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.validation import Positive, Value
 
@@ -83,36 +69,30 @@ class IntegralApproximation(Value):
         """Compile the programs; the answer is the polished motion of the one sequence found."""
         modes, n = all_modes(problem.robot.coordinates.segments), self.stages
         program = _relaxation(problem, modes, n)
-        compile_programs(problem, self.max_switches + 1)
-        usable = np.where(available_inputs(modes, 1).reshape(-1) > 0, np.inf, 0.0)
-        low, high = state_bounds(problem, n + 1)
-        guess = {"q": straight_line(problem, n + 1) / STATE_SCALE, "s": 0.01, "tau": 0.1, "w": 0.1}
-        lower = {"q": low, "s": -usable, "tau": 0.0, "w": 0.0}
-        upper = {"q": high, "s": usable, "tau": np.inf, "w": np.inf}
-        needed = [[m for m, mode in enumerate(modes) if mode[j]] for j in bent_segments(problem)]
+        motions.compile_programs(problem, self.max_switches + 1)
+        usable = np.where(available_inputs(modes, 1).ravel() > 0, np.inf, 0.0)
+        guess, lower = {"s": 0.01, "tau": 0.1, "w": 0.1}, {"s": -usable, "tau": 0.0, "w": 0.0}
+        upper = {"s": usable, "tau": np.inf, "w": np.inf}
+        bent = motions.bent_segments(problem)
+        needed = [[m for m, mode in enumerate(modes) if mode[j]] for j in bent]
+        limits = (self.max_switches, self.dwell_stages, self.milp_time_limit_s)
 
         def solve() -> Answer:
-            words, _, x = program.solve(lower, upper, guess, stacked_waits(problem))
+            words, _, x = program.solve(problem, lower, upper, guess)
             status = f"IPOPT: {words} (relaxation)"
             if solve_status(words) not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
                 return Answer(status, None)
             times = np.maximum(x["tau"], 0.0)
             shares = times / times.sum(axis=1, keepdims=True)
-            rounding = rounded(
-                shares,
-                needed,
-                max_switches=self.max_switches,
-                dwell_stages=self.dwell_stages,
-                time_limit_s=self.milp_time_limit_s,
-            )
+            rounding = rounded(shares, needed, *limits)
             status += f"; HiGHS: {rounding.status}"
             if rounding.choice is None:
                 return Answer(status, None)
-            inputs = x["s"].reshape(n, len(modes), 5) * INPUT_SCALE
-            chosen = [modes[m] for m in rounding.choice]
-            own = np.array(list(zip(range(n), rounding.choice, strict=True))).T
-            used = inputs[*own] / np.maximum(shares[*own], _LEAST_SHARE)[:, None]
-            candidate = solved(_guess(problem, x["q"] * STATE_SCALE, used, chosen), problem)
+            own = (np.arange(n), np.array(rounding.choice))
+            inputs = x["s"].reshape(n, len(modes), 5)[own] * INPUT_SCALE
+            used = inputs / np.maximum(shares[own], _LEAST_SHARE)[:, None]
+            guessed = _guess(problem, x["q"], used, [modes[m] for m in rounding.choice])
+            candidate = motions.solved(guessed, problem)
             if candidate is None:
                 return Answer(f"{status}; IPOPT found no plan of the rounded sequence", None)
             return Answer(f"{status}; polished", candidate.motion)
@@ -125,37 +105,25 @@ def _relaxation(problem: Problem, modes: tuple[Mode, ...], n: int) -> Program:
     states, inputs = ca.MX.sym("q", of.size, n + 1), ca.MX.sym("s", 5 * m, n)
     times, pauses = ca.MX.sym("tau", m, n), ca.MX.sym("w", 1, n + 1)
     least = ca.MX.sym("p", of.segments, 5)
-    scale = ca.repmat(ca.DM(INPUT_SCALE), m, 1)
+    s = ca.repmat(ca.DM(INPUT_SCALE), m, 1) * inputs
+    rows = _motion_rows(problem, modes, states, s, times) + _pause_rows(modes, times, pauses, least)
     cost = ca.sum2(ca.sum1(times)) + TIME_SCALE * ca.sum2(pauses)
-    rows = [
-        *_motion_rows(problem, modes, states, scale * inputs, times),
-        *_pause_rows(modes, times, pauses, least),
-    ]
-    return Program(
-        "ipopt",
-        {"q": states, "s": inputs, "tau": times, "w": pauses},
-        cost + _REGULARISATION * n * ca.sumsqr(inputs),
-        rows,
-        least,
-        _OPTIONS,
-    )
+    cost += _REGULARISATION * n * ca.sumsqr(inputs)
+    variables = {"q": states, "s": inputs, "tau": times, "w": pauses}
+    return Program("ipopt", variables, cost, rows, least, _OPTIONS)
 
 
 def _motion_rows(
     problem: Problem, modes: tuple[Mode, ...], states: ca.MX, s: ca.MX, times: ca.MX
 ) -> list[Block]:
     """Defects and gaps, equal stages, each mode's speed limits in its own time."""
-    n, q = s.shape[1], (ca.DM(STATE_SCALE) * states)[:, :-1]
-    limits, lengths = problem.robot.limits, ca.sum1(times)
-    rows = state_rows(problem, states, _blended_flow(problem.robot, modes).map(n)(q, s))
+    n, lengths = s.shape[1], ca.sum1(times)
+    q = ca.DM(state_scale(problem.robot)) * states[:, :-1]
+    rows = time_grid.state_rows(problem, states, _blended_flow(problem.robot, modes).map(n)(q, s))
     rows.append((lengths[1:] - lengths[:-1], 0.0, 0.0))
-    rolling = wheel_travel(problem.robot).map(n)
     for i, mode in enumerate(modes):
-        own = s[5 * i : 5 * i + 5, :]
-        rolled = rolling(q, own, ca.repmat(ca.DM(mode), 1, n)) / limits.wheel_speed_rad_s
-        used = ca.vertcat(rolled, own[:2, :] / limits.unit_speed_m_s)
-        time = ca.repmat(times[i, :], used.shape[0], 1)
-        rows += [(used - time, -np.inf, 0.0), (-used - time, -np.inf, 0.0)]
+        own, sigma = s[5 * i : 5 * i + 5, :], ca.MX(ca.repmat(ca.DM(mode), 1, n))
+        rows += time_grid.speed_rows(problem.robot, q, own, sigma, times[i, :])
     return rows
 
 

@@ -25,21 +25,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from benchmarks.studies.peers.motions import Answer, Solve, straight_line
-from benchmarks.studies.peers.time_grid import (
-    TIME_SCALE,
-    Block,
-    Program,
-    as_motion,
-    stacked_waits,
-    state_bounds,
-    state_rows,
-)
+from benchmarks.studies.peers import time_grid
+from benchmarks.studies.peers.motions import Answer, Solve
+from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Program
 from benchmarks.study import Count
 from twosra_mpc import Problem
 from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, STATE_SCALE
+from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.validation import Positive, Value
 
 _REGULARISATION = 1e-2  # s per squared scaled displacement; speeds the relaxations up
@@ -74,43 +66,36 @@ class TimeGridMinlp(Value):
     def prepared(self, problem: Problem) -> Solve:
         """Compile the program; the answer of what is returned is Bonmin's incumbent at its end."""
         program, n = self._program(problem), self.stages
-        low, high = state_bounds(problem, n + 1)
-        guess = {
-            "q": straight_line(problem, n + 1) / STATE_SCALE,
-            **{"s": 0.01, "sigma": 0.5, "h": min(0.2, self.longest_stage_s)},
-            "t": np.linspace(0.0, 3.0, n + 1)[:, None],
-        }
-        lower = {"q": low, "s": -_WIDEST, "sigma": 0.0, "h": 0.0, "t": 0.0}
-        upper = {"q": high, "s": _WIDEST, "sigma": 1.0, "h": self.longest_stage_s, "t": _LATEST}
+        guess = {"s": 0.01, "sigma": 0.5, "h": min(0.2, self.longest_stage_s)}
+        guess["t"] = np.linspace(0.0, 3.0, n + 1)[:, None]
+        lower = {"s": -_WIDEST, "sigma": 0.0, "h": 0.0, "t": 0.0}
+        upper = {"s": _WIDEST, "sigma": 1.0, "h": self.longest_stage_s, "t": _LATEST}
 
         def solve() -> Answer:
-            words, cost, x = program.solve(lower, upper, guess, stacked_waits(problem))
+            words, cost, x = program.solve(problem, lower, upper, guess)
             status, modes = f"Bonmin: {words}", x["sigma"]
             if cost > 1e20 or not all(np.isfinite(part).all() for part in x.values()):
                 return Answer(f"{status}, no incumbent", None)
             if np.abs(modes - modes.round()).max() > _INTEGRAL:
                 return Answer(f"{status}, incumbent is not integral", None)
             chosen = [tuple(mode) for mode in modes.round().astype(int).tolist()]
-            motion = as_motion(problem, chosen, x["s"] * INPUT_SCALE)
+            motion = time_grid.as_motion(problem, chosen, x["s"] * INPUT_SCALE)
             return Answer(f"{status}, incumbent {cost:.1f} s", motion)
 
         return solve
 
     def _program(self, problem: Problem) -> Program:
-        n, of, limits = self.stages, problem.robot.coordinates, problem.robot.limits
+        n, of = self.stages, problem.robot.coordinates
         states, inputs = ca.MX.sym("q", of.size, n + 1), ca.MX.sym("s", 5, n)
         modes, lengths = ca.MX.sym("sigma", of.segments, n), ca.MX.sym("h", 1, n)
         times, least = ca.MX.sym("t", 1, n + 1), ca.MX.sym("waits", of.segments, 5)
-        q, s = ca.DM(STATE_SCALE) * states, ca.DM(INPUT_SCALE) * inputs
-        rolled = wheel_travel(problem.robot).map(n)(q[:, :-1], s, modes) / limits.wheel_speed_rad_s
-        used = ca.vertcat(rolled, s[:2, :] / limits.unit_speed_m_s)
-        time = ca.repmat(lengths, used.shape[0], 1)
+        scale = ca.DM(state_scale(problem.robot))
+        q, s = scale * states[:, :-1], ca.DM(INPUT_SCALE) * inputs
         rows = [
-            *state_rows(
-                problem, states, interval_flow(problem.robot, 1).map(n)(q[:, :-1], s, modes)
+            *time_grid.state_rows(
+                problem, states, interval_flow(problem.robot, 1).map(n)(q, s, modes)
             ),
-            (used - time, -np.inf, 0.0),
-            (-used - time, -np.inf, 0.0),
+            *time_grid.speed_rows(problem.robot, q, s, modes, lengths),
             *_timing_rows(modes, lengths, times, least),
         ]
         cost = TIME_SCALE * times[-1] + _REGULARISATION * n * ca.sumsqr(inputs)

@@ -16,6 +16,7 @@ from twosra_mpc.planning.nlp.fixed_sequence import Candidate, improve, timed
 from twosra_mpc.planning.nlp.landing import available_inputs
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE
 from twosra_mpc.planning.outcome import Verified, verified
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
@@ -78,23 +79,14 @@ def compile_programs(problem: Problem, max_phases: int) -> None:
         solved(cold_guess(problem, sequence[:phases]), problem)
 
 
-def goal_near(problem: Problem) -> Array:
-    """Goal q, its heading the equivalent nearest the start's; free coordinates as at the start."""
-    start = problem.start.configuration
-    goal = np.where(np.isnan(problem.goal.configuration), start, problem.goal.configuration)
-    if problem.goal.phi_modulo:
-        goal[2] -= 2 * np.pi * np.round((goal[2] - start[2]) / (2 * np.pi))
-    return goal
-
-
 def straight_line(problem: Problem, nodes: int) -> Array:
     """States on a straight line from start to goal, (nodes, 3 + n): the guess of every peer."""
-    share = np.linspace(0.0, 1.0, nodes)[:, None]
     start = problem.start.configuration
-    return np.asarray(start + share * (goal_near(problem) - start))
+    return np.linspace(start, problem.goal.aim(start), nodes)
 
 
 def bent_segments(problem: Problem) -> list[int]:
     """Segments (from 0) whose curvature must change."""
-    change = np.abs(problem.goal.configuration - problem.start.configuration)
-    return np.flatnonzero(change[3:] > problem.goal.half_width[3:]).tolist()
+    start = problem.start.configuration
+    low, high = problem.goal.box(start)
+    return np.flatnonzero(((start < low) | (start > high))[POSE:]).tolist()

@@ -42,7 +42,6 @@ class Rounding(NamedTuple):
 def rounded(
     shares: NDArray[np.float64],
     needed: Sequence[Sequence[int]],
-    *,
     max_switches: int,
     dwell_stages: int,
     time_limit_s: float,
@@ -77,7 +76,7 @@ def rounded(
     settings = {"output_flag": False, "time_limit": time_limit_s}
     opti.solver("highs", {"print_time": False, "error_on_fail": False, "highs": settings})
     try:
-        choice = opti.solve().value(on).reshape(stages, modes).argmax(axis=1)
+        choice = np.reshape(opti.solve().value(on), (stages, modes)).argmax(axis=1)
     except RuntimeError:
         return Rounding(opti.stats()["return_status"], None, np.inf)
     return Rounding(opti.stats()["return_status"], tuple(choice.tolist()), float(opti.value(error)))

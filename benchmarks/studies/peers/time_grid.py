@@ -10,18 +10,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.studies.peers.motions import goal_near, network_of
-from twosra_mpc import Problem
-from twosra_mpc.model.kinematics import kinematics
+from benchmarks.studies.peers import motions
+from twosra_mpc import Problem, Robot
 from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.landing import available_inputs
-from twosra_mpc.planning.nlp.multiple_shooting import GAP_SCALE, STATE_SCALE
+from twosra_mpc.planning.nlp.multiple_shooting import state_scale
+from twosra_mpc.problem import limits
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
-from twosra_mpc.timing import earliest_times
+from twosra_mpc.timing import earliest_times, transition_model
 
 Array = NDArray[np.float64]
 Block = tuple[ca.MX, float, float]  # constraints with one lower and one upper bound
-Values = Mapping[str, float | Array]  # of the variables, by name; arrays are (columns, rows)
+Values = Mapping[str, Any]  # of the variables, by name; arrays are (columns, rows)
 
 STILL = 1e-7  # m or rad; a stage that moves less is left out of the sequence
 TIME_SCALE = 100.0  # s
@@ -52,45 +53,71 @@ class Program:
         self._solver = ca.nlpsol("peer", solver, nlp, {"print_time": False, **options})
 
     def solve(
-        self, low: Values, high: Values, guess: Values, parameters: Array
+        self, problem: Problem, low: Values, high: Values, guess: Values
     ) -> tuple[str, float, dict[str, Array]]:
-        """Solve; returns the solver's words, the cost, and the variables as (columns, rows)."""
-        low, high, guess = (self._stacked(values) for values in (low, high, guess))
-        found = self._solver(x0=guess, lbx=low, ubx=high, p=parameters, **self._bounds)
+        """Solve; low, high and guess are of all variables but the states q, which are scaled.
+
+        Returns the solver's words, the cost, and the variables as (columns, rows), q not scaled.
+        """
+        nodes, _ = self._shapes["q"]
+        given = {"x0": {"q": motions.straight_line(problem, nodes), **guess}}
+        given["lbx"], given["ubx"] = (
+            {"q": bound, **more}
+            for bound, more in zip(state_bounds(problem, nodes), (low, high), strict=True)
+        )
+        scale = dict.fromkeys(self._shapes, 1.0) | {"q": state_scale(problem.robot)}
+        stacked = {
+            name: np.concatenate(
+                [
+                    np.broadcast_to(values[part] / scale[part], shape).ravel()
+                    for part, shape in self._shapes.items()
+                ]
+            )
+            for name, values in given.items()
+        }
+        found = self._solver(p=stacked_waits(problem), **stacked, **self._bounds)
         ends = np.cumsum([np.prod(shape) for shape in self._shapes.values()])
         parts = np.split(found["x"].full().ravel(), ends[:-1])
-        values = {
-            name: part.reshape(shape)
+        x = {
+            name: part.reshape(shape) * scale[name]
             for (name, shape), part in zip(self._shapes.items(), parts, strict=True)
         }
-        return self._solver.stats()["return_status"], float(found["f"]), values
-
-    def _stacked(self, values: Values) -> Array:
-        return np.concatenate(
-            [np.broadcast_to(values[name], shape).ravel() for name, shape in self._shapes.items()]
-        )
+        return self._solver.stats()["return_status"], float(found["f"]), x
 
 
 def state_bounds(problem: Problem, nodes: int) -> tuple[Array, Array]:
-    """Bounds of the scaled states (nodes, 3 + n): start, goal box, curvature limits."""
-    start, asked = problem.start.configuration, ~np.isnan(problem.goal.configuration)
-    high = np.full((nodes, len(start)), np.inf)
-    high[:, 3:] = problem.robot.limits.curvature_per_m
-    low = -high
+    """Bounds of the states (nodes, 3 + n): start, goal box, curvature limits."""
+    of, start = problem.robot.coordinates, problem.start.configuration
+    high = np.tile(of.each(np.inf, np.inf, problem.robot.limits.curvature_per_m), (nodes, 1))
+    low, (nearest, farthest) = -high, problem.goal.box(start)
+    low[-1], high[-1] = np.maximum(low[-1], nearest), np.minimum(high[-1], farthest)
     low[0] = high[0] = start
-    goal, box = goal_near(problem), problem.goal.half_width
-    low[-1, asked] = np.maximum(low[-1], goal - box)[asked]
-    high[-1, asked] = np.minimum(high[-1], goal + box)[asked]
-    return low / STATE_SCALE, high / STATE_SCALE
+    return low, high
 
 
 def state_rows(problem: Problem, states: ca.MX, arrive: ca.MX) -> list[Block]:
-    """Defects of states (scaled) that arrive somewhere, and the gap between the units."""
-    q, limits = ca.DM(STATE_SCALE) * states, problem.robot.limits
-    margins = kinematics(problem.robot).shape_margins.map(states.shape[1])(q[3:, :])
+    """Defects of states (scaled) that arrive somewhere, and the limits of their shapes."""
+    scale = ca.DM(state_scale(problem.robot))
+    margins = limits.shape_function(problem.robot).map(states.shape[1])(
+        scale[POSE:] * states[POSE:, :]
+    )
     return [
-        ((arrive - q[:, 1:]) / ca.DM(STATE_SCALE), 0.0, 0.0),
-        ((margins[0, :] - limits.unit_gap_m) / GAP_SCALE, 0.0, np.inf),
+        (arrive / scale - states[:, 1:], 0.0, 0.0),
+        *(
+            (row / limit.scale, 0.0, np.inf)
+            for limit, row in zip(limits.SHAPE_LIMITS, ca.vertsplit(margins), strict=True)
+            if limit.scale is not None and not limit.driving
+        ),
+    ]
+
+
+def speed_rows(robot: Robot, q: ca.MX, s: ca.MX, modes: ca.MX, lengths: ca.MX) -> list[Block]:
+    """Displacements s from q (not scaled) within the speed limits, in stages of these lengths."""
+    least_times = limits.speed_function(robot).map(s.shape[1])(q, s, modes)
+    return [
+        (sign * time - ca.repmat(lengths, time.shape[0], 1), -np.inf, 0.0)
+        for sign in (1, -1)
+        for time in least_times
     ]
 
 
@@ -103,24 +130,20 @@ def waits(problem: Problem) -> Array:
     Raises:
         ValueError: If a segment cannot melt and freeze at all.
     """
-    rigid = rigid_mode(problem.robot.coordinates.segments)
+    n, model = problem.robot.coordinates.segments, transition_model(problem)
 
     def events(*sequence: Mode, last: Mode) -> tuple[float, float, float]:
         """Start of the first and of the last phase, and the finish, if motion took no time."""
-        solid = problem.model_copy(update={"goal": problem.goal.model_copy(update={"mode": last})})
-        network = network_of(solid, sequence)
+        network = model.network(sequence, last, [0.0] * len(sequence))
         times, layout = earliest_times(network), network.layout
         if times is None:
             raise ValueError("the transitions of a single melt contradict each other")
         return times[layout.start(0)], times[layout.start(layout.phases - 1)], times[layout.finish]
 
-    least = []
-    for j in range(len(rigid)):
-        alone = tuple(int(i == j) for i in range(len(rigid)))
-        others = tuple(int(i != j) for i in range(len(rigid)))
-        both = tuple(1 for _ in rigid)
-        first, _, finish = events(alone, last=rigid)
-        before, then, _ = events(others, both, last=both)
+    least, every = [], (1,) * n
+    for alone in np.eye(n, dtype=int):
+        first, _, finish = events(tuple(alone.tolist()), last=rigid_mode(n))
+        before, then, _ = events(tuple((1 - alone).tolist()), every, last=every)
         least.append((first, then - before, finish - first))
     return np.array(least)
 

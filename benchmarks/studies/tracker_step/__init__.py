@@ -19,13 +19,20 @@ from pydantic import TypeAdapter
 
 from benchmarks.studies.tracker_step import solvers
 from benchmarks.studies.tracker_step.solvers import Answer, Array, Clock, Recorded, Solver
-from benchmarks.studies.tracker_step.steps import first_speeds, record_steps
 from benchmarks.study import Count, Measured, Study
-from twosra_mpc import load_problem, plan
-from twosra_mpc.execution.tracking.settings import TrackerLimits, TrackerWeights
+from twosra_mpc import Plan, load_problem, plan
+from twosra_mpc.execution.tracking.linearisation import tracking_program
+from twosra_mpc.execution.tracking.reference import PhaseReference
+from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.solver import ProgramInPlace
+from twosra_mpc.execution.tracking.stage import stage_model
+from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
+NOISE = np.array([1e-3, 1e-3, 5e-3, 0.2, 0.2])  # camera: m, m, rad, 1/m, 1/m
+PUSH = np.array([5e-3, -5e-3, 0.05, 0.0, 0.0])  # 5 mm and 3 degrees, at the start
+REST_S = 0.7
 HORIZON, PERIOD_S = 20, 1 / 15
 TRACKER = "**tracker**, whole step"
 RIVALS = {  # name: what it solves, the package it needs, what makes it, whether in rigid mode only
@@ -112,9 +119,9 @@ class TrackerSteps(Study):
         of = plan(load_problem(case.scenario)).require()
         mode = of.phases[case.phase].mode
         setup = Setup(of.robot, mode, HORIZON, PERIOD_S, TrackerWeights(), TrackerLimits())
-        steps = record_steps(of, case.phase, setup, self.runs)
+        steps = _record_steps(of, case.phase, setup, self.runs)
         converged = solvers.ipopt(setup, tolerance=1e-10)
-        best = [first_speeds(setup, step, converged(step, Clock()).first) for step in steps]
+        best = [_first_speeds(setup, step, converged(step, Clock()).first) for step in steps]
         own, taken_s = _measured(solvers.tracker(of, case.phase), steps, self.rounds)
         base = np.median(taken_s[:, :, 0], axis=0)
         records = {TRACKER: _record("QP", own, taken_s, _errors(setup, steps, own, best), base)}
@@ -144,6 +151,47 @@ class TrackerSteps(Study):
         return {"horizon": HORIZON}
 
 
+def _record_steps(of: Plan, phase: int, setup: Setup, runs: int) -> list[Recorded]:
+    """Drive the model in closed loop and keep what every step was given."""
+    assert of.samples is not None
+    path, samples, h = of.phases[phase], of.samples, setup.period_s
+    program = ProgramInPlace(tracking_program(setup), SolverSettings())
+    selection = setup.outputs.selection
+    reference = PhaseReference(of.trajectory, path, selection, setup.horizon, h)
+    flow = interval_flow(of.robot, 16)
+    start = samples.q[np.searchsorted(samples.t_s, path.start_s - 1e-6)]
+    steps = []
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        q, previous, wheels = start + PUSH, np.zeros(setup.variables), np.zeros(4)
+        program.forget()
+        for k in range(int((path.end_s - path.start_s + REST_S) / h)):
+            time_s = path.start_s + k * h
+            program.measured[:] = measured = q + NOISE * rng.normal(size=5)
+            program.wheels[:] = wheels
+            reference.write(time_s, program.reference)
+            at = program.reference.copy()
+            program.solve()
+            solved = program.quadratic_program()
+            steps.append(Recorded(k == 0, time_s, measured, at, previous, wheels, solved))
+            previous, wheels = solved.x, program.command.copy()
+            q = flow(q, program.v * h, setup.mode).full().ravel()
+    return steps
+
+
+def _first_speeds(setup: Setup, step: Recorded, deviation: Array) -> Array:
+    """Speeds of the first period over their limits, if e_1 is as given."""
+    change = step.reference[1] + setup.scale * deviation - setup.outputs.selection @ step.q
+    q = step.q.copy()
+    if is_rigid(setup.mode):
+        q[:3] += change / 2
+    else:
+        bending = stage_model(setup).bending(step.q).full()
+        q[list(setup.outputs.bending)] += bending @ change / 2
+    speeds: Array = stage_model(setup).speeds(q, change)[0].full().ravel()
+    return speeds
+
+
 def _measured(
     solver: Solver, steps: Sequence[Recorded], rounds: int
 ) -> tuple[list[Answer], np.ndarray]:
@@ -160,7 +208,7 @@ def _errors(
     setup: Setup, steps: Sequence[Recorded], answers: Sequence[Answer], best: Sequence[Array]
 ) -> list[float]:
     return [
-        float(np.abs(first_speeds(setup, step, answer.first) - at).max())
+        float(np.abs(_first_speeds(setup, step, answer.first) - at).max())
         for step, answer, at in zip(steps, answers, best, strict=True)
     ]
 

@@ -167,29 +167,30 @@ def ipopt(setup: Setup, tolerance: float = 1e-6) -> Solver:
 
     def solve(step: Recorded, clock: Clock) -> Answer:
         p = np.concatenate([step.q, step.reference.ravel(), step.wheels])
-        x, *rest = solved(step.previous, p, clock)
-        return Answer(rest[0], x[: setup.outputs.count], *rest[1:])
+        answer = solved(step.previous, p, clock)
+        return answer._replace(first=answer.first[: setup.outputs.count])
 
     return solve
 
 
 def _nlp(
     solver: str, nlp: Mapping[str, ca.SX], options: dict[str, Any], **bounds: Array
-) -> Callable[[Array, Array, Clock], tuple[Array, bool, float, float]]:
-    """(guess, parameters, clock) -> (x, success, primal and dual residual) by one of CasADi's."""
+) -> Callable[[Array, Array, Clock], Answer]:
+    """(guess, parameters, clock) -> answer of one of CasADi's solvers, all of x in ``first``."""
     x, f, g, p = (nlp[name] for name in "xfgp")
     solve = ca.nlpsol("nlp", solver, dict(nlp), {"print_time": False, **options})
     on_g, on_x = ca.SX.sym("lg", g.numel()), ca.SX.sym("lx", x.numel())
     gradient = ca.gradient(f, x) + ca.jacobian(g, x).T @ on_g + on_x
     stationarity = ca.Function("stationarity", [x, p, on_g, on_x], [ca.norm_inf(gradient)])
 
-    def solved(guess: Array, p: Array, clock: Clock) -> tuple[Array, bool, float, float]:
+    def solved(guess: Array, p: Array, clock: Clock) -> Answer:
         with clock:
             found = solve(x0=guess, p=p, **bounds)
         rows = found["g"].full().ravel()
         primal = np.maximum(bounds["lbg"] - rows, rows - bounds["ubg"]).max(initial=0.0)
         dual = float(stationarity(found["x"], p, found["lam_g"], found["lam_x"]))
-        return found["x"].full().ravel(), bool(solve.stats()["success"]), float(primal), dual
+        x = found["x"].full().ravel()
+        return Answer(bool(solve.stats()["success"]), x, float(primal), dual)
 
     return solved
 
@@ -282,8 +283,8 @@ def fatrop(setup: Setup) -> Solver:
         v[:, :2] = np.column_stack([c * v[:, 0] + s * v[:, 1], c * v[:, 1] - s * v[:, 0]])
         speeds = np.vstack([np.zeros(3), v, np.zeros(3)])
         guess = np.hstack([y, speeds[:-1], speeds[1:]]).ravel()[: 9 * n + 6]
-        x, *rest = solved(guess, np.concatenate([part.ravel() for part in given]), clock)
-        return Answer(rest[0], (x[9:12] - step.reference[1]) / setup.scale, *rest[1:])
+        answer = solved(guess, np.concatenate([part.ravel() for part in given]), clock)
+        return answer._replace(first=(answer.first[9:12] - step.reference[1]) / setup.scale)
 
     return solve
 
@@ -297,13 +298,14 @@ def gekko(setup: Setup) -> Solver:
     parameters = [
         np.array([m.Param(0.0) for _ in range(int(np.prod(s)))]).reshape(s) for s in shapes
     ]
-    start, reference, before, drive = parameters
+    start, reference, wheels, drive = parameters
+    before = list(wheels)
     y = [start, *(np.array([m.Var(0.0) for _ in range(3)]) for _ in range(n))]
     e = [(y[k] - reference[k]) / setup.scale for k in range(n + 1)]
     cost = 0.0
     for k in range(n):
         v = [m.Var(0.0) for _ in range(3)]
-        after, before, limited = _rigid_period(setup, k, y[k], v, drive, before, m)
+        after, before, limited = _rigid_period(setup, k, y[k], v, list(drive), before, m)
         for value, reached in zip(y[k + 1], after, strict=True):
             m.Equation(value == reached)
         for value, most in limited:
