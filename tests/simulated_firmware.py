@@ -16,7 +16,7 @@ from twosra_mpc.execution.serial.port import SerialPort, open_serial_port
 from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, rigid_mode
 
 REPORT_PERIOD_S = 0.5
 LONGEST_WAIT_S = 5.0  # of real time, for bytes to come through the pseudo-terminal
@@ -43,14 +43,14 @@ class CountingPort(SerialPort):
 
 
 class SimulatedFirmware:
-    """Parses commands, heats two segments, reports temperatures; is also the stream's clock."""
+    """Parses commands, heats segments, reports temperatures; is also the stream's clock."""
 
     def __init__(
         self,
         plan: Plan,
         reports: Callable[[float, int, float], bytes] = lambda _t, j, T: b"%c%.2f\n" % (65 + j, T),
         broken_heaters: tuple[int, ...] = (),
-        numbers: int = 6,
+        numbers: int = 0,
     ) -> None:
         """Start it.
 
@@ -58,31 +58,31 @@ class SimulatedFirmware:
             plan: For the robot and its start.
             reports: Bytes to report at a time for a segment (0, 1) at a temperature [C].
             broken_heaters: Segments whose heaters are broken.
-            numbers: How many numbers a command has.
+            numbers: How many numbers a command has beyond wheels and heaters.
         """
         self._master, slave = os.openpty()
         self.port_name = os.ttyname(slave)
         serial_port = open_serial_port(self.port_name)
         self.port = CountingPort(serial_port._serial)
         os.close(slave)
-        self.reports, self._numbers = reports, numbers
+        self.reports, self._numbers = reports, 4 + plan.robot.coordinates.segments + numbers
         robot, problem = plan.robot, plan.problem
         self.segments = [
             HeatedSegment(
-                segment_model(robot, problem.ambient, 0),
-                temperature_sensor(robot, problem.ambient, 0),
-                stiffness_controller(robot, problem.ambient, 0),
+                segment_model(robot, problem.ambient, j),
+                temperature_sensor(robot, problem.ambient, j),
+                stiffness_controller(robot, problem.ambient, j),
                 problem.temperatures[j],
                 np.random.default_rng(j),
                 rigid_setpoint_C=robot.heater.rigid_setpoint_C,
                 broken_heater=j in broken_heaters,
             )
-            for j in (0, 1)
+            for j in range(robot.coordinates.segments)
         ]
         self._setpoints = (robot.heater.rigid_setpoint_C, robot.heater.soft_setpoint_C)
         self._now_s, self._next_report_s = 0.0, 0.0
         self._buffer, self._bytes = b"", 0
-        self.heated: Mode = (0, 0)
+        self.heated: Mode = rigid_mode(robot.coordinates.segments)
         self.received: list[Received] = []
         self.at: dict[float, Callable[[], None]] = {}
 
@@ -135,11 +135,12 @@ class SimulatedFirmware:
     def _understand(self, numbers: list[bytes]) -> None:
         assert numbers[0].startswith(b"s")
         numbers[0] = numbers[0][1:]
-        first, second, *tail = (int(number) for number in numbers[4:])
-        self.heated = (first, second)
-        soft = (int(self.segments[0].soft), int(self.segments[1].soft))
+        last = 4 + len(self.segments)
+        self.heated = tuple(int(number) for number in numbers[4:last])
+        tail = tuple(int(number) for number in numbers[last:])
+        soft = tuple(int(segment.soft) for segment in self.segments)
         wheels = tuple(float(number) for number in numbers[:4])
-        self.received.append(Received(self._now_s, wheels, self.heated, tuple(tail), soft))
+        self.received.append(Received(self._now_s, wheels, self.heated, tail, soft))
 
     def _report(self) -> None:
         for j, segment in enumerate(self.segments):

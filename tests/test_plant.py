@@ -18,6 +18,7 @@ from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import NO_DRIFT, Drift, rolling
 from twosra_mpc.plotting import robot_shape
+from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.thermal.lumped import Lumped
@@ -76,7 +77,6 @@ def test_wheels_that_agree_move_the_robot_as_the_model_says(
 def test_a_plan_replayed_by_its_wheels_ends_where_it_should(planned: object) -> None:
     made: Plan = planned("paper-1", robot=ARC)  # type: ignore[operator]
     samples, robot = made.samples, made.robot
-    assert samples is not None
     flow, q, pieces = interval_flow(robot, 8), samples.q[0], 8
     for i in np.flatnonzero(samples.v[:-1].any(axis=1)):
         mode = tuple(samples.mode[i].tolist())
@@ -253,21 +253,22 @@ def test_an_undisturbed_camera_tells_the_truth_at_once() -> None:
 
 
 def test_frames_are_late_noisy_and_rounded() -> None:
-    camera = Camera(noise=(1e-3, 1e-3, 0.02, 1.0, 1.0), step=(1e-3, 1e-3, 0.02, 1.0, 1.0))
+    camera = Camera(noise=(1e-3, 0.02, 1.0), step=(1e-3, 0.02, 1.0))
     robot = SimulatedRobot(problem(), "arc", Disturbance(camera=camera, delay_frames=(2, 2)), 5)
     assert not len(robot.read().frames)
     robot.wait(400.0)
     reading = robot.read()
     assert reading.time_s - reading.taken_s[-1] == pytest.approx(2 / 15)
     assert np.diff(reading.taken_s) == pytest.approx(1 / 15)
-    steps = reading.frames / np.array(camera.step)
+    two = Coordinates(2)
+    steps = reading.frames / two.each(*camera.step)
     assert steps == pytest.approx(np.round(steps), abs=1e-6)
     count = len(reading.frames)
     assert count == 400 * 15 + 1 - 2
     spread = reading.frames.std(axis=0)
-    assert spread == pytest.approx(np.sqrt(camera.variance), rel=0.05)
+    assert spread == pytest.approx(np.sqrt(camera.variance(two)), rel=0.05)
     mean = reading.frames.mean(axis=0) - robot.q
-    assert (np.abs(mean) < 4 * np.sqrt(camera.variance / count)).all()
+    assert (np.abs(mean) < 4 * np.sqrt(camera.variance(two) / count)).all()
 
 
 # --- drawing -------------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,12 +19,12 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-from twosra_mpc import Goal, Plan, Status, load_plan, load_problem
+from twosra_mpc import Goal, Plan, Result, Status, load_plan, load_problem
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import film, page, write_report
 
-Planned = Callable[..., Plan]
+Solved = Callable[..., Result]
 HOSTILE = (
     "</script><script>document.title='run'</script><img src=x onerror=\"document.title='run'\">"
 )
@@ -61,11 +60,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def paper(planned: Planned, folder: Path) -> Plan:
+def paper(solved: Solved, folder: Path) -> Plan:
     """The plan of paper-1; its report is written as paper.html."""
-    found = planned("paper-1")
+    found = solved("paper-1")
     write_report(found, folder / "paper.html")
-    return found
+    return found.require()
 
 
 @pytest.fixture
@@ -126,7 +125,6 @@ def test_the_page_renders_without_a_complaint(report: Chrome, paper: Plan) -> No
     assert (
         report.execute_script(style, one(report, "#cursor")) == "absolute"
     )  # the style is allowed
-    assert paper.samples is not None
     rows = report.find_elements(By.CSS_SELECTOR, "#rows tbody tr")
     assert len(rows) == len(paper.samples)
 
@@ -321,16 +319,15 @@ def test_hostile_names_stay_text(
 
 def test_pages_without_motion_work_too(
     browser: Chrome,
-    planned: Planned,
+    solved: Solved,
     paper: Plan,
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
     start = paper.problem.start
-    rest = planned("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
-    nothing: dict[str, Any] = {"samples": None, "cost": None, "verification": None}
-    none = replace(paper, status=Status.FAILED, phases=(), transitions=(), **nothing)
+    rest = solved("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
+    none = replace(rest, status=Status.FAILED, plan=None)
     for name, made in (("rest.html", rest), ("none.html", none)):
         write_report(made, folder / name)
         opened(browser, folder / name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import select
@@ -15,22 +16,24 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from conftest import Planned, Run
+from conftest import Planned, Run, Solved
 
+from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.serial import port as port_module
 from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_report, stop_command
-from twosra_mpc.execution.serial.plan_stream import STOPS, StreamError
 from twosra_mpc.execution.serial.port import PortError, SerialPort
+from twosra_mpc.execution.serial.robot import STOPS
+from twosra_mpc.execution.serial.stream import StreamError, stream
 from twosra_mpc.installation import install_command
 
-STOP = stop_command()
+STOP = stop_command(2)
 
 
 @pytest.fixture(scope="module")
-def saved(planned: Planned, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def saved(solved: Solved, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan file."""
     path = tmp_path_factory.mktemp("stream") / "plan.json"
-    planned("paper-2").save(path)
+    solved("paper-2").save(path)
     return path
 
 
@@ -65,6 +68,8 @@ def test_a_command_is_written_as_the_firmware_reads_it() -> None:
     )
     assert command((0.0, 0.0, 0.0, 0.0), (0, 1), 7) == b"s0.000\n0.000\n0.000\n0.000\n0\n1\n7\n"
     assert STOP == b"s0.000\n0.000\n0.000\n0.000\n0\n0\n"
+    assert command((1.0, 0.0, 0.0, 0.0), (0, 1, 1), 7).endswith(b"0.000\n0\n1\n1\n7\n")
+    assert stop_command(4).count(b"\n") == 8
 
 
 @pytest.mark.parametrize(
@@ -84,7 +89,13 @@ def test_a_command_is_written_as_the_firmware_reads_it() -> None:
     ],
 )
 def test_reports_are_read_and_other_lines_are_not(line: bytes, report: Report | None) -> None:
-    assert parse_report(line) == report
+    assert parse_report(line, 2) == report
+
+
+def test_as_many_segments_report_as_there_are() -> None:
+    heard = [[parse_report(line, n) for line in (b"A20", b"B30", b"C40", b"D50")] for n in (1, 4)]
+    assert heard[0] == [Report(0, 20.0), None, None, None]
+    assert heard[1] == [Report(j, 20.0 + 10 * j) for j in range(4)]
 
 
 def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
@@ -110,7 +121,6 @@ def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
 
 def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path, planned: Planned) -> None:
     plan = planned("paper-2")
-    assert plan.samples is not None
     outcome = run("stream", saved, "--dry-run", "--rate", "20")
     assert (outcome.code, outcome.err) == (0, "")
     words = outcome.out.split()
@@ -159,7 +169,8 @@ def test_a_missing_answer_is_told_with_the_exit_code(
     terminal: Terminal,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("twosra_mpc.execution.serial.plan_stream.LISTEN_S", 0.2)
+    hasty = functools.partial(stream, patience=Patience(listen_s=0.2))
+    monkeypatch.setattr("twosra_mpc.cli.stream.stream", hasty)
     outcome = run("stream", saved, "--port", terminal.name, "--confirm", "required")
     os.close(terminal.ours)
     assert (outcome.code, outcome.out) == (4, "")
@@ -191,15 +202,17 @@ def test_bad_input_is_refused(
 
 def test_a_plan_that_keeps_a_segment_warm_is_refused(
     run: Run,
-    planned: Planned,
+    solved: Solved,
     tmp_path: Path,
 ) -> None:
     from dataclasses import replace
 
-    plan = planned("rigid-move")
-    assert plan.samples is not None
+    result = solved("rigid-move")
+    plan = result.require()
     warm = np.full_like(plan.samples.heater_setpoint_C, 45.0)
-    replace(plan, samples=replace(plan.samples, heater_setpoint_C=warm)).save(tmp_path / "p.json")
+    samples = replace(plan.samples, heater_setpoint_C=warm)
+    kept = replace(plan, trajectory=replace(plan.trajectory, samples=samples))
+    replace(result, plan=kept).save(tmp_path / "p.json")
     outcome = run("stream", tmp_path / "p.json", "--dry-run")
     assert outcome.code == 2
     assert "the firmware can heat a segment or not, but not keep it warm" in outcome.err
@@ -207,15 +220,15 @@ def test_a_plan_that_keeps_a_segment_warm_is_refused(
 
 def test_a_plan_that_was_not_found_is_refused(
     run: Run,
-    planned: Planned,
+    solved: Solved,
     tmp_path: Path,
 ) -> None:
     from dataclasses import replace
 
     from twosra_mpc import Status
 
-    plan = replace(planned("rigid-move"), status=Status.FAILED)
-    plan.save(tmp_path / "p.json")
+    failed = replace(solved("rigid-move"), status=Status.FAILED)
+    failed.save(tmp_path / "p.json")
     outcome = run("stream", tmp_path / "p.json", "--dry-run")
     assert (outcome.code, outcome.out) == (4, "")
     assert "no verified plan (failed)" in outcome.err

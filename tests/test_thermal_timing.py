@@ -55,7 +55,7 @@ def test_the_window_of_a_first_freeze_is_not_undercut_while_the_segment_cools_do
     hot = problem.temperatures[problem.start_mode.index(1)] if any(problem.start_mode) else 66.0
     metal = model.plans[0].model
     cooling = metal.time_until(metal.initial(hot), 0.0, metal.liquid_level)
-    assert history(problem, sequence, [share * cooling] * 27).violated() == []
+    assert history(problem, sequence, [share * cooling] * 34).violated() == []
 
 
 @settings(max_examples=120)

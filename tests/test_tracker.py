@@ -28,7 +28,7 @@ from twosra_mpc import (
     with_path_model,
 )
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.outputs import OUTPUTS
+from twosra_mpc.execution.tracking.outputs import outputs_of
 from twosra_mpc.execution.tracking.reference import PhaseReference
 from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.setup import Setup
@@ -36,7 +36,16 @@ from twosra_mpc.execution.tracking.solver import QuadraticProgram
 from twosra_mpc.execution.tracking.tracker import Command, CommandStatus, Measurement, Tracker
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.modes import (
+    MODES,
+    RIGID,
+    SOFT_1,
+    SOFT_2,
+    SOFT_BOTH,
+    Mode,
+    all_modes,
+    soft_segments,
+)
 
 Array = NDArray[np.float64]
 
@@ -52,7 +61,6 @@ OUT_OF_BOUNDS = 1e-9  # rounding
 
 def configuration(of: Plan, time_s: float) -> Array:
     """Configuration of the plan at one of its sample times."""
-    assert of.samples is not None
     at = int(np.searchsorted(of.samples.t_s, time_s - 1e-6))
     q: Array = of.samples.q[at].copy()
     return q
@@ -136,7 +144,7 @@ def test_residuals_are_within_the_tolerance(planned: Planned, mode: Mode) -> Non
 @pytest.mark.parametrize("mode", MODES)
 def test_the_tolerance_bounds_the_error_of_the_first_speeds(planned: Planned, mode: Mode) -> None:
     tracker, program = stepped(planned, mode)
-    rows = slice(0, OUTPUTS[mode].count)  # the first limits of the first stage
+    rows = slice(0, outputs_of(mode).count)  # the first limits of the first stage
     error = program.constraints @ (program.x - dense_solution(program))
     assert np.abs(error[rows]).max() < 10 * tracker.solver.tolerance
 
@@ -250,6 +258,20 @@ def test_every_phase_ends_where_the_plan_does(planned: Planned, scenario: str) -
         np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
 
 
+@pytest.mark.parametrize("segments", [1, 2, 3, 4])
+def test_a_mode_has_as_many_outputs_as_inputs_whatever_the_number_of_segments(
+    segments: int,
+) -> None:
+    for mode in all_modes(segments):
+        outputs = outputs_of(mode)
+        assert outputs.selection.shape == (outputs.count, 3 + segments)
+        assert outputs.selection.sum(axis=1) == pytest.approx(1.0)  # coordinates, or a mean
+        bending = np.flatnonzero(outputs.selection[-1, 3:])
+        assert tuple(bending) == soft_segments(mode)
+        assert outputs.selection[outputs.heading, 2] == 1.0
+        assert np.linalg.matrix_rank(outputs.selection) == outputs.count
+
+
 def test_each_mode_is_among_the_phases_above(planned: Planned) -> None:
     scenarios = ("paper-1", "paper-2", "paper-4")
     assert {phase.mode for name in scenarios for phase in planned(name).phases} == set(MODES)
@@ -326,9 +348,8 @@ def test_the_reference_is_the_path_of_the_plan(planned: Planned, mode: Mode) -> 
     scenario, index = PHASES[mode]
     of = planned(scenario)
     phase, samples, period_s, horizon = of.phases[index], of.samples, 1 / 15, 4
-    assert samples is not None
-    selection = OUTPUTS[mode].selection
-    path = PhaseReference(of.robot, samples, phase, selection, horizon, period_s)
+    selection = outputs_of(mode).selection
+    path = PhaseReference(of.trajectory, phase, selection, horizon, period_s)
     flow = interval_flow(of.robot, 16)
     found = np.zeros((horizon + 1, len(selection)))
     tolerance = selection @ np.array([1e-5, 1e-5, 1e-4, 5e-3, 5e-3])
@@ -393,7 +414,7 @@ def test_wheels_turn_as_the_input_asks(planned: Planned) -> None:
 def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: int) -> None:
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(side * 60.0, side * 10.0))
     goal = Goal(kappa_per_m=(side * 78.5, side * 10.0))
-    of = plan(Problem(robot=ROBOT, start=start, goal=goal))
+    of = plan(Problem(robot=ROBOT, start=start, goal=goal)).require()
     index, phase, limit = len(of.phases) - 1, of.phases[-1], of.robot.limits.curvature_per_m
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -434,7 +455,7 @@ def test_a_curvature_out_of_all_bounds_is_still_bent_back(
     tracker = Tracker(of.robot)
     tracker.reset(of)
     q = configuration(of, of.phases[phase].end_s)
-    moving = list(OUTPUTS[mode].bending)
+    moving = list(outputs_of(mode).bending)
     q[moving] = kappa
     command = tracker.step(Measurement(300.0, phase, q))
     assert command.status is CommandStatus.SOLVED
@@ -471,7 +492,6 @@ def test_ten_thousand_steps_whatever_is_measured(planned: Planned) -> None:
     of = planned("paper-1")
     tracker = Tracker(of.robot, limits=TrackerLimits(dead_zone_rad_s=0.2))
     tracker.reset(of)
-    assert of.samples is not None
     rng = np.random.default_rng(3)
     phases = [None, *range(len(of.phases))]
     statuses = set()
@@ -543,14 +563,12 @@ def test_what_does_not_fit_together_is_refused_by_name(planned: Planned) -> None
         tracker.step(measurement)
     with pytest.raises(InputError, match=r"plan\.robot"):
         Tracker(with_path_model(of.robot, "log_spiral_corrected")).reset(of)
-    with pytest.raises(InputError, match=r"plan\.samples"):
-        tracker.reset(dataclasses.replace(of, samples=None))
-    assert of.samples is not None
     spoilt = of.samples.q.copy()
     spoilt[3, 1] = np.nan
     samples = dataclasses.replace(of.samples, q=spoilt)
+    spoilt_one = dataclasses.replace(of.trajectory, samples=samples)
     with pytest.raises(InputError, match=r"plan\.samples\.q"):
-        tracker.reset(dataclasses.replace(of, samples=samples))
+        tracker.reset(dataclasses.replace(of, trajectory=spoilt_one))
     tracker.reset(of)
     for phase in (-1, len(of.phases)):
         with pytest.raises(InputError, match=r"measurement\.phase"):
@@ -611,7 +629,6 @@ def test_heaters_follow_the_plan(planned: Planned) -> None:
     tracker = Tracker(of.robot)
     tracker.reset(of)
     samples = of.samples
-    assert samples is not None
     for time_s in (-1.0, 0.0, 30.0, *samples.t_s, 1e6):
         at = max(int(np.searchsorted(samples.t_s, time_s, side="right")) - 1, 0)
         command = tracker.step(Measurement(time_s, None, np.zeros(5)))
@@ -699,7 +716,7 @@ def test_a_phase_begins_without_memory_of_another_run(planned: Planned) -> None:
 @pytest.mark.parametrize("model", ["log_spiral_corrected", "arc", "cardioid"])
 def test_other_path_models_are_tracked_too(model: str) -> None:
     robot = with_path_model(ROBOT, model)
-    of = plan(load_problem("paper-2", robot=robot))
+    of = plan(load_problem("paper-2", robot=robot)).require()
     tracker = Tracker(robot, horizon=6)
     tracker.reset(of)
     q = of.problem.start.configuration.copy()

@@ -145,16 +145,6 @@ def test_the_holding_current_stops_the_core(model: TwoNode, state: tuple[float, 
     assert model.energy_J(state, current_A, 7.0) == pytest.approx(7.0 * steady_W, abs=1e-9)
 
 
-@given(MODELS, st.floats(62.0, 85.0))
-def test_the_least_power_while_liquid_is_a_lower_bound(model: TwoNode, hottest_C: float) -> None:
-    """However long the core has been held at its hottest, holding it liquid takes more."""
-    least = model.least_power_while_liquid_W(hottest_C)
-    for held_s in (0.0, 60.0, 600.0, 1e5):
-        _, body = model.hold((hottest_C, model.ambient_C), held_s)
-        needed = model.power_W(model.holding_current_A((62.0, body)), 62.0)
-        assert least <= needed + 1e-9
-
-
 # --- times to thresholds -------------------------------------------------------------------------
 
 

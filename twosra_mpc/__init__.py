@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from twosra_mpc.identification.thermal import ThermalFit, identify
     from twosra_mpc.model.outline import RobotShape, robot_shape
     from twosra_mpc.planning.planner import Progress, plan
-    from twosra_mpc.plans.plan import Plan, Status, load_plan
+    from twosra_mpc.plans.document import load_plan
+    from twosra_mpc.plans.plan import Plan, Status
+    from twosra_mpc.plans.result import Result
     from twosra_mpc.plans.setpoints import save_setpoints
     from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
     from twosra_mpc.problem.problem import (
@@ -50,6 +52,7 @@ _MODULES = {
     "PlanCheck": "checking.plan_file",
     "Problem": "problem.problem",
     "Progress": "planning.planner",
+    "Result": "plans.result",
     "Robot": "robot.description",
     "RobotShape": "model.outline",
     "Start": "problem.problem",
@@ -63,7 +66,7 @@ _MODULES = {
     "explain": "analysis.explanation",
     "identify": "identification.thermal",
     "json_schema": "schema",
-    "load_plan": "plans.plan",
+    "load_plan": "plans.document",
     "load_problem": "problem.problem",
     "load_robot": "robot.description",
     "plan": "planning.planner",
@@ -88,6 +91,7 @@ __all__ = [
     "PlanCheck",
     "Problem",
     "Progress",
+    "Result",
     "Robot",
     "RobotShape",
     "Start",

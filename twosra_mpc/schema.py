@@ -13,7 +13,9 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from twosra_mpc.plans.plan import Cost, PhaseDocument, PlanDocument, Stats
+from twosra_mpc.plans.document import PhaseDocument, PlanDocument
+from twosra_mpc.plans.plan import Cost
+from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot

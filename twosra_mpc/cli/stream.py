@@ -10,29 +10,29 @@ import click
 from twosra_mpc.cli.options import output_options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.errors import InputError
+from twosra_mpc.execution.patience import Patience
+from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
-from twosra_mpc.execution.serial.plan_stream import (
-    LISTEN_S,
-    RATE_HZ,
+from twosra_mpc.execution.serial.port import Port, open_serial_port
+from twosra_mpc.execution.serial.robot import RATE_HZ, check_command_rate
+from twosra_mpc.execution.serial.stream import (
     Confirm,
-    Drive,
     StreamError,
     StreamState,
-    check_command_rate,
     check_sendable,
     stream,
 )
-from twosra_mpc.execution.serial.port import Port, open_serial_port
 from twosra_mpc.installation import install_command
-from twosra_mpc.plans.plan import Plan, load_plan
+from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
 _HELP = f"""Send PLAN to a robot over a serial line, and switch the robot off at the end.
 
 Wheel speeds [rad/s] and heater states go out in the line format of the authors' firmware at 115200
-baud. If the robot reports temperatures (lines A58.2 and B24.9: readings of segments 1 and 2 in C),
-a phase begins when they confirm that the segments are soft and rigid as it needs. If nothing is
-reported within {LISTEN_S:g} s, phases begin at the plan's times.
+baud. If the robot reports temperatures (lines A58.2, B24.9 and so on: readings of segments 1 and 2
+in C), a phase begins when they confirm that the segments are soft and rigid as it needs. If nothing
+is reported within {Patience().listen_s:g} s, phases begin at the plan's times.
 
 Ctrl-C, SIGTERM, a closed terminal and every error stop the wheels and switch the heaters off. Keep
 a hand at the switch all the same: the robot goes on with its last command if the line breaks.
@@ -86,7 +86,7 @@ def stream_command(
         given = "both" if dry_run else "neither"
         raise InputError("port or dry-run", given, "a --port, or --dry-run without one")
     check_command_rate(rate_Hz)
-    loaded = load_plan(plan)
+    loaded = load_plan(plan).require()
     check_sendable(loaded)
     if port is None:
         _show(loaded, rate_Hz, robot_id, output)

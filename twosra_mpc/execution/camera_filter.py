@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.execution.robot_interface import Camera
+from twosra_mpc.robot.coordinates import POSE, Coordinates
 
 Array = NDArray[np.float64]
 
@@ -35,42 +36,44 @@ class CameraFilter:
     """Belief about the configuration, from commands and frames.
 
     Attributes:
-        q: Configuration [m, m, rad, 1/m, 1/m], (5,).
-        variance: Of each coordinate, (5,).
+        q: Configuration [m, m, rad, 1/m ...], (3 + n,).
+        variance: Of each coordinate, (3 + n,).
     """
 
     def __init__(self, camera: Camera, q: Array, time_s: float) -> None:
         """Start where the robot is known to be, to about a frame's accuracy."""
-        self._frame = camera.variance + _NO_NOISE
+        self._coordinates = Coordinates(len(q) - POSE)
+        self._frame = camera.variance(self._coordinates) + _NO_NOISE
         self.q, self.variance = q.astype(float).copy(), self._frame.copy()
-        self._time_s, self._moved = time_s, np.zeros(5)
+        self._time_s, self._moved = time_s, np.zeros(len(q))
         self._past: deque[tuple[float, Array]] = deque([(time_s, self._moved)])
         self.forget_response()
 
     @property
     def deviation(self) -> Array:
-        """Standard deviation of each coordinate, (5,)."""
+        """Standard deviation of each coordinate, (3 + n,)."""
         root: Array = np.sqrt(self.variance)
         return root
 
     def forget_response(self) -> None:
         """Another mode begins: nothing is known of its response."""
-        self._response, self._shared = np.ones(5), np.zeros(5)
-        self._doubt = np.full(5, RESPONSE_DOUBT**2)
+        size = self._coordinates.size
+        self._response, self._shared = np.ones(size), np.zeros(size)
+        self._doubt = np.full(size, RESPONSE_DOUBT**2)
 
-    def predict(self, time_s: float, moved: Array, length_m: float) -> None:
+    def predict(self, time_s: float, moved: Array, lengths_m: tuple[float, ...]) -> None:
         """Take in that time has passed.
 
         Args:
             time_s: Now.
             moved: How the model says q has changed since, (5,).
-            length_m: Of a segment.
+            lengths_m: Of the segments.
         """
         self.variance = self.variance + CREEP**2 * (time_s - self._time_s) * self._frame
         if moved.any():
-            bent = length_m * float(np.abs(moved[3:]).sum())
+            bent = float(np.abs(moved[POSE:]) @ lengths_m)
             travel = math.hypot(moved[0], moved[1]) + ARM_M * (abs(float(moved[2])) + bent)
-            drift = DRIFT * np.array([travel, travel, travel / ARM_M, 0.0, 0.0])
+            drift = DRIFT * self._coordinates.each(travel, travel / ARM_M, 0.0)
             self.q = self.q + self._response * moved
             self.variance += moved * (2 * self._shared + moved * self._doubt) + drift**2
             self._shared = self._shared + moved * self._doubt
@@ -82,7 +85,7 @@ class CameraFilter:
             self._past.popleft()
 
     def correct(self, taken_s: Array, frames: Array) -> None:
-        """Take in frames (n, 5) that were taken at these times (n,)."""
+        """Take in frames (k, 3 + n) that were taken at these times (k,)."""
         if not len(frames):
             return
         times = [time for time, _ in self._past]
@@ -95,7 +98,7 @@ class CameraFilter:
             turn = frames[~late, 2] - self.q[2]
             mean = frames[~late].mean(axis=0)
             mean[2] = self.q[2] + (np.remainder(turn + math.pi, math.tau) - math.pi).mean()
-            self._take(mean, np.zeros(5), self._frame / np.count_nonzero(~late))
+            self._take(mean, np.zeros(len(mean)), self._frame / np.count_nonzero(~late))
 
     def _take(self, frame: Array, moved: Array, variance: Array) -> None:
         """Correct by one frame, or the mean of several, since which the model has ``moved``."""

@@ -9,17 +9,13 @@ from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.execution.follower import (
-    CERTAIN,
-    LOOK_S,
-    WAIT_S,
-    Departure,
-    PlanFollower,
-)
+from twosra_mpc.execution.camera_feedback import ByCamera
+from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, times
+from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.tracking.tracker import Tracker
 from twosra_mpc.planning.planner import plan as find_plan
@@ -28,9 +24,6 @@ from twosra_mpc.robot.modes import sequence_name
 
 Array = NDArray[np.float64]
 
-_LONGEST_CHANGE_S = 1500.0  # for a segment that is waited for before planning again
-_PAUSE_S = 30.0  # for metal that is reported soft and does not bend
-
 
 @dataclass(frozen=True)
 class ExecutorSettings:
@@ -38,6 +31,7 @@ class ExecutorSettings:
 
     Attributes:
         accuracy: How near to the goal is near enough.
+        patience: How long it waits, and how near to a plan it wants the robot.
         replans: How often the remaining problem is planned again at most.
         corrections: How often in a row the pose is corrected at most.
         longest_s: Longest run.
@@ -45,6 +39,7 @@ class ExecutorSettings:
     """
 
     accuracy: Accuracy = field(default_factory=Accuracy)
+    patience: Patience = field(default_factory=Patience)
     replans: int = 8
     corrections: int = 6
     longest_s: float = 7200.0
@@ -52,7 +47,7 @@ class ExecutorSettings:
 
 
 class Executor:
-    """Runs plans on a robot: by events, with feedback, planning again where it must."""
+    """Runs plans on a robot: by events, with a camera, planning again where it must."""
 
     def __init__(self, robot: RobotInterface, settings: ExecutorSettings | None = None) -> None:
         """Make ready to drive a robot."""
@@ -64,15 +59,15 @@ class Executor:
 
         Raises:
             InputError: If the plan is for another robot.
-            NoPlanError: If there is no plan in it.
+            RobotError: If the robot cannot be driven any more.
         """
         if plan.robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
-        return _Journey(self.robot, self._tracker, self.settings, plan.require()).run()
+        return _Execution(self.robot, self._tracker, self.settings, plan).run()
 
 
-class _Journey:
+class _Execution:
     """One run of the executor."""
 
     def __init__(
@@ -100,35 +95,35 @@ class _Journey:
                     begun=tuple(self.begun),
                 )
 
-    def _follow(self, plan: Plan) -> Departure | None:
+    def _follow(self, plan: Plan) -> Abort | None:
         settings = self.settings
-        follower = PlanFollower(
-            self.session,
-            self.tracker,
-            plan,
-            settings.accuracy,
-            Pulses(settings.dead_zone_rad_s),
-            settings.longest_s,
-        )
-        left = follower.follow()
-        self.begun[-1] = follower.begun
+        pulses = Pulses(settings.dead_zone_rad_s)
+        by_camera = ByCamera(plan, self.tracker, settings.accuracy, pulses)
+        runner = PlanRunner(self.session, plan, by_camera, settings.patience, settings.longest_s)
+        left = runner.follow()
+        self.begun[-1] = runner.schedule.begun(runner.progress)
         return left
 
     def _arrived(self) -> tuple[Ending, str] | None:
         """Look where the robot has come to at the end of a plan."""
-        session, accuracy = self.session, self.settings.accuracy
-        session.average(session.setpoint_C, CERTAIN * accuracy.scale, LOOK_S)
+        session, accuracy, patience = self.session, self.settings.accuracy, self.settings.patience
+        scale = patience.certain * accuracy.scale(self.problem.robot.coordinates)
+        session.average(session.setpoint_C, scale, patience.look_s)
+        if session.unseen_s > patience.unseen_s:
+            return Ending.CAMERA_LOST, f"no camera frame for {patience.unseen_s:g} s and more"
         where = accuracy.describe(session.error)
         if accuracy.surely(session.error):
             return Ending.REACHED, f"the goal is reached: {where}"
         session.tell("look", f"the plan is at its end, {where}")
         return None
 
-    def _left(self, left: Departure) -> tuple[Ending, str] | None:
-        """What a departure means: an ending, or that the rest is to be planned again."""
+    def _left(self, left: Abort) -> tuple[Ending, str] | None:
+        """What an abort means: an ending, or that the rest is to be planned again."""
         match left.kind:
             case "time":
                 return Ending.TIME_LIMIT, left.text
+            case "camera":
+                return Ending.CAMERA_LOST, left.text
             case "heater" if left.to == "rigid":
                 return Ending.HEATER_FAILED, f"{left.text}; it cannot be cooled"
             case "heater":
@@ -137,21 +132,21 @@ class _Journey:
             case "corridor":
                 self.session.tell("look", left.text)
                 if left.stiff:
-                    self._give_time()
+                    self._melt_on()
         return None
 
-    def _give_time(self) -> None:
+    def _melt_on(self) -> None:
         """Hold the soft segments for a while, so that the last of their metal melts."""
-        end_s = self.session.now_s + _PAUSE_S
+        end_s = self.session.now_s + self.settings.patience.melt_on_s
         while self.session.now_s < end_s:
-            self.session.rest(self._as_they_become(), WAIT_S)
+            self.session.rest(self._as_they_become(), self.settings.patience.rest_s)
 
     def _plan_again(self) -> tuple[Ending, str] | None:
         """Plan the rest from where the robot is, once nothing is changing any more."""
-        stuck = self._settle()
-        if stuck is not None:
-            return stuck
         session, settings = self.session, self.settings
+        session.rest(self._as_they_become(), session.period_s)  # no wheel turns meanwhile
+        if (stuck := self._wait_for_metal()) is not None:
+            return stuck
         mode = session.mode
         assert mode is not None
         try:
@@ -163,17 +158,17 @@ class _Journey:
                 settings.accuracy,
                 self.broken,
             )
-            plan = find_plan(problem)
+            result = find_plan(problem)
         except InputError as error:
             return self._no_plan(str(error))
-        if not plan.found:
-            return self._no_plan(plan.message)
-        return self._adopt(plan)
+        if result.plan is None:
+            return self._no_plan(result.message)
+        return self._adopt(result.plan)
 
     def _adopt(self, plan: Plan) -> tuple[Ending, str] | None:
         """Go on with another plan, unless that has been done too often."""
         settings, where = self.settings, self.settings.accuracy.describe(self.session.error)
-        if plan.cost is not None and plan.cost.transitions:
+        if plan.cost.transitions:
             if self.replans == settings.replans:
                 return Ending.GAVE_UP, f"{where} after planning again {times(self.replans)}"
             self.replans, self.corrections = self.replans + 1, 0
@@ -195,18 +190,18 @@ class _Journey:
             return Ending.HEATER_FAILED, f"{where}; without heater {names}: {known}"
         return Ending.NO_PLAN, f"{where}; the rest cannot be planned: {why}"
 
-    def _settle(self) -> tuple[Ending, str] | None:
+    def _wait_for_metal(self) -> tuple[Ending, str] | None:
         """Wait until no segment is changing; each goes on to what it was becoming."""
-        session = self.session
+        session, settings = self.session, self.settings
         while session.mode is None or any(session.mode[segment] for segment in self.broken):
-            slow = max(session.asked_for_s(segment) for segment in (0, 1))
-            if slow > _LONGEST_CHANGE_S or session.now_s > self.settings.longest_s:
+            slow = max(map(session.asked_for_s, range(len(session.setpoint_C))))
+            if slow > settings.patience.longest_change_s or session.now_s > settings.longest_s:
                 return Ending.HEATER_FAILED, f"a segment has been changing for {slow:.0f} s"
-            session.rest(self._as_they_become(), WAIT_S)
+            session.rest(self._as_they_become(), settings.patience.rest_s)
         return None
 
     def _as_they_become(self) -> Array:
-        """Set-points that let every segment become, or stay, what it is becoming, (2,)."""
+        """Set-points that let every segment become, or stay, what it is becoming, (n,)."""
         heater = self.problem.robot.heater
         becoming = []
         for segment, now in enumerate(self.session.reading.stiffness):

@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.executor import ExecutorSettings
-from twosra_mpc.execution.follower import CERTAIN, LATE, LOOK_S, WAIT_S
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run
@@ -40,7 +40,13 @@ class GreedyExecutor:
         self.robot, self.settings = robot, settings or ExecutorSettings()
 
     def run(self, problem: Problem) -> Run:
-        """Drive to the goal; the robot must be where the problem starts."""
+        """Drive to the goal; the robot must be where the problem starts.
+
+        Raises:
+            InputError: If the robot has more or fewer segments than the rule knows.
+        """
+        if problem.robot.coordinates.segments != 2:
+            raise InputError("executor", "greedy", "optimal: the greedy rule knows two segments")
         session = Session(self.robot, problem)
         ending, reason = _GreedyRun(session, self.settings).run()
         return session.finish("greedy", self.settings.accuracy, ending, reason)
@@ -52,6 +58,7 @@ class _GreedyRun:
     def __init__(self, session: Session, settings: ExecutorSettings) -> None:
         self.session, self.settings, self.problem = session, settings, session.problem
         self.accuracy: Accuracy = settings.accuracy
+        self.scale = self.accuracy.scale(self.problem.robot.coordinates)
         self.pulses = Pulses(settings.dead_zone_rad_s)
         self.modes = list(self.problem.modes)
         self.broken: list[int] = []
@@ -71,7 +78,10 @@ class _GreedyRun:
         """Choose modes and drive in them until there is an ending."""
         session, settings = self.session, self.settings
         while session.now_s < settings.longest_s:
-            session.average(session.setpoint_C, CERTAIN * self.accuracy.scale, LOOK_S)
+            certain, look_s = settings.patience.certain, settings.patience.look_s
+            session.average(session.setpoint_C, certain * self.scale, look_s)
+            if session.unseen_s > settings.patience.unseen_s:
+                return Ending.CAMERA_LOST, "nothing sees the robot"
             where = self.accuracy.describe(session.error)
             if self.accuracy.surely(session.error) and self._ended():
                 return Ending.REACHED, f"the goal is reached: {where}"
@@ -131,22 +141,23 @@ class _GreedyRun:
     def _error(self, share: float) -> Array:
         """Error that counts, (5,): what is beyond this share of the accuracy."""
         error = self.session.error
-        counted = np.maximum(np.abs(error) - share * self.accuracy.scale, 0.0)
+        counted = np.maximum(np.abs(error) - share * self.scale, 0.0)
         signed: Array = np.sign(error) * counted
         return signed
 
     def _stagnated(self, moved: Array) -> bool:
-        return bool(np.abs(moved / self.accuracy.scale).max() < STAGNATED)
+        return bool(np.abs(moved / self.scale).max() < STAGNATED)
 
     def _changed_to(self, mode: Mode) -> bool:
         """Wait for a mode; False if a heater fails meanwhile, or time is up."""
         session, heater = self.session, self.problem.robot.heater
         setpoint_C = np.where(mode, heater.soft_setpoint_C, heater.rigid_setpoint_C)
         while session.mode != mode and session.now_s < self.settings.longest_s:
-            session.rest(setpoint_C, WAIT_S)
+            session.rest(setpoint_C, self.settings.patience.rest_s)
             for segment in (0, 1):
                 to = "soft" if mode[segment] else "rigid"
-                late = session.asked_for_s(segment) > LATE * self.expected_s[to]
+                latest_s = self.settings.patience.late * self.expected_s[to]
+                late = session.asked_for_s(segment) > latest_s
                 if session.reading.stiffness[segment] != to and (
                     late or session.reading.faulty[segment]
                 ):

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import stiffness_rule
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]
 
-_SAME_TIME_S = 1e-6
 _WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
 
 
@@ -57,13 +57,16 @@ class HeaterSchedule:
     warm_C: float
 
     def setpoints(self, now: Progress) -> Array:
-        """Set-points of the segments [C], (2,)."""
-        values = [self._setpoint(segment, now) for segment in (0, 1)]
+        """Set-points of the segments [C], (n,)."""
+        planned = self.plan.trajectory.heater_setpoint_C([now.clock_s])[0].tolist()
+        values = [self._setpoint(j, now, setpoint_C) for j, setpoint_C in enumerate(planned)]
         heater = self.plan.robot.heater
-        if self.plan.problem.heaters_at_once == 1 and heater.soft_setpoint_C in values:
-            values = [
-                heater.rigid_setpoint_C if value == self.warm_C else value for value in values
-            ]
+        heated = values.count(heater.soft_setpoint_C)
+        for j, value in enumerate(values):
+            if value == self.warm_C:  # as many as may be heated besides those that melt
+                heated += 1
+                if heated > self.plan.problem.heaters_at_once:
+                    values[j] = heater.rigid_setpoint_C
         return np.array(values)
 
     def begun(self, now: Progress) -> int:
@@ -71,7 +74,7 @@ class HeaterSchedule:
         return sum(self._commanded(item, now) for item in self._gated(None))
 
     def expected_s(self, segment: int, to: str) -> float:
-        """Longest time the plan gives a segment (0 or 1) for such a transition [s]; 0: none."""
+        """Longest time the plan gives a segment (from 0) for such a transition [s]; 0: none."""
         times = (
             item.transition.done_s - item.transition.heater_s
             for item in self._gated(segment)
@@ -79,7 +82,7 @@ class HeaterSchedule:
         )
         return max(times, default=0.0)
 
-    def _setpoint(self, segment: int, now: Progress) -> float:
+    def _setpoint(self, segment: int, now: Progress, planned_C: float) -> float:
         heater = self.plan.robot.heater
         soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
         value = soft if self.plan.problem.start_mode[segment] else rigid
@@ -88,34 +91,24 @@ class HeaterSchedule:
                 value = soft if item.transition.to == "soft" else rigid
             elif item.transition.to == "soft" and _reached(now, item.transition.heater_s):
                 value = self.warm_C
-        if value == rigid and self._kept_warm(segment, now.clock_s):
-            return self.warm_C
-        return value
+        kept_warm = rigid < planned_C < soft  # by the plan itself
+        return self.warm_C if value == rigid and kept_warm else value
 
     def _commanded(self, item: _Gated, now: Progress) -> bool:
         early = item.transition.to == "rigid" and item.after > 0  # the plan let it coast
         return now.done >= item.after and (early or _reached(now, item.transition.heater_s))
 
-    def _kept_warm(self, segment: int, clock_s: float) -> bool:
-        """Whether the plan itself keeps a solid segment warm now."""
-        samples, heater = self.plan.samples, self.plan.robot.heater
-        if samples is None:
-            return False
-        at = int(np.searchsorted(samples.t_s, clock_s + _SAME_TIME_S, side="right")) - 1
-        planned = samples.heater_setpoint_C[max(at, 0), segment]
-        return bool(heater.rigid_setpoint_C < planned < heater.soft_setpoint_C)
-
     def _gated(self, segment: int | None) -> list[_Gated]:
         ends = [phase.end_s for phase in self.plan.phases]
         return [
-            _Gated(item, sum(end <= item.onset_s + _SAME_TIME_S for end in ends))
+            _Gated(item, sum(end <= item.onset_s + SAME_TIME_S for end in ends))
             for item in self.plan.transitions
             if segment is None or item.segment == segment + 1
         ]
 
 
 def _reached(now: Progress, time_s: float) -> bool:
-    return now.clock_s >= time_s - _SAME_TIME_S
+    return now.clock_s >= time_s - SAME_TIME_S
 
 
 def heater_schedule(plan: Plan) -> HeaterSchedule:

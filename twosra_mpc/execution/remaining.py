@@ -23,7 +23,7 @@ _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong si
 def remaining_problem(
     problem: Problem,
     q: Array,
-    temperature_C: tuple[float, float],
+    temperature_C: tuple[float, ...],
     mode: Mode,
     accuracy: Accuracy,
     broken: Collection[int] = (),
@@ -35,32 +35,30 @@ def remaining_problem(
 
     Args:
         problem: What was asked in the beginning.
-        q: Configuration now, (5,).
+        q: Configuration now, (3 + n,).
         temperature_C: Measured temperatures.
         mode: Stiffness now, as reported; no segment may be changing.
         accuracy: How near to the goal is near enough.
-        broken: Segments (0, 1) that cannot be melted any more.
+        broken: Segments (from 0) that cannot be melted any more.
 
     Raises:
         InputError: If no mode is left.
     """
     limit = problem.robot.limits.curvature_per_m
-    kappa = np.clip(q[3:], -limit, limit)
+    kappa = np.clip(q[POSE:], -limit, limit)
     start = Start(
         x_m=q[0],
         y_m=q[1],
         phi_rad=q[2],
-        kappa_per_m=(float(kappa[0]), float(kappa[1])),
+        kappa_per_m=tuple(kappa.tolist()),
         temperature_C=_temperatures(problem, temperature_C, mode),
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
-    goal = _goal(problem.goal, np.concatenate([q[:3], kappa]), accuracy, broken)
+    goal = _goal(problem.goal, np.concatenate([q[:POSE], kappa]), accuracy, broken)
     return Problem(**{**dict(problem), "start": start, "goal": goal, "modes": modes})
 
 
-def _temperatures(
-    problem: Problem, measured_C: tuple[float, float], mode: Mode
-) -> tuple[float, float]:
+def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:
     """Temperatures that agree with the reported stiffness and the heater's range."""
     solid, liquid = problem.stiffness_thresholds_C
     heater = problem.robot.heater
@@ -72,7 +70,7 @@ def _temperatures(
             temperature_C = min(temperature_C, solid - _CLEARLY_K)
         return min(max(temperature_C, heater.temperature_min_C), heater.temperature_max_C)
 
-    return agreed(measured_C[0], mode[0]), agreed(measured_C[1], mode[1])
+    return tuple(map(agreed, measured_C, mode))
 
 
 def _goal(goal: GoalSet, q: Array, accuracy: Accuracy, broken: Collection[int]) -> GoalSet:

@@ -12,63 +12,78 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.errors import TwosraError
+from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot
 
 Array = NDArray[np.float64]
-OfConfiguration = tuple[float, float, float, float, float]
+OfKind = tuple[float, float, float]
 
-EXACT: OfConfiguration = (0.0, 0.0, 0.0, 0.0, 0.0)
+EXACT: OfKind = (0.0, 0.0, 0.0)
+
+
+class RobotError(TwosraError):
+    """The robot cannot be driven any more: its line is dead, it is silent, or it is in danger."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """What is known about the camera that measures q = [x, y, phi, kappa1, kappa2].
+    """What is known about the camera that measures q = [x, y, phi, kappa1 ... kappan].
 
     Attributes:
         rate_Hz: Frames per second.
-        noise: Standard deviation of a frame [m, m, rad, 1/m, 1/m].
+        noise: Standard deviation of a frame: of x and y [m], of phi [rad], of curvatures [1/m].
         step: What a frame's values are rounded to, same units; 0 is not at all.
     """
 
     rate_Hz: float = 15.0
-    noise: OfConfiguration = EXACT
-    step: OfConfiguration = EXACT
+    noise: OfKind = EXACT
+    step: OfKind = EXACT
 
     @property
     def period_s(self) -> float:
         """Time from a frame to the next."""
         return 1.0 / self.rate_Hz
 
-    @property
-    def variance(self) -> Array:
-        """Of one frame, rounding included, (5,)."""
-        spread: Array = np.square(self.noise) + np.square(self.step) / 12
+    def variance(self, coordinates: Coordinates) -> Array:
+        """Of one frame, rounding included, (3 + n,)."""
+        noise, step = coordinates.each(*self.noise), coordinates.each(*self.step)
+        spread: Array = np.square(noise) + np.square(step) / 12
         return spread
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What has become known since the reading before.
+    """What has become known since the reading before; n segments.
 
     Attributes:
         time_s: Now.
-        taken_s: When each new frame was taken; it arrives later, (n,).
-        frames: Configurations in them [m, m, rad, 1/m, 1/m], (n, 5).
-        temperature_C: Of the two segments, by their sensors.
-        stiffness: Of the two segments, as their stiffness controllers report it.
-        faulty: Whether a controller has given up on its sensor or heater.
+        taken_s: When each new frame was taken; it arrives later, (k,).
+        frames: Configurations in them [m, m, rad, 1/m ...], (k, 3 + n); none if nothing sees it.
+        temperature_C: Of the segments, by their sensors; NaN if not reported.
+        stiffness: Of the segments, as their stiffness controllers report it; None if not reported.
+        faulty: Whether the controller of each has given up on its sensor or heater.
     """
 
     time_s: float
     taken_s: Array
     frames: Array
-    temperature_C: tuple[float, float]
-    stiffness: tuple[KnownStiffness, KnownStiffness]
-    faulty: tuple[bool, bool] = (False, False)
+    temperature_C: tuple[float, ...]
+    stiffness: tuple[KnownStiffness | None, ...]
+    faulty: tuple[bool, ...]
+
+    def describe(self, segment: int) -> str:
+        """What is known about a segment (from 0), in words."""
+        known = f"{self.stiffness[segment]} at {self.temperature_C[segment]:.1f} C"
+        return f"segment {segment + 1} {known}"
 
 
 class RobotInterface(Protocol):
-    """A robot with its camera."""
+    """A robot, and what sees and measures it.
+
+    Raises:
+        RobotError: By any of its methods, if it cannot be driven any more.
+    """
 
     @property
     def robot(self) -> Robot:
@@ -76,17 +91,17 @@ class RobotInterface(Protocol):
 
     @property
     def camera(self) -> Camera:
-        """What is known about its camera."""
+        """What is known about its camera; commands are given at the camera's rate."""
 
     def read(self) -> Reading:
         """Return what is known now; does not wait."""
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
-        """Set the wheels (4,) and the temperatures of the segments (2,) until the next call.
+        """Set the wheels (4,) and the temperatures of the segments (n,) until the next call.
 
         A set-point up to the robot's rigid one switches the heater off, one from its soft one on
         melts the segment, and one in between keeps it warm without letting it change.
         """
 
     def wait(self, at_most_s: float) -> None:
-        """Let time pass; less than asked if a segment reports another stiffness meanwhile."""
+        """Let so much time pass; a robot at rest may return earlier, for there may be news."""

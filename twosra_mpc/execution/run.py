@@ -30,6 +30,7 @@ class Ending(enum.StrEnum):
 
     REACHED = "reached"  # within the accuracy of the goal, as measured
     NO_PLAN = "no plan"  # the rest of the problem has no plan, or none was found
+    CAMERA_LOST = "camera lost"  # nothing sees the robot any more
     HEATER_FAILED = "heater failed"  # and what is left without it has no plan
     GAVE_UP = "gave up"  # replanned or corrected too often, or no mode comes nearer
     TIME_LIMIT = "time limit"  # the run took too long
@@ -52,7 +53,7 @@ class Drive(NamedTuple):
 
 
 class Change(NamedTuple):
-    """A segment (1 or 2) that has melted or frozen, and when its controller said so."""
+    """A segment (from 1) that has melted or frozen, and when its controller said so."""
 
     time_s: float
     segment: int
@@ -64,14 +65,14 @@ class RunLog:
     """Everything measured, believed and sent; arrays of one length, read-only.
 
     Attributes:
-        time_s: When it was read, (n,).
-        q: Configuration believed [m, m, rad, 1/m, 1/m], (n, 5).
-        measured: Mean of the frames that had come in, NaN if none had, (n, 5).
-        planned: Where the plan was at that moment, NaN without one, (n, 5).
-        temperature_C: Measured temperatures, (n, 2).
-        stiffness: As reported: 0 rigid, 0.5 changing, 1 soft, (n, 2).
-        setpoint_C: Set-points sent until the next, (n, 2).
-        wheel_rad_s: Wheel speeds sent until the next, (n, 4).
+        time_s: When it was read, (rows,).
+        q: Configuration believed [m, m, rad, 1/m ...], (rows, 3 + n).
+        measured: Mean of the frames that had come in, NaN if none had, (rows, 3 + n).
+        planned: Where the plan was at that moment, NaN without one, (rows, 3 + n).
+        temperature_C: Measured temperatures, (rows, n).
+        stiffness: As reported: 0 rigid, 0.5 changing, 1 soft, NaN not, (rows, n).
+        setpoint_C: Set-points sent until the next, (rows, n).
+        wheel_rad_s: Wheel speeds sent until the next, (rows, 4).
     """
 
     time_s: Array
@@ -99,7 +100,7 @@ class Run:
         plans: Plans in the order in which they were followed; none by the greedy executor.
         ending: How it ended.
         reason: Why, in a sentence.
-        error: Distance to the goal box at the end, as believed, (5,) [m, m, rad, 1/m, 1/m].
+        error: Distance to the goal box at the end, as believed, (3 + n,) [m, m, rad, 1/m ...].
         replans: How often the remaining problem was planned again.
         corrections: How often the pose was corrected after everything was solid.
         begun: Transitions of each plan that were begun.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -24,13 +25,16 @@ from twosra_mpc.execution.run import (
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.modes import Mode
 
 Array = NDArray[np.float64]
 
-_STILL = np.zeros(4)
-_UNKNOWN = np.full(5, np.nan)
-_CODES: dict[KnownStiffness, float] = {"rigid": 0.0, "changing": CHANGING, "soft": 1.0}
+_STILL = np.zeros(WHEELS)
+_CODES: dict[KnownStiffness | None, float] = {
+    **{"rigid": 0.0, "changing": CHANGING, "soft": 1.0},
+    None: np.nan,
+}
 
 
 class _Row(NamedTuple):
@@ -40,8 +44,8 @@ class _Row(NamedTuple):
     q: Array
     measured: Array
     planned: Array
-    temperature_C: tuple[float, float]
-    stiffness: tuple[float, float]
+    temperature_C: tuple[float, ...]
+    stiffness: tuple[float, ...]
     setpoint_C: Array
     wheel_rad_s: Array
 
@@ -52,26 +56,41 @@ class Session:
     Attributes:
         robot: The robot.
         problem: What was asked.
+        during: What the run is at, in words.
         reading: The last reading.
-        setpoint_C: Set-points last sent, (2,).
+        setpoint_C: Set-points last sent, (n,).
         events: What happened.
         changes: Melts and freezes so far.
         drives: When the robot was driven.
     """
 
-    def __init__(self, robot: RobotInterface, problem: Problem) -> None:
-        """Read the robot for the first time; it is where the problem starts."""
-        self.robot, self.problem = robot, problem
+    def __init__(
+        self,
+        robot: RobotInterface,
+        problem: Problem,
+        on_command: Callable[[Session], None] = lambda session: None,
+    ) -> None:
+        """Read the robot for the first time; it is where the problem starts.
+
+        Args:
+            robot: The robot.
+            problem: What is asked.
+            on_command: Called after every command.
+        """
+        self.robot, self.problem, self.during = robot, problem, "before the plan begins"
+        self._on_command, segments = on_command, problem.robot.coordinates.segments
         self.reading: Reading = robot.read()
         self._filter = CameraFilter(robot.camera, problem.start.configuration, self.reading.time_s)
         self._filter.correct(self.reading.taken_s, self.reading.frames)
-        self.setpoint_C = np.full(2, problem.robot.heater.rigid_setpoint_C)
-        self._since = [self.reading.time_s, self.reading.time_s]
+        self._seen_s = self.now_s if len(self.reading.frames) else -np.inf
+        self.setpoint_C = np.full(segments, problem.robot.heater.rigid_setpoint_C)
+        self._since = [self.reading.time_s] * segments
         self.events: list[RunEvent] = []
         self.changes: list[Change] = []
         self.drives: list[Drive] = []
-        self._last_known: list[KnownStiffness] = list(self.reading.stiffness)
-        self._planned = _UNKNOWN
+        self._last_known = list(self.reading.stiffness)
+        self._unknown = np.full(problem.robot.coordinates.size, np.nan)
+        self._planned = self._unknown
         self._rows: list[_Row] = []
 
     @property
@@ -85,51 +104,56 @@ class Session:
         return self.robot.camera.period_s
 
     @property
+    def unseen_s(self) -> float:
+        """Time since the last camera frame came in; infinite before the first."""
+        return self.now_s - self._seen_s
+
+    @property
     def q(self) -> Array:
-        """Configuration believed, (5,)."""
+        """Configuration believed, (3 + n,)."""
         return self._filter.q
 
     @property
     def deviation(self) -> Array:
-        """Standard deviation of what is believed, (5,)."""
+        """Standard deviation of what is believed, (3 + n,)."""
         return self._filter.deviation
 
     @property
     def error(self) -> Array:
-        """Distance to the goal box as believed, (5,)."""
+        """Distance to the goal box as believed, (3 + n,)."""
         return self.problem.goal.error(self.q.copy())
 
     @property
     def mode(self) -> Mode | None:
-        """Mode reported by the segments' controllers; None while one is changing."""
-        first, second = self.reading.stiffness
-        if "changing" in (first, second):
+        """Mode reported by the segments' controllers; None while one is changing or not known."""
+        reported = self.reading.stiffness
+        if not set(reported) <= {"soft", "rigid"}:
             return None
-        return int(first == "soft"), int(second == "soft")
+        return tuple(int(now == "soft") for now in reported)
 
     def asked_for_s(self, segment: int) -> float:
-        """How long the set-point of a segment (0 or 1) has been what it is."""
+        """How long the set-point of a segment (from 0) has been what it is."""
         return self.now_s - self._since[segment]
 
     def tell(self, kind: EventKind, text: str) -> None:
         """Note an event."""
         self.events.append(RunEvent(self.now_s, kind, text))
 
-    def rest(self, setpoint_C: Array, at_most_s: float, planned: Array = _UNKNOWN) -> None:
-        """Stand still until time is up or a segment reports a new stiffness."""
+    def rest(self, setpoint_C: Array, at_most_s: float, planned: Array | None = None) -> None:
+        """Stand still until time is up or the robot has news; ``planned`` as in ``drive``."""
         self._pass(_STILL, setpoint_C, at_most_s, planned)
-        self._believe(np.zeros(5))
+        self._believe(np.zeros_like(self.q))
 
     def drive(
-        self, mode: Mode, wheel_rad_s: Array, setpoint_C: Array, planned: Array = _UNKNOWN
+        self, mode: Mode, wheel_rad_s: Array, setpoint_C: Array, planned: Array | None = None
     ) -> None:
         """Drive for one camera period.
 
         Args:
             mode: Mode the robot is in.
             wheel_rad_s: Wheel speeds, (4,).
-            setpoint_C: Set-points of the heaters, (2,).
-            planned: Where the plan is now, (5,).
+            setpoint_C: Set-points of the heaters, (n,).
+            planned: Where the plan is now, (3 + n,).
         """
         begun_s, before = self.now_s, self.q.copy()
         self._pass(wheel_rad_s, setpoint_C, self.period_s, planned)
@@ -145,7 +169,7 @@ class Session:
             self.drives.append(Drive(mode, begun_s, self.now_s))
 
     def average(self, setpoint_C: Array, deviation: Array, at_most_s: float) -> None:
-        """Look at the resting robot until what is believed is this certain (5,), or time is up."""
+        """Look at the resting robot until the belief is this certain (3 + n,), or time is up."""
         end_s, planned = self.now_s + at_most_s, self._planned
         stiffness = self.reading.stiffness
         while (
@@ -167,12 +191,12 @@ class Session:
     ) -> Run:
         """Stop the wheels, switch off the heaters that need not stay on, and return the run."""
         heater = self.problem.robot.heater
-        self.setpoint_C = np.full(2, heater.rigid_setpoint_C)
+        self.setpoint_C = np.full_like(self.setpoint_C, heater.rigid_setpoint_C)
         if ending is Ending.REACHED:
             self.setpoint_C[np.array(self.problem.goal.mode) == 1] = heater.soft_setpoint_C
         self.robot.send(_STILL, self.setpoint_C)
         self.tell("end", reason)
-        self._note(_STILL, self.setpoint_C, _UNKNOWN)
+        self._note(_STILL, self.setpoint_C, self._unknown)
         kinds = [event.kind for event in self.events]
         columns = (np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
         return Run(
@@ -192,26 +216,30 @@ class Session:
             log=RunLog(*columns),
         )
 
-    def _pass(self, wheels: Array, setpoint_C: Array, at_most_s: float, planned: Array) -> None:
-        self._note(wheels, setpoint_C, planned)
-        for segment in (0, 1):
-            if setpoint_C[segment] != self.setpoint_C[segment]:
-                self._since[segment] = self.now_s
-        self.setpoint_C, self._planned = setpoint_C.copy(), planned
+    def _pass(
+        self, wheels: Array, setpoint_C: Array, at_most_s: float, planned: Array | None
+    ) -> None:
+        self._planned = self._unknown if planned is None else planned
+        self._note(wheels, setpoint_C, self._planned)
+        for segment in np.flatnonzero(setpoint_C != self.setpoint_C):
+            self._since[segment] = self.now_s
+        self.setpoint_C = setpoint_C.copy()
         self.robot.send(wheels, setpoint_C)
+        self._on_command(self)
         self.robot.wait(at_most_s)
         self.reading = self.robot.read()
         self._note_changes()
 
     def _believe(self, moved: Array) -> None:
-        length_m = self.problem.robot.geometry.lengths_m[0]
-        self._filter.predict(self.now_s, moved, length_m)
+        self._filter.predict(self.now_s, moved, self.problem.robot.geometry.lengths_m)
         self._filter.correct(self.reading.taken_s, self.reading.frames)
+        if len(self.reading.frames):
+            self._seen_s = self.now_s
 
     def _note_changes(self) -> None:
         """Write down each segment that has become soft or rigid, and was not so before."""
         for segment, now in enumerate(self.reading.stiffness):
-            if now == "changing" or now == self._last_known[segment]:
+            if now is None or now == "changing" or now == self._last_known[segment]:
                 continue
             if self._last_known[segment] != "changing":
                 self.changes.append(Change(self.now_s, segment + 1, now))
@@ -220,15 +248,14 @@ class Session:
 
     def _note(self, wheels: Array, setpoint_C: Array, planned: Array) -> None:
         reading = self.reading
-        first, second = reading.stiffness
         self._rows.append(
             _Row(
                 time_s=reading.time_s,
                 q=self.q,
-                measured=reading.frames.mean(axis=0) if len(reading.frames) else _UNKNOWN,
+                measured=reading.frames.mean(axis=0) if len(reading.frames) else self._unknown,
                 planned=planned,
                 temperature_C=reading.temperature_C,
-                stiffness=(_CODES[first], _CODES[second]),
+                stiffness=tuple(_CODES[now] for now in reading.stiffness),
                 setpoint_C=setpoint_C,
                 wheel_rad_s=wheels,
             )

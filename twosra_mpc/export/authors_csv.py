@@ -22,10 +22,9 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
             period can fall between two rows.
 
     Raises:
-        NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
-    given = plan.require().trajectory
+    given = plan.trajectory
     samples = given.samples if rate_Hz is None else given.resampled(rate_Hz)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -48,7 +48,7 @@ class RobotShape(NamedTuple):
 
 
 def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShape:
-    """Place the robot at q = [x, y, phi, kappa1 ... kappan] [m, m, rad, 1/m], shape (..., 3 + n).
+    """Place the robot at q = (x, y, phi, kappa1 ... kappan) [m, m, rad, 1/m], shape (..., 3 + n).
 
     ``points`` are drawn along each segment.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.model.motion import FINE_STEPS
+from twosra_mpc.model.motion import steps_for
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
 from twosra_mpc.robot.description import Robot
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 SAME_TIME_S = 1e-6  # events closer than this are one
 HIGHEST_RATE_HZ = 1000.0
+_LEAST_STEPS = 16  # of Runge-Kutta: turns of a rigid interval are then right to 1e-10 rad
 
 
 class Phase(NamedTuple):
@@ -34,7 +35,7 @@ class Phase(NamedTuple):
     end_s: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Samples:
     """A plan at some times, for a robot of n segments; arrays are read-only.
 
@@ -75,8 +76,12 @@ class Samples:
     def __len__(self) -> int:
         return len(self.t_s)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The samples as plain data."""
+        return {item.name: getattr(self, item.name).tolist() for item in fields(self)}
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A plan's course from t = 0 to its end, asked at any times, which are clipped to that.
 
@@ -133,6 +138,10 @@ class Trajectory:
         """Configuration q at these times [s], (n,): (n, 3 + segments)."""
         _, at, elapsed = self._in_force(t)
         return self._flown(at, elapsed)
+
+    def heater_setpoint_C(self, t: ArrayLike) -> Array:
+        """Set-points in force at these times [s], (n,): (n, segments)."""
+        return self.samples.heater_setpoint_C[self._in_force(t)[1]]
 
     def wheel_travel_rad(self, t: ArrayLike) -> Array:
         """How far each wheel has turned since t = 0, at these times [s], (n,): (n, 4)."""
@@ -209,7 +218,7 @@ def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
     reached = q.copy()
     moving = s.any(axis=1)
     if moving.any():
-        flow = interval_flow(robot, FINE_STEPS)
+        flow = interval_flow(robot, max(_LEAST_STEPS, steps_for(s[moving])))
         reached[moving] = flow(q[moving].T, s[moving].T, mode[moving].T).full().T
     return reached
 

@@ -38,7 +38,6 @@ def animate_plan(
         on_progress: Called with the frames done and the frames in all, after each of them.
 
     Raises:
-        NoPlanError: If the plan has no samples.
         InputError: If such a file cannot be written.
     """
     titles = plan.robot.name, plan_title(plan)

@@ -28,7 +28,6 @@ def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None
         path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
 
     Raises:
-        NoPlanError: If a plan has no samples.
         InputError: If there is nothing to compare, matplotlib cannot write such a file, or the
             folder cannot be written.
     """

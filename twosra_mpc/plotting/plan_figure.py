@@ -46,7 +46,6 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
         path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
 
     Raises:
-        NoPlanError: If the plan has no samples.
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
     lanes_in = LANE_IN * plan.robot.geometry.segments
@@ -61,12 +60,11 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
 def plan_title(plan: Plan) -> str:
     """Mode sequence, duration and what is known, in one line."""
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
-    duration = "" if plan.duration_s is None else f" in {plan.duration_s:.1f} s"
     planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
     gap = "no bound proved"
     if plan.gap is not None:
         gap = f"proved gap {100 * plan.gap:.2g} %" if plan.gap > 1e-5 else "proved gap < 0.001 %"
-    return f"{sequence}{duration}: {planner}{plan.status}, {gap}"
+    return f"{sequence} in {plan.duration_s:.1f} s: {planner}{plan.status}, {gap}"
 
 
 def phase_rows(samples: Samples, phase: Phase) -> Array:

@@ -228,7 +228,9 @@ def _draw_curvatures(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
 
 def _draw_distances(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
     """Distance from the goal in units of the accuracy, on a logarithmic axis."""
-    errors = np.array([run.problem.goal.error(at.copy()) for at in q]) / run.accuracy.scale
+    errors = np.array([run.problem.goal.error(at.copy()) for at in q]) / run.accuracy.scale(
+        run.problem.robot.coordinates
+    )
     parts = {
         "position": (np.hypot(errors[:, 0], errors[:, 1]), RIGID_COLOUR),
         "heading": (np.abs(errors[:, 2]), "#7b5ea7"),

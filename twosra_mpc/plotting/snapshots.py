@@ -33,7 +33,6 @@ def plot_snapshots(
         times_s: The moments; by default the start, the start and end of every phase, and the end.
 
     Raises:
-        NoPlanError: If the plan has no samples.
         InputError: If a moment is not in the plan, matplotlib cannot write such a file, or the
             folder cannot be written.
     """
@@ -64,7 +63,6 @@ def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
     """Draw the robot at one moment: its target ghosted, the path of its middle link behind it.
 
     Raises:
-        NoPlanError: If the plan has no samples.
         InputError: If the moment is not in the plan.
     """
     trajectory, geometry = plan.trajectory, plan.robot.geometry

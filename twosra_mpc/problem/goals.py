@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Annotated, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -20,6 +19,9 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import RIGID, Mode, rigid_mode
 from twosra_mpc.validation import ModeField, NonNegative, Number, Numbers, Value, plain
+
+if TYPE_CHECKING:  # scenarios are listed without it
+    import casadi as ca
 
 Array = NDArray[np.float64]
 
@@ -52,13 +54,12 @@ class GoalSet(Value, ABC):
 
     def residual(self, q: ca.SX) -> ca.SX:
         """What is zero for members, and for nothing else in the box, symbolically, (m,)."""
-        del q
-        return ca.SX(0, 1)
+        return q[:0]
 
     @property
     def is_box(self) -> bool:
         """Whether every configuration in its box is a member."""
-        return self.residual(ca.SX.sym("q", POSE + len(self.mode))).numel() == 0
+        return type(self).residual is GoalSet.residual
 
     def error(self, q: Array) -> Array:
         """Signed distance of ``q`` to the set by coordinate, (3 + n,); zero in it."""

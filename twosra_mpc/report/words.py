@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.plans.plan import Plan, Status, Verification
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import transition_model
@@ -50,16 +51,16 @@ class LimitRow(NamedTuple):
     margin: str
 
 
-def status_sentence(plan: Plan) -> str:
-    """Say what the plan's status means."""
-    match plan.status:
+def status_sentence(result: Result) -> str:
+    """Say what a status means."""
+    asked = f"{100 * result.problem.gap:g} %"
+    match result.status:
         case Status.OPTIMAL:
-            asked = f"{100 * plan.problem.gap:g} %"
             return (
                 "Verified by independent re-integration, and proved to be within the asked gap of"
                 f" {asked} of the best possible plan."
             )
-        case Status.FEASIBLE if plan.lower_bound is None:
+        case Status.FEASIBLE if result.lower_bound is None:
             return (
                 "Verified by independent re-integration. Nothing is proved about how much better"
                 " another plan could be."
@@ -67,7 +68,7 @@ def status_sentence(plan: Plan) -> str:
         case Status.FEASIBLE:
             return (
                 "Verified by independent re-integration. How much better another plan could be is"
-                f" proved too, but it is more than the asked gap of {100 * plan.problem.gap:g} %."
+                f" proved too, but it is more than the asked gap of {asked}."
             )
         case Status.INFEASIBLE:
             return "It is proved that this problem has no plan; the message at the top says why."
@@ -80,19 +81,19 @@ def percent(share: float) -> str:
     return "< 0.001 %" if 0 < share < 1e-5 else f"{float(f'{100 * share:.2g}'):g} %"
 
 
-def bound_sentences(plan: Plan) -> Iterator[str]:
+def bound_sentences(result: Result) -> Iterator[str]:
     """Say what is proved about all other plans, and about which; nothing without a bound."""
-    if plan.lower_bound is None:
+    if result.lower_bound is None:
         return
-    problem = plan.problem
+    problem, plan = result.problem, result.plan
     yield (
-        f"No plan for this problem costs less than {plan.lower_bound:.4f} s: this is the optimum"
+        f"No plan for this problem costs less than {result.lower_bound:.4f} s: this is the optimum"
         " of a relaxation of it, a proved lower bound and not an estimate."
     )
-    if plan.found and plan.cost is not None and plan.gap is not None:
+    if plan is not None and plan.gap is not None:
         yield (
             f"This plan costs {plan.cost.total:.4f} s, so no other one can be better by more than"
-            f" {plan.cost.total - plan.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
+            f" {plan.cost.total - result.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
         )
     yield f"Cost is {_cost_formula(problem)}."
     modes = ", ".join(mode_name(mode) for mode in problem.modes)
@@ -107,7 +108,7 @@ def bound_sentences(plan: Plan) -> Iterator[str]:
     yield f"It holds for {times}; a different heater controller has different times."
 
 
-def caveat_sentences(plan: Plan) -> Iterator[str]:
+def caveat_sentences(result: Result) -> Iterator[str]:
     """Say what neither the bound nor the verification is about."""
     yield (
         "All of this is about the model. On hardware a unit that should hold pivots a little"
@@ -115,7 +116,7 @@ def caveat_sentences(plan: Plan) -> Iterator[str]:
         " a camera."
     )
     yield "Obstacles and slipping wheels are not part of the model."
-    if plan.status is Status.FAILED and plan.samples is not None:
+    if result.status is Status.FAILED and result.plan is not None:
         yield "The motion shown here did not pass verification: do not run it."
 
 

@@ -162,11 +162,6 @@ class Lumped:
             h, left = after, left - spent
         return total
 
-    def least_power_while_liquid_W(self, hottest_C: float) -> float:
-        """Heater power without which liquid metal loses heat: the loss at the melting point."""
-        del hottest_C
-        return self.loss_W_per_K * (self.melting_point_C - self.ambient_C)
-
     def _rate(self, h: float, current_A: float) -> float:
         return self.net_power_W(current_A, self.temperature_C((h,)))
 

@@ -76,9 +76,6 @@ class SegmentModel(Protocol):
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heater energy of keeping the temperature."""
 
-    def least_power_while_liquid_W(self, hottest_C: float) -> float:
-        """Proved least mean heater power from liquid level to liquid level, never above this."""
-
 
 def thresholds_C(model: SegmentModel) -> tuple[float, float]:
     """Temperatures up to which a segment is solid, and from which on liquid; equal on a plateau."""

@@ -74,7 +74,7 @@ class TemperatureTrajectory:
 
     def event_times(self) -> list[float]:
         """Times at which set-point or current change [s]."""
-        return [piece.start_s for piece in self.pieces]
+        return self._starts
 
     def energy_J(self, until_s: float) -> float:
         """Heater energy from t = 0."""
@@ -95,7 +95,7 @@ class TemperatureTrajectory:
 
     @cached_property
     def _starts(self) -> list[float]:
-        return self.event_times()
+        return [piece.start_s for piece in self.pieces]
 
     def _index(self, time_s: float) -> int:
         return max(0, bisect_right(self._starts, time_s) - 1)

@@ -111,15 +111,6 @@ class TwoNode:
         )
         return max(0.0, self.core_heat_J_per_K * self.coupling_per_s * gained)
 
-    def least_power_while_liquid_W(self, hottest_C: float) -> float:
-        """Heater power without which the core cools: with the body as warm as it can get.
-
-        The body is never warmer than after holding the core at ``hottest_C`` for ever.
-        """
-        body = self.hold((hottest_C, self.ambient_C), _HORIZON_S)[1]
-        coldest = max(0.0, self.liquid_level - body)
-        return self.core_heat_J_per_K * self.coupling_per_s * coldest
-
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until the core first reaches ``level`` [s]; inf if never."""
         away = state[0] - level

@@ -26,43 +26,25 @@ class Dwell(NamedTuple):
     freeze: Event | None
 
 
-class Handover(NamedTuple):
-    """A heater goes off before another one goes on.
-
-    Attributes:
-        melt: The melt that the first heater made; None if its segment was liquid at t = 0.
-        off: The freeze after it.
-        on: The melt that the second heater makes.
-    """
-
-    melt: Event | None
-    off: Event
-    on: Event
-
-
-def handovers(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[Handover]:
-    """Yield what any two dwells that follow each other ask of the heaters."""
+def handovers(
+    sequence: ModeSequence, first: Mode, last: Mode
+) -> Iterator[tuple[Event | None, Event, Event]]:
+    """Yield (melt, freeze, melt of another segment) where one heater goes off before another on."""
     for pair in _pairs(sequence, first, last):
         for earlier, later in (pair, pair[::-1]):
             if earlier.freeze and later.melt and _before(earlier, later):
-                yield Handover(earlier.melt, earlier.freeze, later.melt)
+                yield earlier.melt, earlier.freeze, later.melt
 
 
-class Overlap(NamedTuple):
-    """Two dwells that do not follow each other, and the first mode in which both are soft."""
-
-    one: Dwell
-    two: Dwell
-    mode: Mode
-
-
-def overlaps(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[Overlap]:
-    """Yield any two dwells that do not follow each other."""
+def overlaps(
+    sequence: ModeSequence, first: Mode, last: Mode
+) -> Iterator[tuple[Dwell, Dwell, Mode]]:
+    """Yield any two dwells that do not follow each other, and the first mode with both soft."""
     for one, two in _pairs(sequence, first, last):
         if not _before(one, two) and not _before(two, one):
             modes = (first, *sequence, last)
             both = next(mode for mode in modes if mode[one.segment] and mode[two.segment])
-            yield Overlap(one, two, both)
+            yield one, two, both
 
 
 def refused(mode: Mode) -> str:

@@ -23,7 +23,6 @@ from twosra_mpc.timing.transitions import (
     TransitionModel,
     by_heater_time,
     model_of,
-    own_transitions,
 )
 
 
@@ -68,8 +67,8 @@ class Overlapped(TransitionModel):
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         if self.problem.heaters_at_once == 1:
-            for overlap in overlaps(sequence, self.first, last):
-                return refused(overlap.mode)
+            for _, _, mode in overlaps(sequence, self.first, last):
+                return refused(mode)
         return None
 
     def network(
@@ -148,18 +147,10 @@ class Overlapped(TransitionModel):
             found.append(Transition(event.segment + 1, event.to, heater, onset, done))
         return by_heater_time(found)
 
-    def heating(self, transitions: Sequence[Transition]) -> tuple[ConstantHeating, ...]:
-        return tuple(
-            OverlappedHeating(
-                soft_at_start=bool(soft),
-                transitions=own_transitions(transitions, j),
-                heater=self.problem.robot.heater,
-                ambient_C=self.problem.ambient,
-                temperature_C=self.problem.temperatures[j],
-                times=self.times,
-            )
-            for j, soft in enumerate(self.first)
-        )
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> OverlappedHeating:
+        soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+        heater, air = self.problem.robot.heater, self.problem.ambient
+        return OverlappedHeating(soft, own, heater, air, now, self.times)
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating, Knot, power_W
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, phase_order
@@ -18,7 +18,6 @@ from twosra_mpc.timing.transitions import (
     TransitionModel,
     by_heater_time,
     model_of,
-    own_transitions,
 )
 
 
@@ -33,6 +32,12 @@ class Sequential(TransitionModel):
     def words(self) -> str:
         named = f"timing “{self.problem.timing}”"
         return f"the fixed waits of {named}, through which the robot stands still"
+
+    @property
+    def detours(self) -> tuple[ModeSequence, ...]:
+        """To freeze all and melt anew may take less than to reconfigure."""
+        quicker = self.times.freeze_s + self.times.heat_s < self.times.reconfigure_s
+        return ((), (rigid_mode(len(self.first)),)) if quicker else ((),)
 
     def _wait(self, before: Mode, after: Mode) -> float:
         if before == after:
@@ -93,17 +98,10 @@ class Sequential(TransitionModel):
             found += [Transition(j + 1, "soft", *melt) for j in soft_segments(after)]
         return by_heater_time(found)
 
-    def heating(self, transitions: Sequence[Transition]) -> tuple[ConstantHeating, ...]:
-        return tuple(
-            SequentialHeating(
-                soft_at_start=bool(soft),
-                transitions=own_transitions(transitions, j),
-                heater=self.problem.robot.heater,
-                ambient_C=self.problem.ambient,
-                temperature_C=self.problem.temperatures[j],
-            )
-            for j, soft in enumerate(self.first)
-        )
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SequentialHeating:
+        soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+        heater, air = self.problem.robot.heater, self.problem.ambient
+        return SequentialHeating(soft, own, heater, air, now)
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]

@@ -29,13 +29,11 @@ from twosra_mpc.timing.network import (
 )
 from twosra_mpc.timing.one_heater import Dwell, handovers, overlaps, refused
 from twosra_mpc.timing.transitions import (
-    Array,
     SegmentHeating,
     Transition,
     TransitionModel,
     by_heater_time,
     model_of,
-    own_transitions,
 )
 
 _KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
@@ -201,20 +199,14 @@ class Thermal(TransitionModel):
             ]
         )
 
-    def heating(self, transitions: Sequence[Transition]) -> tuple[ThermalHeating, ...]:
-        return tuple(
-            ThermalHeating(
-                soft_at_start=bool(soft),
-                transitions=own_transitions(transitions, segment),
-                trajectory=self.trajectory(segment, transitions),
-            )
-            for segment, soft in enumerate(self.first)
-        )
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ThermalHeating:
+        made = self.trajectory(segment, own)
+        soft = bool(self.first[segment])
+        return ThermalHeating(soft, own, made.model, made.melt_current_A, made.pieces)
 
-    def trajectory(self, segment: int, transitions: Sequence[Transition]) -> TemperatureTrajectory:
-        """Heater and state of a segment (from 0) over time, from all transitions of a plan."""
-        onsets = [(item.to, item.onset_s) for item in own_transitions(transitions, segment)]
-        return self._heated(segment, onsets)[0]
+    def trajectory(self, segment: int, own: Sequence[Transition]) -> TemperatureTrajectory:
+        """Heater and state of a segment (from 0) over time, from its transitions in a plan."""
+        return self._heated(segment, [(item.to, item.onset_s) for item in own])[0]
 
     def _made(
         self, network: TemporalNetwork, times: Sequence[float], segment: int
@@ -233,27 +225,9 @@ class Thermal(TransitionModel):
 
 
 @dataclass(frozen=True)
-class ThermalHeating(SegmentHeating):
-    """Heater and state by the thermal model.
-
-    Attributes:
-        trajectory: Heater and state, piece by piece.
-    """
-
-    trajectory: TemperatureTrajectory
+class ThermalHeating(TemperatureTrajectory, SegmentHeating):
+    """Heater and state by the thermal model, piece by piece."""
 
     def event_times(self) -> list[float]:
-        times = [t for item in self.transitions for t in item[2:]]
-        return times + [t for t in self.trajectory.event_times() if t > 0]
-
-    def setpoint_C(self, t: Array) -> Array:
-        return self.trajectory.setpoint_C(t)
-
-    def current_A(self, t: Array) -> Array:
-        return self.trajectory.current_A(t)
-
-    def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
-        return self.trajectory.temperature_and_melt_fraction(t)
-
-    def energy_J(self, until_s: float) -> float:
-        return self.trajectory.energy_J(until_s)
+        changes = [t for item in self.transitions for t in item[2:]]
+        return changes + [t for t in super().event_times() if t > 0]

@@ -93,6 +93,11 @@ class TransitionModel(ABC):
         return self.problem.start_mode
 
     @property
+    def detours(self) -> tuple[ModeSequence, ...]:
+        """Phases by which one mode may be quicker to reach from another; () is to go directly."""
+        return ((),)
+
+    @property
     @abstractmethod
     def words(self) -> str:
         """What the times are, to complete "it holds for"."""
@@ -121,9 +126,14 @@ class TransitionModel(ABC):
     def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
         """Melts and freezes of a sequence with these event times, by heater time."""
 
-    @abstractmethod
     def heating(self, transitions: Sequence[Transition]) -> tuple[SegmentHeating, ...]:
         """How each segment is heated, given all melts and freezes of a plan."""
+        segments = range(len(self.first))
+        return tuple(self.segment_heating(j, own_transitions(transitions, j)) for j in segments)
+
+    @abstractmethod
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SegmentHeating:
+        """How a segment (from 0) is heated that makes these transitions."""
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]

@@ -5,12 +5,13 @@ A command is the letter ``s`` and then numbers, each ended by a newline:
     s{w1}\n{w2}\n{w3}\n{w4}\n{sigma1}\n{sigma2}\n          and {id}\n, if robots have numbers
 
 with wheel speeds w1 to w4 in rad/s (wheels 1 and 2 on locomotion unit 1, 3 and 4 on unit 2; signs
-as in the paper) and sigma 1 to heat a segment to its soft set-point, 0 to let it cool. It holds
-until the next one; nothing is known of a watchdog in the firmware.
+as in the paper) and a sigma for each segment, 1 to heat it to its soft set-point, 0 to let it cool.
+It holds until the next one; nothing is known of a watchdog in the firmware.
 
 A report is one line with the raw reading of a segment's thermistor in degrees Celsius, as the
 follow-up robot sends them unasked: ``A58.2`` for segment 1, ``B24.9`` for segment 2. The firmware
-of the first robot is not published, and its controller reads nothing back.
+of the first robot is not published, and its controller reads nothing back. Robots of one, three or
+four segments are none that were built: for them the same is written on, ``C`` and ``D``.
 """
 
 from __future__ import annotations
@@ -19,17 +20,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from twosra_mpc.control.thermistor import NtcDivider
-from twosra_mpc.robot.modes import RIGID, Mode
+from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.modes import Mode, rigid_mode
 
 BAUD = 115200
-HIGHEST_RATE_HZ = 200.0  # 45 bytes a command are 80 % of what the line carries
+HIGHEST_RATE_HZ = 200.0  # 45 to 49 bytes a command are 80 to 85 % of what the line carries
 
-_SEGMENTS = "AB"
+_SEGMENTS = "ABCD"
 _PLAUSIBLE_C = NtcDivider().range_C
 
 
 class Report(NamedTuple):
-    """Raw sensor reading [C] of a segment (0 or 1)."""
+    """Raw sensor reading [C] of a segment (from 0)."""
 
     segment: int
     temperature_C: float
@@ -48,15 +50,18 @@ def command(wheel_rad_s: Sequence[float], soft: Mode, robot_id: int | None = Non
     return ("s" + "".join(f"{value}\n" for value in (*speeds, *soft, *ends))).encode("ascii")
 
 
-def stop_command(robot_id: int | None = None) -> bytes:
-    """Write the command to stop: wheels at zero, heaters off."""
-    return command((0.0, 0.0, 0.0, 0.0), RIGID, robot_id)
+def stop_command(segments: int, robot_id: int | None = None) -> bytes:
+    """Write the command to stop: wheels at zero, heaters of so many segments off."""
+    return command((0.0,) * WHEELS, rigid_mode(segments), robot_id)
 
 
-def parse_report(line: bytes) -> Report | None:
-    """Read a report; None for any other line, and for a temperature no thermistor can have."""
+def parse_report(line: bytes, segments: int) -> Report | None:
+    """Read a report of one of so many segments.
+
+    None for any other line, and for a temperature no thermistor can have.
+    """
     text = line.decode("ascii", errors="replace").strip()
-    if not text or text[0] not in _SEGMENTS:
+    if not text or text[0] not in _SEGMENTS[:segments]:
         return None
     try:
         temperature_C = float(text[1:])

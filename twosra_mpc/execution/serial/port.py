@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.serial.firmware_lines import BAUD
 from twosra_mpc.installation import install_command
 
@@ -15,7 +16,7 @@ _WRITE_TIMEOUT_S = 1.0  # a command takes 4 ms: a line that is busy for so long 
 _LONGEST_LINE = 200  # bytes; a report has ten
 
 
-class PortError(TwosraError):
+class PortError(RobotError):
     """The line to the robot does not work any more."""
 
 

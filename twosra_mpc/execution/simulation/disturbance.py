@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.robot_interface import EXACT, Camera, OfConfiguration
+from twosra_mpc.execution.robot_interface import EXACT, Camera, OfKind
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Disturbance:
         dead_zone_rad_s: Slower wheel commands do not turn a wheel.
         pivot_rad_per_rad: Turn of the unit that should hold, per bending angle.
         slide_m_per_rad: Sideways shift of the robot, per bending angle.
-        split: Unequal bending of two soft segments, relative to their mean.
+        split: Unequal bending of soft segments, relative to their mean.
         lengths: Relative errors of the geometry's lengths.
         thermal_ranges: Width of the thermal parameters' ranges, 1: as in the robot file.
         thermistor: Relative errors of the thermistor and its resistor.
@@ -47,12 +47,12 @@ class Disturbance:
     delay_frames: tuple[int, int] = (0, 0)
 
 
-_ROUNDING: OfConfiguration = (1e-3, 1e-3, 0.02, 1.0, 1.0)  # of the camera in the logs
+_ROUNDING: OfKind = (1e-3, 0.02, 1.0)  # of the camera in the logs
 
 
 def _camera(noise: float) -> Camera:
-    x, y, phi, first, second = (noise * value for value in _ROUNDING)
-    return Camera(noise=(x, y, phi, first, second), step=_ROUNDING)
+    position, heading, curvature = (noise * value for value in _ROUNDING)
+    return Camera(noise=(position, heading, curvature), step=_ROUNDING)
 
 
 # Field: its size in the levels mild, moderate and hard, and where the numbers are from.

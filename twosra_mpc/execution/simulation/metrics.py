@@ -9,6 +9,7 @@ import numpy as np
 
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.simulation.plant import Truth
+from twosra_mpc.robot.coordinates import POSE
 
 
 class Metrics(NamedTuple):
@@ -20,11 +21,11 @@ class Metrics(NamedTuple):
         reason: Why, in a sentence.
         position_m: True distance from the goal box in the plane.
         heading_rad: True distance in heading.
-        curvature_per_m: True distance of the curvature that is farther off.
+        curvature_per_m: True distance of the curvature that is farthest off.
         time_s: Duration.
         transitions: Melts and freezes.
         allowed: Transitions of the plan and of every plan made again, as far as they were begun.
-        energy_J: Heat of both heaters.
+        energy_J: Heat of all heaters.
         replans: How often the rest was planned again.
         corrections: How often the pose was corrected.
         forced_s: How long wheels turned while metal was changing.
@@ -54,7 +55,7 @@ def metrics(run: Run, truth: Truth) -> Metrics:
         reason=run.reason,
         position_m=float(np.hypot(error[0], error[1])),
         heading_rad=abs(float(error[2])),
-        curvature_per_m=float(np.abs(error[3:]).max()),
+        curvature_per_m=float(np.abs(error[POSE:]).max()),
         time_s=run.duration_s,
         transitions=run.transitions,
         allowed=sum(run.begun),

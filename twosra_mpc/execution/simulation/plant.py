@@ -1,4 +1,4 @@
-"""A simulated robot: the kinematics of a path model, two heated segments, slip, drift, a camera.
+"""A simulated robot: the kinematics of a path model, heated segments, slip, drift, a camera.
 
 Everything that the planner does not know is drawn from one seed when the robot is made; the noise
 of camera, sensors and wheels comes from another stream of the same seed.
@@ -21,9 +21,10 @@ from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, Heate
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn
 
@@ -39,13 +40,13 @@ class Truth:
     """What a simulated robot really did; arrays of one length, read-only.
 
     Attributes:
-        time_s: Time, (n,).
-        q: Configuration [m, m, rad, 1/m, 1/m], (n, 5).
-        temperature_C: Of the metal, (n, 2).
-        melt_fraction: Of the metal, (n, 2).
-        current_A: Heater currents, (n, 2).
-        heat_J: Heat of each heater since the start, (n, 2).
-        forced_s: How long the wheels have turned while metal was changing, (n,).
+        time_s: Time, (rows,).
+        q: Configuration [m, m, rad, 1/m ...], (rows, 3 + n).
+        temperature_C: Of the metal, (rows, n).
+        melt_fraction: Of the metal, (rows, n).
+        current_A: Heater currents, (rows, n).
+        heat_J: Heat of each heater since the start, (rows, n).
+        forced_s: How long the wheels have turned while metal was changing, (rows,).
     """
 
     time_s: Array
@@ -72,7 +73,7 @@ class SimulatedRobot:
     """A robot that is not quite what its description says.
 
     Attributes:
-        segments: Its two segments, as they are.
+        segments: Its segments, as they are.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class SimulatedRobot:
             plant: Its true path model, or "as-planned".
             disturbance: What else differs from the model; default: nothing.
             seed: Of all that is drawn at random.
-            broken_heaters: Segments (1, 2) whose heater never warms.
+            broken_heaters: Segments (from 1) whose heater never warms.
 
         Raises:
             InputError: If there is no such plant, or the robot's segments are not described.
@@ -103,14 +104,16 @@ class SimulatedRobot:
         true = plant_robot(problem.robot, plant)
         self._robot = with_lengths(true, what.lengths, drawn)
         self._disturbance = what
-        self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, 4), 0.0, 0.9)
-        self._drift = {mode: _drift(what, drawn) for mode in (SOFT_1, SOFT_2, SOFT_BOTH)}
+        self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, WHEELS), 0.0, 0.9)
+        modes = all_modes(problem.robot.coordinates.segments)[1:]
+        by_number = sorted(modes, key=lambda mode: (sum(mode), mode[::-1]))  # [1,0] first
+        self._drift = {mode: _drift(what, drawn) for mode in by_number}
         self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
         self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
         self._q = problem.start.configuration.copy()
-        self._wheels = np.zeros(4)
+        self._wheels = np.zeros(WHEELS)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
         self._on_the_way: list[tuple[int, Array]] = []
@@ -135,7 +138,7 @@ class SimulatedRobot:
 
     @property
     def q(self) -> Array:
-        """True configuration, (5,)."""
+        """True configuration, (3 + n,)."""
         return self._q.copy()
 
     def read(self) -> Reading:
@@ -143,14 +146,13 @@ class SimulatedRobot:
         due = self._tick - self._delay
         arrived = [item for item in self._on_the_way if item[0] <= due]
         self._on_the_way = [item for item in self._on_the_way if item[0] > due]
-        first, second = self.segments
         return Reading(
             time_s=self.time_s,
             taken_s=np.array([tick for tick, _ in arrived]) * self.camera.period_s,
-            frames=np.array([frame for _, frame in arrived]).reshape(-1, 5),
-            temperature_C=(first.measured_C, second.measured_C),
-            stiffness=(first.stiffness, second.stiffness),
-            faulty=(first.faulty, second.faulty),
+            frames=np.array([frame for _, frame in arrived]).reshape(-1, len(self._q)),
+            temperature_C=tuple(segment.measured_C for segment in self.segments),
+            stiffness=tuple(segment.stiffness for segment in self.segments),
+            faulty=tuple(segment.faulty for segment in self.segments),
         )
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
@@ -187,13 +189,12 @@ class SimulatedRobot:
     @property
     def mode(self) -> Mode:
         """Which segments can in truth be bent."""
-        first, second = self.segments
-        return int(first.soft), int(second.soft)
+        return tuple(int(segment.soft) for segment in self.segments)
 
     def _roll(self) -> None:
         """Turn the wheels for one period; metal that is changing does not bend yet."""
         period_s, what = self.camera.period_s, self._disturbance
-        grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(4))
+        grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(WHEELS))
         drift = self._drift.get(self.mode, Drift())
         flow = rolling(self._robot, self.mode)
         self._q = flow(self._q, self._wheels * grip * period_s, drift).full().ravel()
@@ -201,22 +202,23 @@ class SimulatedRobot:
 
     def _photograph(self, ticks: int) -> None:
         """Take a frame at each of the last ``ticks`` periods, during which the robot rested."""
-        noise, step = np.array(self.camera.noise), np.array(self.camera.step)
-        seen = self._q + noise * self._noise.standard_normal((ticks, 5))
+        coordinates = self._described.coordinates
+        noise, step = coordinates.each(*self.camera.noise), coordinates.each(*self.camera.step)
+        seen = self._q + noise * self._noise.standard_normal((ticks, coordinates.size))
         rounded = np.round(seen / np.where(step > 0, step, 1.0)) * step
         frames = np.where(step > 0, rounded, seen)
         self._on_the_way += zip(range(self._tick - ticks + 1, self._tick + 1), frames, strict=True)
 
     def _note(self) -> None:
-        pair = self.segments
+        segments = self.segments
         self._told.append(
             (
                 self.time_s,
                 self._q,
-                [segment.temperature_C for segment in pair],
-                [segment.melt_fraction for segment in pair],
-                [segment.current_A for segment in pair],
-                [segment.heat_J for segment in pair],
+                [segment.temperature_C for segment in segments],
+                [segment.melt_fraction for segment in segments],
+                [segment.current_A for segment in segments],
+                [segment.heat_J for segment in segments],
                 self._forced * self.camera.period_s,
             )
         )
@@ -229,11 +231,11 @@ def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot
         return robot
     geometry = robot.geometry
     lengths = {
-        "segment_length_m": geometry.lengths_m[0] * error[0],
+        "segment_length_m": tuple(length_m * error[0] for length_m in geometry.lengths_m),
         "middle_link_m": geometry.middle_link_m * error[1],
         "wheel_radius_m": geometry.wheel_radius_m * error[2],
     }
-    return robot.model_copy(update={"geometry": Geometry(**{**dict(geometry), **lengths})})
+    return Robot(**{**dict(robot), "geometry": Geometry(**{**dict(geometry), **lengths})})
 
 
 def heated_segments(
@@ -243,24 +245,25 @@ def heated_segments(
     noise: np.random.Generator,
     *,
     broken_heaters: Collection[int] = (),
-) -> tuple[HeatedSegment, HeatedSegment]:
-    """Draw two segments with their sensors.
+) -> tuple[HeatedSegment, ...]:
+    """Draw the segments with their sensors.
 
     Args:
         problem: Robot, temperatures at the start and air.
         what: How much they differ from their description.
         differences: For these.
         noise: For the sensors' noise.
-        broken_heaters: Segments (1, 2) whose heater never warms.
+        broken_heaters: Segments (from 1) whose heater never warms.
 
     Raises:
         InputError: If the robot's segments are not described, or there are no such segments.
     """
-    if not set(broken_heaters) <= {1, 2}:
-        raise InputError("broken_heaters", sorted(broken_heaters), "segments 1 and 2")
-    robot, air = problem.robot, problem.ambient
+    robot, air, count = problem.robot, problem.ambient, problem.robot.coordinates.segments
+    if not set(broken_heaters) <= set(range(1, count + 1)):
+        allowed = f"segments {' and '.join(map(str, range(1, count + 1)))}"
+        raise InputError("broken_heaters", sorted(broken_heaters), allowed)
     rng = np.random.default_rng(int(differences.integers(2**31)))
-    first, second = (
+    return tuple(
         HeatedSegment(
             true_model(segment_model(robot, air, j), robot.thermal_segment(j).ranges, what, rng),
             true_sensor(robot, air, j, what, differences),
@@ -270,9 +273,8 @@ def heated_segments(
             rigid_setpoint_C=robot.heater.rigid_setpoint_C,
             broken_heater=j + 1 in broken_heaters,
         )
-        for j in (0, 1)
+        for j in range(count)
     )
-    return first, second
 
 
 def true_model(

@@ -76,7 +76,7 @@ def simulate(
         executor: "optimal", or "greedy".
         plan: A plan of the problem, if there is one already.
         settings: Of the executor; by default it knows the level's dead zone.
-        broken_heaters: Segments (1, 2) whose heater never warms.
+        broken_heaters: Segments (from 1) whose heater never warms.
 
     Raises:
         InputError: If there is no such plant, level or executor, or the robot has no ``[segment]``.
@@ -90,5 +90,5 @@ def simulate(
     if executor == "greedy":
         run = GreedyExecutor(robot, chosen).run(problem)
     else:
-        run = Executor(robot, chosen).run(plan or find_plan(problem))
+        run = Executor(robot, chosen).run(plan or find_plan(problem).require())
     return Simulation(plant, disturbance, seed, run, robot.truth())

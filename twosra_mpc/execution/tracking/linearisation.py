@@ -40,6 +40,7 @@ from twosra_mpc.execution.tracking.prediction import (
 )
 from twosra_mpc.execution.tracking.setup import Setup
 from twosra_mpc.execution.tracking.stage import Stage, stage_model
+from twosra_mpc.robot.coordinates import INPUTS, WHEELS
 
 Array = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class TrackingProgram:
 
     Attributes:
         setup: What it was made from.
-        linearise: (q measured (5,), reference (m, N+1), previous solution, last wheel command (4,))
+        linearise: (q measured, reference (m, N+1), previous solution, last wheel command (4,))
             -> (values of A in column order, lower, upper, first m entries of the cost vector,
             deviation measured and guess of the solution).
         command: (q measured, reference, solution, last wheel command) -> (v (5,), wheel speeds (4,)
@@ -96,7 +97,7 @@ class _Affine(NamedTuple):
 def tracking_program(setup: Setup) -> TrackingProgram:
     """Write down and compile the quadratic program of one mode."""
     stage, m, n = stage_model(setup), setup.outputs.count, setup.horizon
-    q, wheels = ca.SX.sym("q", 5), ca.SX.sym("wheels", 4)
+    q, wheels = ca.SX.sym("q", setup.robot.coordinates.size), ca.SX.sym("wheels", WHEELS)
     reference = ca.SX.sym("reference", m, n + 1)
     previous = ca.SX.sym("previous", setup.variables)
     arguments = [q, reference, previous, wheels]
@@ -183,7 +184,8 @@ def _row_units(setup: Setup, stage: Stage) -> Array:
 
     Keeps the program equally well conditioned for every robot and weight, (rows of g,).
     """
-    _, by_step, _ = stage.speeds(np.zeros(5), np.zeros(setup.outputs.count))
+    straight = np.zeros(setup.robot.coordinates.size)
+    _, by_step, _ = stage.speeds(straight, np.zeros(setup.outputs.count))
     units: Array = 1 / np.linalg.norm(by_step.full() * setup.scale, axis=1)
     return units
 
@@ -263,7 +265,7 @@ def _command(setup: Setup, stage: Stage, period: Period, last: ca.SX) -> list[ca
     if outputs.bending:
         shares.append(ca.fabs(u) / limits.unit_speed_m_s)
     within = 1 / ca.fmax(1, ca.mmax(ca.vertcat(*shares)))
-    v = ca.SX.zeros(5)
+    v = ca.SX.zeros(INPUTS)
     v[list(outputs.inputs)] = u * within
     wanted, zone = wheels * within, setup.limits.dead_zone_rad_s
     turned = ca.if_else(ca.fabs(wanted) < zone / 2, 0, ca.sign(wanted) * zone)

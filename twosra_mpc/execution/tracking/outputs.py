@@ -4,17 +4,20 @@ r"""What is tracked in each mode: as many outputs y = T q as the mode has inputs
 
 B picks the inputs of the mode. M is regular, so any path of y can be followed, and what the inputs
 must be follows from it. Rigid: y = (x, y, phi). Soft: y = (phi, mean curvature of the soft
-segments); where b0 goes meanwhile follows from the path of y, and cannot be corrected at rest.
+segments): two units bend all of them at once, so one number is theirs to control, however many they
+are. Where b0 goes meanwhile follows from the path of y, and cannot be corrected at rest.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 Array = NDArray[np.float64]
 
@@ -25,7 +28,7 @@ class Outputs:
 
     Attributes:
         inputs: Positions in v = [v1, v2, u0, v0, r0] of the mode's inputs, m of them.
-        selection: T, (m, 5); a mean of coordinates has weights that add up to one.
+        selection: T, (m, 3 + n); a mean of coordinates has weights that add up to one.
         heading: Which output is phi.
         bending: Positions in q of the curvatures that move.
     """
@@ -41,16 +44,14 @@ class Outputs:
         return len(self.inputs)
 
 
-def _soft(*bending: int) -> Outputs:
-    selection = np.zeros((2, 5))
+@lru_cache(maxsize=32)
+def outputs_of(mode: Mode) -> Outputs:
+    """Outputs and inputs of a mode, whatever the number of segments."""
+    size = POSE + len(mode)
+    if is_rigid(mode):
+        return Outputs((2, 3, 4), np.eye(POSE, size), heading=2, bending=())
+    bending = tuple(POSE + segment for segment in soft_segments(mode))
+    selection = np.zeros((2, size))
     selection[0, 2] = 1.0
     selection[1, list(bending)] = 1.0 / len(bending)
     return Outputs((0, 1), selection, heading=0, bending=bending)
-
-
-OUTPUTS: dict[Mode, Outputs] = {
-    RIGID: Outputs((2, 3, 4), np.eye(3, 5), heading=2, bending=()),
-    SOFT_1: _soft(3),
-    SOFT_2: _soft(4),
-    SOFT_BOTH: _soft(3, 4),
-}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.execution.tracking.setup import Setup
 from twosra_mpc.execution.tracking.stage import Stage
+from twosra_mpc.robot.coordinates import POSE
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ class Start(NamedTuple):
     """A measured configuration, brought to where the model holds.
 
     Attributes:
-        q: Configuration, (5,).
+        q: Configuration, (3 + n,).
         deviation: e_0, deviation of its outputs from the plan in units of the weights, (m,).
     """
 
@@ -35,7 +36,7 @@ class Period(NamedTuple):
     """One period of a motion.
 
     Attributes:
-        half_way: Configuration in its middle, (5,).
+        half_way: Configuration in its middle, (3 + n,).
         step: Change of the outputs, (m,).
         kappa: Moving curvatures at its end [1/m].
         bending: Their derivative by the outputs.
@@ -50,8 +51,8 @@ class Period(NamedTuple):
 def believed_start(setup: Setup, q: ca.SX, planned: ca.SX) -> Start:
     """Make a start of any finite measurement; headings count modulo 2 pi."""
     outputs = setup.outputs
-    kappa = _bounded(q[3:], CURVATURE_MARGIN * setup.robot.limits.curvature_per_m)
-    q = ca.vertcat(q[:3], kappa)
+    kappa = _bounded(q[POSE:], CURVATURE_MARGIN * setup.robot.limits.curvature_per_m)
+    q = ca.vertcat(q[:POSE], kappa)
     deviation = ca.sparsify(ca.DM(outputs.selection)) @ q - planned
     turn = deviation[outputs.heading]
     deviation[outputs.heading] = turn - 2 * math.pi * ca.floor(turn / (2 * math.pi) + 0.5)
@@ -83,7 +84,7 @@ def motion(setup: Setup, stage: Stage, start: Start, outputs: Sequence[ca.SX]) -
         if moving:
             half_way[moving] = _bounded(kappa + bending @ step / 2, bound)
         else:
-            half_way[:3] = y + step / 2
+            half_way[:POSE] = y + step / 2
         bending = stage.bending(half_way)
         kappa = kappa + bending @ step
         periods.append(Period(half_way, step, kappa, bending))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.tracking.outputs import OUTPUTS, Outputs
+from twosra_mpc.execution.tracking.outputs import Outputs, outputs_of
 from twosra_mpc.execution.tracking.settings import TrackerLimits, TrackerWeights
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
@@ -30,7 +30,7 @@ class Setup:
     @property
     def outputs(self) -> Outputs:
         """What the mode tracks."""
-        return OUTPUTS[self.mode]
+        return outputs_of(self.mode)
 
     @property
     def variables(self) -> int:
@@ -50,9 +50,8 @@ class Setup:
         return self._of_outputs(limits.deviation_m, limits.deviation_rad, limits.deviation_per_m)
 
     def _of_outputs(self, position: float, heading: float, curvature: float) -> Array:
-        values: Array = self.outputs.selection @ np.array(
-            [position, position, heading, curvature, curvature]
-        )
+        each = self.robot.coordinates.each(position, heading, curvature)
+        values: Array = self.outputs.selection @ each
         return values
 
     @property

@@ -16,6 +16,7 @@ from scipy import sparse
 
 from twosra_mpc.execution.tracking.linearisation import TrackingProgram
 from twosra_mpc.execution.tracking.settings import SolverSettings
+from twosra_mpc.robot.coordinates import INPUTS, WHEELS
 
 Array = NDArray[np.float64]
 
@@ -85,7 +86,7 @@ class ProgramInPlace:
     one's linearisation point and start, until ``forget()``.
 
     Attributes:
-        measured: Measured configuration, (5,).
+        measured: Measured configuration, (3 + n,).
         reference: Outputs of the plan now and at the following samples, (N + 1, m).
         wheels: Last wheel command, (4,) [rad/s].
         v: Input found, [v1, v2, u0, v0, r0], (5,).
@@ -95,9 +96,9 @@ class ProgramInPlace:
     def __init__(self, program: TrackingProgram, settings: SolverSettings) -> None:
         setup = program.setup
         self.program = program
-        self.measured, self.wheels = np.zeros(5), np.zeros(4)
+        self.measured = np.zeros(setup.robot.coordinates.size)
         self.reference = np.zeros((setup.horizon + 1, setup.outputs.count))
-        self.v, self.command = np.zeros(5), np.zeros(4)
+        self.v, self.wheels, self.command = np.zeros(INPUTS), np.zeros(WHEELS), np.zeros(WHEELS)
         self._cost = program.cost.copy()
         self._x = np.zeros(len(self._cost))
         self._expected = np.zeros(setup.outputs.count + len(self._cost))

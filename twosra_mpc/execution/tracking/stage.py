@@ -16,6 +16,7 @@ import casadi as ca
 
 from twosra_mpc.execution.tracking.setup import Setup
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.robot.coordinates import WHEELS
 
 
 @dataclass(frozen=True)
@@ -48,13 +49,13 @@ def stage_model(setup: Setup) -> Stage:
     """Write down the model of one period."""
     outputs, compiled = setup.outputs, kinematics(setup.robot)
     limits, bending = setup.robot.limits, list(outputs.bending)
-    q, d = ca.SX.sym("q", 5), ca.SX.sym("d", outputs.count)
+    q, d = ca.SX.sym("q", setup.robot.coordinates.size), ca.SX.sym("d", outputs.count)
     inputs, sigma = list(outputs.inputs), ca.DM(setup.mode)
     jacobian = ca.sparsify(compiled.jacobian(q, sigma)[:, inputs])
     inverse = ca.inv_minor(ca.sparsify(ca.DM(outputs.selection)) @ jacobian)
     u = inverse @ d / setup.period_s
     drive = ca.sparsify(compiled.wheel_matrix(q, sigma)[:, inputs])
-    wheels = tuple(i for i in range(4) if not drive[i, :].is_zero())
+    wheels = tuple(i for i in range(WHEELS) if not drive[i, :].is_zero())
 
     by_wheel = drive[list(wheels), :] / limits.wheel_speed_rad_s
     g, rows = by_wheel @ u, list(range(len(wheels)))

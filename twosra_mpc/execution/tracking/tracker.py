@@ -17,11 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.reference import SAME_TIME_S, PhaseReference
+from twosra_mpc.execution.tracking.reference import PhaseReference
 from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.setup import Setup
 from twosra_mpc.execution.tracking.solver import ProgramInPlace, QuadraticProgram, Quality
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.robot.coordinates import INPUTS, WHEELS
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 
@@ -47,10 +49,10 @@ class Measurement:
         time_s: Time in the plan [s]; in a phase that started late, the plan's start of the phase
             plus the time since.
         phase: Index of the phase to track, None between phases.
-        q: Configuration [x m, y m, phi rad, kappa1 1/m, kappa2 1/m], (5,).
+        q: Configuration [x m, y m, phi rad, kappa1 ... kappan 1/m], (3 + n,).
 
     Raises:
-        InputError: If a value is not a finite number, or ``q`` is not five numbers.
+        InputError: If a value is not a finite number.
     """
 
     time_s: float
@@ -61,10 +63,8 @@ class Measurement:
         try:
             q = np.array(self.q, dtype=float)
         except (TypeError, ValueError):
-            raise InputError("measurement.q", self.q, "five numbers") from None
-        if q.shape != (5,):
-            raise InputError("measurement.q", q.shape, "five numbers: an array of shape (5,)")
-        if not all(map(math.isfinite, q.tolist())):
+            raise InputError("measurement.q", self.q, "numbers") from None
+        if not np.isfinite(q).all():
             raise InputError("measurement.q", q.tolist(), "finite numbers")
         q.setflags(write=False)
         object.__setattr__(self, "q", q)
@@ -85,7 +85,7 @@ class Command:
     Attributes:
         wheel_rad_s: Wheel speeds, (4,).
         v: Body input these are for, [v1, v2 m/s, u0, v0 m/s, r0 rad/s], (5,).
-        heater_setpoint_C: Temperature set-points of the segments, (2,).
+        heater_setpoint_C: Temperature set-points of the segments, (n,).
         status: Where the command comes from.
         message: One sentence on a status other than solved.
     """
@@ -148,7 +148,7 @@ class Tracker:
         self._phases: list[_TrackedPhase] | None = None
         self._phase: int | None = None
         self._solved_last: ProgramInPlace | None = None
-        off = _read_only(np.full(2, robot.heater.rigid_setpoint_C))
+        off = _read_only(np.full(robot.coordinates.segments, robot.heater.rigid_setpoint_C))
         self._last_command = Command(
             _NO_WHEELS, _NO_INPUT, off, CommandStatus.HELD, "no plan is being tracked yet"
         )
@@ -165,13 +165,11 @@ class Tracker:
         """Track another plan from the next step on; the wheels are taken to turn as last told.
 
         Raises:
-            InputError: If the plan is for another robot, or has no samples to follow.
+            InputError: If the plan is for another robot, or its samples are not finite.
         """
         if plan.robot != self.robot:
             raise InputError("plan.robot", plan.robot.name, _same_robot(self.robot))
         samples = plan.samples
-        if samples is None:
-            raise InputError("plan.samples", None, f"a plan with samples ({plan.message})")
         for name in ("t_s", "q", "v", "heater_setpoint_C"):
             if not np.isfinite(getattr(samples, name)).all():
                 raise InputError(f"plan.samples.{name}", "not finite", "finite numbers")
@@ -179,9 +177,7 @@ class Tracker:
         for phase in plan.phases:
             program = self._program(phase.mode)
             selection = program.program.setup.outputs.selection
-            path = PhaseReference(
-                self.robot, samples, phase, selection, self.horizon, self.period_s
-            )
+            path = PhaseReference(plan.trajectory, phase, selection, self.horizon, self.period_s)
             phases.append(_TrackedPhase(program, path))
         self._phases, self._phase = phases, None
         self._times = samples.t_s.tolist()
@@ -193,10 +189,14 @@ class Tracker:
         Wheels that turn too fast for another phase to stop them at once are stopped between phases.
 
         Raises:
-            InputError: If there is no plan yet, or the plan has no such phase.
+            InputError: If there is no plan yet, the plan has no such phase, or the robot has more
+                or fewer coordinates.
         """
         if self._phases is None:
             raise InputError("plan", None, "a plan, given to reset")
+        size = self.robot.coordinates.size
+        if np.shape(measurement.q) != (size,):
+            raise InputError("measurement.q", np.shape(measurement.q), f"{size} numbers, a row")
         phase = measurement.phase
         if phase is None:
             self._phase = None
@@ -264,4 +264,4 @@ def _same_robot(robot: Robot) -> str:
     return f"a plan for this very robot, {robot.name}, with all its values"
 
 
-_NO_WHEELS, _NO_INPUT = _read_only(np.zeros(4)), _read_only(np.zeros(5))
+_NO_WHEELS, _NO_INPUT = _read_only(np.zeros(WHEELS)), _read_only(np.zeros(INPUTS))

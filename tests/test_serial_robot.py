@@ -1,0 +1,125 @@
+"""A robot on a serial line, driven as any other: with a camera to its goal, and never blind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from conftest import Planned
+from numpy.typing import NDArray
+from simulated_firmware import SimulatedFirmware
+
+from twosra_mpc import InputError, Plan
+from twosra_mpc.execution.executor import Executor
+from twosra_mpc.execution.robot_interface import Camera, RobotError
+from twosra_mpc.execution.run import Ending
+from twosra_mpc.execution.serial.robot import STOPS, connected
+from twosra_mpc.model.rolling import NO_DRIFT, rolling
+
+Array = NDArray[np.float64]
+
+ARC = "2sra-v1-arc"
+
+
+class SeenFirmware(SimulatedFirmware):
+    """Firmware whose robot rolls as its wheels turn, seen by a perfect camera until it breaks."""
+
+    camera = Camera(rate_Hz=15.0)
+
+    def __init__(self, plan: Plan, grip: float = 1.0, seen_until_s: float = np.inf) -> None:
+        super().__init__(plan)
+        self.q, self._robot = plan.problem.start.configuration.copy(), plan.robot
+        self._grip, self._seen_until_s = grip, seen_until_s
+
+    def sleep(self, duration_s: float) -> None:
+        super().sleep(duration_s)
+        if self.moves and any(self.received[-1].wheel_rad_s):
+            mode = tuple(int(segment.soft) for segment in self.segments)
+            turned = self._grip * duration_s * np.array(self.received[-1].wheel_rad_s)
+            self.q = rolling(self._robot, mode)(self.q, turned, NO_DRIFT).full().ravel()
+
+    def frames(self, now_s: float) -> tuple[Array, Array]:
+        """The pose source's: what is seen now."""
+        if now_s > self._seen_until_s:
+            return np.empty(0), np.empty((0, len(self.q)))
+        return np.array([now_s]), self.q[None]
+
+
+@pytest.fixture
+def made() -> Iterator[list[SeenFirmware]]:
+    """Where a test puts its firmware, to have it released at the end."""
+    firmware: list[SeenFirmware] = []
+    yield firmware
+    for each in firmware:
+        each.close()
+
+
+def test_tracker_and_replanning_drive_it_to_its_goal(
+    planned: Planned, made: list[SeenFirmware]
+) -> None:
+    plan = planned("paper-2", robot=ARC)
+    made.append(SeenFirmware(plan, grip=0.8))
+    with connected(plan.problem, made[0].port, made[0], poses=made[0]) as robot:
+        robot.listen()
+        run = Executor(robot).run(plan)
+    assert run.ending is Ending.REACHED
+    error = plan.problem.goal.error(made[0].q.copy())
+    assert run.accuracy.of(error) <= 1.0
+    assert run.transitions == plan.cost.transitions  # type: ignore[union-attr]
+    for item in made[0].moves:
+        assert item.truly_soft in {phase.mode for phase in plan.phases}
+    made[0].receive()
+    assert [item.heated for item in made[0].received[-STOPS:]] == [(0, 0)] * STOPS
+
+
+@pytest.mark.parametrize("seen_until_s", [-1.0, 66.0])
+def test_a_robot_that_nothing_sees_is_not_tracked(
+    planned: Planned, made: list[SeenFirmware], seen_until_s: float
+) -> None:
+    plan = planned("paper-2", robot=ARC)
+    made.append(SeenFirmware(plan, seen_until_s=seen_until_s))
+    poses = made[0] if seen_until_s > 0 else None
+    with connected(plan.problem, made[0].port, made[0], poses=poses) as robot:
+        robot.listen()
+        run = Executor(robot).run(plan)
+    assert run.ending is Ending.CAMERA_LOST
+    assert "no camera frame for 2 s" in run.reason
+    driven = [item.time_s for item in made[0].moves]
+    assert max(driven, default=-1.0) <= seen_until_s + 2.1
+    assert bool(driven) == (poses is not None)
+
+
+def test_wheels_do_not_turn_while_the_rest_is_planned(
+    planned: Planned, made: list[SeenFirmware], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = planned("paper-2", robot=ARC)
+    made.append(SeenFirmware(plan))
+
+    def stopped(problem: object) -> None:
+        made[0].receive()
+        assert not any(made[0].received[-1].wheel_rad_s)
+        raise InputError("goal", problem, "none: planning was tried")
+
+    monkeypatch.setattr("twosra_mpc.execution.executor.find_plan", stopped)
+    push = np.array([0.15, 0.0, 0.0, 0.0, 0.0])
+    with connected(plan.problem, made[0].port, made[0], poses=made[0]) as robot:
+        robot.listen()
+        made[0].at[made[0].now_s() + 0.5] = lambda: setattr(made[0], "q", made[0].q + push)
+        run = Executor(robot).run(plan)
+    assert run.ending is Ending.NO_PLAN
+    assert "planning was tried" in run.reason
+
+
+def test_a_robot_that_gets_too_hot_is_switched_off(
+    planned: Planned, made: list[SeenFirmware]
+) -> None:
+    plan = planned("paper-2", robot=ARC)
+    made.append(SeenFirmware(plan))
+    made[0].reports = lambda t, j, T: b"%c%.1f\n" % (65 + j, T if t < 50 else 90)
+    with connected(plan.problem, made[0].port, made[0], poses=made[0]) as robot:
+        robot.listen()
+        with pytest.raises(RobotError, match="segment 1: too hot, 90"):
+            Executor(robot).run(plan)
+    made[0].receive()
+    assert [item.heated for item in made[0].received[-STOPS:]] == [(0, 0)] * STOPS

@@ -1,0 +1,167 @@
+"""Running a plan by a camera: phases are tracked, looked at when they end, and judged.
+
+Whatever can be corrected later is left; what cannot, because a segment would have to melt again, is
+predicted, and the plan is given up as soon as that is certain.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.execution.feedback import ByReports
+from twosra_mpc.execution.predicted_end import predicted_curvatures
+from twosra_mpc.execution.pulses import Pulses
+from twosra_mpc.execution.remaining import ACCEPTED
+from twosra_mpc.execution.runner import Abort, PlanRunner
+from twosra_mpc.execution.tracking.outputs import outputs_of
+from twosra_mpc.execution.tracking.tracker import Measurement, Tracker
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import is_rigid, soft_segments
+
+Array = NDArray[np.float64]
+
+
+class ByCamera(ByReports):
+    """Heaters and phases as by reports; the wheels by what the camera sees."""
+
+    def __init__(self, plan: Plan, tracker: Tracker, accuracy: Accuracy, pulses: Pulses) -> None:
+        """Make ready to run a plan.
+
+        Args:
+            plan: The plan.
+            tracker: A tracker of its robot.
+            accuracy: How near to the goal is near enough.
+            pulses: What is done about the drives' dead zone.
+        """
+        self.tracker, self.accuracy, self.pulses = tracker, accuracy, pulses
+        tracker.reset(plan)
+
+    def drive(self, run: PlanRunner, index: int) -> Abort | None:
+        """Drive a phase, and again while looks say that it comes nearer to where it should be."""
+        return _TrackedPhase(self, run, index).drive()
+
+
+class _TrackedPhase:
+    """One phase on its way."""
+
+    def __init__(self, by: ByCamera, run: PlanRunner, index: int) -> None:
+        self.by, self.run, self.index = by, run, index
+        self.session, self.patience = run.session, run.patience
+        self.phase, self.last = run.plan.phases[index], index == len(run.plan.phases) - 1
+        self.rigid = is_rigid(self.phase.mode)
+        self.scale = by.accuracy.scale(run.plan.robot.coordinates)
+
+    def drive(self) -> Abort | None:
+        before = off = math.inf
+        while off > self._settled() and off <= self.patience.nearer * before:
+            if (left := self._travel()) is not None:
+                return left
+            self._look()
+            before, off = off, self._off()
+        return None if self.rigid else self._judge()
+
+    def _travel(self) -> Abort | None:
+        """Track the phase until it ends where it should, or comes no nearer."""
+        run, session, phase = self.run, self.session, self.phase
+        until_s = session.now_s + self.patience.come_nearer_s
+        while session.now_s < until_s:
+            if (left := run.wait_for(phase.mode, run.clock_s, held=phase.mode)) is not None:
+                return left
+            if (left := self._unseen()) is not None:
+                return left
+            planned, off, over = run.planned, self._off(), run.clock_s >= phase.end_s
+            if over and off <= self._settled():
+                return None
+            if (left := self._outside(planned)) is not None:
+                return left
+            time_s = run.clock_s + (session.period_s if over else 0.0)  # then the path rests
+            command = self.by.tracker.step(Measurement(time_s, self.index, session.q))
+            wheels = self.by.pulses.shape(command.wheel_rad_s)
+            session.drive(phase.mode, wheels, run.setpoint_C, planned)
+            if not over:
+                pace = min(1.0, self.patience.tube / off) if off else 1.0
+                run.clock_s = min(run.clock_s + pace * session.period_s, phase.end_s)
+                until_s = session.now_s + self.patience.come_nearer_s
+        return None
+
+    def _unseen(self) -> Abort | None:
+        """Stand while nothing sees the robot, but not for long."""
+        session, limit_s = self.session, self.patience.unseen_s
+        until_s = session.now_s + limit_s
+        while session.unseen_s > limit_s:
+            if session.now_s >= until_s:
+                return Abort("camera", f"no camera frame for {limit_s:g} s and more")
+            session.rest(self.run.setpoint_C, session.period_s, self.run.planned)
+        return None
+
+    def _look(self) -> None:
+        """Average camera frames at rest, where the end of the phase matters for the goal."""
+        scale = self.patience.certain * self.scale
+        if not self.rigid:
+            scale[:POSE] = math.inf  # poses are corrected when everything is solid
+        if self.last or not self.rigid:
+            self.session.average(self.run.setpoint_C, scale, self.patience.look_s)
+
+    def _off(self) -> float:
+        """Deviation of what the phase controls from the plan, in units of the accuracy."""
+        return float(np.abs(self._outputs(self.session.q - self.run.planned)).max())
+
+    def _settled(self) -> float:
+        """Deviation at which the phase may end: no finer than what is believed is certain."""
+        patience = self.patience
+        certain = 2 * float(np.abs(self._outputs(self.session.deviation)).max())
+        loose = patience.loose if self.rigid and not self.last else 1.0
+        return min(patience.settled * loose, max(certain, patience.finest))
+
+    def _outputs(self, difference: Array) -> Array:
+        """Outputs of the phase's mode of a difference of q, in units of the accuracy."""
+        selection, scale = outputs_of(self.phase.mode).selection, self.scale.copy()
+        turned = difference.copy()
+        turned[2] = math.remainder(turned[2], math.tau)
+        if not self.rigid:
+            scale[2] *= self.patience.loose
+        shares: Array = (selection @ turned) / (selection @ scale)
+        return shares
+
+    def _outside(self, planned: Array) -> Abort | None:
+        """Whether the robot has left the corridor around the plan."""
+        session, patience = self.session, self.patience
+        away, soft = session.q - planned, list(soft_segments(self.phase.mode))
+        turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
+        bent = away[POSE:][soft]
+        if far_m > patience.corridor_m or abs(turn) > patience.corridor_rad:
+            text = f"the robot is {1e3 * far_m:.0f} mm and {abs(turn):.2f} rad from the plan"
+            return Abort("corridor", text, stiff=bool((np.abs(bent) > patience.stiff_per_m).any()))
+        apart = float(np.ptp(bent)) / 2 if soft else 0.0
+        if apart > patience.stiff_per_m:
+            text = f"the segments bend unequally, by {apart:.1f} 1/m more and less than planned"
+            return Abort("corridor", text, stiff=True)
+        return None
+
+    def _judge(self) -> Abort | None:
+        """Whether the phases to come lead to the goal's curvatures from here, as they are."""
+        patience, accuracy = self.patience, self.by.accuracy
+        missed = self._predicted_miss()
+        if abs(accuracy.of_shape(missed) - ACCEPTED) < patience.doubtful:
+            scale = patience.certain_of_a_melt * self.scale
+            scale[:POSE] = math.inf
+            self.session.average(self.run.setpoint_C, scale, patience.long_look_s)
+            missed = self._predicted_miss()
+        if accuracy.of_shape(missed) <= ACCEPTED:
+            return None
+        bends = " and ".join(f"{kappa:+.1f}" for kappa in missed[POSE:].tolist())
+        stiff = bool(np.abs(missed[POSE:]).max() > patience.stiff_per_m)
+        return Abort("corridor", f"the plan would miss the curvatures by {bends} 1/m", stiff=stiff)
+
+    def _predicted_miss(self) -> Array:
+        """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""
+        plan, rest = self.run.plan, self.run.plan.phases[self.index + 1 :]
+        times = [self.run.clock_s, *(item.end_s for item in rest)]
+        path, modes = plan.trajectory.configuration(times), [item.mode for item in rest]
+        kappa = predicted_curvatures(plan.robot, self.session.q, list(path), modes)
+        return plan.problem.goal.error(np.concatenate([path[-1, :POSE], kappa]))

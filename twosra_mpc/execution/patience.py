@@ -1,0 +1,66 @@
+"""How long a run waits, and how near to its plan it wants the robot: one set for every runner."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from twosra_mpc.validation import Positive, Value
+
+
+class Patience(Value):
+    """When a run goes on, looks again, or gives a plan up. Shares are of the accuracy asked for.
+
+    Attributes:
+        rest_s: Longest rest between two looks at the heaters.
+        late: A transition that takes so many times the planned time has failed.
+        least_transition_s: What is taken for the planned time, at least.
+        longest_change_s: A segment that has been changing for so long keeps nobody waiting.
+        melt_on_s: How long a segment that seems to be stiff is held soft before planning again.
+        come_nearer_s: How long the end of a phase is tried for after its time.
+        look_s: Longest look at the resting robot.
+        long_look_s: The same, before a melt is decided on.
+        unseen_s: Nobody drives by a camera that has sent no frame for so long.
+        settled: Share at which a phase may end.
+        finest: Share below which nothing is asked for, however certain the belief is.
+        loose: Headings of soft phases, and poses of phases that are not the last, may be so many
+            times farther off.
+        tube: Share beyond which the plan's clock slows down for a robot that lags behind.
+        nearer: A phase whose deviation is not less than this part of the one before it ends.
+        certain: Share that the standard deviation shall come down to in a look.
+        certain_of_a_melt: The same in a long look.
+        doubtful: Distance of a share from a decision that makes it worth a long look.
+        corridor_m: A robot farther from its plan has left it.
+        corridor_rad: The same for its heading.
+        stiff_per_m: A curvature farther from the plan is of metal that is not yet all liquid.
+        listen_s: How long a robot is listened to for its first temperature reports.
+        enough_reports: Reports of each segment that end the listening.
+        silent_s: A segment that has not reported for so long is an error.
+        held_up_s: A command that turns the wheels and lasts so much too long is an error.
+    """
+
+    rest_s: Positive = 1.0  # the follow-up robot reports once a second
+    late: Positive = 3.0  # chosen: the robot files' 5 to 95 % ranges stay below 2
+    least_transition_s: Positive = 20.0  # its controller calls a heater stuck after as long
+    longest_change_s: Positive = 1500.0  # six freezes of 2sra-v1
+    melt_on_s: Positive = 30.0  # half a melt of 2sra-v1
+    come_nearer_s: Positive = 15.0
+    look_s: Positive = 6.0
+    long_look_s: Positive = 20.0
+    unseen_s: Positive = 2.0  # later frames are of no use to the filter; 18 frames at 9 Hz
+    settled: Positive = 0.3
+    finest: Positive = 3e-5
+    loose: Positive = 3.0
+    tube: Positive = 5.0
+    nearer: Positive = 0.7
+    certain: Positive = 0.15
+    certain_of_a_melt: Positive = 0.08
+    doubtful: Positive = 0.3
+    corridor_m: Positive = 0.1
+    corridor_rad: Positive = 1.0
+    stiff_per_m: Positive = 5.0
+    listen_s: Positive = 5.0  # five reports of the follow-up robot
+    enough_reports: Annotated[int, Field(ge=1)] = 3  # single ones can be far off: their median
+    silent_s: Positive = 5.0  # five reports missed
+    held_up_s: Positive = 0.5  # at 10 rad/s of a 2sra-v1 wheel: 75 mm too far

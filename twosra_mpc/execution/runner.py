@@ -1,0 +1,171 @@
+"""The one runner of plans: it waits for each phase, has it driven, and says why it cannot go on.
+
+The plan's clock stands at a phase's start until the feedback lets the phase begin, and jumps there
+if that is early. What the feedback is, the plan's own times, reports of temperatures or a camera,
+decides nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress, heater_schedule
+from twosra_mpc.execution.patience import Patience
+from twosra_mpc.execution.run import Drive
+from twosra_mpc.execution.session import Session
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.robot.modes import Mode, Stiffness, mode_name
+
+Array = NDArray[np.float64]
+
+
+class Abort(NamedTuple):
+    """Why a plan cannot be followed to its end.
+
+    Attributes:
+        kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
+            segment did not become what it should; "camera": nothing sees the robot; "time": the
+            run takes too long.
+        text: The same in words.
+        segment: The segment (from 0) whose heater it is.
+        to: What it should have become.
+        stiff: Whether a segment that is reported soft seems to need more time.
+    """
+
+    kind: Literal["corridor", "heater", "camera", "time"]
+    text: str
+    segment: int = 0
+    to: Stiffness = "soft"
+    stiff: bool = False
+
+
+class Feedback(Protocol):
+    """By what a plan is run."""
+
+    def setpoint_C(self, run: PlanRunner) -> Array:
+        """Set-points of the plan now, (n,)."""
+
+    def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
+        """Whether the robot may drive in ``mode``, planned from ``planned_s`` on."""
+
+    def drive(self, run: PlanRunner, index: int) -> Abort | None:
+        """Drive a phase of the plan; the robot is in its mode."""
+
+
+class PlanRunner:
+    """One plan on its way; ``follow`` may be called once.
+
+    Attributes:
+        session: The run it is a part of.
+        plan: The plan.
+        schedule: Its heaters by events.
+        patience: How long it waits.
+        clock_s: Time of the plan.
+        driven: The phases driven so far.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        plan: Plan,
+        feedback: Feedback,
+        patience: Patience,
+        longest_s: float = math.inf,
+    ) -> None:
+        """Make ready to run a plan that starts where the robot is, until ``longest_s``."""
+        self.session, self.plan, self.feedback = session, plan, feedback
+        self.patience, self.longest_s = patience, longest_s
+        self.schedule: HeaterSchedule = heater_schedule(plan)
+        self.clock_s = 0.0
+        self.driven: list[Drive] = []
+        self._planned = -1.0, np.empty(0)
+
+    @property
+    def progress(self) -> Progress:
+        """How far the plan has come."""
+        return Progress(self.clock_s, len(self.driven))
+
+    @property
+    def setpoint_C(self) -> Array:
+        """Set-points of the plan now, (n,)."""
+        return self.feedback.setpoint_C(self)
+
+    @property
+    def planned(self) -> Array:
+        """Configuration of the plan now, (3 + n,); asked for several times a period."""
+        if self._planned[0] != self.clock_s:
+            q = self.plan.trajectory.configuration([self.clock_s])[0]
+            self._planned = self.clock_s, q
+        return self._planned[1]
+
+    def follow(self) -> Abort | None:
+        """Run the plan until everything is as it should be at its end, or it has to be left."""
+        session, phases, goal = self.session, self.plan.phases, self.plan.problem.goal
+        for index, phase in enumerate(phases):
+            name = f"phase {index + 1} of {len(phases)} {mode_name(phase.mode)}"
+            session.during = f"waiting for {name}"
+            if (left := self.wait_for(phase.mode, phase.start_s)) is not None:
+                return left
+            session.during = f"in {name}"
+            session.tell("drive", f"{name} begins")
+            begun_s = session.now_s
+            if (left := self.feedback.drive(self, index)) is not None:
+                return left
+            self.driven.append(Drive(phase.mode, begun_s, session.now_s))
+            self.clock_s = max(self.clock_s, phase.end_s)
+        session.during = f"waiting for the end {mode_name(goal.mode)}"
+        return self.wait_for(goal.mode, self.plan.trajectory.duration_s)
+
+    def wait_for(self, mode: Mode, until_s: float, *, held: Mode | None = None) -> Abort | None:
+        """Stand until the feedback lets the robot drive; the plan's clock goes on to ``until_s``.
+
+        Args:
+            mode: Mode to drive in.
+            until_s: Time of the plan at which it is needed.
+            held: Segments to heat whatever the plan says: it has lost them too early.
+        """
+        session, begun_s = self.session, self.session.now_s
+        while (left := self._broken()) is None and not self.feedback.ready(self, mode, until_s):
+            if (left := self._late(mode, session.now_s - begun_s)) is not None:
+                return left
+            before_s, left_s, rest_s = session.now_s, until_s - self.clock_s, self.patience.rest_s
+            if left_s > SAME_TIME_S:
+                rest_s = min(left_s, rest_s)
+            setpoint_C = self.setpoint_C
+            if held is not None:
+                setpoint_C = np.where(held, self.plan.robot.heater.soft_setpoint_C, setpoint_C)
+            session.rest(setpoint_C, rest_s, self.planned)
+            self.clock_s = min(self.clock_s + session.now_s - before_s, until_s)
+        self.clock_s = until_s
+        return left
+
+    def _broken(self) -> Abort | None:
+        """A segment that is heated and whose controller has given up."""
+        session, soft_C = self.session, self.plan.robot.heater.soft_setpoint_C
+        for segment, faulty in enumerate(session.reading.faulty):
+            if faulty and session.setpoint_C[segment] >= soft_C:
+                here = f"{session.reading.temperature_C[segment]:.1f} C: heater or sensor?"
+                text = f"segment {segment + 1}: heating does not warm it, {here}"
+                return Abort("heater", text, segment)
+        return None
+
+    def _late(self, mode: Mode, waited_s: float) -> Abort | None:
+        """A segment that should have become what ``mode`` needs long ago, or a run without end."""
+        session = self.session
+        if session.now_s > self.longest_s:
+            return Abort("time", f"the run has taken more than {self.longest_s:.0f} s")
+        for segment, (soft, now) in enumerate(zip(mode, session.reading.stiffness, strict=True)):
+            to: Stiffness = "soft" if soft else "rigid"
+            planned_s = self.schedule.expected_s(segment, to)
+            latest_s = self.patience.late * max(planned_s, self.patience.least_transition_s)
+            asked_s = min(waited_s, session.asked_for_s(segment))
+            if now not in (None, to) and asked_s > latest_s:
+                known = session.reading.describe(segment)
+                text = f"{known}, not {to} after {asked_s:.0f} s, planned were {planned_s:.0f} s"
+                return Abort("heater", text, segment, to)
+        return None

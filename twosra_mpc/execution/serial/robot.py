@@ -1,0 +1,312 @@
+"""A robot on a serial line, as an executor drives it; it is switched off whatever happens.
+
+The firmware reports raw readings of thermistors, if anything. What they mean is decided by the same
+stiffness controller that the simulated robot has, run beside the real one: it assumes the current
+that it would apply itself, and knows soft from rigid by the reading and by its observer.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.control.controller import StiffnessController, stiffness_controller
+from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.patience import Patience
+from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
+from twosra_mpc.execution.serial.clock import Clock
+from twosra_mpc.execution.serial.firmware_lines import (
+    HIGHEST_RATE_HZ,
+    Report,
+    command,
+    parse_report,
+    stop_command,
+)
+from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
+from twosra_mpc.execution.serial.port import Port, PortError
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode, Stiffness, rigid_mode
+
+Array = NDArray[np.float64]
+
+RATE_HZ = 15.0  # of the authors' controller in their published trials, by their logs
+REPEAT_S = 1.0  # while the robot stands, a command is sent again so often
+STOPS, STOP_PAUSE_S = 5, 0.05  # a stop is sent so often: a line can lose a byte
+
+_STILL = np.zeros(WHEELS)
+_LONGEST_NAP_S = 0.1  # an interrupt waits no longer than this
+_SAME_TIME_S = 1e-6
+_MEDIAN_OF = 3  # reports: single ones can be far off
+
+
+class PoseSource(Protocol):
+    """What sees the robot: a camera with its software."""
+
+    @property
+    def camera(self) -> Camera:
+        """What is known about it."""
+
+    def frames(self, now_s: float) -> tuple[Array, Array]:
+        """New frames: when each was taken, on the clock that shows ``now_s``, and q (k, 3 + n)."""
+
+
+@contextmanager
+def connected(
+    problem: Problem,
+    port: Port,
+    clock: Clock,
+    *,
+    rate_Hz: float = RATE_HZ,
+    robot_id: int | None = None,
+    poses: PoseSource | None = None,
+    patience: Patience | None = None,
+) -> Iterator[SerialRobot]:
+    """Connect to a robot; it stands, heaters off, at the end of the block.
+
+    Only a line that is dead prevents that, and then the error says so. In the block Ctrl-C, SIGTERM
+    and SIGHUP interrupt the robot's ``wait`` alone, so no second one cuts the stop short.
+
+    Args:
+        problem: The robot, where it starts, and its air.
+        port: The line to the robot.
+        clock: Time.
+        rate_Hz: Commands per second while driving; with ``poses`` the camera's rate counts.
+        robot_id: Number of the robot, if the firmware expects one.
+        poses: What sees the robot; without it the robot is driven blind.
+        patience: How long to wait for what.
+
+    Raises:
+        InputError: If the line does not carry the rate.
+        RobotError: If the line does not work any more.
+    """
+    camera = Camera(rate_Hz=rate_Hz) if poses is None else poses.camera
+    check_command_rate(camera.rate_Hz)
+    with deferred_interrupts() as interrupts:
+        robot = SerialRobot(
+            problem, port, clock, interrupts, camera, robot_id, poses, patience or Patience()
+        )
+        failure = ""
+        try:
+            yield robot
+        except PortError as error:
+            failure = f"{error}; "
+        finally:
+            if (untold := robot.stop()) is not None:
+                words = "the robot could NOT be told to stop: switch it off"
+                raise PortError(f"{failure or f'{untold}; '}{words}") from untold
+        if failure:
+            raise PortError(f"{failure}the robot was told to stop")
+
+
+def check_command_rate(rate_Hz: float) -> None:
+    """Check a rate of commands.
+
+    Raises:
+        InputError: If the line does not carry it, or it is less than one a second.
+    """
+    if not 1 <= rate_Hz <= HIGHEST_RATE_HZ:
+        allowed = f"from 1 to {HIGHEST_RATE_HZ:g} Hz, which the line carries"
+        raise InputError("rate", rate_Hz, allowed)
+
+
+class SerialRobot:
+    """A robot on a serial line; made by ``connected``, which also stops it.
+
+    Attributes:
+        robot: The robot as described.
+        camera: What sees it, or the rate of commands alone.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        port: Port,
+        clock: Clock,
+        interrupts: Interrupts,
+        camera: Camera,
+        robot_id: int | None,
+        poses: PoseSource | None,
+        patience: Patience,
+    ) -> None:
+        self.robot: Robot = problem.robot
+        self.camera = camera
+        self._problem, self._port, self._clock, self._interrupts = problem, port, clock, interrupts
+        self._robot_id, self._poses, self._patience = robot_id, poses, patience
+        self._segments: tuple[_ReportedSegment, ...] = ()
+        self._heated: Mode = rigid_mode(self._count)
+        self._sent, self._sent_s = b"", -math.inf
+        self._turns, self._due_s = False, 0.0
+
+    @property
+    def reports(self) -> bool:
+        """Whether its temperatures are known."""
+        return bool(self._segments)
+
+    def listen(self) -> None:
+        """Wait at rest for reports of all segments; afterwards it is known whether there are any.
+
+        Raises:
+            RobotError: If only some segments report, or the line does not work any more.
+        """
+        heard: list[Report] = []
+        counts = [0] * self._count
+        until_s = self._clock.now_s() + self._patience.listen_s
+        off_C = np.full(self._count, self.robot.heater.rigid_setpoint_C)
+        while (
+            self._clock.now_s() < until_s - _SAME_TIME_S
+            and min(counts) < self._patience.enough_reports
+        ):
+            self.send(_STILL, off_C)
+            self.wait(self.camera.period_s)
+            heard += self._heard()
+            counts = [sum(report.segment == j for report in heard) for j in range(self._count)]
+        if any(counts) and not all(counts):
+            raise RobotError(f"segment {counts.index(0) + 1} does not report its temperature")
+        if all(counts):
+            self._segments = tuple(
+                _ReportedSegment(
+                    stiffness_controller(self.robot, self._problem.ambient, j),
+                    _readings(heard, j),
+                    self._clock.now_s(),
+                )
+                for j in range(self._count)
+            )
+
+    def read(self) -> Reading:
+        """Return what is known now.
+
+        Raises:
+            RobotError: If a segment is silent or too hot, or the line does not work any more.
+        """
+        now_s, heard = self._clock.now_s(), self._heard()
+        for j, segment in enumerate(self._segments):
+            segment.take(_readings(heard, j), bool(self._heated[j]), now_s)
+            if (trouble := segment.trouble(now_s, self._patience.silent_s)) is not None:
+                raise RobotError(f"segment {j + 1}: {trouble}")
+        taken_s, frames = np.empty(0), np.empty((0, self.robot.coordinates.size))
+        if self._poses is not None:
+            taken_s, frames = self._poses.frames(now_s)
+        known = self._segments or [None] * self._count
+        return Reading(
+            time_s=now_s,
+            taken_s=taken_s,
+            frames=frames,
+            temperature_C=tuple(item.temperature_C if item else math.nan for item in known),
+            stiffness=tuple(item.stiffness if item else None for item in known),
+            faulty=tuple(item is not None and item.faulty for item in known),
+        )
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        """Send a command, unless the robot stands and has just been told the same.
+
+        The firmware can heat a segment or not: one to be kept warm is not heated.
+        """
+        soft_C = self.robot.heater.soft_setpoint_C
+        self._heated = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
+        line = command(wheel_rad_s.tolist(), self._heated, self._robot_id)
+        now_s, turned = self._clock.now_s(), self._turns
+        self._turns = bool(wheel_rad_s.any())
+        if not (self._turns and turned):
+            self._due_s = now_s
+        again = line == self._sent and now_s < self._sent_s + REPEAT_S - _SAME_TIME_S
+        if self._turns or not again:
+            self._port.write(line)
+            self._sent, self._sent_s = line, now_s
+
+    def wait(self, at_most_s: float) -> None:
+        """Let time pass; at rest no longer than a period, in which there may be reports.
+
+        While the wheels turn, times are counted from when they began to: lateness does not add up
+        to a longer way.
+
+        Raises:
+            KeyboardInterrupt: If that was asked for.
+            RobotError: If the wheels have turned for much longer than they should.
+        """
+        self._due_s += at_most_s if self._turns else min(at_most_s, self.camera.period_s)
+        self._interrupts.check()
+        while (left_s := self._due_s - self._clock.now_s()) > _SAME_TIME_S:
+            self._clock.sleep(min(left_s, _LONGEST_NAP_S))
+            self._interrupts.check()
+        if self._turns and -left_s > self._patience.held_up_s:
+            raise RobotError(f"the computer was held up for {-left_s:.1f} s with turning wheels")
+
+    def stop(self) -> PortError | None:
+        """Tell the robot several times to stand and let its heaters cool; an error if none went."""
+        failure: PortError | None = None
+        sent = 0
+        for _ in range(STOPS):
+            try:
+                self._port.write(stop_command(self._count, self._robot_id))
+                sent += 1
+            except PortError as error:
+                failure = error
+            self._clock.sleep(STOP_PAUSE_S)
+        return None if sent else failure
+
+    @property
+    def _count(self) -> int:
+        return self.robot.coordinates.segments
+
+    def _heard(self) -> list[Report]:
+        """Reports since the last time."""
+        reports = (parse_report(line, self._count) for line in self._port.read_lines())
+        return [report for report in reports if report is not None]
+
+
+def _readings(heard: Sequence[Report], segment: int) -> list[float]:
+    return [report.temperature_C for report in heard if report.segment == segment]
+
+
+class _ReportedSegment:
+    """One segment, known by the last of its reports."""
+
+    def __init__(
+        self, controller: StiffnessController, first_C: list[float], time_s: float
+    ) -> None:
+        """Start with the first reports of a segment that has rested."""
+        self._controller, self._recent_C, self._last_s = controller, first_C[-_MEDIAN_OF:], time_s
+        self._state = controller.start(statistics.median(self._recent_C))
+
+    @property
+    def stiffness(self) -> KnownStiffness:
+        """What the controller knows, unless the reading says the opposite: it only ever lags."""
+        known, rule = self._state.stiffness, self._controller.rule
+        frozen = known == "soft" and self.temperature_C < rule.solid_below_C
+        molten = known == "rigid" and self.temperature_C > rule.liquid_above_C
+        return "changing" if frozen or molten else known
+
+    @property
+    def temperature_C(self) -> float:
+        return self._controller.segment_C(statistics.median(self._recent_C))
+
+    @property
+    def faulty(self) -> bool:
+        """Whether heating does not warm it."""
+        return self._state.protection == "fault"
+
+    def take(self, readings_C: list[float], heated: bool, time_s: float) -> None:
+        """Take in the reports since the last time, during which it was heated or not."""
+        self._recent_C = [*self._recent_C, *readings_C][-_MEDIAN_OF:]
+        if readings_C and (duration_s := time_s - self._last_s) > 0:
+            setpoint: Stiffness = "soft" if heated else "rigid"
+            measured_C = statistics.median(self._recent_C)
+            self._state, _ = self._controller.step(self._state, setpoint, measured_C, duration_s)
+            self._last_s = time_s
+
+    def trouble(self, time_s: float, silent_s: float) -> str | None:
+        """Why the robot must be stopped now, in words."""
+        if time_s - self._last_s > silent_s:
+            return f"no readable temperature report for {time_s - self._last_s:.0f} s"
+        if self._state.protection == "tripped":
+            return f"too hot, {self.temperature_C:.1f} C"
+        return None
