@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import random_problem
-
 from benchmarks.peers.answer import Answer, Peer, Settings, judged
 from benchmarks.peers.comparison import Row, attempt, compare, settings_of
 from benchmarks.peers.enumeration import Enumeration, admissible_sequences
@@ -21,6 +19,8 @@ from benchmarks.peers.report import cost_ratio, report
 from benchmarks.peers.rounding import rounded
 from benchmarks.peers.time_grid import as_motion, waits
 from benchmarks.peers.worker import Worker, WorkerDiedError
+from problems import random_problem
+
 from benchmarks.run_log import RunLog
 from twosra_mpc import InputError, Problem, load_problem
 from twosra_mpc.planning.planner import plan

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.closed_loop import Case
 from click.testing import CliRunner
 from conftest import Run
 from matplotlib import rcParams
 from PIL import Image
 
 from benchmarks import closed_loop
-from benchmarks.closed_loop import Case
 from twosra_mpc import load_problem
 from twosra_mpc.execution.simulation.metrics import Metrics
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
