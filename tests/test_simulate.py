@@ -117,7 +117,7 @@ def _without_none(document: dict[str, object]) -> dict[str, object]:
     [
         (["paper-1", "--plant", "spring"], ["plant = 'spring'", "as-planned, log_spiral"]),
         (["paper-1", "--disturbance", "soft"], ["disturbance = 'soft'", "none, mild, moderate"]),
-        (["paper-1", "--broken-heater", "3"], ["--broken-heater", "3"]),
+        (["paper-1", "--broken-heater", "3"], ["broken_heaters", "3", "segments 1 and 2"]),
         (["paper-1", "--executor", "best"], ["--executor", "best"]),
         (["paper-1", "--runs", "0"], ["--runs", "0"]),
         (["paper-11"], ["scenario = 'paper-11'", "did you mean paper-1?"]),
