@@ -437,14 +437,15 @@ def test_summaries() -> None:
 def test_the_worst_are_named_slowest_and_loosest_first() -> None:
     plans = {
         str(n): PlanRecord(
-            *("optimal", "", True, True, False, Timing(1.0, (n / 10,), (n / 10,))),
+            *("optimal", "", True, False, Timing(1.0, (n / 10,), (n / 10,))),
+            verified=True,
             cost=100.0,
             lower_bound=100.0 - 10 + n,
             goal_error=0.0,
         )
         for n in range(1, 8)
     }
-    failed = PlanRecord("failed", "nothing found", False, False, True, Timing(1.0, (1.0,), (1.0,)))
+    failed = PlanRecord("failed", "nothing found", False, True, Timing(1.0, (1.0,), (1.0,)))
     slow, loose, wrong = worst(plans, {"x": failed}).splitlines()
     assert slow.startswith("- Slowest: 7 (700 ms), 6 (600 ms)")
     assert loose.startswith("- Largest proved gaps: 1 (9 %), 2 (8 %)")
