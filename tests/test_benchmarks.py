@@ -379,15 +379,21 @@ def test_the_cache_study_compares_changed_robots_with_the_same_one(tmp_path: Pat
     assert {"name", "description", "heat"} <= set(ratios)
 
 
-def test_the_tracker_solves_what_it_is_measured_on(tmp_path: Path) -> None:
-    done = benchmark(tmp_path, "tracker-step", "runs=1", "rounds=1")
-    assert done.exit_code == 0, done.output
-    rows = [line.split(" | ") for line in done.stdout.splitlines() if " | QP | " in line]
-    assert len([row for row in rows if "tracker" in row[0]]) == 3
-    for row in rows:
-        solved, asked = row[2].split(" of ")
-        assert solved == asked
-        assert float(row[-1].split(" / ")[-1].removesuffix(" |")) < 0.01  # of a speed limit
+def test_the_tracker_and_its_rivals_agree_on_recorded_steps(tmp_path: Path) -> None:
+    usual = STUDIES["tracker-step"]
+    study = type(usual)(runs=1, rounds=1)
+    rigid = next(study.cases())
+    made = study.run(rigid)
+    assert made.mode == "[0,0]"
+    assert {"fatrop", "IPOPT", "OSQP, plain loop"} <= set(made.solvers)
+    for solver in made.solvers.values():
+        assert solver.success == solver.steps
+        assert solver.errors[-1] < 0.01  # of a speed limit
+    log = open_log("tracker-step", study, tmp_path)
+    for case in study.cases():
+        log.append(case._asdict(), study.record.dump_python(made, mode="json"))
+    text = write_report(study, log, tmp_path)
+    assert text.count("| **tracker**, whole step | QP |") == 3
 
 
 # --- numbers -------------------------------------------------------------------------------------
@@ -437,14 +443,15 @@ def test_summaries() -> None:
 def test_the_worst_are_named_slowest_and_loosest_first() -> None:
     plans = {
         str(n): PlanRecord(
-            *("optimal", "", True, True, False, Timing(1.0, (n / 10,), (n / 10,))),
+            *("optimal", "", True, False, Timing(1.0, (n / 10,), (n / 10,))),
+            verified=True,
             cost=100.0,
             lower_bound=100.0 - 10 + n,
             goal_error=0.0,
         )
         for n in range(1, 8)
     }
-    failed = PlanRecord("failed", "nothing found", False, False, True, Timing(1.0, (1.0,), (1.0,)))
+    failed = PlanRecord("failed", "nothing found", False, True, Timing(1.0, (1.0,), (1.0,)))
     slow, loose, wrong = worst(plans, {"x": failed}).splitlines()
     assert slow.startswith("- Slowest: 7 (700 ms), 6 (600 ms)")
     assert loose.startswith("- Largest proved gaps: 1 (9 %), 2 (8 %)")
