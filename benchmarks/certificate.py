@@ -96,7 +96,7 @@ def judge(label: str, problem: Problem, factor: float, starts: int, phases: int)
         violated=violated,
         tightest=tightest,
         brute_s=best,
-        search_s=found.cost.total if found.cost else math.inf,
+        search_s=found.plan.cost.total if found.plan else math.inf,
         bounded=found.stats.sequences_bounded,
         searched=found.stats.sequences_solved,
     )

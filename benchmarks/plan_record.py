@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from benchmarks.measurement import Timing
-from twosra_mpc import Plan, Status
+from twosra_mpc import Result
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
@@ -78,22 +78,22 @@ class PlanRecord:
         return cls(**{**record, "timing": times, "sequence": sequence})
 
 
-def plan_record(label: str, plan: Plan, timing: Timing) -> PlanRecord:
-    """Write down a plan of ``twosra_mpc.plans.plan``."""
-    checked = plan.verification
-    errors = [abs(error) for error in checked.goal_error] if checked else [math.inf]
+def plan_record(label: str, result: Result, timing: Timing) -> PlanRecord:
+    """Write down what planning came to."""
+    plan = result.plan
+    errors = [abs(error) for error in plan.verification.goal_error] if plan else [math.inf]
     return PlanRecord(
         problem=label,
-        planner=plan.planner,
-        status=str(Status(plan.status)),
-        message=plan.message,
-        success=plan.found,
-        verified=checked is not None and checked.ok,
-        stopped_early=plan.stopped_early,
-        cost=plan.cost.total if plan.cost else None,
-        lower_bound=plan.lower_bound,
-        sequence=tuple(phase.mode for phase in plan.phases),
+        planner=result.planner,
+        status=str(result.status),
+        message=result.message,
+        success=result.found,
+        verified=plan is not None and plan.verification.ok,
+        stopped_early=result.stopped_early,
+        cost=plan.cost.total if plan else None,
+        lower_bound=result.lower_bound,
+        sequence=plan.sequence if plan else (),
         goal_error=max(errors) if math.isfinite(max(errors)) else None,
-        sequences_solved=plan.stats.sequences_solved,
+        sequences_solved=result.stats.sequences_solved,
         timing=timing,
     )

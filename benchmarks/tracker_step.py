@@ -44,7 +44,6 @@ CASES = (("paper-2", 0), ("paper-2", 1), ("paper-1", 2))
 
 def record(of: Plan, phase: int, setup: Setup) -> list[Recorded]:
     """Drive the model in closed loop and keep what every step was given."""
-    assert of.samples is not None
     path, samples, h = of.phases[phase], of.samples, setup.period_s
     program = ProgramInPlace(tracking_program(setup), SolverSettings())
     selection = setup.outputs.selection

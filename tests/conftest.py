@@ -10,11 +10,12 @@ from typing import Any, NamedTuple, TypeAlias
 import pytest
 from hypothesis import settings
 
-from twosra_mpc import Plan, cli, load_problem, plan
+from twosra_mpc import Plan, Result, cli, load_problem, plan
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
+Solved: TypeAlias = Callable[..., Result]
 Planned: TypeAlias = Callable[..., Plan]
 
 PLANNERS_AND_TIMINGS = [
@@ -25,11 +26,11 @@ PLANNERS_AND_TIMINGS = [
 
 
 @pytest.fixture(scope="session")
-def planned() -> Planned:
+def solved() -> Solved:
     """Plan a built-in scenario with overrides (hashable values), once each."""
-    known: dict[object, Plan] = {}
+    known: dict[object, Result] = {}
 
-    def get(scenario: str = "paper-1", **overrides: Any) -> Plan:
+    def get(scenario: str = "paper-1", **overrides: Any) -> Result:
         key = (scenario, *sorted(overrides.items()))
         if key not in known:
             known[key] = plan(load_problem(scenario, **overrides))
@@ -38,11 +39,23 @@ def planned() -> Planned:
     return get
 
 
+@pytest.fixture(scope="session")
+def planned(solved: Solved) -> Planned:
+    """The verified plan of a built-in scenario with overrides, once each."""
+    return lambda *scenario, **overrides: solved(*scenario, **overrides).require()
+
+
 @pytest.fixture(scope="session", params=PLANNERS_AND_TIMINGS, ids="-".join)
-def any_plan(request: pytest.FixtureRequest, planned: Planned) -> Plan:
-    """The plan of paper-1 by each planner with each set of transition times."""
+def any_result(request: pytest.FixtureRequest, solved: Solved) -> Result:
+    """What each planner comes to for paper-1 with each set of transition times."""
     planner, timing = request.param
-    return planned("paper-1", planner=planner, timing=timing)
+    return solved("paper-1", planner=planner, timing=timing)
+
+
+@pytest.fixture(scope="session")
+def any_plan(any_result: Result) -> Plan:
+    """The plan of paper-1 by each planner with each set of transition times."""
+    return any_result.require()
 
 
 class Outcome(NamedTuple):

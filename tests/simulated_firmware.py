@@ -15,8 +15,8 @@ from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.serial.port import SerialPort, open_serial_port
 from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.thermal.model import segment_model
 
 REPORT_PERIOD_S = 0.5
 LONGEST_WAIT_S = 5.0  # of real time, for bytes to come through the pseudo-terminal
@@ -70,8 +70,8 @@ class SimulatedFirmware:
         self.segments = [
             HeatedSegment(
                 segment_model(robot, problem.ambient, j),
-                temperature_sensor(robot, problem.ambient),
-                stiffness_controller(robot, problem.ambient),
+                temperature_sensor(robot, problem.ambient, j),
+                stiffness_controller(robot, problem.ambient, j),
                 problem.temperatures[j],
                 np.random.default_rng(j),
                 rigid_setpoint_C=robot.heater.rigid_setpoint_C,

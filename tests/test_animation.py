@@ -18,11 +18,13 @@ from matplotlib.colors import same_color
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from twosra_mpc import InputError, NoPlanError, Plan, Status, load_problem, plan
+from twosra_mpc import InputError, Plan, Result, Status, load_problem, plan
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import animate_plan, check_animation_path, film
-from twosra_mpc.plotting.animation import plan_story
-from twosra_mpc.plotting.film import Film, Moment, record
+from twosra_mpc.plotting.animation import LEAST
+from twosra_mpc.plotting.film import Film, record
+from twosra_mpc.plotting.plan_figure import plan_title
+from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.plotting.style import CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR, STYLE
 from twosra_mpc.timing import Transition
@@ -32,19 +34,33 @@ README_LIMIT = 3_000_000  # bytes that a page shows without making its reader wa
 
 
 @cache
-def made(name: str) -> Plan:
+def result_of(name: str) -> Result:
     return plan(load_problem(name))
+
+
+def made(name: str) -> Plan:
+    return result_of(name).require()
+
+
+@cache
+def playback(name: str) -> Playback:
+    return plan_playback(made(name), LEAST)
 
 
 @cache
 def scene(name: str) -> Scene:
     with rc_context(STYLE):
-        return Scene(plan_story(made(name)))
+        return Scene(playback(name), (name, plan_title(made(name))), duration_s=12.0)
+
+
+def row_at(name: str, time_s: float) -> int:
+    """The first row that is not before a time."""
+    return int(np.searchsorted(playback(name).time_s, time_s - 1e-9))
 
 
 def shown_at(name: str, time_s: float) -> str:
     """Everything that is written in the scene."""
-    scene(name).show(Moment(time_s, pace=50.0))
+    scene(name).show(row_at(name, time_s))
     return " ".join(text.get_text() for ax in scene(name).figure.axes for text in ax.texts)
 
 
@@ -58,11 +74,13 @@ def melt(name: str) -> Transition:
 def test_the_words_tell_clock_pace_state_and_outcome() -> None:
     result, change = made("paper-2"), melt("paper-2")
     melting = shown_at("paper-2", (change.onset_s + change.done_s) / 2)
-    assert f"segment {change.segment} is melting  (50 times as fast)" in melting
+    pace = playback("paper-2").stretch.seconds_per_length(change.done_s - 1.0) / 12.0
+    assert f"segment {change.segment} is melting  ({pace:.0f} times as fast)" in melting
     soft = next(phase for phase in result.phases if any(phase.mode))
-    assert "driving in mode [1,0]" in shown_at("paper-2", (soft.start_s + soft.end_s) / 2)
+    assert "bending in mode [1,0]" in shown_at("paper-2", (soft.start_s + soft.end_s) / 2)
     freezing = shown_at("paper-2", soft.end_s + 100.0)
-    minutes, seconds = divmod(soft.end_s + 100.0, 60.0)
+    row = row_at("paper-2", soft.end_s + 100.0)
+    minutes, seconds = divmod(playback("paper-2").time_s[row], 60.0)
     assert f"{minutes:.0f} min {seconds:04.1f} s" in freezing
     assert "is freezing" in freezing
     assert "°C" in freezing
@@ -77,15 +95,13 @@ def test_two_segments_that_do_the_same_are_named_together() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.999, 1.0])
 def test_the_robot_stands_where_the_plan_has_it_in_the_colours_of_its_state(share: float) -> None:
-    story, result = plan_story(made("paper-1")), made("paper-1")
-    assert result.samples is not None
-    time_s = float(story.stretch.inverse(np.array(share)))
-    here = scene("paper-1")
-    here.show(Moment(time_s, pace=1.0))
-    q = [np.interp(time_s, result.samples.t_s, column) for column in result.samples.q.T]
+    result, here = made("paper-1"), scene("paper-1")
+    row = round(share * (PLACES - 1))
+    here.show(row)
+    q = result.trajectory.configuration(playback("paper-1").time_s[row])[0]
     arcs = robot_shape(result.robot.geometry, q).segments
     lines = [line for line in here.figure.axes[0].lines if line.get_linewidth() == 8]
-    states = [story.state(segment, time_s) for segment in (0, 1)]
+    states = playback("paper-1").states(row)
     for line, arc, state in zip(lines, arcs, states, strict=False):
         np.testing.assert_allclose(line.get_xydata(), arc, rtol=0, atol=1e-9)
         assert same_color(line.get_color(), COLOURS.get(state, CHANGING_COLOUR))
@@ -94,24 +110,22 @@ def test_the_robot_stands_where_the_plan_has_it_in_the_colours_of_its_state(shar
 
 
 def test_the_end_shows_the_stiffness_that_is_reached() -> None:
-    story = plan_story(made("paper-1"))
-    for segment in (0, 1):
-        assert story.state(segment, float(story.time_s[-1]) - 1.0) == "freezing"
-        assert story.state(segment, float(story.time_s[-1])) == "rigid"
+    assert playback("paper-1").states(PLACES - 2) == ["freezing"] * 2
+    assert playback("paper-1").states(PLACES - 1) == ["rigid"] * 2
 
 
 def test_a_heater_is_marked_exactly_while_it_is_on() -> None:
-    result = made("paper-2")
-    assert result.samples is not None
-    story = plan_story(result)
-    np.testing.assert_array_equal(story.heated, result.samples.heater_current_A > 0)
-    heater = melt("paper-2").heater_s
-    assert story.doing(heater + 1.0) in ("heating", "driving in mode [0,0]")
+    shown, change = playback("paper-2"), melt("paper-2")
+    current = made("paper-2").trajectory.at(shown.time_s).heater_current_A
+    np.testing.assert_array_equal(shown.heated, current > 0)
+    assert shown.heated.any()
+    warming = row_at("paper-2", change.onset_s - 1.0)
+    assert shown.doing(warming) == f"heater {change.segment} is on"
 
 
 def test_waits_are_compressed_and_motion_is_slowed_down() -> None:
     result = made("paper-1")
-    stretch = plan_story(result).stretch
+    stretch = playback("paper-1").stretch
     waiting = stretch.seconds_per_length(result.phases[-1].end_s + 1.0)
     for phase in result.phases:
         driving = stretch.seconds_per_length((phase.start_s + phase.end_s) / 2)
@@ -122,7 +136,7 @@ def test_waits_are_compressed_and_motion_is_slowed_down() -> None:
 
 def test_a_plan_without_motion_stands_still() -> None:
     start = load_problem("rigid-move").start
-    rest = plan(load_problem("rigid-move", goal={"x_m": start.x_m, "y_m": start.y_m}))
+    rest = plan(load_problem("rigid-move", goal={"x_m": start.x_m, "y_m": start.y_m})).require()
     with Image.open(io.BytesIO(animate_plan(rest, duration_s=1.0).data)) as gif:
         first = np.asarray(gif.convert("RGB"))
         gif.seek(getattr(gif, "n_frames", 1) - 1)
@@ -135,17 +149,17 @@ def test_a_plan_without_motion_stands_still() -> None:
 def test_every_frame_of_a_gif_is_the_picture_of_its_moment() -> None:
     """Only changes are stored; put together they must be the whole picture again."""
     here = scene("paper-1")
-    moments = [Moment(time_s, pace=1.0) for time_s in (0.0, 20.0, 62.9, 63.0, 99.5, 99.5, 300.0)]
+    rows = [row_at("paper-1", time_s) for time_s in (0.0, 20.0, 62.9, 63.0, 99.5, 99.5, 300.0)]
     with rc_context(STYLE):
-        data = record(here, moments).data
-        pictures = [here.image(moment) for moment in moments]
+        data = record(here, rows).data
+        pictures = [here.image(row) for row in rows]
     with Image.open(io.BytesIO(data)) as gif:
         frames, lasting = [], []
         for number in range(getattr(gif, "n_frames", 1)):
             gif.seek(number)
             frames.append(np.asarray(gif.convert("RGB"), dtype=float))
             lasting.append(gif.info["duration"])
-    assert sum(lasting) == 80 * (len(moments) - 1) + 1000 * film.LAST_FRAME_S
+    assert sum(lasting) == 80 * (len(rows) - 1) + 1000 * film.LAST_FRAME_S
     assert len(frames) == len(pictures)
     for frame, picture in zip(frames, pictures, strict=True):
         assert frame[0, 0].tolist() == [255.0, 255.0, 255.0]
@@ -155,9 +169,9 @@ def test_every_frame_of_a_gif_is_the_picture_of_its_moment() -> None:
 
 
 def test_drawing_only_what_moves_gives_the_whole_picture() -> None:
-    here, moment = scene("paper-1"), Moment(80.0, pace=1.0)
+    here, row = scene("paper-1"), row_at("paper-1", 80.0)
     with rc_context(STYLE):
-        quick = np.asarray(here.image(moment), dtype=float)
+        quick = np.asarray(here.image(row), dtype=float)
         here.figure.canvas.draw()
         whole = np.asarray(here.figure.canvas.buffer_rgba(), dtype=float)[..., :3]  # type: ignore[attr-defined]
     assert np.mean(np.abs(quick - whole).max(axis=2) > 8) < 2e-3
@@ -233,12 +247,6 @@ def test_an_interrupted_animation_leaves_the_old_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_plan_without_samples_is_refused() -> None:
-    empty = replace(made("rigid-move"), samples=None, status=Status.INFEASIBLE, message="no way")
-    with pytest.raises(NoPlanError, match="no way"):
-        animate_plan(empty)
-
-
 # --- program
 
 
@@ -249,7 +257,7 @@ def run(run_as_is: Run) -> Run:
 
 
 def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
-    made("rigid-move").save("plan.json")
+    result_of("rigid-move").save("plan.json")
     code, out, err = run("plan.json", "plan.gif", "--seconds", "1")
     assert (code, err) == (0, "")
     assert re.search(r"file +plan\.gif *\n *bytes +\d+ ", out)
@@ -267,7 +275,7 @@ def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> None:
-    made("rigid-move").save("plan.json")
+    result_of("rigid-move").save("plan.json")
     code, out, err = run(*arguments)
     assert (code, out) == (2, "")
     assert said in err
@@ -275,7 +283,7 @@ def test_bad_input_is_named(run: Run, arguments: tuple[str, ...], said: str) -> 
 
 
 def test_a_plan_file_without_a_plan_has_nothing_to_animate(run: Run) -> None:
-    empty = replace(made("rigid-move"), samples=None, status=Status.FAILED, message="no way")
+    empty = replace(result_of("rigid-move"), plan=None, status=Status.FAILED, message="no way")
     empty.save("plan.json")
     code, out, err = run("plan.json", "plan.gif")
     assert (code, out) == (4, "")

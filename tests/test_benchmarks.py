@@ -33,8 +33,8 @@ from benchmarks.summary import ecdf, power_law, shifted_geometric_mean
 from benchmarks.transition_sweep.tables import report_lines as sweep_lines
 from benchmarks.transition_sweep.thermal_scale import thermally_faster
 from twosra_mpc import InputError, Robot, load_robot
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1
-from twosra_mpc.thermal.model import segment_model
 
 SWEEP = """
 kind = "transition-sweep"
@@ -293,7 +293,7 @@ def test_a_thermally_faster_robot_melts_and_freezes_as_much_faster() -> None:
 
 
 def _transition_times(robot: Robot) -> tuple[float, float]:
-    heater, model = robot.heater, segment_model(robot, robot.heater.ambient_C)
+    heater, model = robot.heater, segment_model(robot, robot.heater.ambient_C, 0)
     cold, hot = model.initial(heater.ambient_C), model.initial(heater.soft_setpoint_C)
     melt = model.time_until(cold, heater.melt_current_A, model.liquid_level)
     return melt, model.time_until(hot, 0.0, model.solid_level)

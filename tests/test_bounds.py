@@ -137,8 +137,7 @@ def test_bends_of_the_relaxation_add_up_to_the_task() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_with_fast_metal_the_change_of_pose_raises_the_bound(seed: int) -> None:
     problem = random_problem(seed, robot=faster_robot(50.0))
-    result = plan(problem)
-    assert result.cost is not None
+    result = plan(problem).require()
     sequence = tuple(phase.mode for phase in result.phases)
     sequence = sequence if sequence[-1] == RIGID else (*sequence, RIGID)
     network, bound = network_of(problem, sequence), bound_of(problem, sequence)

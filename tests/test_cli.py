@@ -55,16 +55,15 @@ def test_a_plan_is_summed_up_on_standard_output(run: Run) -> None:
     assert code == 0
     assert err == ""
     found = planner.plan(load_problem("shape-change"))
-    assert found.cost is not None
     assert found.lower_bound is not None
     assert "status optimal" in out
     assert f"outcome {found.message}" in out
-    assert f"duration {found.cost.time_s:.2f} s" in out
+    assert f"duration {found.plan.cost.time_s:.2f} s" in out
     assert f"lower bound {found.lower_bound:.2f} s" in out
-    assert f"energy {found.cost.energy_J:.0f} J in 2 transitions" in out
-    for phase in found.phases:
+    assert f"energy {found.plan.cost.energy_J:.0f} J in 2 transitions" in out
+    for phase in found.plan.phases:
         assert f"drive [{phase.mode[0]},{phase.mode[1]}] {phase.start_s:.2f} s to" in out
-    for item in found.transitions:
+    for item in found.plan.transitions:
         assert f"segment {item.segment} {item.to} {item.heater_s:.2f} s to {item.done_s:.2f}" in out
     assert "verification passed" in out
 
@@ -83,11 +82,10 @@ def test_files_are_written_where_they_were_asked_for(run: Run, tmp_path: Path) -
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.json"]
     found = load_plan(tmp_path / "a.json")
     assert found.found
-    assert found.samples is not None
     lines = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0].startswith("t_s,mode1,mode2,wheel1_rad_s")
-    assert len(lines) - 1 == len(found.samples)
-    assert float(lines[-1].split(",")[0]) == found.duration_s
+    assert len(lines) - 1 == len(found.plan.samples)
+    assert float(lines[-1].split(",")[0]) == found.plan.duration_s
 
 
 def test_the_rate_is_that_of_the_csv_file(run: Run, tmp_path: Path) -> None:

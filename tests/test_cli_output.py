@@ -17,7 +17,7 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-from conftest import Planned, Run
+from conftest import Planned, Run, Solved
 from heating import course, write_log
 from matplotlib.figure import Figure
 from simulated_firmware import SimulatedFirmware
@@ -71,12 +71,12 @@ def command(name: str) -> click.Command:
 # --- JSON and quiet ------------------------------------------------------------------------------
 
 
-def test_nothing_but_json_is_printed_for_programs(run: Run, planned: Planned) -> None:
+def test_nothing_but_json_is_printed_for_programs(run: Run, solved: Solved) -> None:
     code, out, err = run("plan", "shape-change", "--json", "--out", "plan.json")
     assert (code, err) == (0, "")
     found = json.loads(out)
     assert found == json.loads(Path("plan.json").read_text(encoding="utf-8"))
-    assert found["samples"] == json.loads(json.dumps(planned("shape-change").to_dict()))["samples"]
+    assert found["samples"] == json.loads(json.dumps(solved("shape-change").to_dict()))["samples"]
 
 
 def test_a_plan_that_there_is_not_is_json_too(run: Run) -> None:
@@ -226,9 +226,9 @@ PROGRESS: list[tuple[list[str], str]] = [
 @pytest.mark.usefixtures("terminal", "quick", "one_run")
 @pytest.mark.parametrize(("arguments", "words"), PROGRESS, ids=[" ".join(a) for a, _ in PROGRESS])
 def test_progress_is_shown_on_a_terminal_only_and_not_with_quiet(
-    run: Run, planned: Planned, arguments: list[str], words: str
+    run: Run, solved: Solved, arguments: list[str], words: str
 ) -> None:
-    planned("rigid-move").save("plan.json")
+    solved("rigid-move").save("plan.json")
     code, out, err = run(*arguments)
     assert code == 0
     assert words in err
@@ -356,10 +356,10 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 @pytest.mark.usefixtures("quick", "one_run")
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in OWN_TESTS])
 def test_every_example_runs(
-    name: str, run: Run, planned: Planned, connect: Callable[[int], None], tmp_path: Path
+    name: str, run: Run, solved: Solved, connect: Callable[[int], None], tmp_path: Path
 ) -> None:
     for target in ("plan.json", "other.json"):
-        planned("shape-change").save(tmp_path / target)
+        solved("shape-change").save(tmp_path / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
     write_log(course((40.0,)).log(0.5), tmp_path / "heating.csv")

@@ -98,7 +98,7 @@ def test_what_does_not_exist_is_refused_by_name(asked: dict[str, str], field: st
 def test_a_plan_for_another_robot_is_refused() -> None:
     problem = load_problem("rigid-move")
     robot = SimulatedRobot(problem, "arc", disturbance_level("none"), 0)
-    other = plan(problem.with_robot(with_path_model(problem.robot, "arc")))
+    other = plan(problem.with_robot(with_path_model(problem.robot, "arc"))).require()
     with pytest.raises(InputError, match="robot"):
         Executor(robot, ExecutorSettings()).run(other)
 
@@ -120,5 +120,4 @@ def test_the_command_writes_run_and_figure(
 
 def test_the_plan_inside_a_run_is_a_plan() -> None:
     made = run_of("paper-2", "moderate", 1).run.plans[0]
-    assert made.verification is not None
     assert made.verification.ok

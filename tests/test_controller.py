@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twosra_mpc.control.controller import (
-    LUMPED_GAINS,
-    TWO_NODE_GAINS,
+    CURRENT_GAINS,
+    POWER_GAINS,
     ControllerState,
     Event,
     StiffnessController,
@@ -22,8 +22,8 @@ from twosra_mpc.robot.description import load_robot
 from twosra_mpc.robot.modes import Stiffness
 
 STEP_S = 0.1
-PAPER = stiffness_controller(load_robot("2sra-v1"), 25.0)
-LOGGED = stiffness_controller(load_robot("2sr-v2"), 22.6)
+PAPER = stiffness_controller(load_robot("2sra-v1"), 25.0, 0)
+LOGGED = stiffness_controller(load_robot("2sr-v2"), 22.6, 0)
 BOTH = pytest.mark.parametrize("controller", [PAPER, LOGGED], ids=["v1", "v2"])
 
 READINGS_C = st.lists(st.floats(0.0, 120.0), min_size=1, max_size=40)
@@ -74,7 +74,7 @@ def test_the_integrator_stops_while_the_output_is_saturated_towards_the_error() 
 def test_the_integrator_is_clamped_to_what_holding_needs() -> None:
     assert PAPER.pi_law(0.35, 64.9, 0.1)[1] == 0.35
     assert PAPER.pi_law(0.0, 65.1, 0.1)[1] == 0.0
-    assert (LUMPED_GAINS.integrator_max, TWO_NODE_GAINS.integrator_max) == (0.35, 0.5)
+    assert (CURRENT_GAINS.integrator_max, POWER_GAINS.integrator_max) == (0.35, 0.5)
 
 
 def test_a_share_of_power_goes_with_the_square_of_the_current() -> None:
@@ -106,8 +106,8 @@ def test_current_and_integrator_stay_within_their_limits(
 
 
 def test_gains_can_be_given() -> None:
-    gentle = replace(LUMPED_GAINS, proportional_per_K=0.10, integral_per_K_s=0.002)
-    controller = stiffness_controller(load_robot("2sra-v1"), 25.0, gentle)
+    gentle = replace(CURRENT_GAINS, proportional_per_K=0.10, integral_per_K_s=0.002)
+    controller = stiffness_controller(load_robot("2sra-v1"), 25.0, 0, gentle)
     assert controller.gains is gentle
 
 
@@ -237,10 +237,10 @@ def test_a_robot_without_a_thermal_description_has_no_controller() -> None:
     timing = {"constant": robot.timing["constant"]}
     bare = type(robot)(**{**dict(robot), "segment": None, "timing": timing})
     with pytest.raises(InputError, match=r"segment = None .* thermal description"):
-        stiffness_controller(bare, 25.0)
+        stiffness_controller(bare, 25.0, 0)
 
 
 @pytest.mark.parametrize("name", ["2sra-v1", "2sr-v2"])
 def test_nothing_would_freeze_in_such_air(name: str) -> None:
     with pytest.raises(InputError, match=r"ambient_C = 59\.0 .* below which"):
-        stiffness_controller(load_robot(name), 59.0)
+        stiffness_controller(load_robot(name), 59.0, 0)

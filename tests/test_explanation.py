@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,6 +19,7 @@ from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
 from twosra_mpc.analysis.transition_speed import reference_s, slowed
 from twosra_mpc.planning.planner import plan_without
+from twosra_mpc.planning.search.branch_and_bound import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.robot.segment import LumpedSegment
 
@@ -60,13 +62,12 @@ VARIANTS: list[dict[str, Any]] = [
 def made(request: pytest.FixtureRequest) -> Plan:
     others = ("paper-4", "move-and-shape", "rigid-move")
     if request.param < len(VARIANTS):
-        return plan(load_problem("paper-1", **VARIANTS[request.param]))
-    return plan(load_problem(others[request.param - len(VARIANTS)]))
+        return plan(load_problem("paper-1", **VARIANTS[request.param])).require()
+    return plan(load_problem(others[request.param - len(VARIANTS)])).require()
 
 
 def test_the_critical_path_adds_up_to_the_duration(made: Plan) -> None:
     path = critical_path(made)
-    assert made.duration_s is not None
     assert sum(item.duration_s for item in path) == pytest.approx(made.duration_s, abs=1e-6)
     assert sum(seconds for seconds, _ in in_words(path)) == pytest.approx(made.duration_s, abs=1e-6)
     assert path[0].start_s == 0.0
@@ -100,7 +101,7 @@ def test_everything_is_on_the_path_or_beside_it(made: Plan) -> None:
 
 
 def test_what_paper_1_waits_for_is_told_in_words() -> None:
-    made = plan(load_problem("paper-1"))
+    made = plan(load_problem("paper-1")).require()
     told = [f"{seconds:.1f} s {words}" for seconds, words in in_words(critical_path(made))]
     assert told == [
         "62.7 s melting segment 1 (26.3 s of it while the robot may still move)",
@@ -114,14 +115,15 @@ def test_what_paper_1_waits_for_is_told_in_words() -> None:
 
 def test_a_wait_that_nothing_explains_is_called_one() -> None:
     """A phase that begins a second late, for no reason."""
-    found = plan(load_problem("rigid-move"))
+    found = plan(load_problem("rigid-move")).require()
     (phase,) = found.phases
-    assert found.cost is not None
-    late = dataclasses.replace(
-        found,
-        phases=(phase._replace(start_s=1.0, end_s=phase.end_s + 1.0),),
-        cost=found.cost._replace(time_s=found.cost.time_s + 1.0),
+    moved, samples = (phase._replace(start_s=1.0, end_s=phase.end_s + 1.0),), found.samples
+    trajectory = dataclasses.replace(
+        found.trajectory,
+        phases=moved,
+        samples=dataclasses.replace(samples, t_s=samples.t_s + 1.0),
     )
+    late = dataclasses.replace(found, trajectory=trajectory)
     waiting, driving = critical_path(late)
     assert (waiting.kind, waiting.start_s, waiting.end_s) == ("wait", 0.0, 1.0)
     assert str(waiting) == "waiting"
@@ -139,15 +141,14 @@ def modes_of(made: Plan) -> list[tuple[int, int]]:
 def test_the_next_best_sequence_is_another_one_and_not_below_the_bound(
     explained: Callable[[str], Explanation], name: str
 ) -> None:
-    result = explained(name)
-    other = alternative(result, "with the next best mode sequence")
+    told = explained(name)
+    other = alternative(told, "with the next best mode sequence")
     assert other.plan is not None
-    assert other.plan.cost is not None
-    assert result.plan.lower_bound is not None
-    assert other.plan.found
-    assert modes_of(other.plan) != modes_of(result.plan)
-    assert other.plan.cost.total >= result.plan.lower_bound - 1e-9
-    assert other.difference_s == other.plan.cost.total - result.plan.cost.total  # type: ignore[union-attr]
+    original = told.result.require()
+    assert other.result.found
+    assert modes_of(other.plan) != modes_of(original)
+    assert other.plan.cost.total >= original.lower_bound - 1e-9
+    assert other.difference_s == other.plan.cost.total - original.cost.total
 
 
 def test_the_next_best_sequence_is_what_the_planner_says(
@@ -155,7 +156,7 @@ def test_the_next_best_sequence_is_what_the_planner_says(
 ) -> None:
     other = alternative(explained("paper-1"), "with the next best mode sequence")
     best = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
-    direct = plan_without(load_problem("paper-1"), frozenset({best}))
+    direct = plan_without(load_problem("paper-1"), frozenset({best})).require()
     assert other.plan is not None
     assert other.plan.cost == direct.cost
 
@@ -163,26 +164,24 @@ def test_the_next_best_sequence_is_what_the_planner_says(
 def test_sequences_that_only_melt_more_are_passed_over() -> None:
     """Next after [0,0] > [1,0] is the same with an idle melt; what is told bends otherwise."""
     problem = load_problem("shape-change")
-    idle = plan_without(problem, frozenset({(RIGID, SOFT_1, RIGID)}))
+    idle = plan_without(problem, frozenset({(RIGID, SOFT_1, RIGID)})).require()
     assert modes_of(idle) == [RIGID, SOFT_1]
-    result = explanation_module._next_best(plan(problem))
-    assert result.plan is not None
-    assert SOFT_2 in modes_of(result.plan) or SOFT_BOTH in modes_of(result.plan)
-    assert result.plan.cost is not None
-    assert idle.cost is not None
-    assert result.plan.cost.total >= idle.cost.total - 1e-6
+    other = explanation_module._next_best(plan(problem).require())
+    assert other.plan is not None
+    assert SOFT_2 in modes_of(other.plan) or SOFT_BOTH in modes_of(other.plan)
+    assert other.plan.cost.total >= idle.cost.total - 1e-6
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_no_mode_is_forbidden_at_a_gain(explained: Callable[[str], Explanation], name: str) -> None:
-    result = explained(name)
-    assert result.plan.lower_bound is not None
-    changes = [f"without mode [{mode[0]},{mode[1]}]" for mode in modes_of(result.plan)]
+    told = explained(name)
+    original = told.result.require()
+    changes = [f"without mode [{mode[0]},{mode[1]}]" for mode in modes_of(original)]
     for change in [*changes, "with one heater at a time"]:
-        other = alternative(result, change)
-        assert other.plan is not None
-        if other.plan.cost is not None:
-            assert other.plan.cost.total >= result.plan.lower_bound - 1e-9
+        other = alternative(told, change)
+        assert other.result is not None
+        if other.plan is not None:
+            assert other.plan.cost.total >= original.lower_bound - 1e-9
 
 
 def test_every_figure_is_that_of_planning_the_changed_problem(
@@ -202,10 +201,10 @@ def test_every_figure_is_that_of_planning_the_changed_problem(
         "with the next best mode sequence",
     }
     for change, problem in changed.items():
-        direct, told = plan(problem), alternative(result, change).plan
-        assert told is not None
-        assert (told.status, told.message) == (direct.status, direct.message)
-        assert (told.cost, told.lower_bound) == (direct.cost, direct.lower_bound)
+        direct, told = plan(problem), alternative(result, change)
+        assert (told.result.status, told.result.message) == (direct.status, direct.message)
+        assert told.result.lower_bound == direct.lower_bound
+        assert (told.plan and told.plan.cost) == (direct.plan and direct.plan.cost)
 
 
 def test_what_slower_metal_costs_is_on_the_critical_path(
@@ -220,13 +219,12 @@ def test_what_slower_metal_costs_is_on_the_critical_path(
 
 
 def test_a_mode_that_must_not_be_missing_is_proved_so() -> None:
-    result = explain(load_problem("shape-change", modes=[RIGID, SOFT_1]))
-    other = alternative(result, "without mode [1,0]")
-    assert other.plan is not None
-    assert other.plan.status is Status.INFEASIBLE
+    told = explain(load_problem("shape-change", modes=[RIGID, SOFT_1]))
+    other = alternative(told, "without mode [1,0]")
+    assert other.result.status is Status.INFEASIBLE
     assert (other.price, other.difference_s, other.difference) == ("", None, None)
     assert "proved infeasible: segment 1 must bend" in str(other)
-    assert any("[1,0] cannot be left out of this sequence" in reason for reason in result.why)
+    assert any("[1,0] cannot be left out of this sequence" in reason for reason in told.why)
 
 
 def test_the_only_mode_cannot_be_forbidden() -> None:
@@ -234,44 +232,43 @@ def test_the_only_mode_cannot_be_forbidden() -> None:
     problem = load_problem(
         "paper-1", start=start, goal={"kappa_per_m": (10.0, 0.0)}, modes=[SOFT_1]
     )
-    result = explain(problem)
-    assert alternative(result, "without mode [1,0]").plan is None
-    assert "at least one mode" in alternative(result, "without mode [1,0]").outcome
-    other = alternative(result, "with any other mode sequence")
+    told = explain(problem)
+    assert alternative(told, "without mode [1,0]").result is None
+    assert "at least one mode" in alternative(told, "without mode [1,0]").outcome
+    other = alternative(told, "with any other mode sequence")
     assert "there is no other mode sequence" in other.outcome
 
 
 def test_where_nothing_needs_to_melt_that_is_said() -> None:
     problem = load_problem("rigid-move", time_limit_s=1.0)
-    result = explain(problem)
-    other = alternative(result, "with any other mode sequence")
+    told = explain(problem)
+    other = alternative(told, "with any other mode sequence")
     assert other.plan is not None
-    assert other.plan.duration_s is not None
     assert other.plan.duration_s > 290
     assert "melts more than it needs; none costs less than" in other.outcome
-    assert any("nothing is melted" in reason for reason in result.why)
-    assert result.complete  # the time limit of an alternative is no interrupt
-    assert not any("slower" in one.change or "heater" in one.change for one in result.alternatives)
+    assert any("nothing is melted" in reason for reason in told.why)
+    assert told.complete  # the time limit of an alternative is no interrupt
+    assert not any("slower" in one.change or "heater" in one.change for one in told.alternatives)
 
 
 def test_a_plan_is_explained_as_its_problem_is(explained: Callable[[str], Explanation]) -> None:
     known = explained("paper-1")
-    again = explain(dataclasses.replace(known.plan, problem=load_problem("paper-1")))
+    again = explain(plan(load_problem("paper-1")))
     assert [str(one) for one in again.alternatives] == [str(one) for one in known.alternatives]
 
 
 def test_no_plan_has_its_reason_and_no_alternatives() -> None:
-    result = explain(load_problem("paper-1", modes=[RIGID, SOFT_BOTH]))
-    assert result.complete
-    assert (result.why, result.critical_path, result.alternatives) == ((), (), ())
-    assert str(result).startswith("proved infeasible: mode [1,1] alone")
+    told = explain(load_problem("paper-1", modes=[RIGID, SOFT_BOTH]))
+    assert told.complete
+    assert (told.why, told.critical_path, told.alternatives) == ((), (), ())
+    assert str(told).startswith("proved infeasible: mode [1,1] alone")
 
 
 def test_resting_is_explained_by_itself() -> None:
     start = load_problem("paper-1").start
     goal = {"x_m": start.x_m, "kappa_per_m": start.kappa_per_m}
-    result = explain(load_problem("paper-1", goal=goal))
-    assert (result.critical_path, result.alternatives, result.complete) == ((), (), True)
+    told = explain(load_problem("paper-1", goal=goal))
+    assert (told.critical_path, told.alternatives, told.complete) == ((), (), True)
 
 
 def test_the_greedy_rule_is_not_explained() -> None:
@@ -348,15 +345,15 @@ def test_an_interrupt_returns_what_is_known(monkeypatch: pytest.MonkeyPatch) -> 
         if words == "without mode [1,0]":
             raise KeyboardInterrupt
 
-    result = explain(made, on_progress=tell)
-    assert not result.complete
-    assert [one.change for one in result.alternatives] == [
+    told = explain(made, on_progress=tell)
+    assert not told.complete
+    assert [one.change for one in told.alternatives] == [
         "with the next best mode sequence",
         "without mode [0,0]",
     ]
     assert asked[0] == "the plan itself"
-    assert "Interrupted" in str(result)
-    assert result.critical_path == critical_path(made)
+    assert "Interrupted" in str(told)
+    assert told.critical_path == critical_path(made.require())
 
 
 def test_an_interrupt_that_the_search_caught_ends_the_explanation(
@@ -368,9 +365,9 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(planner_module, "improve", interrupted)
-    result = explain(made)
-    assert not result.complete
-    last = result.alternatives[-1]
+    told = explain(made)
+    assert not told.complete
+    last = told.alternatives[-1]
     assert last.change == "without mode [0,0]"
     assert "interrupted" in last.outcome
 
@@ -382,26 +379,43 @@ def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(planner_module, "improve", interrupted)
-    result = explain(load_problem("rigid-move", gap=0.0))
-    assert result.plan.found
-    assert (result.alternatives, result.complete) == ((), False)
-    assert result.critical_path
+    told = explain(load_problem("rigid-move", gap=0.0))
+    assert told.result.found
+    assert (told.alternatives, told.complete) == ((), False)
+    assert told.critical_path
+
+
+def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 0.0
+
+    def interrupted(*_: object) -> None:
+        nonlocal now
+        now += 100.0
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planner_module, "time", SimpleNamespace(perf_counter=lambda: now))
+    monkeypatch.setattr(planner_module, "improve", interrupted)
+    told = explain(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
+    assert told.result.ending is Ending.INTERRUPTED
+    assert not told.complete
 
 
 # --- twosra explain ------------------------------------------------------------------------------
 
 
 def test_the_command_prints_all_of_it(run: Run, explained: Callable[[str], Explanation]) -> None:
-    result = explained("paper-1")
+    told = explained("paper-1")
     code, out, err = run("explain", "paper-1")
     assert (code, err) == (0, "")
     for text in (
-        result.plan.message,
-        *result.why,
-        *(words for _, words in in_words(result.critical_path)),
-        *(str(one) for one in result.hidden),
-        *(one.change for one in result.alternatives),
-        *(one.price for one in result.alternatives),
+        told.result.message,
+        *told.why,
+        *(words for _, words in in_words(told.critical_path)),
+        *(str(one) for one in told.hidden),
+        *(one.change for one in told.alternatives),
+        *(one.price for one in told.alternatives),
     ):
         assert " ".join(text.split()) in out
 

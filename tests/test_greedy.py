@@ -23,14 +23,13 @@ PUBLISHED = {
 @pytest.mark.parametrize(("name", "sequence"), PUBLISHED.items())
 def test_the_published_mode_sequences_are_found(name: str, sequence: object) -> None:
     result = plan(load_problem(name, planner="greedy"))
-    assert tuple(phase.mode for phase in result.phases) == sequence
+    assert tuple(phase.mode for phase in result.plan.phases) == sequence
     assert result.status is Status.FEASIBLE
     assert result.planner == "greedy"
     assert result.lower_bound is None
     assert result.gap is None
     assert "by the greedy rule" in result.message
-    assert result.verification is not None
-    assert result.verification.ok
+    assert result.plan.verification.ok
 
 
 def test_the_error_never_grows_and_the_mode_changes_only_when_stuck() -> None:
@@ -45,7 +44,7 @@ def test_the_error_never_grows_and_the_mode_changes_only_when_stuck() -> None:
 def test_it_stops_when_no_allowed_mode_helps() -> None:
     result = plan(load_problem("paper-1", planner="greedy", modes=[RIGID]))
     assert result.status is Status.FAILED
-    assert result.samples is None
+    assert result.plan is None
     assert "no allowed mode comes nearer to the goal" in result.message
 
 
@@ -60,7 +59,7 @@ def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
     problem = load_problem("paper-1", planner="greedy")
     goal = dict(zip(("x_m", "y_m", "phi_rad"), problem.start.configuration, strict=False))
     goal["kappa_per_m"] = problem.start.kappa_per_m
-    result = plan(load_problem("paper-1", planner="greedy", goal=goal))
+    result = plan(load_problem("paper-1", planner="greedy", goal=goal)).require()
     assert result.duration_s == 0.0
     assert result.phases == ()
 
@@ -71,7 +70,7 @@ def test_a_path_beyond_the_curvature_limit_is_not_called_feasible() -> None:
     robot = ROBOT.model_copy(update={"limits": limits})
     result = plan(random_problem(37, planner="greedy", robot=robot))
     assert result.status is Status.FAILED
-    assert result.samples is None
+    assert result.plan is None
     assert "curvature is beyond curvature_per_m = 50 1/m" in result.message
     optimal = plan(random_problem(37, robot=robot))
     assert optimal.status is Status.OPTIMAL

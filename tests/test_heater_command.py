@@ -17,8 +17,7 @@ from twosra_mpc.control.controller import StiffnessController, stiffness_control
 from twosra_mpc.control.heater_loop import HeaterRun, simulate_heater
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.plotting.heater_figure import plot_heater
-from twosra_mpc.robot.description import load_robot
-from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.robot.description import load_robot, segment_model
 
 # --- the figure ----------------------------------------------------------------------------------
 
@@ -26,8 +25,8 @@ from twosra_mpc.thermal.model import segment_model
 def melted(name: str, ambient_C: float) -> tuple[HeaterRun, StiffnessController]:
     """A melt and a freeze of a robot's segment, and the controller that made it."""
     robot = load_robot(name)
-    controller = stiffness_controller(robot, ambient_C)
-    plant, sensor = segment_model(robot, ambient_C), temperature_sensor(robot, ambient_C)
+    controller = stiffness_controller(robot, ambient_C, 0)
+    plant, sensor = segment_model(robot, ambient_C, 0), temperature_sensor(robot, ambient_C, 0)
     profile = [(0.0, "soft"), (80.0, "rigid")]
     return simulate_heater(plant, sensor, controller, profile, 400.0, step_s=0.2), controller
 

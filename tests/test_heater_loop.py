@@ -35,10 +35,10 @@ from twosra_mpc.control.thermistor import (
     temperature_sensor,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.lumped import Lumped
-from twosra_mpc.thermal.model import SegmentModel, segment_model
+from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.two_node import TwoNode
 
 SOFT_C = 65.0
@@ -66,9 +66,9 @@ def nominal(name: str, ambient_C: float) -> Loop:
     """The loop of a robot, as its controller knows it."""
     robot = load_robot(name)
     return Loop(
-        segment_model(robot, ambient_C),
-        temperature_sensor(robot, ambient_C),
-        stiffness_controller(robot, ambient_C),
+        segment_model(robot, ambient_C, 0),
+        temperature_sensor(robot, ambient_C, 0),
+        stiffness_controller(robot, ambient_C, 0),
     )
 
 
@@ -400,7 +400,7 @@ def test_a_run_is_read_only() -> None:
 
 
 def test_the_papers_line_serves_as_a_sensor() -> None:
-    line = temperature_sensor(load_robot("2sra-v1"), 25.0, LinearMap())
+    line = temperature_sensor(load_robot("2sra-v1"), 25.0, 0, LinearMap())
     run = V1._replace(sensor=line).run(MELT_AND_FREEZE, 600.0)
     assert_reports_are_true(run)
     assert run.temperature_C.max() <= 73.0

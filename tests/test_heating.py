@@ -14,15 +14,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
-from twosra_mpc.plans.heating import (
-    ConstantHeating,
-    SegmentHeating,
-    ThermalHeating,
-    segment_heating,
-)
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
-from twosra_mpc.timing import Transition
+from twosra_mpc.timing import SegmentHeating, Transition, transition_model
+from twosra_mpc.timing.constant_heating import ConstantHeating
+from twosra_mpc.timing.overlapped import OverlappedHeating
+from twosra_mpc.timing.sequential import SequentialHeating
+from twosra_mpc.timing.thermal import ThermalHeating
 
 Array = NDArray[np.float64]
 
@@ -42,7 +40,6 @@ EVENT_S = 2e-6
 
 def samples_of(some: Plan) -> Samples:
     """The samples of a plan that has some."""
-    assert some.samples is not None
     return some.samples
 
 
@@ -83,6 +80,10 @@ def liquid(transitions: Sequence[Transition], t: float, *, at_start: bool) -> bo
         if t >= (item.done_s if item.to == "soft" else item.onset_s):
             state = item.to == "soft"
     return state
+
+
+def temperature_of(segment: SegmentHeating, t: Array) -> Array:
+    return segment.temperature_and_melt_fraction(t)[0]
 
 
 def melt_fraction(segment: SegmentHeating, t: Array) -> Array:
@@ -273,7 +274,7 @@ def cycles(waits: Sequence[Cycle], *, last_freeze: bool = True) -> tuple[Transit
 def overlapped(transitions: tuple[Transition, ...], start_C: float = AMBIENT) -> ConstantHeating:
     """A segment with constant times that starts at a temperature."""
     assert isinstance(TIMES, OverlappedTiming)
-    return ConstantHeating(HEATER, TIMES, AMBIENT, start_C > MELTING, start_C, transitions)
+    return OverlappedHeating(start_C > MELTING, transitions, HEATER, AMBIENT, start_C, TIMES)
 
 
 def grid(transitions: Sequence[Transition], step_s: float = 0.25) -> Array:
@@ -294,7 +295,7 @@ def test_the_temperature_curve_is_continuous_and_between_its_extremes(
         moved[0] = moved[0]._replace(heater_s=on + shift)
         transitions = tuple(moved)
     t = grid(transitions)
-    temperature = overlapped(transitions, start_C).temperature(t)
+    temperature = temperature_of(overlapped(transitions, start_C), t)
     assert np.abs(np.diff(temperature)).max() <= RAMP * 0.25 + 1e-9
     assert temperature.min() >= min(AMBIENT, start_C) - 1e-9
     assert temperature.max() <= SOFT + 1e-9
@@ -312,11 +313,11 @@ def test_the_curve_rests_on_the_plateaus_and_decays_to_ambient(waits: list[Cycle
     segment = overlapped(transitions)
     for item in transitions:
         plateau = np.linspace(item.onset_s, item.done_s, 20)
-        assert segment.temperature(plateau) == pytest.approx(np.full(20, MELTING), abs=1e-9)
+        assert temperature_of(segment, plateau) == pytest.approx(np.full(20, MELTING), abs=1e-9)
     done, tau = transitions[-1].done_s, HEATER.cooling_time_constant_s
     after = done + np.array([0.0, tau, 10 * tau])
     expected = AMBIENT + (MELTING - AMBIENT) * np.exp([0.0, -1.0, -10.0])
-    assert segment.temperature(after) == pytest.approx(expected, abs=1e-9)
+    assert temperature_of(segment, after) == pytest.approx(expected, abs=1e-9)
 
 
 @given(CYCLES)
@@ -340,7 +341,7 @@ def test_flags_set_points_and_currents_are_those_of_the_transitions(waits: list[
     hot = np.array([any(p.hot < time < p.off for p in periods) for time in t])
     assert segment.setpoint_C(t).tolist() == np.where(on, SOFT, AMBIENT).tolist()
     assert segment.current_A(t).tolist() == np.where(on, np.where(hot, HOLD_A, MELT_A), 0).tolist()
-    assert (segment.temperature(t)[soft] >= MELTING - 1e-9).all()
+    assert (temperature_of(segment, t)[soft] >= MELTING - 1e-9).all()
 
 
 def test_at_an_event_the_new_value_is_in_force() -> None:
@@ -358,14 +359,14 @@ def test_the_longer_unheated_metal_stays_liquid_the_hotter_it_was() -> None:
     for unheated, peak in ((18.0, 65.0), (9.0, 63.0), (0.0, 61.0)):
         melt, freeze = cycles([Cycle(0.0, 60.0, unheated)])
         segment = overlapped((melt, freeze))
-        assert segment.temperature(np.array([freeze.heater_s]))[0] == pytest.approx(peak)
+        assert temperature_of(segment, np.array([freeze.heater_s]))[0] == pytest.approx(peak)
 
 
 def test_a_segment_that_is_never_heated_relaxes_to_ambient() -> None:
     segment = overlapped((), start_C=45.0)
     t = np.array([0.0, 170.0, 5000.0])
     expected = AMBIENT + 20.0 * np.exp(-t / 170.0)
-    assert segment.temperature(t) == pytest.approx(expected)
+    assert temperature_of(segment, t) == pytest.approx(expected)
     assert not segment.soft(t).any()
     assert not segment.current_A(t).any()
     assert segment.setpoint_C(t).tolist() == [AMBIENT] * 3
@@ -378,8 +379,8 @@ def test_a_metal_still_warm_is_heated_from_where_it_is() -> None:
     segment = overlapped(transitions)
     done, on = transitions[1].done_s, transitions[2].heater_s
     expected = AMBIENT + (MELTING - AMBIENT) * math.exp(-(on - done) / 170.0)
-    assert segment.temperature(np.array([on]))[0] == pytest.approx(expected)
-    just_before = segment.temperature(np.array([on - 1e-6]))[0]
+    assert temperature_of(segment, np.array([on]))[0] == pytest.approx(expected)
+    just_before = temperature_of(segment, np.array([on - 1e-6]))[0]
     assert just_before == pytest.approx(expected, abs=1e-5)
 
 
@@ -393,18 +394,18 @@ def test_a_liquid_start_is_held_until_its_freeze() -> None:
     assert melt_fraction(segment, t) == pytest.approx(expected)
     assert segment.setpoint_C(t).tolist() == [SOFT] * 3 + [AMBIENT] * 5
     assert segment.current_A(t).tolist() == [HOLD_A] * 3 + [0.0] * 5
-    temperature = segment.temperature(np.arange(0.0, 600.0, 0.1))
+    temperature = temperature_of(segment, np.arange(0.0, 600.0, 0.1))
     assert temperature[0] == 70.0
     assert temperature.max() == 70.0
     assert (np.diff(temperature) <= 1e-9).all()
-    assert segment.temperature(np.array([58.0, 293.0])).tolist() == [MELTING, MELTING]
+    assert temperature_of(segment, np.array([58.0, 293.0])).tolist() == [MELTING, MELTING]
 
 
 @pytest.mark.parametrize("start_C", [70.0, 85.0])
 def test_hot_metal_cools_no_faster_than_without_its_heater(start_C: float) -> None:
     freeze = Transition(1, "rigid", 90.0, 108.0, 343.0)
     t = np.arange(0.0, 108.0, 0.1)
-    temperature = overlapped((freeze,), start_C).temperature(t)
+    temperature = temperature_of(overlapped((freeze,), start_C), t)
     fastest = (start_C - AMBIENT) / HEATER.cooling_time_constant_s
     assert np.diff(temperature).min() >= -fastest * 0.1 - 1e-9
 
@@ -415,7 +416,7 @@ def test_metal_that_stays_liquid_reaches_its_set_point(start_C: float) -> None:
     segment = overlapped(melt if start_C < MELTING else (), start_C)
     late = np.array([1000.0])
     assert segment.setpoint_C(late)[0] == SOFT
-    assert segment.temperature(late)[0] == pytest.approx(SOFT, abs=0.1)
+    assert temperature_of(segment, late)[0] == pytest.approx(SOFT, abs=0.1)
 
 
 SLEEP_CYCLES = st.lists(
@@ -435,9 +436,9 @@ def test_sleeping_heats_on_a_line_and_cools_on_an_exponential(
         t = off + SLEEPS.freeze_s
         transitions.append(Transition(1, "soft", on, on, on + SLEEPS.heat_s))
         transitions.append(Transition(1, "rigid", off, off, t))
-    segment = ConstantHeating(HEATER, SLEEPS, AMBIENT, False, AMBIENT, tuple(transitions))
+    segment = SequentialHeating(False, tuple(transitions), HEATER, AMBIENT, AMBIENT)
     fine = grid(transitions)
-    temperature = segment.temperature(fine)
+    temperature = temperature_of(segment, fine)
     steepest = (SOFT - AMBIENT) / SLEEPS.heat_s
     assert np.abs(np.diff(temperature)).max() <= steepest * 0.25 + 1e-9
     assert temperature.min() >= AMBIENT - 1e-9
@@ -445,9 +446,9 @@ def test_sleeping_heats_on_a_line_and_cools_on_an_exponential(
     assert temperature[-1] == pytest.approx(AMBIENT, abs=0.01)
     for item in transitions:
         if item.to == "soft":
-            assert segment.temperature(np.array([item.done_s]))[0] == pytest.approx(SOFT)
+            assert temperature_of(segment, np.array([item.done_s]))[0] == pytest.approx(SOFT)
             middle = np.array([item.heater_s, item.heater_s + SLEEPS.heat_s / 2, item.done_s])
-            low, half, high = segment.temperature(middle)
+            low, half, high = temperature_of(segment, middle)
             assert half == pytest.approx((low + high) / 2)
 
 
@@ -455,7 +456,7 @@ def test_sleeping_heats_on_a_line_and_cools_on_an_exponential(
 def test_each_segment_gets_its_own_transitions(waits: list[Cycle], segment: int) -> None:
     mine = tuple(item._replace(segment=segment) for item in cycles(waits))
     for timing, kind in (("constant", ConstantHeating), ("nominal", ThermalHeating)):
-        split = segment_heating(load_problem("paper-1", timing=timing), mine)
+        split = transition_model(load_problem("paper-1", timing=timing)).heating(mine)
         assert all(isinstance(item, kind) for item in split)
         assert split[segment - 1].transitions == mine
         assert split[2 - segment].transitions == ()

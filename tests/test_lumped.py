@@ -11,16 +11,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.thermal.lumped import Lumped
-from twosra_mpc.thermal.model import segment_model
 
 AMBIENT_C = 25.0
 
 
 def paper_segment() -> Lumped:
     """A segment of the paper's robot in air of 25 C."""
-    model = segment_model(load_robot("2sra-v1"), AMBIENT_C)
+    model = segment_model(load_robot("2sra-v1"), AMBIENT_C, 0)
     assert isinstance(model, Lumped)
     return model
 

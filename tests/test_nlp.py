@@ -168,7 +168,7 @@ def test_a_goal_out_of_reach_of_the_modes_is_reported_as_no_motion() -> None:
 
 
 def test_the_decision_vector_packs_and_unpacks() -> None:
-    program = transcribe(ROBOT, phases=3, intervals=4, steps=2)
+    program = transcribe(ROBOT, None, phases=3, intervals=4, steps=2)
     rng = np.random.default_rng(0)
     states, inputs = rng.standard_normal((3, 5, 5)), rng.standard_normal((3, 4, 5))
     times = rng.uniform(0, 500, program.layout.count)

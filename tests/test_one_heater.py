@@ -1,4 +1,4 @@
-"""One heater at a time: spells follow each other, at a cost, and cold [1,1] is ruled out."""
+"""One heater at a time: dwells follow each other, at a cost, and cold [1,1] is ruled out."""
 
 from __future__ import annotations
 
@@ -22,18 +22,17 @@ from thermal_problems import (
 from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.least_times import LeastTimes
-from twosra_mpc.thermal.trajectory import Course, Heating
+from twosra_mpc.thermal.trajectory import Heating, TemperatureTrajectory
 from twosra_mpc.timing import transition_model
-from twosra_mpc.timing.constant import ONE_HEATER
 
 robots = pytest.mark.parametrize("robot", [V1, V2], ids=lambda robot: robot.name)
+ONE_HEATER = "mode [1,1] needs both heaters at once, but heaters_at_once is 1"
 timings = pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
 
 
 def both_on(problem: Problem) -> bool:
     """Whether two currents flow at once anywhere in the plan of a problem."""
     samples = plan(problem).require().samples
-    assert samples is not None
     lasting = np.append(np.diff(samples.t_s), np.inf) > 1e-4
     return bool(((samples.heater_current_A > 0).all(axis=1) & lasting).any())
 
@@ -46,7 +45,6 @@ def test_no_two_heaters_are_on_at_once_and_that_never_costs_less(timing: str, se
     costs = []
     for problem in (one, two):
         result = plan(problem).require()
-        assert result.cost is not None
         assert result.lower_bound is not None
         assert result.lower_bound <= result.cost.total
         costs.append((result.lower_bound, result.cost.total))
@@ -78,7 +76,7 @@ def test_a_task_for_both_segments_together_is_proved_infeasible_in_words(
 
 @settings(max_examples=60)
 @given(problem=thermal_problems(heaters_at_once=1), sequence=SEQUENCES, spans=SPANS_S)
-def test_spells_of_a_settled_schedule_do_not_overlap_and_keep_its_network(
+def test_dwells_of_a_settled_schedule_do_not_overlap_and_keep_its_network(
     problem: Problem, sequence: ModeSequence, spans: list[float]
 ) -> None:
     assume(thermal_model(problem).refusal(sequence, problem.goal.mode) is None)
@@ -86,16 +84,16 @@ def test_spells_of_a_settled_schedule_do_not_overlap_and_keep_its_network(
     assume(found is not None)
     assert found is not None
     assert found.violated() == []
-    for one, two in itertools.product(*(spells(c, found.finish_s) for c in found.courses)):
+    for one, two in itertools.product(*(dwells(c, found.finish_s) for c in found.trajectories)):
         assert one[1] <= two[0] + 1e-6 or two[1] <= one[0] + 1e-6
 
 
-def spells(course: Course, until_s: float) -> list[tuple[float, float]]:
+def dwells(trajectory: TemperatureTrajectory, until_s: float) -> list[tuple[float, float]]:
     """(on, off) of a heater; heat that no longer flows in the plan does not count."""
-    ends = [piece.start_s for piece in course.pieces[1:]] + [until_s]
+    ends = [piece.start_s for piece in trajectory.pieces[1:]] + [until_s]
     return [
         (piece.start_s, end)
-        for piece, end in zip(course.pieces, ends, strict=True)
+        for piece, end in zip(trajectory.pieces, ends, strict=True)
         if piece.heating is not Heating.OFF and piece.start_s < end - 1e-6
     ]
 
@@ -105,7 +103,7 @@ def test_a_melt_waits_for_the_heater_before_it_and_not_for_its_freeze() -> None:
     problem = thermal_problem(heaters_at_once=1)
     found = settled(problem, (RIGID, SOFT_1, SOFT_2, RIGID), [0.0, 40.0, 1.0, 0.0])
     assert found is not None
-    one, two = (spells(course, found.finish_s) for course in found.courses)
+    one, two = (dwells(trajectory, found.finish_s) for trajectory in found.trajectories)
     assert len(one) == 2  # up to the set-point, and held
     assert two[0][0] >= one[-1][1] - 1e-6
     layout, times = found.network.layout, found.times
@@ -145,7 +143,7 @@ def test_a_liquid_start_goes_first_and_may_share_a_phase_while_it_coasts() -> No
         )
     )
     assert result.found
-    assert SOFT_BOTH in [phase.mode for phase in result.phases]
+    assert SOFT_BOTH in [phase.mode for phase in result.plan.phases]
 
 
 @pytest.mark.parametrize("quantile", [None, 0.8, 0.95])
@@ -155,14 +153,14 @@ def test_no_segment_of_the_papers_robot_coasts_while_the_other_one_melts(
 ) -> None:
     """What the refusal of two overlapping melts rests on: 18.8 s of coasting, 36.4 s to melt."""
     problem = thermal_problem(ambient_C=ambient_C, transition_quantile=quantile)
-    least = LeastTimes(thermal_model(problem).heating, ambient_C)
+    least = LeastTimes(thermal_model(problem).plans[0], ambient_C)
     assert least.longest_coasting_s < min(least.melting_s, least.first_melting_s)
 
 
 def test_what_coasting_makes_possible_is_not_called_impossible() -> None:
     """In air of 45 C metal coasts for 40 s; a segment at 60.9 C melts in 36 s when it may."""
     given = {"ambient_C": 45.0, "temperature_C": (45.0, 60.9)}
-    heating = thermal_model(thermal_problem(**given)).heating
+    heating = thermal_model(thermal_problem(**given)).plans[0]
     model, full_A = heating.model, heating.melt_current_A
     one, two = model.initial(45.0), model.initial(60.9)
     hot = model.time_until(one, full_A, model.level_at(heating.soft_setpoint_C))

@@ -140,6 +140,11 @@ def test_many_configurations_are_placed_at_once() -> None:
             np.testing.assert_allclose(part[place], one, rtol=0, atol=1e-14)
 
 
+def test_no_configuration_has_no_place() -> None:
+    nowhere = robot_shape(ROBOT.geometry, np.zeros((0, 5)))
+    assert all(len(part) == 0 for part in nowhere)
+
+
 def test_a_configuration_of_another_robot_is_refused() -> None:
     with pytest.raises(InputError, match=r"an array of shape \(\.\.\., 5\)"):
         robot_shape(ROBOT.geometry, [0.0, 0.0, 0.0, 1.0])

@@ -26,7 +26,7 @@ from twosra_mpc.identification.path_fitting import (
     fitted_path_tables,
     path_curves,
 )
-from twosra_mpc.model.kinematics import fibre_end_pose
+from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
 from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
 from twosra_mpc.robot.description import Robot

@@ -239,4 +239,4 @@ def test_admissible_sequences_are_all_there_is_up_to_resting_rigid_phases() -> N
         for c in MODES
         if a != b != c and any(m[0] for m in (a, b, c)) and any(m[1] for m in (a, b, c))
     )
-    assert plan(problem).phases[0].mode == RIGID
+    assert plan(problem).require().phases[0].mode == RIGID

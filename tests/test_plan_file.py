@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
 import math
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -15,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Planned
+from conftest import Planned, Solved
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -25,6 +28,7 @@ from twosra_mpc import (
     InputError,
     NoPlanError,
     Plan,
+    Result,
     Status,
     __version__,
     load_plan,
@@ -34,11 +38,11 @@ from twosra_mpc import (
 )
 from twosra_mpc.files import atomic_path, write_text
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.search.branch_and_bound import Ending
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.setpoints import rows
-from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.robot.description import Robot, segment_model
 
 Array = NDArray[np.float64]
 
@@ -47,22 +51,16 @@ EVENT_S = 2e-6  # inputs may change this much before or after their event
 
 
 @pytest.fixture(scope="module")
-def infeasible() -> Plan:
+def infeasible() -> Result:
     """Proved infeasible: [1,1] alone bends both segments by the same angle."""
     goal = {"kappa_per_m": (20.0, -10.0)}
     return plan(load_problem("shape-change", goal=goal, modes=((0, 0), (1, 1))))
 
 
 @pytest.fixture(scope="module")
-def empty(planned: Planned) -> Plan:
+def empty() -> Result:
     """The goal is where the robot is already."""
     return plan(load_problem("rigid-move", goal={"x_m": 0.0}))
-
-
-def samples_of(some: Plan) -> Samples:
-    """The samples of a plan that has some."""
-    assert some.samples is not None
-    return some.samples
 
 
 # --- the JSON file -------------------------------------------------------------------------------
@@ -83,7 +81,7 @@ CONTRACT = {
     "verification": {"max_defect", "goal_error", "limits", "ok"},
     "stats": {"wall_s", "sequences_bounded", "sequences_solved", "nlp_iterations"},
 }
-EXTENSIONS = {"": {"stopped_early"}, "verification": {"problems"}}
+EXTENSIONS = {"": {"stopped_early", "ending"}, "verification": {"problems"}}
 WIDTHS = {
     **{"q": 5, "v": 5, "mode": 2, "wheel_rad_s": 4, "temperature_C": 2},
     **{"melt_fraction": 2, "heater_setpoint_C": 2, "heater_current_A": 2},
@@ -97,15 +95,15 @@ def table(document: dict[str, Any], name: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("name", CONTRACT)
-def test_the_keys_are_exactly_those_of_the_contract(any_plan: Plan, name: str) -> None:
-    tables = table(any_plan.to_dict(), name)
+def test_the_keys_are_exactly_those_of_the_contract(any_result: Result, name: str) -> None:
+    tables = table(any_result.to_dict(), name)
     assert tables
     for inner in tables:
         assert set(inner) == CONTRACT[name] | EXTENSIONS.get(name, set())
 
 
-def test_the_values_have_the_types_of_the_contract(any_plan: Plan, tmp_path: Path) -> None:
-    any_plan.save(tmp_path / "plan.json")
+def test_the_values_have_the_types_of_the_contract(any_result: Result, tmp_path: Path) -> None:
+    any_result.save(tmp_path / "plan.json")
     text = (tmp_path / "plan.json").read_text(encoding="utf-8")
     assert text.endswith("}\n")
     data = json.loads(text)
@@ -135,10 +133,10 @@ def test_the_values_have_the_types_of_the_contract(any_plan: Plan, tmp_path: Pat
     assert type(data["stopped_early"]) is bool
 
 
-def test_every_sample_list_has_one_row_a_sample(any_plan: Plan) -> None:
-    data = json.loads(json.dumps(any_plan.to_dict(), allow_nan=False))["samples"]
+def test_every_sample_list_has_one_row_a_sample(any_result: Result) -> None:
+    data = json.loads(json.dumps(any_result.to_dict(), allow_nan=False))["samples"]
     assert all(type(t) is float for t in data["t_s"])
-    assert len(any_plan.samples or ()) == len(data["t_s"])
+    assert len(any_result.plan.samples) == len(data["t_s"])
     for name, width in WIDTHS.items():
         assert len(data[name]) == len(data["t_s"]), name
         assert {len(row) for row in data[name]} == {width}, name
@@ -147,20 +145,20 @@ def test_every_sample_list_has_one_row_a_sample(any_plan: Plan) -> None:
     assert {bit for row in data["mode"] for bit in row} <= {0, 1}
 
 
-def test_the_robot_and_the_scenario_in_the_file_are_complete(any_plan: Plan) -> None:
-    data = any_plan.to_dict()
-    assert Robot(**data["robot"]) == any_plan.robot == load_problem("paper-1").robot
-    assert data["scenario"] == any_plan.problem.scenario()
-    assert data["scenario"]["timing"] == any_plan.problem.timing
+def test_the_robot_and_the_scenario_in_the_file_are_complete(any_result: Result) -> None:
+    data = any_result.to_dict()
+    assert Robot(**data["robot"]) == any_result.problem.robot == load_problem("paper-1").robot
+    assert data["scenario"] == any_result.problem.scenario()
+    assert data["scenario"]["timing"] == any_result.problem.timing
 
 
 def energy_J(some: Plan) -> float:
     """Heat that the currents of the samples give off in the coils."""
-    samples = samples_of(some)
+    samples = some.samples
     held_s, currents = np.diff(samples.t_s).tolist(), samples.heater_current_A
     total = 0.0
     if some.problem.timing == "nominal":  # the hotter the coil, the more it resists
-        model = segment_model(some.robot, some.problem.ambient)
+        model = segment_model(some.robot, some.problem.ambient, 0)
         for j, temperature in enumerate(some.problem.temperatures):
             state = model.initial(temperature)
             for current, held in zip(currents[:-1, j].tolist(), held_s, strict=True):
@@ -171,8 +169,7 @@ def energy_J(some: Plan) -> float:
 
 
 def test_the_cost_is_the_time_and_energy_of_the_samples(any_plan: Plan) -> None:
-    samples, cost = samples_of(any_plan), any_plan.cost
-    assert cost is not None
+    samples, cost = any_plan.samples, any_plan.cost
     assert cost.time_s == any_plan.duration_s == samples.t_s[-1]
     assert cost.energy_J == pytest.approx(energy_J(any_plan), rel=1e-5)
     assert cost.transitions == len(any_plan.transitions)
@@ -181,9 +178,8 @@ def test_the_cost_is_the_time_and_energy_of_the_samples(any_plan: Plan) -> None:
 
 def test_energy_and_transitions_count_by_their_weights() -> None:
     weights = {"energy_s_per_J": 0.1, "transition_s": 7.0}
-    found = plan(load_problem("shape-change", weights=weights))
+    found = plan(load_problem("shape-change", weights=weights)).require()
     cost = found.cost
-    assert cost is not None
     assert cost.transitions == 2
     assert cost.energy_J > 100.0
     assert cost.total == pytest.approx(cost.time_s + 0.1 * cost.energy_J + 7.0 * 2)
@@ -192,7 +188,6 @@ def test_energy_and_transitions_count_by_their_weights() -> None:
 
 
 def test_a_bound_is_never_above_the_cost_it_bounds(any_plan: Plan) -> None:
-    assert any_plan.cost is not None
     if any_plan.planner == "greedy":
         assert any_plan.lower_bound is None
         assert any_plan.gap is None
@@ -206,21 +201,21 @@ def test_a_bound_is_never_above_the_cost_it_bounds(any_plan: Plan) -> None:
         assert any_plan.status is Status.OPTIMAL
 
 
-def test_a_plan_file_reads_back_as_the_same_plan(any_plan: Plan, tmp_path: Path) -> None:
+def test_a_plan_file_reads_back_as_the_same_plan(any_result: Result, tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
-    any_plan.save(path)
+    any_result.save(path)
     again = load_plan(path)
-    assert again.to_dict() == any_plan.to_dict()
-    assert again.problem == any_plan.problem
-    assert again.phases == any_plan.phases
-    assert again.transitions == any_plan.transitions
-    assert again.status is any_plan.status
-    assert not samples_of(again).q.flags.writeable
+    assert again.to_dict() == any_result.to_dict()
+    assert again.problem == any_result.problem
+    assert again.plan.phases == any_result.plan.phases
+    assert again.plan.transitions == any_result.plan.transitions
+    assert again.status is any_result.status
+    assert not again.plan.samples.q.flags.writeable
     again.save(tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
-def test_a_plan_that_was_not_found_reads_back_too(infeasible: Plan, tmp_path: Path) -> None:
+def test_a_plan_that_was_not_found_reads_back_too(infeasible: Result, tmp_path: Path) -> None:
     infeasible.save(tmp_path / "plan.json")
     data = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
     for key in ("duration_s", "lower_bound_s", "gap", "cost", "samples", "verification"):
@@ -230,24 +225,25 @@ def test_a_plan_that_was_not_found_reads_back_too(infeasible: Plan, tmp_path: Pa
     assert load_plan(tmp_path / "plan.json").to_dict() == infeasible.to_dict()
 
 
-def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Plan, tmp_path: Path) -> None:
+def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Result, tmp_path: Path) -> None:
     assert empty.found
-    assert (empty.duration_s, empty.gap, empty.phases) == (0.0, 0.0, ())
-    assert samples_of(empty).t_s.tolist() == [0.0]
+    made = empty.require()
+    assert (made.duration_s, made.gap, made.phases) == (0.0, 0.0, ())
+    assert made.samples.t_s.tolist() == [0.0]
     empty.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").to_dict() == empty.to_dict()
-    _, regular = rows(empty.trajectory.resampled(10.0))
-    assert regular.tolist() == rows(samples_of(empty))[1].tolist()
+    _, regular = rows(made.trajectory.resampled(10.0))
+    assert regular.tolist() == rows(made.samples)[1].tolist()
 
 
-def test_a_plan_is_found_under_the_name_it_was_saved_under(empty: Plan, tmp_path: Path) -> None:
+def test_a_plan_is_found_under_the_name_it_was_saved_under(empty: Result, tmp_path: Path) -> None:
     empty.save(tmp_path / "noending")
     assert load_plan(tmp_path / "noending").to_dict() == empty.to_dict()
 
 
-def test_only_verified_plans_pass_require(any_plan: Plan, infeasible: Plan) -> None:
-    assert any_plan.found
-    assert any_plan.require() is any_plan
+def test_only_verified_plans_pass_require(any_result: Result, infeasible: Result) -> None:
+    assert any_result.found
+    assert any_result.require() is any_result.plan
     assert not infeasible.found
     with pytest.raises(NoPlanError, match="infeasible") as caught:
         infeasible.require()
@@ -257,12 +253,69 @@ def test_only_verified_plans_pass_require(any_plan: Plan, infeasible: Plan) -> N
         failed.require()
 
 
-def test_there_is_a_gap_only_where_there_are_a_cost_and_a_bound(infeasible: Plan) -> None:
-    cost = Cost(total=200.0, time_s=200.0, energy_J=0.0, transitions=0)
-    assert replace(infeasible, cost=cost).gap is None
-    assert replace(infeasible, lower_bound=100.0).gap is None
-    assert replace(infeasible, cost=cost, lower_bound=100.0).gap == 0.5
-    assert replace(infeasible, cost=cost, lower_bound=201.0).gap == 0.0
+def test_the_gap_is_that_between_cost_and_bound(planned: Planned) -> None:
+    made = replace(planned("paper-2"), cost=Cost(200.0, 200.0, energy_J=0.0, transitions=0))
+    assert replace(made, lower_bound=None).gap is None
+    assert replace(made, lower_bound=100.0).gap == 0.5
+    assert replace(made, lower_bound=201.0).gap == 0.0
+
+
+def test_the_status_of_a_plan_follows_from_its_gap_and_verification(planned: Planned) -> None:
+    made = planned("paper-2")
+    failed = replace(made.verification, ok=False)
+    assert made.status is Status.OPTIMAL
+    assert replace(made, lower_bound=0.5 * made.cost.total).status is Status.FEASIBLE
+    assert replace(made, verification=failed).status is Status.FAILED
+
+
+def test_results_and_plans_are_shown_in_one_line(any_result: Result, infeasible: Result) -> None:
+    for shown in (any_result, any_result.plan, infeasible):
+        assert "\n" not in repr(shown)
+        assert len(repr(shown)) < 500
+    assert str(any_result.plan) in repr(any_result)
+
+
+def test_a_notebook_shows_the_figure_or_why_there_is_none(
+    solved: Solved, infeasible: Result
+) -> None:
+    found = solved("rigid-move")
+    html = found.require()._repr_html_()
+    (picture,) = re.findall(r'src="data:image/png;base64,([^"]+)"', html)
+    assert base64.b64decode(picture).startswith(b"\x89PNG")
+    assert found._repr_html_().startswith(f"<p>{found.status}: [0,0]")
+    assert "proved infeasible" in infeasible._repr_html_()
+    assert "<img" not in infeasible._repr_html_()
+
+
+def test_a_plan_without_a_figure_loads_no_matplotlib() -> None:
+    code = (
+        "import sys; from twosra_mpc import load_problem, plan;"
+        "repr(plan(load_problem('paper-2')));"
+        "sys.exit('matplotlib' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("ending", [*Ending, None])
+def test_why_the_search_ended_is_in_the_file(
+    infeasible: Result, ending: Ending | None, tmp_path: Path
+) -> None:
+    replace(infeasible, ending=ending).save(tmp_path / "plan.json")
+    assert load_plan(tmp_path / "plan.json").ending is ending
+
+
+@pytest.mark.parametrize(("early", "ending"), [(True, Ending.LIMIT), (False, None)])
+def test_files_that_do_not_say_why_the_search_ended_still_load(
+    solved: Solved, early: bool, ending: Ending | None, tmp_path: Path
+) -> None:
+    path = edited(
+        solved("paper-2"),
+        lambda d: (d.pop("ending"), d.update(stopped_early=early)),
+        tmp_path / "plan.json",
+    )
+    again = load_plan(path)
+    assert (again.ending, again.stopped_early) == (ending, early)
+    assert again.require().cost == solved("paper-2").require().cost
 
 
 # --- bad plan files ------------------------------------------------------------------------------
@@ -286,6 +339,11 @@ BAD_PLANS: dict[str, tuple[Edit, str]] = {
     "no onset": (lambda d: d["transitions"][0].pop("onset_s"), "plan.transitions.0.onset_s"),
     "an unknown key of the cost": (lambda d: d["cost"].update(money=1.0), "plan.cost.money"),
     "phases that are no list": (lambda d: d.update(phases=3), "plan.phases"),
+    "samples without cost": (lambda d: d.update(cost=None), "plan.cost"),
+    "samples without verification": (
+        lambda d: d.update(verification=None),
+        "plan.verification",
+    ),
     "samples that are a list": (lambda d: d.update(samples=[1, 2]), "plan.samples"),
     "a bad robot": (lambda d: d["robot"].update(name=3), "name"),
     "a bad scenario": (lambda d: d["scenario"].update(gap=3.0), "gap"),
@@ -313,7 +371,7 @@ ODD_VALUES: dict[str, Edit] = {
 }
 
 
-def edited(some: Plan, edit: Edit, path: Path) -> Path:
+def edited(some: Result, edit: Edit, path: Path) -> Path:
     """Save the plan with its document edited."""
     data = json.loads(json.dumps(some.to_dict()))
     edit(data)
@@ -322,9 +380,9 @@ def edited(some: Plan, edit: Edit, path: Path) -> Path:
 
 
 @pytest.mark.parametrize("mistake", BAD_PLANS)
-def test_a_file_that_is_no_plan_is_refused(planned: Planned, mistake: str, tmp_path: Path) -> None:
+def test_a_file_that_is_no_plan_is_refused(solved: Solved, mistake: str, tmp_path: Path) -> None:
     edit, field = BAD_PLANS[mistake]
-    path = edited(planned("shape-change"), edit, tmp_path / "plan.json")
+    path = edited(solved("shape-change"), edit, tmp_path / "plan.json")
     with pytest.raises(InputError) as caught:
         load_plan(path)
     assert caught.value.field == field
@@ -336,10 +394,10 @@ def test_a_file_that_is_no_plan_is_refused(planned: Planned, mistake: str, tmp_p
 
 @pytest.mark.parametrize("mistake", ["no status", "no stats", "no onset"])
 def test_a_missing_key_of_a_plan_is_named_in_one_line(
-    planned: Planned, mistake: str, tmp_path: Path
+    solved: Solved, mistake: str, tmp_path: Path
 ) -> None:
     edit, field = BAD_PLANS[mistake]
-    path = edited(planned("shape-change"), edit, tmp_path / "plan.json")
+    path = edited(solved("shape-change"), edit, tmp_path / "plan.json")
     with pytest.raises(InputError) as caught:
         load_plan(path)
     assert (caught.value.field, caught.value.value) == (field, "missing")
@@ -348,18 +406,18 @@ def test_a_missing_key_of_a_plan_is_named_in_one_line(
 
 @pytest.mark.parametrize("mistake", ODD_VALUES)
 def test_a_plan_that_no_planner_writes_is_refused(
-    planned: Planned, mistake: str, tmp_path: Path
+    solved: Solved, mistake: str, tmp_path: Path
 ) -> None:
-    path = edited(planned("shape-change"), ODD_VALUES[mistake], tmp_path / "plan.json")
+    path = edited(solved("shape-change"), ODD_VALUES[mistake], tmp_path / "plan.json")
     with pytest.raises(InputError, match=re.escape(str(path))):
         load_plan(path)
 
 
 @pytest.mark.parametrize("mistake", BAD_VALUES)
 def test_a_plan_that_does_not_fit_together_is_refused(
-    planned: Planned, mistake: str, tmp_path: Path
+    solved: Solved, mistake: str, tmp_path: Path
 ) -> None:
-    path = edited(planned("shape-change"), BAD_VALUES[mistake], tmp_path / "plan.json")
+    path = edited(solved("shape-change"), BAD_VALUES[mistake], tmp_path / "plan.json")
     with pytest.raises(InputError) as caught:
         load_plan(path)
     assert str(path) in str(caught.value)
@@ -395,7 +453,7 @@ def follow(robot: Robot, q: Array, v: Array, mode: Array, duration_s: float) -> 
 
 
 def test_holding_the_inputs_of_each_sample_gives_the_configurations(any_plan: Plan) -> None:
-    samples = samples_of(any_plan)
+    samples = any_plan.samples
     q = any_plan.problem.start.configuration
     for i in range(len(samples)):
         assert np.abs(q - samples.q[i]).max() <= DEFECT, f"sample {i}"
@@ -406,7 +464,7 @@ def test_holding_the_inputs_of_each_sample_gives_the_configurations(any_plan: Pl
 
 
 def test_time_runs_from_zero_and_never_stands_still(any_plan: Plan) -> None:
-    t = samples_of(any_plan).t_s
+    t = any_plan.samples.t_s
     assert t[0] == 0.0
     assert (np.diff(t) > 0.0).all()
     assert t[-1] == any_plan.duration_s
@@ -424,12 +482,12 @@ def test_time_runs_from_zero_and_never_stands_still(any_plan: Plan) -> None:
 def test_samples_are_further_apart_than_what_counts_as_one_time(
     planned: Planned, planner: str
 ) -> None:
-    samples = samples_of(planned("paper-1", planner=planner))
+    samples = planned("paper-1", planner=planner).samples
     assert np.diff(samples.t_s).min() > SAME_TIME_S
 
 
 def test_the_robot_rests_at_the_end_and_between_phases(any_plan: Plan) -> None:
-    samples = samples_of(any_plan)
+    samples = any_plan.samples
     assert not samples.v[-1].any()
     assert not samples.wheel_rad_s[-1].any()
     middle = (samples.t_s[:-1] + samples.t_s[1:]) / 2
@@ -443,7 +501,7 @@ def test_the_robot_rests_at_the_end_and_between_phases(any_plan: Plan) -> None:
 
 
 def test_the_wheels_do_what_the_inputs_ask(any_plan: Plan) -> None:
-    samples = samples_of(any_plan)
+    samples = any_plan.samples
     wheels = kinematics(any_plan.robot).wheel_matrix
     for q, v, mode, wheel in zip(
         samples.q, samples.v, samples.mode, samples.wheel_rad_s, strict=True
@@ -454,18 +512,18 @@ def test_the_wheels_do_what_the_inputs_ask(any_plan: Plan) -> None:
 
 
 def test_holds_are_sampled_at_least_every_five_seconds(any_plan: Plan) -> None:
-    assert np.diff(samples_of(any_plan).t_s).max() <= 5.0 + EVENT_S
+    assert np.diff(any_plan.samples.t_s).max() <= 5.0 + EVENT_S
 
 
 def test_every_event_of_a_heater_is_a_sample(any_plan: Plan) -> None:
-    t = samples_of(any_plan).t_s
+    t = any_plan.samples.t_s
     for item in any_plan.transitions:
         for time in (item.heater_s, item.onset_s, item.done_s):
             assert np.abs(t - time).min() <= EVENT_S
 
 
 def test_samples_cannot_be_changed(any_plan: Plan) -> None:
-    for name, array in vars(samples_of(any_plan)).items():
+    for name, array in vars(any_plan.samples).items():
         assert not array.flags.writeable, name
 
 
@@ -488,7 +546,7 @@ def test_the_csv_file_is_the_samples(any_plan: Plan, tmp_path: Path) -> None:
     assert b"\r" not in raw
     header, *lines = raw.decode("utf-8").splitlines()
     assert header == HEADER
-    samples = samples_of(any_plan)
+    samples = any_plan.samples
     assert len(lines) == len(samples)
     expected = np.column_stack([getattr(samples, name) for name in ORDER])
     found = np.array([[float(item) for item in row] for row in csv.reader(lines)])
@@ -512,7 +570,7 @@ def resampled(some: Plan, rate_Hz: float) -> dict[str, Array]:
 def test_resampled_rows_lie_on_a_regular_grid_and_end_at_the_end(
     any_plan: Plan, rate_Hz: float
 ) -> None:
-    t, end = resampled(any_plan, rate_Hz)["t_s"], samples_of(any_plan).t_s[-1]
+    t, end = resampled(any_plan, rate_Hz)["t_s"], any_plan.samples.t_s[-1]
     assert t[0] == 0.0
     assert t[-1] == pytest.approx(end, abs=EVENT_S)
     assert t[:-1] == pytest.approx(np.arange(len(t) - 1) / rate_Hz, abs=1e-9)
@@ -521,7 +579,7 @@ def test_resampled_rows_lie_on_a_regular_grid_and_end_at_the_end(
 
 @pytest.mark.parametrize("rate_Hz", [1.0, 2.3])
 def test_resampled_inputs_are_those_in_force(any_plan: Plan, rate_Hz: float) -> None:
-    points, samples = resampled(any_plan, rate_Hz), samples_of(any_plan)
+    points, samples = resampled(any_plan, rate_Hz), any_plan.samples
     clear = np.abs(points["t_s"][:, None] - samples.t_s).min(axis=1) > EVENT_S
     clear |= np.isin(points["t_s"], samples.t_s)
     assert clear.sum() > 100
@@ -538,7 +596,7 @@ def test_resampled_configurations_follow_the_path(
     planned: Planned, planner: str, timing: str, rate_Hz: float
 ) -> None:
     found = planned("paper-1", planner=planner, timing=timing)
-    points, samples = resampled(found, rate_Hz), samples_of(found)
+    points, samples = resampled(found, rate_Hz), found.samples
     last = np.searchsorted(samples.t_s, points["t_s"], side="right") - 1
     for t, q, i in zip(points["t_s"], points["q"], last, strict=True):
         span = float(t - samples.t_s[i])
@@ -548,7 +606,7 @@ def test_resampled_configurations_follow_the_path(
 
 
 def test_resampling_changes_nothing_at_common_times(any_plan: Plan) -> None:
-    points, samples = resampled(any_plan, 1.0), samples_of(any_plan)
+    points, samples = resampled(any_plan, 1.0), any_plan.samples
     common = np.isin(points["t_s"], samples.t_s)
     assert common.sum() >= 60
     at = np.searchsorted(samples.t_s, points["t_s"][common])
@@ -560,7 +618,7 @@ def test_resampling_changes_nothing_at_common_times(any_plan: Plan) -> None:
 def test_resampled_configurations_are_continuous(planned: Planned) -> None:
     fine = planned("rigid-move")
     points = resampled(fine, 200.0)
-    speed = np.abs(np.diff(samples_of(fine).q, axis=0)) / np.diff(samples_of(fine).t_s)[:, None]
+    speed = np.abs(np.diff(fine.samples.q, axis=0)) / np.diff(fine.samples.t_s)[:, None]
     steps = np.abs(np.diff(points["q"], axis=0)) / np.diff(points["t_s"])[:, None]
     assert (steps <= 1.1 * speed.max(axis=0) + 1e-9).all()
 
@@ -569,7 +627,7 @@ def test_resampled_configurations_are_continuous(planned: Planned) -> None:
 @given(rate_Hz=st.floats(0.01, 40.0))
 def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -> None:
     found = planned("rigid-move")
-    points, samples = resampled(found, rate_Hz), samples_of(found)
+    points, samples = resampled(found, rate_Hz), found.samples
     assert np.array_equal(points["q"][0], samples.q[0])
     assert np.abs(points["q"][-1] - samples.q[-1]).max() <= DEFECT
     assert (np.diff(points["t_s"]) > 0).all()
@@ -596,17 +654,11 @@ def test_a_rate_that_is_not_positive_and_finite_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-def test_the_highest_rate_is_allowed_and_more_is_refused(empty: Plan) -> None:
-    empty.trajectory.resampled(1000.0)
+def test_the_highest_rate_is_allowed_and_more_is_refused(empty: Result) -> None:
+    empty.require().trajectory.resampled(1000.0)
     with pytest.raises(InputError, match="at most 1000 Hz") as caught:
-        empty.trajectory.resampled(1000.1)
+        empty.require().trajectory.resampled(1000.1)
     assert (caught.value.field, caught.value.value) == ("rate", 1000.1)
-
-
-def test_a_plan_without_samples_has_no_setpoints(infeasible: Plan, tmp_path: Path) -> None:
-    with pytest.raises(NoPlanError, match="proved infeasible"):
-        save_setpoints(infeasible, tmp_path / "points.csv")
-    assert not list(tmp_path.iterdir())
 
 
 # --- atomic writing ------------------------------------------------------------------------------
@@ -656,11 +708,11 @@ def test_written_files_may_be_read_as_the_umask_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("save", ["plan", "setpoints", "text"])
-def test_a_missing_folder_is_named(planned: Planned, save: str, tmp_path: Path) -> None:
-    found, target = planned("rigid-move"), tmp_path / "missing" / "file.json"
+def test_a_missing_folder_is_named(solved: Solved, save: str, tmp_path: Path) -> None:
+    found, target = solved("rigid-move"), tmp_path / "missing" / "file.json"
     action = {
         "plan": lambda: found.save(target),
-        "setpoints": lambda: save_setpoints(found, target),
+        "setpoints": lambda: save_setpoints(found.plan, target),
         "text": lambda: write_text(target, ""),
     }[save]
     with pytest.raises(InputError, match="folder that exists") as caught:

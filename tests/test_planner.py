@@ -13,6 +13,7 @@ import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.planning.planner import Progress, SequenceSolver, bending_task
 from twosra_mpc.planning.search.bounds import unreachable_reason
+from twosra_mpc.planning.search.branch_and_bound import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 PAPER = [f"paper-{n}" for n in range(1, 6)]
@@ -20,17 +21,14 @@ PAPER = [f"paper-{n}" for n in range(1, 6)]
 
 @pytest.mark.parametrize("name", PAPER)
 def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
-    result = plan(load_problem(name))
-    greedy = plan(load_problem(name, planner="greedy"))
+    result = plan(load_problem(name)).require()
+    greedy = plan(load_problem(name, planner="greedy")).require()
     assert result.status is Status.OPTIMAL
     assert result.gap is not None
     assert result.gap <= 0.015
-    assert result.verification is not None
     assert result.verification.ok
     assert max(map(abs, result.verification.goal_error)) <= 1e-6
     assert greedy.status is Status.FEASIBLE
-    assert greedy.duration_s is not None
-    assert result.duration_s is not None
     assert result.lower_bound is not None
     assert result.lower_bound <= result.duration_s <= greedy.duration_s
 
@@ -42,8 +40,7 @@ def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
 def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
     name: str, transitions: int, least: float
 ) -> None:
-    result = plan(load_problem(name, timing="constant"))
-    assert result.cost is not None
+    result = plan(load_problem(name, timing="constant")).require()
     assert result.cost.transitions == transitions
     assert least < result.cost.time_s < least + 3
 
@@ -52,18 +49,17 @@ def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
     ("name", "total"), [("paper-1", 334.4), ("paper-2", 298.6), ("paper-5", 334.3)]
 )
 def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: float) -> None:
-    result = plan(load_problem(name))
+    result = plan(load_problem(name)).require()
     assert result.duration_s == pytest.approx(total, abs=0.05)
 
 
 @pytest.mark.parametrize("seed", range(100, 110))
 def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: int) -> None:
-    result = plan(random_problem(seed))
+    result = plan(random_problem(seed)).require()
     assert result.status is Status.OPTIMAL
     greedy = plan(random_problem(seed, planner="greedy"))
-    assert result.duration_s is not None
-    if greedy.found and greedy.duration_s is not None:
-        assert result.duration_s <= greedy.duration_s + 1e-9
+    if greedy.found:
+        assert result.duration_s <= greedy.plan.duration_s + 1e-9
 
 
 @pytest.mark.parametrize("factor", [None, 1.0, 100.0])
@@ -83,8 +79,7 @@ def test_the_search_finds_what_solving_every_sequence_finds(factor: float | None
             if bound is not None:
                 costs = [found[0] for found in solver(network, bound) if found]
                 best = min([best, *costs])
-    result = plan(problem)
-    assert result.cost is not None
+    result = plan(problem).require()
     assert math.isfinite(best)
     assert result.cost.total <= best * 1.001 + 1e-9
     assert result.lower_bound is not None
@@ -95,12 +90,11 @@ def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
     problem = load_problem("paper-1")
     q = problem.start.configuration
     goal = Goal(x_m=q[0], y_m=q[1], phi_rad=q[2] + 2 * math.pi, kappa_per_m=q[3:])
-    result = plan(Problem(robot=ROBOT, start=problem.start, goal=goal))
+    result = plan(Problem(robot=ROBOT, start=problem.start, goal=goal)).require()
     assert result.status is Status.OPTIMAL
     assert result.phases == ()
     assert result.transitions == ()
     assert result.duration_s == result.lower_bound == result.gap == 0.0
-    assert result.samples is not None
     assert not result.samples.v.any()
 
 
@@ -111,8 +105,8 @@ def test_a_pure_pose_change_melts_nothing_and_has_a_proved_gap(seed: int) -> Non
     goal = problem.goal.model_copy(update={"kappa_per_m": shape})
     result = plan(Problem(robot=ROBOT, start=problem.start, goal=goal.model_dump()))
     assert result.found
-    assert result.transitions == ()
-    assert [phase.mode for phase in result.phases] == [RIGID]
+    assert result.plan.transitions == ()
+    assert [phase.mode for phase in result.plan.phases] == [RIGID]
     assert result.gap is not None
     assert result.gap < 0.05
 
@@ -123,14 +117,14 @@ def test_a_shape_change_of_one_segment_never_melts_the_other(segment: int) -> No
     kappa[segment] = 25.0
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
     goal = Goal(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=kappa)
-    result = plan(Problem(robot=ROBOT, start=start, goal=goal))
+    result = plan(Problem(robot=ROBOT, start=start, goal=goal)).require()
     assert result.status is Status.OPTIMAL
     assert {item.segment for item in result.transitions} == {segment + 1}
 
 
 def test_what_the_metal_allows_is_found_and_not_coded() -> None:
     """Heating runs while driving, the second melt waits for the first bend, one common freeze."""
-    result = plan(load_problem("move-and-shape"))
+    result = plan(load_problem("move-and-shape")).require()
     melts = sorted((t for t in result.transitions if t.to == "soft"), key=lambda t: t.onset_s)
     freezes = [t for t in result.transitions if t.to == "rigid"]
     drive = result.phases[0]
@@ -143,9 +137,8 @@ def test_what_the_metal_allows_is_found_and_not_coded() -> None:
 def test_a_start_that_is_already_soft_is_used() -> None:
     base = load_problem("paper-4")
     start = Start(**{**base.start.model_dump(), "temperature_C": (25.0, 63.0)})
-    result = plan(load_problem("paper-4", start=start.model_dump()))
+    result = plan(load_problem("paper-4", start=start.model_dump())).require()
     assert result.status is Status.OPTIMAL
-    assert result.duration_s is not None
     assert result.duration_s < 250  # no melt: only the freeze, from 63 C, and the motion
     assert [item.to for item in result.transitions] == ["rigid"]
 
@@ -153,26 +146,22 @@ def test_a_start_that_is_already_soft_is_used() -> None:
 def test_a_goal_may_leave_a_segment_soft() -> None:
     base = load_problem("paper-4")
     goal = {**base.goal.model_dump(), "mode": (0, 1)}
-    result = plan(load_problem("paper-4", goal=goal))
+    result = plan(load_problem("paper-4", goal=goal)).require()
     assert result.status is Status.OPTIMAL
-    assert result.duration_s is not None
     assert result.duration_s < 70
     assert [item.to for item in result.transitions] == ["soft"]
-    assert result.samples is not None
     assert result.samples.heater_setpoint_C[-1].tolist() == [25.0, 65.0]
 
 
 def test_free_coordinates_and_tolerances_never_cost_more() -> None:
     full = load_problem("paper-1")
-    base = plan(full).duration_s
+    base = plan(full).require().duration_s
     assert base is not None
-    free = plan(load_problem("paper-1", goal={"kappa_per_m": [-15.0, "free"]}))
+    free = plan(load_problem("paper-1", goal={"kappa_per_m": [-15.0, "free"]})).require()
     assert free.status is Status.OPTIMAL
-    assert free.duration_s is not None
     assert free.duration_s < 300 < base
     loose = {**full.goal.model_dump(), "tolerance": {"kappa_per_m": (2.5, 2.5)}}
-    near = plan(load_problem("paper-1", goal=loose))
-    assert near.duration_s is not None
+    near = plan(load_problem("paper-1", goal=loose)).require()
     assert near.duration_s < 300  # [1,1] alone comes within 2 1/m of both curvatures
 
 
@@ -181,7 +170,7 @@ def test_infeasible_is_proved_and_explained() -> None:
     assert result.status is Status.INFEASIBLE
     assert "must also be bent alone" in result.message
     assert "kappa1 from -38 to -15" in result.message
-    assert result.cost is result.samples is result.gap is None
+    assert result.plan is result.gap is result.lower_bound is None
     with pytest.raises(NoPlanError, match="infeasible") as error:
         result.require()
     assert error.value.reason == result.message
@@ -192,13 +181,13 @@ def test_too_few_phases_is_not_called_infeasible() -> None:
     assert result.status is Status.FAILED
     assert "raise max_phases" in result.message
     assert result.lower_bound is not None
-    assert result.lower_bound <= plan(load_problem("paper-1")).duration_s
+    assert result.lower_bound <= plan(load_problem("paper-1")).require().duration_s
 
 
 def test_a_time_limit_stops_the_search_with_a_valid_bound() -> None:
     result = plan(load_problem("paper-1", time_limit_s=1e-9))
     assert result.status is Status.FAILED
-    assert result.stopped_early
+    assert result.ending is Ending.LIMIT
     assert "raise time_limit_s" in result.message
     assert result.lower_bound is not None
     assert result.lower_bound <= 336
@@ -210,10 +199,9 @@ def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(planner_module, "improve", interrupted)
     result = plan(load_problem("rigid-move", gap=0.0))
-    assert result.stopped_early
+    assert result.ending is Ending.INTERRUPTED
     assert result.status is Status.FEASIBLE
     assert "interrupted" in result.message
-    assert result.samples is not None
     assert result.gap is not None
     assert 0 < result.gap < 0.2
 
@@ -223,7 +211,7 @@ def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:
     assert result.status is Status.FEASIBLE
     assert result.gap is not None
     assert 0 < result.gap < 0.02
-    assert not result.stopped_early
+    assert result.ending is Ending.EXHAUSTED
 
 
 def test_progress_is_reported() -> None:
@@ -235,23 +223,20 @@ def test_progress_is_reported() -> None:
 
 def test_the_authors_timing_waits_through_every_transition() -> None:
     for name in PAPER:
-        result = plan(load_problem(name, timing="paper"))
-        greedy = plan(load_problem(name, timing="paper", planner="greedy"))
+        result = plan(load_problem(name, timing="paper")).require()
+        greedy = plan(load_problem(name, timing="paper", planner="greedy")).require()
         assert result.status is Status.OPTIMAL
-        assert result.duration_s is not None
-        assert greedy.duration_s is not None
         assert result.duration_s <= greedy.duration_s
     waits = {"paper-1": 1404.0, "paper-2": 400.0, "paper-4": 400.0}
     for name, wait in waits.items():
-        greedy = plan(load_problem(name, timing="paper", planner="greedy"))
+        greedy = plan(load_problem(name, timing="paper", planner="greedy")).require()
         moving = sum(phase.end_s - phase.start_s for phase in greedy.phases)
         assert greedy.duration_s == pytest.approx(wait + moving, abs=1e-6)
 
 
 def test_weights_enter_cost_and_bound() -> None:
     weights = {"energy_s_per_J": 0.1, "transition_s": 5.0}
-    result = plan(load_problem("paper-1", weights=weights))
-    assert result.cost is not None
+    result = plan(load_problem("paper-1", weights=weights)).require()
     cost = result.cost
     assert cost.total == pytest.approx(cost.time_s + 0.1 * cost.energy_J + 5.0 * cost.transitions)
     assert result.lower_bound is not None
@@ -260,9 +245,7 @@ def test_weights_enter_cost_and_bound() -> None:
 
 
 def test_planning_is_reproducible() -> None:
-    first, second = plan(random_problem(40)), plan(random_problem(40))
-    assert first.samples is not None
-    assert second.samples is not None
+    first, second = (plan(random_problem(40)).require() for _ in range(2))
     np.testing.assert_array_equal(first.samples.q, second.samples.q)
 
 
@@ -276,14 +259,13 @@ def test_a_soft_start_may_always_freeze_and_drive(
     )
     result = plan(Problem(robot=ROBOT, start=start, goal=Goal(x_m=0.05), modes=modes))
     assert result.found
-    assert result.duration_s is not None
-    assert result.duration_s < 252  # cool from 64 C, freeze, drive
+    assert result.plan.duration_s < 252  # cool from 64 C, freeze, drive
 
 
 def test_resting_needs_no_mode() -> None:
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(5.0, -5.0))
     goal = Goal(x_m=0.0, kappa_per_m=(5.0, -5.0))
-    result = plan(Problem(robot=ROBOT, start=start, goal=goal, modes=[SOFT_1]))
+    result = plan(Problem(robot=ROBOT, start=start, goal=goal, modes=[SOFT_1])).require()
     assert (result.status, result.duration_s, result.gap) == (Status.OPTIMAL, 0.0, 0.0)
 
 

@@ -13,15 +13,15 @@ from twosra_mpc import InputError, Plan, Problem, load_problem
 from twosra_mpc.execution.heater_schedule import warm_setpoint_C
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
-from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot, with_ranges
+from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import NO_DRIFT, Drift, rolling
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.robot.coordinates import Coordinates
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.thermal.lumped import Lumped
-from twosra_mpc.thermal.model import segment_model
 
 ARC = "2sra-v1-arc"
 COLD = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [10.0, -5.0]}
@@ -77,7 +77,6 @@ def test_wheels_that_agree_move_the_robot_as_the_model_says(
 def test_a_plan_replayed_by_its_wheels_ends_where_it_should(planned: object) -> None:
     made: Plan = planned("paper-1", robot=ARC)  # type: ignore[operator]
     samples, robot = made.samples, made.robot
-    assert samples is not None
     flow, q, pieces = interval_flow(robot, 8), samples.q[0], 8
     for i in np.flatnonzero(samples.v[:-1].any(axis=1)):
         mode = tuple(samples.mode[i].tolist())
@@ -234,9 +233,8 @@ def test_a_broken_heater_stays_cold_and_is_reported() -> None:
 
 def test_a_range_of_no_width_is_the_nominal_model() -> None:
     robot = problem().robot
-    nominal = segment_model(robot, robot.heater.ambient_C)
+    nominal = segment_model(robot, robot.heater.ambient_C, 0)
     assert [segment.model for segment in undisturbed().segments] == [nominal, nominal]
-    assert with_ranges(robot, 1.0).segment == robot.segment
     drawn = SimulatedRobot(problem(), "arc", LEVELS["moderate"], 1).segments
     assert drawn[0].model != drawn[1].model != nominal
 

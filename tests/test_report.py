@@ -6,7 +6,6 @@ import base64
 import hashlib
 import json
 import shlex
-from collections.abc import Callable
 from dataclasses import fields, replace
 from html import unescape
 from html.parser import HTMLParser
@@ -15,20 +14,31 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Run
+from conftest import Run, Solved
 from matplotlib.figure import Figure
 
-from twosra_mpc import Goal, InputError, Plan, Problem, Start, Status, load_plan, load_problem
+from twosra_mpc import (
+    Goal,
+    InputError,
+    Plan,
+    Problem,
+    Result,
+    Start,
+    Status,
+    load_plan,
+    load_problem,
+)
 from twosra_mpc.identification.path_choice import with_path_model
+from twosra_mpc.plans.stiffness import stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.plotting import TimeStretch, robot_shape, segment_states
+from twosra_mpc.plotting import TimeStretch, robot_shape
+from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import Origin, film, report_page, words, write_report
 from twosra_mpc.report import page as page_module
 from twosra_mpc.report.reproduction import scenario_toml
 from twosra_mpc.report.setpoint_table import MOST_ROWS, setpoint_table
 from twosra_mpc.report.timeline import Thermometer, lanes, ticks
 
-Planned = Callable[..., Plan]
 HOSTILE = (
     "</script><script>alert(1)</script><img src=https://example.org/x onerror=alert(2)>'\"&{{7}}"
 )
@@ -61,12 +71,12 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def paper(planned: Planned) -> Plan:
-    return planned("paper-1")
+def paper(solved: Solved) -> Result:
+    return solved("paper-1")
 
 
 @pytest.fixture(scope="module")
-def page(paper: Plan) -> str:
+def page(paper: Result) -> str:
     return report_page(paper)
 
 
@@ -76,50 +86,47 @@ def quick_figure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page_module, "plot_plan", lambda plan: Figure())
 
 
-def plan_in(html: str, folder: Path) -> Plan:
-    """The plan a reader saves from the page, read back."""
+def result_in(html: str, folder: Path) -> Result:
+    """The result a reader saves from the page, read back."""
     path = folder / "saved.json"
     path.write_text(Page(html).by_id["plan-data"], encoding="utf-8")
     return load_plan(path)
 
 
-def hostile(made: Plan) -> Plan:
-    robot = made.robot.model_copy(update={"name": HOSTILE, "description": HOSTILE})
-    problem = made.problem.model_copy(update={"robot": robot, "description": HOSTILE})
-    return replace(made, problem=problem, message=HOSTILE)
+def hostile(result: Result) -> Result:
+    robot = result.problem.robot.model_copy(update={"name": HOSTILE, "description": HOSTILE})
+    problem = result.problem.model_copy(update={"robot": robot, "description": HOSTILE})
+    made = result.require()
+    renamed = replace(made, trajectory=replace(made.trajectory, problem=problem))
+    return replace(result, problem=problem, message=HOSTILE, plan=renamed)
 
 
-def without_samples(made: Plan, status: Status) -> Plan:
-    empty: dict[str, Any] = {"samples": None, "verification": None, "cost": None}
-    return replace(
-        made, status=status, message="no way", lower_bound=None, phases=(), transitions=(), **empty
-    )
+def without_plan(result: Result, status: Status) -> Result:
+    return replace(result, status=status, message="no way", lower_bound=None, plan=None)
 
 
 # --- the data ------------------------------------------------------------------------------------
 
 
-def test_the_plan_in_the_page_is_the_plan(paper: Plan, page: str, tmp_path: Path) -> None:
-    saved = plan_in(page, tmp_path)
+def test_the_plan_in_the_page_is_the_plan(paper: Result, page: str, tmp_path: Path) -> None:
+    saved = result_in(page, tmp_path)
     assert saved.to_dict() == paper.to_dict()
-    assert saved.samples is not None
-    assert paper.samples is not None
     for item in fields(Samples):
-        assert np.array_equal(getattr(saved.samples, item.name), getattr(paper.samples, item.name))
+        expected = getattr(paper.plan.samples, item.name)
+        assert np.array_equal(getattr(saved.plan.samples, item.name), expected)
 
 
-def test_the_set_points_are_the_whole_grid(paper: Plan, page: str) -> None:
-    assert paper.samples is not None
-    table = setpoint_table(paper.samples)
-    assert len(table.cells) == len(paper.samples) == len(table.time_s)
+def test_the_set_points_are_the_whole_grid(paper: Result, page: str) -> None:
+    table = setpoint_table(paper.plan.samples)
+    assert len(table.cells) == len(paper.plan.samples) == len(table.time_s)
     assert table.words in unescape(page)
     assert [float(row[0]) for row in table.cells] == pytest.approx(table.time_s, abs=5e-5)
     column = table.names.index("kappa1_per_m")
     kappa = np.array([[float(cell) for cell in row[column : column + 2]] for row in table.cells])
-    assert np.abs(kappa - paper.samples.q[:, 3:]).max() <= 5e-4
+    assert np.abs(kappa - paper.plan.samples.q[:, 3:]).max() <= 5e-4
 
 
-def test_a_very_long_table_is_thinned_and_says_so(paper: Plan) -> None:
+def test_a_very_long_table_is_thinned_and_says_so(paper: Result) -> None:
     count = 2 * MOST_ROWS + 1
     widths = {"t_s": (count,), "q": (count, 5), "v": (count, 5), "wheel_rad_s": (count, 4)}
     columns = {item.name: np.zeros(widths.get(item.name, (count, 2))) for item in fields(Samples)}
@@ -154,17 +161,17 @@ def test_the_scenario_can_be_planned_again(change: dict[str, Any], tmp_path: Pat
     assert load_problem(path) == problem
 
 
-def test_the_page_carries_the_scenario(paper: Plan, page: str, tmp_path: Path) -> None:
+def test_the_page_carries_the_scenario(paper: Result, page: str, tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     path.write_text(Page(page).by_id["scenario"], encoding="utf-8")
     assert load_problem(path) == paper.problem
 
 
-def test_another_path_model_is_written_out(paper: Plan, tmp_path: Path) -> None:
-    problem = paper.problem.with_robot(with_path_model(paper.robot, "cardioid"))
+def test_another_path_model_is_written_out(paper: Result, tmp_path: Path) -> None:
+    problem = paper.problem.with_robot(with_path_model(paper.problem.robot, "cardioid"))
     path = tmp_path / "scenario.toml"
     path.write_text(scenario_toml(problem), encoding="utf-8")
-    assert load_problem(path).robot == problem.robot != paper.robot
+    assert load_problem(path).robot == problem.robot != paper.problem.robot
 
 
 # --- the film ------------------------------------------------------------------------------------
@@ -183,17 +190,16 @@ def coordinates(points: str) -> np.ndarray:
     )
 
 
-def test_every_frame_shows_the_robot_at_its_time(paper: Plan, page: str) -> None:
-    made, samples = film_in(page), paper.samples
-    assert samples is not None
+def test_every_frame_shows_the_robot_at_its_time(paper: Result, page: str) -> None:
+    made, plan = film_in(page), paper.require()
     assert made["time_s"][0] == 0.0
-    assert made["time_s"][-1] == pytest.approx(paper.duration_s, abs=1e-6)
+    assert made["time_s"][-1] == pytest.approx(paper.plan.duration_s, abs=1e-6)
     assert np.all(np.diff(made["time_s"]) >= 0)
-    spans = [segment_states(paper, segment, samples.t_s[-1]) for segment in (1, 2)]
-    for frame in range(0, film.FRAMES, 13):
+    spans = stiffness_intervals(plan.trajectory)
+    for frame in range(0, PLACES, 13):
         t, pose = made["time_s"][frame], made["poses"][made["pose"][frame]]
-        q = np.array([np.interp(t, samples.t_s, column) for column in samples.q.T])
-        shape = robot_shape(paper.robot.geometry, q, film.ARC_POINTS)
+        q = plan.trajectory.configuration(t)[0]
+        shape = robot_shape(plan.robot.geometry, q, film.ARC_POINTS)
         for name in ("segments", "links", "units", "wheels"):
             drawn = np.array([coordinates(points) for points in pose[name]])
             assert np.abs(drawn - getattr(shape, name)).max() < 2e-5, (name, t)
@@ -202,13 +208,13 @@ def test_every_frame_shows_the_robot_at_its_time(paper: Plan, page: str) -> None
             assert any(lo - 1e-5 <= t <= hi + 1e-5 for lo, hi, s in spans[segment] if s == seen)
 
 
-def test_waits_store_one_pose_and_events_are_frames(paper: Plan, page: str) -> None:
+def test_waits_store_one_pose_and_events_are_frames(paper: Result, page: str) -> None:
     made = film_in(page)
-    assert len(made["poses"]) < 0.5 * film.FRAMES
+    assert len(made["poses"]) < 0.5 * PLACES
     shown = np.array(made["time_s"])[made["events"]]
-    for t in film.event_times(paper):
+    for t in film.event_times(paper.plan):
         assert np.abs(shown - t).min() < 1.0
-    for phase in paper.phases:
+    for phase in paper.plan.phases:
         mode = f"[{phase.mode[0]},{phase.mode[1]}]"
         inside = [d for t, d in zip(made["time_s"], made["doing"], strict=True) if d.endswith(mode)]
         assert len(inside) > 50  # phases of milliseconds can be seen
@@ -216,9 +222,8 @@ def test_waits_store_one_pose_and_events_are_frames(paper: Plan, page: str) -> N
 
 def test_the_timeline_fills_its_lanes(any_plan: Plan) -> None:
     samples = any_plan.samples
-    assert samples is not None
     stretch = TimeStretch.of(any_plan.phases, float(samples.t_s[-1]))
-    made = {lane.name: lane.spans for lane in lanes(any_plan, samples, stretch)}
+    made = {lane.name: lane.spans for lane in lanes(any_plan, stretch)}
     assert list(made) == ["motion", "segment 1", "heater 1", "segment 2", "heater 2"]
     assert len(made["motion"]) == len(any_plan.phases)
     for segment in (1, 2):
@@ -229,7 +234,7 @@ def test_the_timeline_fills_its_lanes(any_plan: Plan) -> None:
     marks = ticks(stretch)
     assert [tick.place for tick in marks] == sorted(tick.place for tick in marks)
     assert 2 <= sum(tick.on_narrow for tick in marks) < len(marks)
-    scale = Thermometer.of(any_plan, samples)
+    scale = Thermometer.of(any_plan)
     assert 0 < scale.level(samples.temperature_C.min()) < scale.level(scale.liquid_C) < 100
     assert scale.level(samples.temperature_C.max()) < 100
 
@@ -237,7 +242,7 @@ def test_the_timeline_fills_its_lanes(any_plan: Plan) -> None:
 # --- the words -----------------------------------------------------------------------------------
 
 
-def test_the_certificate_says_what_is_proved(paper: Plan, page: str) -> None:
+def test_the_certificate_says_what_is_proved(paper: Result, page: str) -> None:
     said = " ".join(words.bound_sentences(paper))
     assert f"less than {paper.lower_bound:.4f} s" in said
     longer = f"also sequences longer than the {paper.problem.max_phases} phases"
@@ -251,7 +256,7 @@ def test_the_certificate_says_what_is_proved(paper: Plan, page: str) -> None:
     assert "the duration in s + 10 s for every joule of heater energy" in said
 
 
-def test_the_bound_names_the_restrictions_it_holds_for(paper: Plan) -> None:
+def test_the_bound_names_the_restrictions_it_holds_for(paper: Result) -> None:
     def said(**changes: Any) -> str:
         problem = Problem(**{**dict(paper.problem), **changes})
         return " ".join(words.bound_sentences(replace(paper, problem=problem)))
@@ -265,8 +270,8 @@ def test_the_bound_names_the_restrictions_it_holds_for(paper: Plan) -> None:
     assert "kept warm" not in said()
 
 
-def test_without_a_bound_nothing_is_claimed(planned: Planned) -> None:
-    greedy = planned("paper-1", planner="greedy")
+def test_without_a_bound_nothing_is_claimed(solved: Solved) -> None:
+    greedy = solved("paper-1", planner="greedy")
     assert list(words.bound_sentences(greedy)) == []
     text = report_page(greedy)
     assert "What is proved" not in text
@@ -281,10 +286,10 @@ def test_a_gap_is_written_with_the_digits_that_count(share: float, text: str) ->
     assert words.percent(share) == text
 
 
-def test_the_verification_is_told_with_its_numbers(paper: Plan) -> None:
-    check = paper.verification
-    assert check is not None
-    rows = {row.name: row for row in words.limit_rows(paper, check)}
+def test_the_verification_is_told_with_its_numbers(paper: Result) -> None:
+    made = paper.require()
+    check = made.verification
+    rows = {row.name: row for row in words.limit_rows(made, check)}
     assert len(rows) == len(check.limits)
     assert rows["wheel speed"] == ("wheel speed", "at most 10 rad/s", "0: used in full")
     assert rows["curvature"].margin == "40.5 1/m"
@@ -301,30 +306,30 @@ def test_the_verification_is_told_with_its_numbers(paper: Plan) -> None:
 
 
 @pytest.mark.parametrize("status", list(Status))
-def test_every_status_has_a_report(paper: Plan, status: Status, tmp_path: Path) -> None:
+def test_every_status_has_a_report(paper: Result, status: Status, tmp_path: Path) -> None:
     found = status in (Status.OPTIMAL, Status.FEASIBLE)
-    made = replace(paper, status=status) if found else without_samples(paper, status)
+    made = replace(paper, status=status) if found else without_plan(paper, status)
     text = report_page(made)
     assert f'class="status {status}"' in text
     assert words.status_sentence(made) in unescape(text)
     assert ("motion-data" in Page(text).by_id) == found
     assert ("<img" in text) == found
-    assert plan_in(text, tmp_path).to_dict() == made.to_dict()
+    assert result_in(text, tmp_path).to_dict() == made.to_dict()
 
 
-def test_a_motion_that_does_not_verify_is_shown_with_a_warning(paper: Plan) -> None:
-    assert paper.verification is not None
-    check = replace(paper.verification, ok=False, problems=("goal.x_m is missed by 1 m",))
-    failed = replace(paper, status=Status.FAILED, verification=check)
+def test_a_motion_that_does_not_verify_is_shown_with_a_warning(paper: Result) -> None:
+    made = replace(paper.require(), lower_bound=None)
+    check = replace(made.verification, ok=False, problems=("goal.x_m is missed by 1 m",))
+    failed = replace(paper, status=Status.FAILED, plan=replace(made, verification=check))
     text = report_page(failed)
     assert "Verification failed: goal.x_m is missed by 1 m." in text
     assert "do not run it" in text
     assert "This plan costs" not in text
 
 
-def test_a_robot_that_is_there_already_has_a_report(planned: Planned) -> None:
-    start = planned("paper-1").problem.start
-    rest = planned("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
+def test_a_robot_that_is_there_already_has_a_report(solved: Solved) -> None:
+    start = solved("paper-1").problem.start
+    rest = solved("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
     text = report_page(rest)
     assert "The robot stays where it is" in text
     assert 'id="slider"' not in text
@@ -346,17 +351,17 @@ def test_the_policy_allows_this_page_and_nothing_else(page: str) -> None:
             assert value.startswith("data:image/svg+xml;base64,")
 
 
-def test_names_are_text_and_never_markup(paper: Plan, page: str, tmp_path: Path) -> None:
+def test_names_are_text_and_never_markup(paper: Result, page: str, tmp_path: Path) -> None:
     text = report_page(hostile(paper), Origin(HOSTILE, "0" * 64, HOSTILE))
     made, plain = Page(text), Page(page)
     for tag in ("script", "img", "style", "a", "h1", "section", "svg"):
         assert len(made.texts.get(tag, [])) == len(plain.texts.get(tag, [])), tag
     assert made.texts["h1"] == [HOSTILE]
     assert made.by_id["commands"].count(shlex.quote(HOSTILE)) == 2
-    assert plan_in(text, tmp_path).robot.name == HOSTILE
+    assert result_in(text, tmp_path).problem.robot.name == HOSTILE
 
 
-def test_the_page_is_small_and_made_twice_the_same(paper: Plan, page: str) -> None:
+def test_the_page_is_small_and_made_twice_the_same(paper: Result, page: str) -> None:
     assert len(page.encode()) < 3e6
     again = film_in(report_page(paper))
     assert again == film_in(page)
@@ -372,7 +377,7 @@ def run(run_as_is: Run) -> Run:
 
 
 def test_the_command_writes_the_report_of_a_plan_file(
-    paper: Plan, run: Run, tmp_path: Path
+    paper: Result, run: Run, tmp_path: Path
 ) -> None:
     paper.save("plan.json")
     code, out, err = run("report", "plan.json", "report.html")
@@ -380,15 +385,15 @@ def test_the_command_writes_the_report_of_a_plan_file(
     assert "report.html" in out
     assert "optimal" in out
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert plan_in(text, tmp_path).to_dict() == paper.to_dict()
+    assert result_in(text, tmp_path).to_dict() == paper.to_dict()
     content = (tmp_path / "plan.json").read_bytes()
     assert hashlib.sha256(content).hexdigest() in text
     again = "twosra plan scenario.toml --out plan.json\ntwosra report plan.json report.html"
     assert Page(text).by_id["commands"] == again
 
 
-def test_there_is_a_report_of_having_no_plan(paper: Plan, run: Run, tmp_path: Path) -> None:
-    without_samples(paper, Status.INFEASIBLE).save("none.json")
+def test_there_is_a_report_of_having_no_plan(paper: Result, run: Run, tmp_path: Path) -> None:
+    without_plan(paper, Status.INFEASIBLE).save("none.json")
     code, out, _ = run("report", "none.json", "none.html", "--json")
     assert code == 0
     size = (tmp_path / "none.html").stat().st_size
@@ -408,7 +413,7 @@ def test_there_is_a_report_of_having_no_plan(paper: Plan, run: Run, tmp_path: Pa
     ],
 )
 def test_bad_input_is_named(
-    paper: Plan, run: Run, source: str, target: str, problem: str, tmp_path: Path
+    paper: Result, run: Run, source: str, target: str, problem: str, tmp_path: Path
 ) -> None:
     paper.save("plan.json")
     Path("other.json").write_text('{"format": "something else"}', encoding="utf-8")
@@ -422,7 +427,7 @@ def test_bad_input_is_named(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_writing_from_python_checks_the_ending(paper: Plan, tmp_path: Path) -> None:
+def test_writing_from_python_checks_the_ending(paper: Result, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"ending in \.html"):
         write_report(paper, tmp_path / "report.txt")
     with pytest.raises(InputError, match="folder that exists"):

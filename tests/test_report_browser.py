@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +19,12 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-from twosra_mpc import Goal, Plan, Status, load_plan, load_problem
+from twosra_mpc import Goal, Plan, Result, Status, load_plan, load_problem
 from twosra_mpc.plotting import robot_shape
+from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import film, page, write_report
 
-Planned = Callable[..., Plan]
+Solved = Callable[..., Result]
 HOSTILE = (
     "</script><script>document.title='run'</script><img src=x onerror=\"document.title='run'\">"
 )
@@ -60,11 +60,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def paper(planned: Planned, folder: Path) -> Plan:
+def paper(solved: Solved, folder: Path) -> Plan:
     """The plan of paper-1; its report is written as paper.html."""
-    found = planned("paper-1")
+    found = solved("paper-1")
     write_report(found, folder / "paper.html")
-    return found
+    return found.require()
 
 
 @pytest.fixture
@@ -125,7 +125,6 @@ def test_the_page_renders_without_a_complaint(report: Chrome, paper: Plan) -> No
     assert (
         report.execute_script(style, one(report, "#cursor")) == "absolute"
     )  # the style is allowed
-    assert paper.samples is not None
     rows = report.find_elements(By.CSS_SELECTOR, "#rows tbody tr")
     assert len(rows) == len(paper.samples)
 
@@ -163,12 +162,10 @@ def test_commands_and_scenario_can_be_copied(report: Chrome, paper: Plan, tmp_pa
 
 def test_the_slider_moves_the_robot_where_the_plan_has_it(report: Chrome, paper: Plan) -> None:
     data = one(report, "#motion-data").get_attribute("textContent") or ""
-    times, samples = json.loads(data)["film"]["time_s"], paper.samples
-    assert samples is not None
-    seen = []
+    times, seen = json.loads(data)["film"]["time_s"], []
     for frame in (0, 60, 300, 480, 500, 1000):
         move_to(report, frame)
-        q = np.array([np.interp(times[frame], samples.t_s, column) for column in samples.q.T])
+        q = paper.trajectory.configuration(times[frame])[0]
         shape = robot_shape(paper.robot.geometry, q, film.ARC_POINTS)
         for kind, points in (
             ("unit", shape.units),
@@ -179,22 +176,18 @@ def test_the_slider_moves_the_robot_where_the_plan_has_it(report: Chrome, paper:
             assert np.abs(drawn(report, kind) - points).max() < 2e-5, (kind, frame)
         seen.append(drawn(report, "unit"))
     assert min(np.abs(b - seen[0]).max() for b in seen[3:]) > 1e-3
-    minutes, seconds = divmod(float(samples.t_s[-1]), 60.0)
+    minutes, seconds = divmod(paper.trajectory.duration_s, 60.0)
     assert one(report, "#clock").text == f"{minutes:.0f} min {seconds:05.2f} s"
 
 
 def test_stiffness_and_temperature_follow_the_slider(report: Chrome, paper: Plan) -> None:
-    samples = paper.samples
-    assert samples is not None
     data = json.loads(one(report, "#motion-data").get_attribute("textContent") or "")["film"]
     for frame in (0, 220, 460, 700):
         move_to(report, frame)
         for number, row in enumerate(report.find_elements(By.CSS_SELECTOR, "#segments tbody tr")):
             state, warm, *_ = [cell.text for cell in row.find_elements(By.TAG_NAME, "td")]
             assert state == data["state"][frame][number]
-            expected = np.interp(
-                data["time_s"][frame], samples.t_s, samples.temperature_C[:, number]
-            )
+            expected = paper.trajectory.at(data["time_s"][frame]).temperature_C[0, number]
             assert float(warm) == pytest.approx(expected, abs=0.06)
         shown = report.find_elements(By.CSS_SELECTOR, "#robot .segment")
         assert [s.get_attribute("data-state") for s in shown] == data["state"][frame]
@@ -220,12 +213,12 @@ def test_play_and_pause(report: Chrome) -> None:
     assert play.text == "Play"
     time.sleep(0.15)
     assert frame_of(report) == stopped
-    move_to(report, film.FRAMES - 4)
+    move_to(report, PLACES - 4)
     play.click()
     assert eventually(lambda: play.text == "Replay")
-    assert frame_of(report) == film.FRAMES - 1
+    assert frame_of(report) == PLACES - 1
     play.click()
-    assert eventually(lambda: 0 < frame_of(report) < film.FRAMES - 1)
+    assert eventually(lambda: 0 < frame_of(report) < PLACES - 1)
 
 
 def test_a_higher_speed_plays_faster(report: Chrome) -> None:
@@ -241,7 +234,7 @@ def test_the_keyboard_is_enough(report: Chrome) -> None:
     slider.send_keys(Keys.ARROW_RIGHT)
     assert frame_of(report) == 1
     slider.send_keys(Keys.END)
-    assert frame_of(report) == film.FRAMES - 1
+    assert frame_of(report) == PLACES - 1
     assert "the end of the plan" in (slider.get_attribute("aria-valuetext") or "")
     slider.send_keys(Keys.HOME)
     slider.send_keys(Keys.SPACE)
@@ -252,7 +245,7 @@ def test_the_keyboard_is_enough(report: Chrome) -> None:
 
 def test_events_are_reached_by_button(report: Chrome, paper: Plan) -> None:
     seen = [one(report, "#clock").text]
-    while frame_of(report) < film.FRAMES - 1:
+    while frame_of(report) < PLACES - 1:
         one(report, "#next").click()
         seen.append(one(report, "#clock").text)
     data = json.loads(one(report, "#motion-data").get_attribute("textContent") or "")
@@ -265,7 +258,7 @@ def test_a_click_on_the_timeline_goes_there(report: Chrome) -> None:
     track = one(report, "#tracks svg.curve-row")
     report.execute_script("arguments[0].scrollIntoView({block: 'center'})", track)
     ActionChains(report).move_to_element(track).click().perform()
-    assert frame_of(report) == pytest.approx(film.FRAMES / 2, abs=5)
+    assert frame_of(report) == pytest.approx(PLACES / 2, abs=5)
     cursor = one(report, "#cursor").rect["x"] - track.rect["x"]
     assert cursor == pytest.approx(track.rect["width"] / 2, abs=5)
 
@@ -326,16 +319,15 @@ def test_hostile_names_stay_text(
 
 def test_pages_without_motion_work_too(
     browser: Chrome,
-    planned: Planned,
+    solved: Solved,
     paper: Plan,
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
     start = paper.problem.start
-    rest = planned("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
-    nothing: dict[str, Any] = {"samples": None, "cost": None, "verification": None}
-    none = replace(paper, status=Status.FAILED, phases=(), transitions=(), **nothing)
+    rest = solved("paper-1", goal=Goal(x_m=start.x_m, y_m=start.y_m))
+    none = replace(rest, status=Status.FAILED, plan=None)
     for name, made in (("rest.html", rest), ("none.html", none)):
         write_report(made, folder / name)
         opened(browser, folder / name)

@@ -15,7 +15,13 @@ MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob(
 
 # Library -> where in the package it may be imported.
 ALLOWED = {
-    "casadi": ("model/", "problem/limits.py", "planning/nlp/", "execution/tracking/"),
+    "casadi": (
+        "model/",
+        "problem/limits.py",
+        "problem/goals.py",
+        "planning/nlp/",
+        "execution/tracking/",
+    ),
     "matplotlib": ("plotting/",),
     "tomlkit": ("robot/document.py", "identification/", "report/"),
     "jinja2": ("report/",),
@@ -25,21 +31,26 @@ ALLOWED = {
     "click": ("cli/",),
     "rich": ("cli/",),
     "pydantic": (
-        *("validation.py", "schema.py", "robot/", "problem/", "plans/plan.py"),
+        *("validation.py", "schema.py", "robot/", "problem/", "plans/document.py"),
         "execution/tracking/settings.py",
     ),
     "pydantic_core": ("validation.py",),
 }
+# Against the flow, inside a function: module and what it imports -> why.
+AGAINST_THE_FLOW = {
+    ("plans/plan.py", "twosra_mpc.plotting.notebook"): "a notebook shows a plan as its figure",
+}
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
     ("version.py", "installation.py", "errors.py", "files.py", "validation.py"),
+    ("thermal/",),
     ("robot/",),
-    ("thermal/", "model/"),
+    ("model/",),
     ("control/",),
     ("identification/",),
     ("problem/",),
     ("timing/",),
-    ("plans/heating.py", "planning/search/"),
+    ("planning/search/",),
     ("planning/nlp/",),
     ("plans/",),
     ("schema.py",),
@@ -59,52 +70,26 @@ STAGES = [
 ]
 
 
-# Records that a robot file chooses among -> where code may ask which one it is. Anywhere else it
+# What a robot or a scenario chooses among -> where code may ask which one it is. Anywhere else it
 # asks the record's model, so that another one can be added without a change there.
 OPEN_RECORDS = {
     "robot/paths.py": ("robot/", "model/", "identification/"),
-    "robot/segment.py": ("robot/", "thermal/", "control/", "identification/"),
+    "robot/segment.py": ("robot/", "identification/"),
     "robot/timing.py": ("robot/", "timing/"),
+    "problem/goals.py": ("problem/",),
 }
 TOP_LEVEL_MODULES = 12  # at most
 
-# What still breaks a rule below. These lists may only become shorter, and do so with the code.
+# Modules that still take values from CasADi. The list may only become shorter, with the code.
 CASADI_VALUES_OUTSIDE = frozenset(
     {
-        "checking/resampling.py",
+        "analysis/singular_shapes.py",
         "checking/verification.py",
         "execution/greedy_executor.py",
         "execution/session.py",
         "execution/simulation/plant.py",
         "planning/greedy.py",
-        "planning/planner.py",
-        "plans/setpoints.py",
-        "problem/shape.py",
-    }
-)
-TYPE_TESTS_OUTSIDE = frozenset(
-    {
-        ("analysis/transition_speed.py", "LumpedSegment"),
-        ("analysis/transition_speed.py", "OverlappedTiming"),
-        ("analysis/transition_speed.py", "SequentialTiming"),
-        ("analysis/transition_speed.py", "ThermalTiming"),
-        ("analysis/transition_speed.py", "TwoNodeSegment"),
-        ("checking/plan_file.py", "ThermalTiming"),
-        ("checking/transitions.py", "OverlappedTiming"),
-        ("checking/transitions.py", "SequentialTiming"),
-        ("checking/transitions.py", "ThermalTiming"),
-        ("checking/verification.py", "ThermalTiming"),
-        ("cli/paths.py", "CardioidPath"),
-        ("cli/paths.py", "LogSpiralPath"),
-        ("planning/planner.py", "arc"),
-        ("plans/heating.py", "OverlappedTiming"),
-        ("plans/heating.py", "SequentialTiming"),
-        ("plans/heating.py", "ThermalTiming"),
-        ("problem/problem.py", "ThermalTiming"),
-        ("problem/problem.py", "TwoNodeSegment"),
-        ("report/page.py", "LumpedSegment"),
-        ("report/words.py", "OverlappedTiming"),
-        ("report/words.py", "SequentialTiming"),
+        "plans/trajectory.py",
     }
 )
 
@@ -143,7 +128,7 @@ def test_libraries_stay_behind_their_seam(module: str) -> None:
 @pytest.mark.parametrize("module", MODULES)
 def test_the_flow_has_one_direction(module: str) -> None:
     for name in imports(module):
-        if name.startswith("twosra_mpc."):
+        if name.startswith("twosra_mpc.") and (module, name) not in AGAINST_THE_FLOW:
             path = name.removeprefix("twosra_mpc.").replace(".", "/")
             target = f"{path}.py" if (PACKAGE / f"{path}.py").exists() else f"{path}/"
             assert stage(target) <= stage(module), f"{module} imports {name}"
@@ -179,11 +164,12 @@ def test_values_of_casadi_stay_where_casadi_is() -> None:
 
 
 def choices(module: str) -> Iterator[str]:
-    """Classes of a module that carry a tag, such as ``model: Literal["arc"]``, and the tags."""
+    """Kinds of a thing: goal sets, and classes with a tag (``model: Literal["arc"]``) with it."""
     for node in tree(module).body:
         if isinstance(node, ast.ClassDef):
             found = list(tags(node))
-            yield from (node.name, *found) if found else ()
+            if found or "GoalSet" in map(ast.unparse, node.bases):
+                yield from (node.name, *found)
 
 
 def tags(node: ast.ClassDef) -> Iterator[str]:
@@ -210,7 +196,7 @@ def asked_for(module: str) -> Iterator[str]:
             )
 
 
-def test_what_a_robot_file_chooses_among_is_open() -> None:
+def test_what_is_chosen_among_is_open() -> None:
     found = set()
     for home, places in OPEN_RECORDS.items():
         names = set(choices(home))
@@ -218,7 +204,7 @@ def test_what_a_robot_file_chooses_among_is_open() -> None:
         for module in MODULES:
             if not module.startswith(places):
                 found |= {(module, name) for name in names & set(asked_for(module))}
-    assert found == TYPE_TESTS_OUTSIDE
+    assert not found
 
 
 def test_folders_do_not_import_each_other_in_a_circle() -> None:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from twosra_mpc import InputError, Robot, load_robot
 from twosra_mpc.model.bending import bending
+from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.flow import bending_flow, interval_flow
-from twosra_mpc.model.kinematics import fibre_end_pose, kinematics, wheel_travel
+from twosra_mpc.model.kinematics import kinematics, wheel_travel
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.robot.modes import Mode, all_modes, is_rigid, mode_name, rigid_mode, soft_segments
 

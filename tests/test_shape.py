@@ -111,10 +111,9 @@ def test_a_singular_shape_inside_the_limits_is_found_and_not_driven_in() -> None
     assert may_drive(problem, sequence) == (False, True, True, True)
     result = plan(problem)
     assert result.found
-    assert result.phases[0].mode != RIGID
-    assert result.phases[-1].mode == RIGID
-    assert result.verification is not None
-    assert result.verification.limits["wheel_independence"] >= 0
+    assert result.plan.phases[0].mode != RIGID
+    assert result.plan.phases[-1].mode == RIGID
+    assert result.plan.verification.limits["wheel_independence"] >= 0
 
 
 def test_overlapping_shapes_are_refused_by_name() -> None:
@@ -134,8 +133,7 @@ def test_overlapping_shapes_are_refused_by_name() -> None:
 def test_plans_keep_the_units_apart_all_the_way(seed: int) -> None:
     result = plan(random_problem(seed))
     assert result.found
-    assert result.samples is not None
-    assert shape_margins(ROBOT, result.samples.q[:, 3:])["unit_gap_m"].min() >= 0
+    assert shape_margins(ROBOT, result.plan.samples.q[:, 3:])["unit_gap_m"].min() >= 0
 
 
 def test_a_plan_goes_round_the_shapes_that_overlap() -> None:
@@ -147,8 +145,7 @@ def test_a_plan_goes_round_the_shapes_that_overlap() -> None:
     )
     result = plan(problem)
     assert result.found
-    assert result.samples is not None
-    assert shape_margins(ROBOT, result.samples.q[:, 3:])["unit_gap_m"].min() >= 0
+    assert shape_margins(ROBOT, result.plan.samples.q[:, 3:])["unit_gap_m"].min() >= 0
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,7 @@ from twosra_mpc import load_problem
 from twosra_mpc.execution.simulation.metrics import Metrics
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.plotting import film
-from twosra_mpc.plotting.film import Moment
-from twosra_mpc.plotting.run_animation import animate_run, run_story
+from twosra_mpc.plotting.run_animation import animate_run, run_playback
 from twosra_mpc.plotting.run_figure import (
     joined_drives,
     plot_run,
@@ -172,7 +171,7 @@ def test_reported_states_follow_each_other_to_the_end(done: Simulation) -> None:
         (0, ["rigid", "melting", "soft", "freezing", "rigid"]),
         (1, ["rigid"]),
     ):
-        states = reported_states(done.run, segment)
+        states = reported_states(done.run)[segment]
         assert [state for _, _, state in states] == expected
         assert states[0][0] == 0.0
         assert states[-1][1] == done.run.duration_s
@@ -193,19 +192,22 @@ def test_the_time_axis_is_stretched_where_the_robot_was_driven(done: Simulation)
 
 
 def test_a_film_shows_the_clock_the_stiffness_and_the_end(done: Simulation) -> None:
-    scene = Scene(run_story(done.run, done.truth))
+    playback = run_playback(done.run, done.truth)
+    scene = Scene(playback, ("a run", run_title(done.run)), 12.0)
 
     def words_at(time_s: float) -> str:
-        scene.show(Moment(time_s, pace=60.0))
+        scene.show(int(np.searchsorted(playback.time_s, time_s)))
         return " ".join(text.get_text() for ax in scene.figure.axes for text in ax.texts)
 
     soft = next(change.time_s for change in done.run.changes if change.to == "soft")
     assert "segment 1 is melting" in words_at(soft - 5.0)
-    assert "driving in mode [1,0]" in words_at(soft + 0.2)
+    assert "bending in mode [1,0]" in words_at(soft + 0.2)
     freezing = words_at(soft + 150.0)
     assert "segment 1 is freezing" in freezing
-    assert "(60 times as fast)" in freezing
-    minutes, seconds = divmod(soft + 150.0, 60.0)
+    row = int(np.searchsorted(playback.time_s, soft + 150.0))
+    pace = playback.stretch.seconds_per_length(soft + 150.0) / 12.0
+    assert f"({pace:.0f} times as fast)" in freezing
+    minutes, seconds = divmod(playback.time_s[row], 60.0)
     assert f"{minutes:.0f} min {seconds:04.1f} s" in freezing
     assert "The goal is reached" in words_at(done.run.duration_s)
 

@@ -50,7 +50,6 @@ def send(plan: Plan, firmware: SimulatedFirmware, **options: object) -> tuple[Dr
 
 def commands_of(plan: Plan, rate_Hz: float = RATE_HZ) -> list[tuple[Mode, WheelCommand]]:
     """Every wheel command of a plan, with the mode it needs."""
-    assert plan.samples is not None
     return [
         (phase.mode, order)
         for phase in plan.phases
@@ -62,7 +61,8 @@ def assert_off(firmware: SimulatedFirmware) -> None:
     """The last commands are stops, as many as promised."""
     firmware.receive()
     last = firmware.received[-STOPS:]
-    assert [(item.wheel_rad_s, item.heated) for item in last] == [((0.0,) * 4, (0, 0))] * STOPS
+    assert len(last) == STOPS
+    assert not any(any(item.wheel_rad_s) or any(item.heated) for item in last)
 
 
 # --- wheel commands ------------------------------------------------------------------------------
@@ -74,7 +74,6 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
     planned: Planned, scenario: str, rate_Hz: float
 ) -> None:
     plan = planned(scenario)
-    assert plan.samples is not None
     for phase in plan.phases:
         orders = wheel_commands(plan.trajectory, phase, rate_Hz)
         inside = (plan.samples.t_s[:-1] >= phase.start_s - 1e-9) & (
@@ -93,7 +92,7 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
 # --- to the end ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("scenario", ["paper-1", "paper-2", "three-segments"])
 def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
     planned: Planned, connect: Connected, scenario: str
 ) -> None:
@@ -108,7 +107,7 @@ def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
         atol=5.001e-4,  # three decimals
     )
     assert [drive.mode for drive in drives] == [phase.mode for phase in plan.phases]
-    assert [segment.soft for segment in firmware.segments] == [False, False]
+    assert not any(segment.soft for segment in firmware.segments)
     assert_off(firmware)
 
 
@@ -116,7 +115,6 @@ def test_without_reports_everything_happens_at_the_plans_times(
     planned: Planned, connect: Connected
 ) -> None:
     plan = planned("paper-2")
-    assert plan.samples is not None
     firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
     drives = send(plan, firmware)
     begun_s = drives[0].start_s - plan.phases[0].start_s
@@ -441,12 +439,10 @@ def test_a_plan_that_does_not_verify_is_refused(planned: Planned) -> None:
     from dataclasses import replace
 
     plan = planned("paper-2")
-    assert plan.samples is not None
-    with pytest.raises(NoPlanError):
-        stream(replace(plan, status="failed"), Untouched(), SystemClock())  # type: ignore[arg-type]
     wheels = plan.samples.wheel_rad_s.copy()
     wheels[3] += 0.5
-    forged = replace(plan, samples=replace(plan.samples, wheel_rad_s=wheels))
+    samples = replace(plan.samples, wheel_rad_s=wheels)
+    forged = replace(plan, trajectory=replace(plan.trajectory, samples=samples))
     with pytest.raises(
         NoPlanError, match=r"verified again, at .* the wheels do not turn as v asks"
     ):

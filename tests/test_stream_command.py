@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from conftest import Planned, Run
+from conftest import Planned, Run, Solved
 
 from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.serial import port as port_module
@@ -30,10 +30,10 @@ STOP = stop_command(2)
 
 
 @pytest.fixture(scope="module")
-def saved(planned: Planned, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def saved(solved: Solved, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A plan file."""
     path = tmp_path_factory.mktemp("stream") / "plan.json"
-    planned("paper-2").save(path)
+    solved("paper-2").save(path)
     return path
 
 
@@ -121,7 +121,6 @@ def test_lines_arrive_whole_however_they_are_cut(terminal: Terminal) -> None:
 
 def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path, planned: Planned) -> None:
     plan = planned("paper-2")
-    assert plan.samples is not None
     outcome = run("stream", saved, "--dry-run", "--rate", "20")
     assert (outcome.code, outcome.err) == (0, "")
     words = outcome.out.split()
@@ -203,15 +202,17 @@ def test_bad_input_is_refused(
 
 def test_a_plan_that_keeps_a_segment_warm_is_refused(
     run: Run,
-    planned: Planned,
+    solved: Solved,
     tmp_path: Path,
 ) -> None:
     from dataclasses import replace
 
-    plan = planned("rigid-move")
-    assert plan.samples is not None
+    result = solved("rigid-move")
+    plan = result.require()
     warm = np.full_like(plan.samples.heater_setpoint_C, 45.0)
-    replace(plan, samples=replace(plan.samples, heater_setpoint_C=warm)).save(tmp_path / "p.json")
+    samples = replace(plan.samples, heater_setpoint_C=warm)
+    kept = replace(plan, trajectory=replace(plan.trajectory, samples=samples))
+    replace(result, plan=kept).save(tmp_path / "p.json")
     outcome = run("stream", tmp_path / "p.json", "--dry-run")
     assert outcome.code == 2
     assert "the firmware can heat a segment or not, but not keep it warm" in outcome.err
@@ -219,15 +220,15 @@ def test_a_plan_that_keeps_a_segment_warm_is_refused(
 
 def test_a_plan_that_was_not_found_is_refused(
     run: Run,
-    planned: Planned,
+    solved: Solved,
     tmp_path: Path,
 ) -> None:
     from dataclasses import replace
 
     from twosra_mpc import Status
 
-    plan = replace(planned("rigid-move"), status=Status.FAILED)
-    plan.save(tmp_path / "p.json")
+    failed = replace(solved("rigid-move"), status=Status.FAILED)
+    failed.save(tmp_path / "p.json")
     outcome = run("stream", tmp_path / "p.json", "--dry-run")
     assert (outcome.code, outcome.out) == (4, "")
     assert "no verified plan (failed)" in outcome.err

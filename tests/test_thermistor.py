@@ -211,17 +211,17 @@ def test_a_sensor_touches_its_share_of_the_excess_over_the_air() -> None:
 
 
 def test_a_robots_file_says_how_its_sensor_lags() -> None:
-    logged = temperature_sensor(load_robot("2sr-v2"), 22.6)
+    logged = temperature_sensor(load_robot("2sr-v2"), 22.6, 0)
     assert (logged.gain, logged.lags_s) == (0.75, (2.85, 2.85))
-    paper = temperature_sensor(load_robot("2sra-v1"), 25.0)
+    paper = temperature_sensor(load_robot("2sra-v1"), 25.0, 0)
     assert (paper.gain, paper.lags_s) == (1.0, (4.0, 4.0))
-    line = temperature_sensor(load_robot("2sra-v1"), 25.0, LINE)
+    line = temperature_sensor(load_robot("2sra-v1"), 25.0, 0, LINE)
     assert line.part is line.assumed is LINE
 
 
 def test_a_sensor_is_refused_in_air_that_it_cannot_read() -> None:
     with pytest.raises(InputError, match=r"ambient_C = -5\.0 .* from 0 to 85 C"):
-        temperature_sensor(load_robot("2sra-v1"), -5.0, LINE)
+        temperature_sensor(load_robot("2sra-v1"), -5.0, 0, LINE)
 
 
 def test_a_sensor_is_frozen() -> None:

@@ -61,7 +61,6 @@ OUT_OF_BOUNDS = 1e-9  # rounding
 
 def configuration(of: Plan, time_s: float) -> Array:
     """Configuration of the plan at one of its sample times."""
-    assert of.samples is not None
     at = int(np.searchsorted(of.samples.t_s, time_s - 1e-6))
     q: Array = of.samples.q[at].copy()
     return q
@@ -349,7 +348,6 @@ def test_the_reference_is_the_path_of_the_plan(planned: Planned, mode: Mode) -> 
     scenario, index = PHASES[mode]
     of = planned(scenario)
     phase, samples, period_s, horizon = of.phases[index], of.samples, 1 / 15, 4
-    assert samples is not None
     selection = outputs_of(mode).selection
     path = PhaseReference(of.trajectory, phase, selection, horizon, period_s)
     flow = interval_flow(of.robot, 16)
@@ -416,7 +414,7 @@ def test_wheels_turn_as_the_input_asks(planned: Planned) -> None:
 def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: int) -> None:
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(side * 60.0, side * 10.0))
     goal = Goal(kappa_per_m=(side * 78.5, side * 10.0))
-    of = plan(Problem(robot=ROBOT, start=start, goal=goal))
+    of = plan(Problem(robot=ROBOT, start=start, goal=goal)).require()
     index, phase, limit = len(of.phases) - 1, of.phases[-1], of.robot.limits.curvature_per_m
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -494,7 +492,6 @@ def test_ten_thousand_steps_whatever_is_measured(planned: Planned) -> None:
     of = planned("paper-1")
     tracker = Tracker(of.robot, limits=TrackerLimits(dead_zone_rad_s=0.2))
     tracker.reset(of)
-    assert of.samples is not None
     rng = np.random.default_rng(3)
     phases = [None, *range(len(of.phases))]
     statuses = set()
@@ -566,14 +563,12 @@ def test_what_does_not_fit_together_is_refused_by_name(planned: Planned) -> None
         tracker.step(measurement)
     with pytest.raises(InputError, match=r"plan\.robot"):
         Tracker(with_path_model(of.robot, "log_spiral_corrected")).reset(of)
-    with pytest.raises(InputError, match=r"plan\.samples"):
-        tracker.reset(dataclasses.replace(of, samples=None))
-    assert of.samples is not None
     spoilt = of.samples.q.copy()
     spoilt[3, 1] = np.nan
     samples = dataclasses.replace(of.samples, q=spoilt)
+    spoilt_one = dataclasses.replace(of.trajectory, samples=samples)
     with pytest.raises(InputError, match=r"plan\.samples\.q"):
-        tracker.reset(dataclasses.replace(of, samples=samples))
+        tracker.reset(dataclasses.replace(of, trajectory=spoilt_one))
     tracker.reset(of)
     for phase in (-1, len(of.phases)):
         with pytest.raises(InputError, match=r"measurement\.phase"):
@@ -634,7 +629,6 @@ def test_heaters_follow_the_plan(planned: Planned) -> None:
     tracker = Tracker(of.robot)
     tracker.reset(of)
     samples = of.samples
-    assert samples is not None
     for time_s in (-1.0, 0.0, 30.0, *samples.t_s, 1e6):
         at = max(int(np.searchsorted(samples.t_s, time_s, side="right")) - 1, 0)
         command = tracker.step(Measurement(time_s, None, np.zeros(5)))
@@ -722,7 +716,7 @@ def test_a_phase_begins_without_memory_of_another_run(planned: Planned) -> None:
 @pytest.mark.parametrize("model", ["log_spiral_corrected", "arc", "cardioid"])
 def test_other_path_models_are_tracked_too(model: str) -> None:
     robot = with_path_model(ROBOT, model)
-    of = plan(load_problem("paper-2", robot=robot))
+    of = plan(load_problem("paper-2", robot=robot)).require()
     tracker = Tracker(robot, horizon=6)
     tracker.reset(of)
     q = of.problem.start.configuration.copy()

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from twosra_mpc import InputError, Plan
 from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.plans.heating import segment_heating
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, Trajectory
+from twosra_mpc.timing import transition_model
 
 EXACT = 1e-9  # m, rad, 1/m
 
@@ -81,7 +81,7 @@ def test_between_samples_the_metal_follows_its_model(any_plan: Plan) -> None:
     given = any_plan.trajectory
     t = between(given)
     found = given.at(t)
-    for j, heating in enumerate(segment_heating(any_plan.problem, any_plan.transitions)):
+    for j, heating in enumerate(transition_model(any_plan.problem).heating(any_plan.transitions)):
         temperature, fraction = heating.temperature_and_melt_fraction(t)
         np.testing.assert_allclose(found.temperature_C[:, j], temperature, atol=EXACT)
         np.testing.assert_allclose(found.melt_fraction[:, j], fraction, atol=EXACT)

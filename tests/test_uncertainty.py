@@ -10,12 +10,26 @@ from numpy.typing import NDArray
 from thermal_problems import V1, V2, settled, thermal_model, thermal_problem, transitions_of
 
 from twosra_mpc import InputError, Robot, plan
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
-from twosra_mpc.thermal.model import SegmentModel, segment_model
-from twosra_mpc.thermal.uncertainty import EXACT, Windows, draws, windows
+from twosra_mpc.thermal.model import SegmentModel
+from twosra_mpc.thermal.uncertainty import EXACT, Windows, drawn
 from twosra_mpc.timing import Transition
 
 Array = NDArray[np.float64]
+
+
+def windows(robot: Robot, ambient_C: float, quantile: float) -> Windows:
+    """The windows of a robot's segments."""
+    problem = thermal_problem(robot, ambient_C=ambient_C, transition_quantile=quantile)
+    return thermal_model(problem).plans[0].windows
+
+
+def draws(robot: Robot, ambient_C: float, count: int, seed: int) -> list[SegmentModel]:
+    """Segments that a robot may have."""
+    rng, nominal = np.random.default_rng(seed), segment_model(robot, ambient_C, 0)
+    return [drawn(nominal, robot.thermal_segment(0).ranges, rng) for _ in range(count)]
+
 
 QUANTILES = (0.5, 0.75, 0.95)
 SEQUENCES: list[ModeSequence] = [
@@ -60,19 +74,19 @@ def test_a_plan_that_holds_more_often_is_not_shorter(robot: Robot, sequence: Mod
 
 @robots
 def test_draws_vary_about_the_nominal_values_within_their_ranges(robot: Robot) -> None:
-    nominal = segment_model(robot, 25.0)
-    drawn = list(draws(nominal, robot, 2000, seed=5))
-    assert robot.segment is not None
+    nominal = segment_model(robot, 25.0, 0)
+    some = draws(robot, 25.0, 2000, seed=5)
+    ranges = robot.thermal_segment(0).ranges
     for name, value in vars(nominal).items():
-        values = np.array([getattr(model, name) for model in drawn])
-        if name not in robot.segment.ranges:
+        values = np.array([getattr(model, name) for model in some])
+        if name not in ranges:
             assert (values == value).all(), name
             continue
-        low, high = robot.segment.ranges[name]
+        low, high = ranges[name]
         assert np.mean(values < value) == pytest.approx(0.5, abs=0.04)
         assert np.mean(values < low) == pytest.approx(0.05, abs=0.015), name
         assert np.mean(values > high) == pytest.approx(0.05, abs=0.015), name
-    assert drawn == list(draws(nominal, robot, 2000, seed=5))
+    assert some == draws(robot, 25.0, 2000, seed=5)
 
 
 # --- what drawn robots do under the heater times of a plan ---------------------------------------
@@ -117,12 +131,11 @@ def test_drawn_robots_stay_within_the_windows_of_a_plan_as_often_as_asked(
     found = settled(problem, (RIGID, SOFT_1, RIGID), [0.0, 30.0, 0.0])
     assert found is not None
     planned = transitions_of(problem, found.network, found.times)
-    nominal = thermal_model(problem).heating.model
     heater = robot.heater
     seen = np.array(
         [
             executed(model, heater.soft_setpoint_C, heater.melt_current_A, planned)
-            for model in draws(nominal, robot, 400, seed=11)
+            for model in draws(robot, problem.ambient, 400, seed=11)
         ]
     )
     for i, item in enumerate(planned):
@@ -142,7 +155,7 @@ def test_without_a_quantile_about_half_of_the_robots_are_late(robot: Robot) -> N
     seen = np.array(
         [
             executed(model, heater.soft_setpoint_C, heater.melt_current_A, planned)
-            for model in draws(thermal_model(problem).heating.model, robot, 400, seed=12)
+            for model in draws(robot, problem.ambient, 400, seed=12)
         ]
     )
     for i, item in enumerate(planned):

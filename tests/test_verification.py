@@ -86,7 +86,6 @@ class Case:
 
 def case_of(some: Plan) -> Case:
     """What the check looks at, of a plan."""
-    assert some.samples is not None
     return Case(some.problem, some.samples, some.phases, some.transitions)
 
 
@@ -127,7 +126,6 @@ def test_plans_of_both_planners_hold_with_all_timings(any_plan: Plan) -> None:
 
 
 def test_reintegration_starts_at_the_start_and_ends_at_the_goal(any_plan: Plan) -> None:
-    assert any_plan.samples is not None
     reached = reintegrate(any_plan.problem, any_plan.samples)
     assert np.array_equal(reached[0], any_plan.problem.start.configuration)
     assert reached[-1] == pytest.approx(any_plan.problem.goal.configuration, abs=1e-6)
@@ -136,8 +134,6 @@ def test_reintegration_starts_at_the_start_and_ends_at_the_goal(any_plan: Plan) 
 
 def test_margins_are_the_distance_to_each_limit(any_plan: Plan) -> None:
     samples, robot = any_plan.samples, any_plan.robot
-    assert samples is not None
-    assert any_plan.verification is not None
     margins = any_plan.verification.limits
     expected = {
         "wheel_speed_rad_s": robot.limits.wheel_speed_rad_s - np.abs(samples.wheel_rad_s).max(),
@@ -722,7 +718,7 @@ def test_hot_metal_does_not_freeze_before_it_has_cooled() -> None:
         goal={"kappa_per_m": (10.0, 0.0)},
         timing="constant",
     )
-    case = case_of(plan(problem))
+    case = case_of(plan(problem).require())
     freeze = case.transitions[case.find(1, "rigid")]
     assert freeze.onset_s >= 108.0 - 1e-5  # 24 C above the melting point, 4 C take 18 s
     assert case.check().ok
@@ -740,7 +736,6 @@ def test_a_reconfiguration_lasts_as_long_as_the_robot_says() -> None:
     found = planned_with(robot, short)
     heating = [item.done_s - item.heater_s for item in found.transitions if item.to == "soft"]
     assert min(heating) == pytest.approx(80.0)  # 380 s of which 300 s cool
-    assert found.verification is not None
     assert found.verification.problems == ()
     case = case_of(found)
     first = case.transitions[case.find(1, "soft")]
@@ -766,4 +761,4 @@ def planned_with(robot: Robot, times: SequentialTiming) -> Plan:
     """A greedy plan (melts one segment after the other) with other transition times."""
     changed = robot.model_copy(update={"timing": {"nominal": times}})
     goal = {"x_m": 0.1, "y_m": 0.0, "phi_rad": 0.2, "kappa_per_m": (20.0, -15.0)}
-    return plan(load_problem("shape-change", robot=changed, goal=goal, planner="greedy"))
+    return plan(load_problem("shape-change", robot=changed, goal=goal, planner="greedy")).require()

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Planned, Run
+from conftest import Planned, Run, Solved
 
-from twosra_mpc import InputError, Plan, load_problem, plan
+from twosra_mpc import InputError, Result, load_problem, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import examine
 
@@ -28,9 +28,9 @@ def run(run: Run) -> Run:
 
 
 @pytest.fixture
-def document(planned: Planned) -> Document:
+def document(solved: Solved) -> Document:
     """A verified plan as plain data, free to be changed."""
-    return deepcopy(planned("paper-1").to_dict())
+    return deepcopy(solved("paper-1").to_dict())
 
 
 def write(document: Document, path: Path) -> Path:
@@ -41,8 +41,8 @@ def write(document: Document, path: Path) -> Path:
 # --- plans that hold -----------------------------------------------------------------------------
 
 
-def test_every_plan_that_was_made_is_verified(any_plan: Plan, tmp_path: Path) -> None:
-    any_plan.save(tmp_path / "plan.json")
+def test_every_plan_that_was_made_is_verified(any_result: Result, tmp_path: Path) -> None:
+    any_result.save(tmp_path / "plan.json")
     found = check_plan(tmp_path / "plan.json")
     assert found.ok, found.problems
     assert all(check.margin is None or check.margin >= 0 for check in found.checks)
@@ -175,7 +175,6 @@ TAMPERINGS: dict[str, tuple[Tamper, str]] = {
         "status: optimal: claimed without a lower bound",
     ),
     "a status that says there is no plan": (lambda d: d.update(status="failed"), "status: failed"),
-    "no verification": (lambda d: d.update(verification=None), "in the file: missing"),
     "a verification that failed": (
         lambda d: d["verification"].update(ok=False),
         "in the file: says failed",
@@ -222,7 +221,6 @@ def test_the_rule_that_is_broken_is_named(
 
 def test_of_a_time_that_runs_backwards_nothing_else_is_said(planned: Planned) -> None:
     made = planned("paper-1")
-    assert made.samples is not None
     checked = examine(made.problem, made.samples, made.phases, made.transitions)
     assert all(not broken for broken in checked.rules.values())
     backwards = dataclasses.replace(made.samples, t_s=made.samples.t_s[::-1])
@@ -232,9 +230,9 @@ def test_of_a_time_that_runs_backwards_nothing_else_is_said(planned: Planned) ->
 
 
 def test_a_plan_of_the_authors_sleeps_is_judged_by_its_own_rules(
-    planned: Planned, tmp_path: Path
+    solved: Solved, tmp_path: Path
 ) -> None:
-    document = deepcopy(planned("paper-1", timing="paper").to_dict())
+    document = deepcopy(solved("paper-1", timing="paper").to_dict())
     assert check_plan(write(document, tmp_path / "plan.json")).ok
     later(transition(document, "soft"), 10.0, "heater_s")
     found = check_plan(write(document, tmp_path / "plan.json"))

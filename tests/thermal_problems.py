@@ -10,21 +10,50 @@ from hypothesis import strategies as st
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.planning.search.schedule import schedule
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
-from twosra_mpc.thermal.trajectory import Course
+from twosra_mpc.robot.modes import (
+    RIGID,
+    SOFT_1,
+    SOFT_2,
+    SOFT_BOTH,
+    Mode,
+    ModeSequence,
+    all_modes,
+)
+from twosra_mpc.thermal.trajectory import TemperatureTrajectory
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 from twosra_mpc.timing.network import events_of
 from twosra_mpc.timing.thermal import Thermal
+from twosra_mpc.timing.transitions import own_transitions
 
-V1, V2 = load_robot("2sra-v1"), load_robot("2sr-v2")
-SOLID_C, LIQUID_C = {V1.name: 61.0, V2.name: 53.0}, {V1.name: 61.0, V2.name: 62.0}
+V1, V2, ARC = (load_robot(name) for name in ("2sra-v1", "2sr-v2", "2sra-v1-arc"))
+
+
+def robot_of(robot: Robot, *lengths_m: float) -> Robot:
+    """The arc robot, or one that melts and freezes as ``robot`` does, with segments so long."""
+    geometry = {"segments": len(lengths_m), "segment_length_m": lengths_m}
+    given = {"name": f"{robot.name}-{len(lengths_m)}", "path": ARC.path}
+    made = type(robot.geometry)(**{**dict(robot.geometry), **geometry})
+    return Robot(**{**dict(robot), **given, "geometry": made})
+
+
+UNEQUAL = robot_of(V1, 0.03, 0.04, 0.05)
+MIXED = Robot(
+    **{
+        **dict(UNEQUAL),
+        "name": "mixed",
+        "segment": None,
+        "segments": (V1.segment, V2.segment, V1.segment),
+    }
+)
 
 
 def thermal_problem(robot: Robot = V1, **overrides: Any) -> Problem:
     """A problem whose motion does not matter; start temperatures by ``temperature_C``."""
-    temperatures = overrides.pop("temperature_C", None)
-    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0), temperature_C=temperatures)
-    given = {"robot": robot, "start": start, "goal": Goal(kappa_per_m=(1.0, 1.0)), **overrides}
+    temperatures, count = overrides.pop("temperature_C", None), robot.coordinates.segments
+    straight = (0.0,) * count
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=straight, temperature_C=temperatures)
+    goal = {"kappa_per_m": (1.0,) * count, "mode": overrides.pop("last", robot.rigid)}
+    given = {"robot": robot, "start": start, "goal": Goal(**goal), **overrides}
     return Problem(**given)
 
 
@@ -36,10 +65,10 @@ def thermal_model(problem: Problem) -> Thermal:
 
 
 @st.composite
-def thermal_problems(draw: st.DrawFn, **fixed: Any) -> Problem:
+def thermal_problems(draw: st.DrawFn, robots: Sequence[Robot] = (V1, V2), **fixed: Any) -> Problem:
     """Either robot in cold to warm air; segments cold, warm, just liquid or hot at the start."""
-    robot = draw(st.sampled_from([V1, V2]))
-    solid, liquid = SOLID_C[robot.name], LIQUID_C[robot.name]
+    robot = draw(st.sampled_from(robots))
+    solid, liquid = thermal_problem(robot).stiffness_thresholds_C
     ambient = draw(st.sampled_from([1.0, robot.heater.ambient_C, 45.0]))
     temperature = st.one_of(
         st.just(ambient),
@@ -48,17 +77,20 @@ def thermal_problems(draw: st.DrawFn, **fixed: Any) -> Problem:
         st.floats(liquid + 0.01, 66.0),
         st.floats(66.0, 85.0),
     )
-    temperatures = draw(temperature), draw(temperature)
-    if fixed.get("heaters_at_once") == 1 and min(temperatures) >= liquid:
-        temperatures = temperatures[0], ambient
-    soft_goal = draw(st.sampled_from([RIGID, RIGID, RIGID, *MODES[1:]]))
+    temperatures = [draw(temperature) for _ in range(robot.coordinates.segments)]
+    if fixed.get("heaters_at_once") == 1:  # at most one segment is liquid at the start
+        hottest = temperatures.index(max(temperatures))
+        temperatures = [
+            ambient if here >= liquid and j != hottest else here
+            for j, here in enumerate(temperatures)
+        ]
     given = {
         "ambient_C": ambient,
-        "temperature_C": temperatures,
+        "temperature_C": tuple(temperatures),
         "transition_quantile": draw(st.sampled_from([None, None, 0.5, 0.8, 0.95])),
         "heating": draw(st.sampled_from(["fastest", "fastest", "keep_warm"])),
         "weights": {"energy_s_per_J": draw(st.sampled_from([0.0, 0.01, 0.2]))},
-        "goal": Goal(kappa_per_m=(1.0, 1.0), mode=soft_goal),
+        "last": draw(st.sampled_from([robot.rigid] * 3 + list(robot.modes[1:]))),
     }
     return thermal_problem(robot, **{**given, **fixed})
 
@@ -69,17 +101,21 @@ REMELTS = [
     (RIGID, SOFT_1, SOFT_2, SOFT_1, RIGID),
     (SOFT_BOTH, SOFT_2, SOFT_BOTH, SOFT_1, RIGID, SOFT_BOTH),
 ]
-SEQUENCES = st.one_of(
-    st.sampled_from(REMELTS),
-    st.lists(st.sampled_from(MODES), min_size=1, max_size=6).map(
+
+
+def sequences(segments: int) -> st.SearchStrategy[ModeSequence]:
+    """Mode sequences of up to six phases, none of which repeats the mode before it."""
+    return st.lists(st.sampled_from(all_modes(segments)), min_size=1, max_size=6).map(
         lambda modes: tuple(m for i, m in enumerate(modes) if i == 0 or modes[i - 1] != m)
-    ),
-)
+    )
+
+
+SEQUENCES = st.one_of(st.sampled_from(REMELTS), sequences(2))
 SPANS_S = st.lists(
     st.one_of(st.just(0.0), st.floats(0.0, 3.0), st.floats(0.0, 100.0), st.floats(0.0, 900.0)),
-    min_size=27,
-    max_size=27,
-)  # waits in up to 7 gaps (before both onsets, before the start of the phase), up to 6 durations
+    min_size=34,
+    max_size=34,
+)  # waits in up to 7 gaps (before 3 onsets, before the start of the phase), up to 6 durations
 
 
 class History(NamedTuple):
@@ -87,7 +123,7 @@ class History(NamedTuple):
 
     network: TemporalNetwork
     times: list[float]
-    courses: list[Course]
+    trajectories: list[TemperatureTrajectory]
 
     @property
     def finish_s(self) -> float:
@@ -96,8 +132,8 @@ class History(NamedTuple):
 
     @property
     def energy_J(self) -> float:
-        """Heater energy of both segments."""
-        return sum(course.energy_J(self.finish_s) for course in self.courses)
+        """Heater energy of all segments."""
+        return sum(one.energy_J(self.finish_s) for one in self.trajectories)
 
     def violated(self) -> list[str]:
         """What the network, its energy and its longest path say and the history does not keep."""
@@ -126,7 +162,7 @@ def earliest_finish(network: TemporalNetwork) -> float:
 def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) -> History:
     """Let each segment melt and freeze as soon as it can after some waits.
 
-    Only the course of the segments decides what takes how long: the network is not asked.
+    Only the trajectory of the segments decides what takes how long: the network is not asked.
     """
     model, last = thermal_model(problem), problem.goal.mode
     durations = list(spans_s[: len(sequence)])
@@ -134,32 +170,33 @@ def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) 
     layout, waits = network.layout, iter(spans_s[len(sequence) :])
     due = {(event.gap, event.segment): event for event in events_of(sequence, model.first, last)}
     times = [0.0] * layout.count
-    onsets: tuple[list[tuple[Any, float]], ...] = ([], [])
+    count = len(model.first)
+    onsets: list[list[tuple[Any, float]]] = [[] for _ in range(count)]
     for gap in range(len(sequence) + 1):
         ends = [times[layout.end(gap - 1)]]
-        for segment in (0, 1):
+        for segment in range(count):
             wait = next(waits)
             if (event := due.get((gap, segment))) is None:
                 continue
             asked = [*onsets[segment], (event.to, ends[0] + wait)]
-            soft, temperature = bool(model.first[segment]), model.temperatures[segment]
-            made = model.heating.course(temperature, soft, asked)[1][-1]
+            soft, temperature = bool(model.first[segment]), problem.temperatures[segment]
+            made = model.plans[segment].heated(temperature, soft, asked)[1][-1]
             onsets[segment].append((event.to, made.onset_s))
             times[layout.onset(gap, segment)] = made.onset_s
             ends.append(made.done_s)
         times[layout.start(gap)] = max(ends) + next(waits)
         if gap < len(sequence):
             times[layout.end(gap)] = times[layout.start(gap)] + durations[gap]
-    courses = [
-        model.heating.course(model.temperatures[j], bool(model.first[j]), onsets[j])[0]
-        for j in (0, 1)
+    trajectories = [
+        model.plans[j].heated(problem.temperatures[j], bool(model.first[j]), onsets[j])[0]
+        for j in range(count)
     ]
-    return History(network, times, courses)
+    return History(network, times, trajectories)
 
 
 def settled(problem: Problem, sequence: ModeSequence, durations: Sequence[float]) -> History | None:
     """The cheapest schedule that the model settles; None if there is none."""
-    model = transition_model(problem)
+    model = thermal_model(problem)
     first = network = model.network(sequence, problem.goal.mode, durations)
     for _ in range(60):
         times = schedule(network, np.array(durations), problem.cost_weights)
@@ -167,8 +204,9 @@ def settled(problem: Problem, sequence: ModeSequence, durations: Sequence[float]
             return None
         raised = model.settle(network, times.tolist())
         if raised is None:
-            courses = [course_of(problem, j, transitions_of(problem, first, times)) for j in (0, 1)]
-            return History(first, times.tolist(), courses)
+            made = transitions_of(problem, first, times)
+            trajectories = [trajectory_of(problem, j, made) for j in range(len(model.first))]
+            return History(first, times.tolist(), trajectories)
         network = raised
     raise AssertionError(f"not settled: {sequence}, {durations}")
 
@@ -180,9 +218,11 @@ def transitions_of(
     return transition_model(problem).transitions(network, [float(t) for t in times])
 
 
-def course_of(problem: Problem, segment: int, transitions: Sequence[Transition]) -> Course:
-    """How a segment (0 or 1) is heated."""
-    return thermal_model(problem).course(segment, transitions)
+def trajectory_of(
+    problem: Problem, segment: int, transitions: Sequence[Transition]
+) -> TemperatureTrajectory:
+    """How a segment (from 0) is heated."""
+    return thermal_model(problem).trajectory(segment, own_transitions(transitions, segment))
 
 
 def phases_of(found: History) -> Iterator[tuple[Mode, float, float]]:

@@ -23,13 +23,14 @@ if TYPE_CHECKING:
     from twosra_mpc.identification.thermal import ThermalFit, identify
     from twosra_mpc.model.outline import RobotShape, robot_shape
     from twosra_mpc.planning.planner import Progress, plan
-    from twosra_mpc.plans.plan import Plan, Status, load_plan
+    from twosra_mpc.plans.document import load_plan
+    from twosra_mpc.plans.plan import Plan, Status
+    from twosra_mpc.plans.result import Result
     from twosra_mpc.plans.setpoints import save_setpoints
+    from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
     from twosra_mpc.problem.problem import (
-        Goal,
         Problem,
         Start,
-        Tolerance,
         Weights,
         load_problem,
         scenario_names,
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
 # Public name -> module, imported when the name is first asked for: solvers take a second to load.
 _MODULES = {
     "Explanation": "analysis.explanation",
-    "Goal": "problem.problem",
+    "Goal": "problem.goals",
+    "GoalSet": "problem.goals",
     "HeatingLog": "identification.heating_log",
     "InputError": "errors",
     "Mode": "robot.modes",
@@ -50,12 +52,13 @@ _MODULES = {
     "PlanCheck": "checking.plan_file",
     "Problem": "problem.problem",
     "Progress": "planning.planner",
+    "Result": "plans.result",
     "Robot": "robot.description",
     "RobotShape": "model.outline",
     "Start": "problem.problem",
     "Status": "plans.plan",
     "ThermalFit": "identification.thermal",
-    "Tolerance": "problem.problem",
+    "Tolerance": "problem.goals",
     "TwosraError": "errors",
     "Weights": "problem.problem",
     "check_plan": "checking.plan_file",
@@ -63,7 +66,7 @@ _MODULES = {
     "explain": "analysis.explanation",
     "identify": "identification.thermal",
     "json_schema": "schema",
-    "load_plan": "plans.plan",
+    "load_plan": "plans.document",
     "load_problem": "problem.problem",
     "load_robot": "robot.description",
     "plan": "planning.planner",
@@ -79,6 +82,7 @@ _MODULES = {
 __all__ = [
     "Explanation",
     "Goal",
+    "GoalSet",
     "HeatingLog",
     "InputError",
     "Mode",
@@ -87,6 +91,7 @@ __all__ = [
     "PlanCheck",
     "Problem",
     "Progress",
+    "Result",
     "Robot",
     "RobotShape",
     "Start",

@@ -54,10 +54,10 @@ class InputError(TwosraError, ValueError):
 
 
 class NoPlanError(TwosraError):
-    """Raised by ``Plan.require()`` when the planner ended without a verified plan.
+    """Raised by ``Result.require()`` when the planner ended without a verified plan.
 
     Attributes:
-        status: Status of the plan that was asked for.
+        status: Status of the result that was asked for its plan.
         reason: The planner's message.
     """
 

@@ -13,7 +13,9 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from twosra_mpc.plans.plan import Cost, PhaseDocument, PlanDocument, Stats
+from twosra_mpc.plans.document import PhaseDocument, PlanDocument
+from twosra_mpc.plans.plan import Cost
+from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
@@ -77,7 +79,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "samples": "the plan on its grid, inputs hold to the next sample; null without a plan",
     "scale": "a of spirals I, II, III, in segment lengths",
     "scenario": "the problem, defaults filled in",
-    "segment": "how a segment warms and cools; of a transition, which segment: 1 or 2",
+    "segment": "how a segment warms and cools; of a transition, which segment, from 1",
     "sensor_gain": "reading above the air per degree of the core",
     "sequences_bounded": "mode sequences whose lower bound was found",
     "sequences_solved": "mode sequences that were solved",
@@ -157,6 +159,8 @@ def _draft_7(schema: Schema) -> Schema:
 
 def _scenario() -> Schema:
     schema = _of(Problem)
+    schema["properties"]["goal"] = {"$ref": "#/definitions/Goal"}  # the kind that files can say
+    del schema["definitions"]["GoalSet"]
     kappa = schema["definitions"]["Goal"]["properties"]["kappa_per_m"]
     kappa["items"] = {"anyOf": [{"type": "number"}, {"const": "free"}, {"type": "null"}]}
     schema["properties"]["robot"] = {
@@ -171,6 +175,8 @@ def _plan() -> Schema:
     definitions |= {**schema["definitions"], "Scenario": scenario, "Robot": robot}
     for record in (Cost, Transition, PhaseDocument):  # tables in the file
         definitions[record.__name__] = _table(definitions[record.__name__]["items"], record._fields)
+    number = definitions["Transition"]["properties"]["segment"]
+    number |= {"minimum": 1, "maximum": 4}
     properties = schema["properties"]
     properties["robot"] = {"$ref": "#/definitions/Robot"}
     properties["scenario"] = {"$ref": "#/definitions/Scenario"}

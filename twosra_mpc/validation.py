@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn, Self, TypeVar, get_args
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails
 
 from twosra_mpc.errors import InputError
 
@@ -68,6 +76,48 @@ class Value(BaseModel):
             raise error.within("", source) from None
 
 
+class Tagged(Value):
+    """A record of one of several kinds; one of its keys, the tag, says which.
+
+    The base class of a family gives ``tag_key``. A kind is a subclass whose tag is a ``Literal``;
+    to define it is to make it known. A field takes every kind of a family with
+    ``Annotated[SerializeAsAny[Base], BeforeValidator(Base.of_kind)]``.
+    """
+
+    tag_key: ClassVar[str]
+    kinds: ClassVar[dict[str, type[Tagged]]]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        if "tag_key" in vars(cls):
+            cls.kinds = {}
+        else:
+            tags = get_args(cls.model_fields[cls.tag_key].annotation)
+            cls.kinds.update(dict.fromkeys(tags, cls))
+
+    @classmethod
+    def of_kind(cls, value: object) -> object:
+        """Make a record of the kind that a table names; leave everything else alone."""
+        if not isinstance(value, dict):
+            return value
+        if cls.tag_key not in value:
+            raise InputError(cls.tag_key, "missing", "this key is required")
+        if (tag := value[cls.tag_key]) not in cls.kinds:
+            allowed = " or ".join(", ".join(map(repr, cls.kinds)).rsplit(", ", 1))
+            raise InputError(cls.tag_key, tag, allowed)
+        return cls.kinds[tag](**value)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        if "kinds" not in vars(cls):
+            return handler(schema)
+        kinds = dict.fromkeys(cls.kinds.values())
+        return {"oneOf": [handler(kind.__pydantic_core_schema__) for kind in kinds]}
+
+
 class FrozenDict(dict[Key, Item]):
     """A dictionary that cannot be changed after construction."""
 
@@ -86,8 +136,6 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     context = detail.get("ctx", {})
     cause = context.get("error")
     if isinstance(cause, InputError):
-        if len(location) > 1 and location[-1] in _UNION_TAGS:
-            location.pop()  # the branch that was tried, not something the user wrote
         return cause.within(".".join(location))
     field, given = ".".join(location), detail["input"]
     match detail["type"]:
@@ -98,13 +146,6 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
             close = difflib.get_close_matches(field, known, n=1)
             hint = f"did you mean {close[0]}? " if close else ""
             return InputError(field, given, f"{hint}known keys here are {', '.join(known)}")
-        case "union_tag_not_found":
-            key = str(context["discriminator"]).strip("'")
-            return InputError(f"{field}.{key}", "missing", "this key is required")
-        case "union_tag_invalid":
-            key = str(context["discriminator"]).strip("'")
-            allowed = " or ".join(str(context["expected_tags"]).rsplit(", ", 1))
-            return InputError(f"{field}.{key}", context["tag"], allowed)
         case "tuple_type":
             return InputError(field, given, "a list of values")
         case "too_long":
@@ -115,10 +156,3 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     for prefix in ("Input should be ", "Value error, "):
         phrase = phrase.removeprefix(prefix)
     return InputError(field, given, phrase)
-
-
-_UNION_TAGS = {
-    *("none", "full", "thermal"),
-    *("log_spiral", "log_spiral_corrected", "arc", "cardioid"),
-    *("lumped", "two_node"),
-}

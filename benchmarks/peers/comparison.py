@@ -126,7 +126,7 @@ def reference(problem: Problem) -> Reference:
     """Plan with our planner, compiled and warm."""
     calls = {"ours": lambda: plan(problem)}
     made, timing = timed_in_turns(calls, CALLS, _BUDGET_S)["ours"]
-    cost = made.cost.total if made.found and made.cost else None
+    cost = made.plan.cost.total if made.plan else None
     return Reference(cost, made.lower_bound, timing.median_s, timing.cpu_median_s)
 
 

@@ -79,9 +79,9 @@ def critical_path(made: Plan) -> tuple[Activity, ...]:
     """Return activities of ``made`` that add up to its duration, in order of time.
 
     Of several that end at the same moment: motion rather than a transition, a melt or freeze rather
-    than the heating or cooling before another one. Empty without a plan.
+    than the heating or cooling before another one.
     """
-    ends = made.duration_s or 0.0
+    ends = made.duration_s
     path: list[Activity] = []
     for item in reversed(_chain(activities(made), ends)):
         begins = item.start_s if item.start_s > _SAME_S else 0.0
@@ -93,7 +93,7 @@ def critical_path(made: Plan) -> tuple[Activity, ...]:
 def hidden_activities(made: Plan) -> tuple[Hidden, ...]:
     """Return what happens beside the critical path for over a millisecond, in order of time."""
     every = activities(made)
-    path = _chain(every, made.duration_s or 0.0)
+    path = _chain(every, made.duration_s)
     return tuple(
         Hidden(item, tuple(one for one in path if _overlap_s(one, item) > _WORTH_TELLING_S))
         for item in sorted(every, key=lambda one: one.start_s)

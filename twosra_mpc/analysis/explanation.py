@@ -22,7 +22,9 @@ from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import bending_task, plan, plan_without
 from twosra_mpc.planning.search.bounds import unreachable_reason
+from twosra_mpc.planning.search.branch_and_bound import Ending
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence, mode_name
 
@@ -40,35 +42,38 @@ class Alternative:
         change: What is different, e.g. "without mode [1,0]".
         details: What exactly was changed, or what the other plan does; may be empty.
         original: The plan that is explained.
-        plan: The plan of the changed problem, with its own status and gap; None if the change
+        result: Of planning the changed problem, with its own status and gap; None if the change
             makes no valid problem.
     """
 
     change: str
     details: str
     original: Plan
-    plan: Plan | None
+    result: Result | None
+
+    @property
+    def plan(self) -> Plan | None:
+        """The other plan, if there is one."""
+        return None if self.result is None else self.result.plan
 
     @property
     def difference_s(self) -> float | None:
-        """Cost of this plan less that of the original [s]; None where either has no plan."""
-        if self.plan is None or self.plan.cost is None or self.original.cost is None:
-            return None
-        return self.plan.cost.total - self.original.cost.total
+        """Cost of this plan less that of the original [s]; None without a plan."""
+        return None if self.plan is None else self.plan.cost.total - self.original.cost.total
 
     @property
     def difference(self) -> float | None:
         """``difference_s`` relative to the cost of the original."""
-        if self.difference_s is None or self.original.cost is None or not self.original.cost.total:
+        if self.difference_s is None or not self.original.cost.total:
             return None
         return self.difference_s / self.original.cost.total
 
     @property
     def outcome(self) -> str:
         """What came of it, in words."""
-        if self.plan is None:
+        if self.result is None:
             return self.details
-        return f"{self.plan.message} ({self.details})" if self.details else self.plan.message
+        return f"{self.result.message} ({self.details})" if self.details else self.result.message
 
     @property
     def price(self) -> str:
@@ -88,7 +93,7 @@ class Explanation:
     """Why a plan is what it is.
 
     Attributes:
-        plan: The plan.
+        result: What is explained: the plan, or that there is none.
         why: Reasons, in sentences.
         critical_path: Activities that add up to the duration.
         hidden: Activities that cost no time of their own.
@@ -96,7 +101,7 @@ class Explanation:
         complete: Whether all alternatives were planned; False after Ctrl-C.
     """
 
-    plan: Plan
+    result: Result
     why: tuple[str, ...]
     critical_path: tuple[Activity, ...]
     hidden: tuple[Hidden, ...]
@@ -104,9 +109,9 @@ class Explanation:
     complete: bool
 
     def __str__(self) -> str:
-        lines = [self.plan.message, *(f"  {reason}" for reason in self.why)]
+        lines = [self.result.message, *(f"  {reason}" for reason in self.why)]
         if self.critical_path:
-            lines.append(f"The {self.plan.duration_s:.1f} s are")
+            lines.append(f"The {self.critical_path[-1].end_s:.1f} s are")
             told = in_words(self.critical_path)
             lines += [f"  {duration:8.2f} s {words}" for duration, words in told]
         if self.hidden:
@@ -121,7 +126,7 @@ class Explanation:
 
 
 def explain(
-    subject: Plan | Problem, *, on_progress: Callable[[str], None] | None = None
+    subject: Result | Problem, *, on_progress: Callable[[str], None] | None = None
 ) -> Explanation:
     """Explain a plan of the optimal planner by planning what would have been otherwise.
 
@@ -129,29 +134,29 @@ def explain(
     known so far is returned.
 
     Args:
-        subject: A plan, or a problem that is planned first.
+        subject: A result of planning, or a problem that is planned first.
         on_progress: Told what is planned next.
 
     Raises:
         InputError: If the problem asks for the greedy planner, which weighs nothing, or if the
             locomotion units would overlap at the start or at the goal.
     """
-    problem = subject.problem if isinstance(subject, Plan) else subject
+    problem = subject.problem if isinstance(subject, Result) else subject
     if problem.planner != "optimal":
         allowed = "'optimal': the greedy rule weighs no alternatives"
         raise InputError("planner", problem.planner, allowed)
     tell = on_progress or (lambda _: None)
     tell("the plan itself")
-    original = subject if isinstance(subject, Plan) else plan(subject)
-    others: list[Alternative] = []
-    complete = isinstance(subject, Plan) or not _interrupted(original)
-    if complete and (original.phases or original.transitions):
-        complete = _collect(_alternatives(original, tell), others)
+    result = subject if isinstance(subject, Result) else plan(subject)
+    made, others = result.plan, list[Alternative]()
+    complete = isinstance(subject, Result) or result.ending is not Ending.INTERRUPTED
+    if complete and made is not None and (made.phases or made.transitions):
+        complete = _collect(_alternatives(made, tell), others)
     return Explanation(
-        plan=original,
-        why=tuple(_why(original)),
-        critical_path=critical_path(original),
-        hidden=hidden_activities(original),
+        result=result,
+        why=() if made is None else tuple(_why(made)),
+        critical_path=() if made is None else critical_path(made),
+        hidden=() if made is None else hidden_activities(made),
         alternatives=tuple(others),
         complete=complete,
     )
@@ -162,22 +167,15 @@ def _collect(alternatives: Iterator[Alternative], known: list[Alternative]) -> b
     try:
         for other in alternatives:
             known.append(other)
-            if other.plan is not None and _interrupted(other.plan):
+            if other.result is not None and other.result.ending is Ending.INTERRUPTED:
                 return False
     except KeyboardInterrupt:
         return False
     return True
 
 
-def _interrupted(made: Plan) -> bool:
-    """Whether Ctrl-C ended the search; a time limit ends it only after that time."""
-    return made.stopped_early and made.stats.wall_s < made.problem.time_limit_s
-
-
 def _why(made: Plan) -> Iterator[str]:
     """Reasons that need no other plan."""
-    if made.cost is None:
-        return
     task, used = bending_task(made.problem), _modes(made)
     for mode in dict.fromkeys(used):
         rest = tuple(other for other in _complete(used, made.problem) if other != mode)
@@ -212,7 +210,7 @@ def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, 
     for mode in dict.fromkeys(_modes(original)):
         modes = tuple(other for other in problem.modes if other != mode)
         yield f"without mode {mode_name(mode)}", partial(_with, problem, "modes", modes)
-    if problem.heaters_at_once == 2 and original.transitions:
+    if problem.heaters_at_once > 1 and original.transitions:
         yield "with one heater at a time", partial(_with, problem, "heaters_at_once", 1)
     kinds = {item.to for item in original.transitions}
     if "rigid" in kinds:
@@ -234,14 +232,15 @@ def _next_best(original: Plan) -> Alternative:
     excluded = _sequences(original)
     cheapest = found = plan_without(original.problem, frozenset(excluded))
     for _ in range(_ROUNDS):
-        if not found.found or _interrupted(found) or _modes(found) != _modes(original):
+        other = found.plan
+        if other is None or found.ending is Ending.INTERRUPTED or _differ(other, original):
             break
         known = len(excluded)
-        excluded |= _sequences(found)
+        excluded |= _sequences(other)
         if len(excluded) == known:
             break
         found = plan_without(original.problem, frozenset(excluded))
-    if found.found and _modes(found) != _modes(original):
+    if found.plan is not None and _differ(found.plan, original):
         return Alternative("with the next best mode sequence", "", original, found)
     details = ""
     if cheapest.found and cheapest.lower_bound is not None:
@@ -249,9 +248,13 @@ def _next_best(original: Plan) -> Alternative:
     return Alternative("with any other mode sequence", details, original, cheapest)
 
 
+def _differ(one: Plan, other: Plan) -> bool:
+    return _modes(one) != _modes(other)
+
+
 def _modes(made: Plan) -> ModeSequence:
     """Modes of the phases in which something moves, none twice in a row."""
-    return _merged([phase.mode for phase in made.phases])
+    return _merged(made.sequence)
 
 
 def _merged(modes: Sequence[Mode]) -> ModeSequence:
@@ -278,7 +281,7 @@ def _passed_modes(made: Plan) -> list[Mode]:
     """Stiffness of the segments whenever none of them is changing, in order of time."""
     changes = made.transitions
     moments = {0.0, *(t.onset_s for t in changes), *(t.done_s for t in changes)}
-    passed = []
+    passed: list[Mode] = []
     for now in sorted(moments):
         if any(t.onset_s + _SAME_S < now < t.done_s - _SAME_S for t in changes):
             continue
@@ -286,5 +289,5 @@ def _passed_modes(made: Plan) -> list[Mode]:
         for item in sorted(changes, key=lambda t: t.done_s):
             if item.done_s <= now + _SAME_S:
                 mode[item.segment - 1] = int(item.to == "soft")
-        passed.append((mode[0], mode[1]))
+        passed.append(tuple(mode))
     return passed

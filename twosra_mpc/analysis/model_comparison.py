@@ -12,7 +12,7 @@ from twosra_mpc.checking.verification import reintegrate
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.planner import plan
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -25,15 +25,15 @@ class ModelComparison:
     Attributes:
         models: Names of the path models.
         speeds: What v_j means in each, in words.
-        plans: The plan made with each model.
-        end_errors: (maker, executor, 5): q at the end of the maker's plan when its inputs v drive a
-            robot that moves as the executor says, minus the planned end [m, m, rad, 1/m, 1/m]; NaN
-            where the maker found no plan, or the executor bends beyond twice its limit.
+        results: What planning came to with each model.
+        end_errors: (maker, executor, 3 + n): q at the end of the maker's plan when its inputs v
+            drive a robot that moves as the executor says, minus the planned end [m, m, rad, 1/m
+            ...]; NaN where the maker found no plan, or the executor bends beyond twice its limit.
     """
 
     models: tuple[str, ...]
     speeds: tuple[str, ...]
-    plans: tuple[Plan, ...]
+    results: tuple[Result, ...]
     end_errors: Array
 
 
@@ -47,15 +47,15 @@ def compare_models(problem: Problem, models: Sequence[str] = PATH_MODELS) -> Mod
     for model in models:
         robot = with_path_model(problem.robot, model)
         variants.append(problem.with_robot(robot))
-    plans = tuple(plan(variant) for variant in variants)
-    errors = np.full((len(models), len(models), 5), np.nan)
-    for i, made in enumerate(plans):
-        if made.samples is not None:
+    results = tuple(plan(variant) for variant in variants)
+    errors = np.full((len(models), len(models), problem.robot.coordinates.size), np.nan)
+    for i, made in enumerate(result.plan for result in results):
+        if made is not None:
             for j, executor in enumerate(variants):
                 errors[i, j] = reintegrate(executor, made.samples)[-1] - made.samples.q[-1]
     return ModelComparison(
         models=tuple(models),
         speeds=tuple(path_model(variant.robot).speed for variant in variants),
-        plans=plans,
+        results=results,
         end_errors=errors,
     )

@@ -19,12 +19,13 @@ import numpy as np
 
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
-from twosra_mpc.plans.plan import Cost, Plan, Status, Verification, load_plan
+from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.plan import Plan, Status, Verification
+from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.timing import ThermalTiming
-from twosra_mpc.thermal.model import segment_model
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
@@ -55,12 +56,12 @@ class PlanCheck:
     """A plan file that was checked.
 
     Attributes:
-        plan: The plan as it was read.
+        result: What was read.
         checks: Everything that was checked; a single failed check if there is no plan in the file.
         problems: What does not hold, in words.
     """
 
-    plan: Plan
+    result: Result
     checks: tuple[Check, ...]
     problems: tuple[str, ...]
 
@@ -76,22 +77,22 @@ def check_plan(path: str | Path) -> PlanCheck:
     Raises:
         InputError: If it is not a plan file of a known version, or does not fit together.
     """
-    plan = load_plan(path)
+    result = load_plan(path)
     document = json.loads(read_text(Path(path), str(path)))
-    if plan.samples is None or plan.cost is None:
-        nothing = Check("plan", f"none in this file: {plan.message}", ok=False)
-        return PlanCheck(plan, (nothing,), (f"there is no plan: {plan.message}",))
+    if (plan := result.plan) is None:
+        nothing = Check("plan", f"none in this file: {result.message}", ok=False)
+        return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))
     found = examine(plan.problem, plan.samples, plan.phases, plan.transitions)
     claims = (
         _allowed_modes(plan),
         _currents(plan.samples),
-        *_cost(plan, plan.samples, plan.cost),
-        *_proof(plan, plan.cost),
-        *_copies(plan, plan.cost, document),
+        *_cost(plan),
+        *_proof(plan, result.status),
+        *_copies(plan, document),
         _stored(plan.verification, found.verification),
     )
     false = (f"{claim.name}: {claim.found}" for claim in claims if not claim.ok)
-    return PlanCheck(plan, (*_rules(found), *claims), (*found.verification.problems, *false))
+    return PlanCheck(result, (*_rules(found), *claims), (*found.verification.problems, *false))
 
 
 def _rules(found: Findings) -> Iterator[Check]:
@@ -134,7 +135,8 @@ def _currents(samples: Samples) -> Check:
     return Check("heater currents", f"at least {least:g} A", least >= 0, least, "A")
 
 
-def _cost(plan: Plan, samples: Samples, cost: Cost) -> Iterator[Check]:
+def _cost(plan: Plan) -> Iterator[Check]:
+    cost, samples = plan.cost, plan.samples
     first, last = float(samples.t_s[0]), float(samples.t_s[-1])
     same = first == 0.0 and math.isclose(cost.time_s, last, rel_tol=TOLERANCE)
     span = f"{cost.time_s:.3f} s; the samples last from {first:g} s to {last:.3f} s"
@@ -154,13 +156,14 @@ def _cost(plan: Plan, samples: Samples, cost: Cost) -> Iterator[Check]:
 
 
 def energy_J(problem: Problem, samples: Samples) -> float:
-    """Heat that the sampled currents give off in both coils."""
+    """Heat that the sampled currents give off in all coils."""
     held_s = np.diff(samples.t_s)
     currents = samples.heater_current_A[:-1]
-    if not isinstance(problem.transition_times, ThermalTiming):
+    if not problem.transition_times.needs_segment:
         return float((held_s @ (problem.robot.heater.resistance_ohm * currents**2)).sum())
-    model, total = segment_model(problem.robot, problem.ambient), 0.0
+    total = 0.0
     for j, temperature in enumerate(problem.temperatures):
+        model = segment_model(problem.robot, problem.ambient, j)
         state = model.initial(temperature)
         for current, held in zip(currents[:, j].tolist(), held_s.tolist(), strict=True):
             total += model.energy_J(state, current, held)
@@ -168,27 +171,26 @@ def energy_J(problem: Problem, samples: Samples) -> float:
     return total
 
 
-def _proof(plan: Plan, cost: Cost) -> Iterator[Check]:
+def _proof(plan: Plan, status: Status) -> Iterator[Check]:
     """The claims that rest on the lower bound."""
-    if plan.lower_bound is None:
-        proved = plan.status is Status.OPTIMAL
+    found, proved = status in (Status.OPTIMAL, Status.FEASIBLE), status is Status.OPTIMAL
+    if plan.lower_bound is None or plan.gap is None:
         text = "claimed without a lower bound" if proved else "no lower bound, none claimed"
-        yield Check("status", f"{plan.status}: {text}", plan.found and not proved)
+        yield Check("status", f"{status}: {text}", found and not proved)
         return
-    margin = cost.total - plan.lower_bound
-    below = margin >= -BOUND_TOLERANCE * cost.total
+    margin = plan.cost.total - plan.lower_bound
+    below = margin >= -BOUND_TOLERANCE * plan.cost.total
     text = f"{plan.lower_bound:.3f} s, not above the cost" if below else "above the cost it bounds"
     yield Check("lower bound", text, below, max(margin, 0.0) if below else margin, "s")
-    assert plan.gap is not None, "there is a cost and a lower bound"
-    earned = plan.found and (plan.status is not Status.OPTIMAL or plan.gap <= plan.problem.gap)
-    text = f"{plan.status}; gap {plan.gap:.3g}, asked {plan.problem.gap:g}"
+    earned = found and (not proved or plan.gap <= plan.problem.gap)
+    text = f"{status}; gap {plan.gap:.3g}, asked {plan.problem.gap:g}"
     yield Check("status", text, earned)
 
 
-def _copies(plan: Plan, cost: Cost, document: dict[str, Any]) -> Iterator[Check]:
+def _copies(plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
     """Numbers and names that stand in the file twice."""
     for name, stored, expected in (
-        ("duration_s", document["duration_s"], cost.time_s),
+        ("duration_s", document["duration_s"], plan.cost.time_s),
         ("gap", document["gap"], plan.gap),
     ):
         if stored is None or expected is None:
@@ -204,11 +206,9 @@ def _number(value: float | None) -> str:
     return "none" if value is None else f"{value:.6g}"
 
 
-def _stored(stored: Verification | None, found: Verification) -> Check:
+def _stored(stored: Verification, found: Verification) -> Check:
     """Whether the verification in the file says what was found here."""
     name = "verification in the file"
-    if stored is None:
-        return Check(name, "missing", ok=False)
     if stored.ok != found.ok:
         text = f"says {'passed' if stored.ok else 'failed'}, but it is not so"
         return Check(name, text, ok=False)

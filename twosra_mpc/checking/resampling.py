@@ -18,7 +18,6 @@ def refined(plan: Plan, rate_Hz: float) -> Plan:
     force, on the plan's path and at the temperatures expected there. The outcome is verified anew.
 
     Raises:
-        NoPlanError: If the plan has no samples.
         InputError: If the rate is not positive, or beyond 1000 Hz.
     """
     check_rate(rate_Hz)
@@ -27,4 +26,4 @@ def refined(plan: Plan, rate_Hz: float) -> Plan:
     regular = np.arange(int(np.floor(known[-1] * rate_Hz)) + 1) / rate_Hz
     samples = given.at(np.sort(np.concatenate([known, new_times(regular, known)])))
     checked = verify(plan.problem, samples, plan.phases, plan.transitions)
-    return replace(plan, samples=samples, verification=checked)
+    return replace(plan, trajectory=replace(given, samples=samples), verification=checked)

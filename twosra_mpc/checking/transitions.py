@@ -1,4 +1,4 @@
-"""Independent check of a plan's transitions: constant durations, or the currents replayed."""
+"""Independent check of a plan's transitions: against constants, or by replaying the currents."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
-from twosra_mpc.thermal.model import SegmentModel, State, segment_model
-from twosra_mpc.thermal.uncertainty import EXACT, windows
-from twosra_mpc.timing import Transition
+from twosra_mpc.robot.description import segment_model
+from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.uncertainty import windows
+from twosra_mpc.timing import Transition, transition_model
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
 Array = NDArray[np.float64]
 
-TIME_TOLERANCE_S = 1e-5
 _TEMPERATURE_TOLERANCE_C = 0.02
 _LEVEL_TOLERANCE = 1e-3  # of the way from solid to liquid
 
@@ -29,104 +29,35 @@ def transition_problems(
     transitions: Sequence[Transition],
 ) -> Iterator[str]:
     """Order and duration of the transitions of each segment, and the stiffness at the end."""
-    for before, after in itertools.pairwise(phases):
-        if after.start_s < before.end_s - TIME_TOLERANCE_S:
+    for earlier, after in itertools.pairwise(phases):
+        if after.start_s < earlier.end_s - TIME_TOLERANCE_S:
             yield f"the phase at {after.start_s:.3f} s starts before the one before it has ended"
-    for j in (0, 1):
-        stiffness, free = problem.start_mode[j], 0.0
-        for item in (item for item in transitions if item.segment == j + 1):
+    timing = transition_model(problem)
+    for j, stiffness in enumerate(problem.start_mode):
+        before: Transition | None = None
+        for item in own_transitions(transitions, j):
             name = f"segment {j + 1} to {item.to} at {item.heater_s:.3f} s"
             if (item.to == "soft") == bool(stiffness):
                 yield f"{name}: it is {item.to} already"
-            if item.heater_s < free - TIME_TOLERANCE_S:
+            if item.heater_s < (before.done_s if before else 0.0) - TIME_TOLERANCE_S:
                 yield f"{name}: before the transition before it is done"
             if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:
                 yield f"{name}: heater, onset and done are out of order"
-            opposite = [
-                other.done_s if other.to == "rigid" else other.heater_s
-                for other in transitions
-                if other.to != item.to
-            ]
-            found = _duration_problems(problem, item, None if free == 0 else free, opposite)
+            found = timing.violations(item, before, transitions)
             yield from (f"{name}: {text}" for text in found)
-            stiffness, free = int(item.to == "soft"), item.done_s
+            stiffness, before = int(item.to == "soft"), item
         if stiffness != problem.goal.mode[j]:
             wanted = "soft" if problem.goal.mode[j] else "rigid"
             yield f"segment {j + 1} does not end {wanted}"
-        if isinstance(problem.transition_times, ThermalTiming):
+        if problem.transition_times.needs_segment:
             yield from _replay_problems(problem, samples, transitions, j)
-
-
-def _duration_problems(
-    problem: Problem, item: Transition, previous_s: float | None, opposite: Sequence[float]
-) -> Iterator[str]:
-    """``previous_s`` is when the transition before it was done, None for a segment's first one.
-
-    ``opposite`` are the ends of all freezes for a melt, the starts of all melts for a freeze: where
-    one joins the other they may be the halves of a reconfiguration.
-    """
-    match problem.transition_times:
-        case OverlappedTiming() as times if item.to == "soft":
-            yield from _melt_problems(problem, times, item, first=previous_s is None)
-        case OverlappedTiming() as times:
-            yield from _freeze_problems(problem, times, item, previous_s)
-        case ThermalTiming():
-            pass  # told by replaying the currents
-        case SequentialTiming() as times:
-            joint = item.done_s if item.to == "rigid" else item.heater_s
-            least, half = (
-                (times.freeze_s, times.reconfigure_cool_s)
-                if item.to == "rigid"
-                else (times.heat_s, times.reconfigure_s - times.reconfigure_cool_s)
-            )
-            if any(abs(joint - when) <= TIME_TOLERANCE_S for when in opposite):
-                least = min(least, half)
-            if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
-                yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
-
-
-def _melt_problems(
-    problem: Problem, times: OverlappedTiming, item: Transition, first: bool
-) -> Iterator[str]:
-    heater, least = problem.robot.heater, times.melt_s - times.melt_changing_s
-    if first:
-        now = problem.temperatures[item.segment - 1]
-        span = heater.melting_point_C - problem.ambient
-        least *= (heater.melting_point_C - now) / span
-    if item.onset_s - item.heater_s < least - TIME_TOLERANCE_S:
-        lead = item.onset_s - item.heater_s
-        yield f"heated for {lead:.3f} s before melting instead of {least:.3f} s"
-    yield from _plateau_problems(item, times.melt_changing_s)
-
-
-def _freeze_problems(
-    problem: Problem, times: OverlappedTiming, item: Transition, previous_s: float | None
-) -> Iterator[str]:
-    heater, whole = problem.robot.heater, times.freeze_s - times.freeze_changing_s
-    lag, stored = item.onset_s - item.heater_s, 1.0
-    if previous_s is not None:
-        stored = min(1.0, (item.heater_s - previous_s) / times.superheat_s)
-    if lag > stored * whole + TIME_TOLERANCE_S:
-        yield f"liquid for {lag:.3f} s after its heater is off: it would freeze earlier"
-    if previous_s is None:
-        above = problem.temperatures[item.segment - 1] - heater.melting_point_C
-        least = whole * above / (heater.soft_setpoint_C - heater.melting_point_C)
-        if item.onset_s < least - TIME_TOLERANCE_S:
-            yield f"freezes at {item.onset_s:.3f} s, but is still too hot until {least:.3f} s"
-    yield from _plateau_problems(item, times.freeze_changing_s)
-
-
-def _plateau_problems(item: Transition, least: float) -> Iterator[str]:
-    changing = item.done_s - item.onset_s
-    if changing < least - TIME_TOLERANCE_S:
-        yield f"on the plateau for {changing:.3f} s instead of {least:g} s"
 
 
 def _replay_problems(
     problem: Problem, samples: Samples, transitions: Sequence[Transition], segment: int
 ) -> Iterator[str]:
     """Propagate the sampled heater currents and see whether the metal does what the plan says."""
-    model = segment_model(problem.robot, problem.ambient)
+    model = segment_model(problem.robot, problem.ambient, segment)
     states = _replayed(problem, samples, segment, model)
     name = f"segment {segment + 1}"
     temperature = np.array([model.temperature_C(state) for state in states])
@@ -151,7 +82,7 @@ def _replay_problems(
     )
     if wrong.any():
         yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:.3f} s"
-    mine = [item for item in transitions if item.segment == segment + 1]
+    mine = own_transitions(transitions, segment)
     for item in mine:
         at = int(np.argmin(np.abs(samples.t_s - item.heater_s)))
         yield from _window_problems(problem, model, item, states[at])
@@ -185,8 +116,10 @@ def _window_problems(
     problem: Problem, model: SegmentModel, item: Transition, state: State
 ) -> Iterator[str]:
     """Nothing may move from the earliest onset to the latest end that the state allows."""
-    quantile, heater = problem.transition_quantile, problem.robot.heater
-    window = EXACT if quantile is None else windows(problem.robot, problem.ambient, quantile)
+    robot, heater = problem.robot, problem.robot.heater
+    ranges = tuple(robot.thermal_segment(item.segment - 1).ranges.items())
+    currents_and_setpoint = heater.melt_current_A, heater.soft_setpoint_C
+    window = windows(model, ranges, *currents_and_setpoint, problem.transition_quantile)
     levels = (model.solid_level, model.liquid_level)
     if item.to == "soft":
         current, (begin, end) = heater.melt_current_A, levels

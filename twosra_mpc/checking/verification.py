@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.checking.transitions import TIME_TOLERANCE_S, transition_problems
+from twosra_mpc.checking.transitions import transition_problems
 from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Phase, Samples
@@ -23,8 +23,8 @@ from twosra_mpc.problem.limits import RELATIVE_ROUNDING, WHEEL_SPEED, verified_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.timing import ThermalTiming
 from twosra_mpc.timing import Transition
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
 Array = NDArray[np.float64]
 
@@ -196,16 +196,16 @@ def _command_problems(
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
         yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
-    heater, (solid_below_C, _) = problem.robot.heater, problem.stiffness_thresholds_C
+    heater = problem.robot.heater
     just_after = samples.t_s + 2 * TIME_TOLERANCE_S
     lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
-    for j in range(problem.robot.coordinates.segments):
+    for j, (solid_below_C, _) in enumerate(problem.segment_thresholds_C):
         on = np.full(len(just_after), bool(problem.start_mode[j]))
-        for item in (item for item in transitions if item.segment == j + 1):
+        for item in own_transitions(transitions, j):
             on[just_after >= item.heater_s] = item.to == "soft"
         setpoint = samples.heater_setpoint_C[:, j]
         wrong = np.where(on, setpoint != heater.soft_setpoint_C, setpoint > solid_below_C)
-        if not isinstance(problem.transition_times, ThermalTiming):  # else replaying them will tell
+        if not problem.transition_times.needs_segment:  # else replaying the currents will tell
             wrong |= (samples.heater_current_A[:, j] > 0) != on
         if (wrong & lasting).any():
             when = samples.t_s[wrong & lasting][0]
@@ -250,9 +250,9 @@ def _stiffness_problems(
         yield "the last sample still moves"
         return
     begin, end = samples.t_s[moving], samples.t_s[moving + 1]
-    for j in range(problem.robot.coordinates.segments):
-        soft = np.full(len(moving), problem.start_mode[j])
-        for item in (item for item in transitions if item.segment == j + 1):
+    for j, start in enumerate(problem.start_mode):
+        soft = np.full(len(moving), start)
+        for item in own_transitions(transitions, j):
             soft[begin >= item.done_s - TIME_TOLERANCE_S] = item.to == "soft"
             clash = (begin < item.done_s - TIME_TOLERANCE_S) & (
                 end > item.onset_s + TIME_TOLERANCE_S

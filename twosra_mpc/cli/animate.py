@@ -8,7 +8,7 @@ import click
 
 from twosra_mpc.cli.options import animation, out_argument, output_options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output
-from twosra_mpc.plans.plan import load_plan
+from twosra_mpc.plans.document import load_plan
 
 _HELP = """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
 
@@ -36,9 +36,9 @@ The same in a hurry:
 @output_options
 def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
     """Animate a plan file; see ``_HELP``."""
-    made = load_plan(plan)
-    if made.samples is None:
-        click.echo(f"twosra: there is nothing to animate: {made.message}", err=True)
+    loaded = load_plan(plan)
+    if (made := loaded.plan) is None:
+        click.echo(f"twosra: there is nothing to animate: {loaded.message}", err=True)
         return EXIT_NO_PLAN
     from twosra_mpc.plotting.animation import animate_plan  # matplotlib takes a second
 

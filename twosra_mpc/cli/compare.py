@@ -11,7 +11,7 @@ import click
 from twosra_mpc.cli.options import SCENARIO, Load, output_options, plot_option, scenario_options
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import sequence_name
 
@@ -41,34 +41,34 @@ def compare_command(
     scenarios: tuple[str, ...], load: Load, plot: Path | None, output: Output
 ) -> int:
     """Compare planners; see ``_HELP``."""
-    plans = _plans({name: load(name) for name in scenarios}, output)
+    results = _results({name: load(name) for name in scenarios}, output)
     if plot is not None:
         with output.progress("drawing"):
-            _draw(plans, plot)
-    records = [_record(name, made, each) for name, each in plans.items() for made in each]
+            _draw(results, plot)
+    records = [_record(name, one, each) for name, each in results.items() for one in each]
     output.report(lambda: records, lambda: _print_records(records))
-    return exit_code(*(each[0] for each in plans.values()))  # the greedy rule may find nothing
+    return exit_code(*(each[0] for each in results.values()))  # the greedy rule may find nothing
 
 
-def _plans(problems: dict[str, Problem], output: Output) -> dict[str, tuple[Plan, ...]]:
-    """Plans of both planners by name of the problem."""
-    plans: dict[str, tuple[Plan, ...]] = {}
+def _results(problems: dict[str, Problem], output: Output) -> dict[str, tuple[Result, ...]]:
+    """What both planners come to, by name of the problem."""
+    results: dict[str, tuple[Result, ...]] = {}
     for number, (name, problem) in enumerate(problems.items(), start=1):
         words = f"planning {name} ({number} of {len(problems)})"
-        plans[name] = tuple(
+        results[name] = tuple(
             plan_with_progress(
                 problem.model_copy(update={"planner": planner}), output, f"{words}, {planner}"
             )
             for planner in PLANNERS
         )
-    return plans
+    return results
 
 
-def _draw(plans: dict[str, tuple[Plan, ...]], plot: Path) -> None:
+def _draw(results: dict[str, tuple[Result, ...]], plot: Path) -> None:
     """Draw the plans that there are."""
     from twosra_mpc.plotting.comparison_figure import plot_comparison
 
-    made = {name: [one for one in each if one.samples is not None] for name, each in plans.items()}
+    made = {name: [one.plan for one in each if one.plan] for name, each in results.items()}
     shown = {name: each for name, each in made.items() if each}
     if shown:
         plot_comparison(shown, plot)
@@ -76,24 +76,32 @@ def _draw(plans: dict[str, tuple[Plan, ...]], plot: Path) -> None:
         click.echo(f"twosra: there is no plan to draw in {plot}", err=True)
 
 
-def _record(name: str, made: Plan, rivals: Sequence[Plan]) -> dict[str, Any]:
+def _record(name: str, result: Result, rivals: Sequence[Result]) -> dict[str, Any]:
     """Numbers of one plan; None where there is none."""
-    cost, first = made.cost, rivals[0].cost
-    return {
+    record: dict[str, Any] = {
         "scenario": name,
-        "planner": made.planner,
-        "status": str(made.status),
-        "message": made.message,
-        "modes": [phase.mode for phase in made.phases],
+        "planner": result.planner,
+        "status": str(result.status),
+        "message": result.message,
+        "modes": [],
+        **dict.fromkeys(("duration_s", "waiting_s", "moving_s", "transitions", "energy_J")),
+        "cost_s": None,
+        "lower_bound_s": result.lower_bound,
+        "gap": result.gap,
+        "cost_ratio": None,
+    }
+    if (made := result.plan) is None:
+        return record
+    cost, first = made.cost, rivals[0].plan
+    return record | {
+        "modes": made.sequence,
         "duration_s": made.duration_s,
-        "waiting_s": None if cost is None else cost.time_s - made.moving_s,
-        "moving_s": None if cost is None else made.moving_s,
-        "transitions": None if cost is None else cost.transitions,
-        "energy_J": None if cost is None else cost.energy_J,
-        "cost_s": None if cost is None else cost.total,
-        "lower_bound_s": made.lower_bound,
-        "gap": made.gap,
-        "cost_ratio": cost.total / first.total if cost and first and first.total else None,
+        "waiting_s": made.duration_s - made.moving_s,
+        "moving_s": made.moving_s,
+        "transitions": cost.transitions,
+        "energy_J": cost.energy_J,
+        "cost_s": cost.total,
+        "cost_ratio": cost.total / first.cost.total if first and first.cost.total else None,
     }
 
 

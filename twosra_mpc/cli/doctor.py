@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import platform
 import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -23,7 +24,7 @@ from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tr
 from twosra_mpc.installation import DISTRIBUTION, install_command
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.planning.search.linear_program import minimise
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.version import __version__
 
@@ -96,7 +97,7 @@ def examine() -> Iterator[Finding]:
     missing = Finding("ffmpeg", "none", "films as mp4 need it; gif works without")
     yield Finding("ffmpeg", "PASS", ffmpeg) if ffmpeg else missing
     yield _tried("HiGHS (linear programs)", highs)
-    made: list[Plan] = []
+    made: list[Result] = []
     yield _tried("IPOPT (nonlinear programs)", lambda: ipopt(made))
     yield _tried("OSQP (tracker)", lambda: osqp(made))
     yield _tried("self-test: a plan is written, read and verified", lambda: verified(made))
@@ -134,10 +135,16 @@ def package(item: Requirement) -> str:
     """Version of a dependency, if it is new enough and can be imported."""
     version = metadata.version(item.name)
     _at_least(version, item.floor)
-    for module, sources in metadata.packages_distributions().items():
+    for module, sources in _modules().items():
         if item.name in (source.lower() for source in sources):
             importlib.import_module(module)
     return version
+
+
+@functools.cache
+def _modules() -> Mapping[str, list[str]]:
+    """Top-level modules -> the packages they are from; half a second to find out."""
+    return metadata.packages_distributions()
 
 
 def _at_least(version: str, floor: str) -> None:
@@ -174,20 +181,21 @@ def highs() -> str:
     return "solves"
 
 
-def ipopt(made: list[Plan]) -> str:
+def ipopt(made: list[Result]) -> str:
     """Plan a change of shape to a gap that takes a nonlinear program, and keep the plan."""
-    made.append(plan(load_problem("shape-change", gap=0.0)).require())
+    made.append(plan(load_problem("shape-change", gap=0.0)))
+    made[0].require()
     iterations = made[0].stats.nlp_iterations
     if not iterations:
         raise RuntimeError("its solutions were of no use")
     return f"solves ({iterations} iterations)"
 
 
-def osqp(made: list[Plan]) -> str:
+def osqp(made: list[Result]) -> str:
     """Track the plan for a step from its start."""
     if not made:
         raise RuntimeError("there is no plan to track")
-    planned = made[0]
+    planned = made[0].require()
     tracker = Tracker(planned.robot)
     tracker.reset(planned)
     begin_s, start = planned.phases[0].start_s, planned.problem.start.configuration
@@ -197,7 +205,7 @@ def osqp(made: list[Plan]) -> str:
     return "solves"
 
 
-def verified(made: list[Plan]) -> str:
+def verified(made: list[Result]) -> str:
     """Write the plan to a file, and check that file."""
     if not made:
         raise RuntimeError("there is no plan to verify")

@@ -33,22 +33,22 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
     """Explain a plan; see ``_HELP``."""
     problem = load(scenario)
     with output.progress("planning") as tell:
-        result = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
-    output.report(lambda: _document(result), lambda: _print(result))
-    if not result.complete:
+        found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
+    output.report(lambda: _document(found), lambda: _print(found))
+    if not found.complete:
         click.echo("twosra: interrupted before all alternatives were planned", err=True)
-    return _exit_code(result)
+    return _exit_code(found)
 
 
-def _document(result: Explanation) -> dict[str, Any]:
+def _document(found: Explanation) -> dict[str, Any]:
     """The explanation as plain data."""
     return {
-        "plan": result.plan.to_dict(),
-        "why": result.why,
-        "critical_path": [_activity(item) for item in result.critical_path],
+        "plan": found.result.to_dict(),
+        "why": found.why,
+        "critical_path": [_activity(item) for item in found.critical_path],
         "hidden": [
             {**_activity(one.activity), "during": [str(item) for item in one.during]}
-            for one in result.hidden
+            for one in found.hidden
         ],
         "alternatives": [
             {
@@ -56,12 +56,12 @@ def _document(result: Explanation) -> dict[str, Any]:
                 "difference_s": other.difference_s,
                 "difference": other.difference,
                 "outcome": other.outcome,
-                "status": None if other.plan is None else str(other.plan.status),
-                "duration_s": None if other.plan is None else other.plan.duration_s,
+                "status": other.result and str(other.result.status),
+                "duration_s": other.plan and other.plan.duration_s,
             }
-            for other in result.alternatives
+            for other in found.alternatives
         ],
-        "complete": result.complete,
+        "complete": found.complete,
     }
 
 
@@ -69,33 +69,33 @@ def _activity(item: Activity) -> dict[str, Any]:
     return {**vars(item), "duration_s": item.duration_s, "words": str(item)}
 
 
-def _print(result: Explanation) -> None:
-    _print_reasons(result)
-    _print_duration(result)
-    if result.alternatives:
-        rows = [(other.change, other.price, other.outcome) for other in result.alternatives]
+def _print(found: Explanation) -> None:
+    _print_reasons(found)
+    _print_duration(found)
+    if found.alternatives:
+        rows = [(other.change, other.price, other.outcome) for other in found.alternatives]
         print_table(("instead", "costs more", "outcome"), rows)
 
 
-def _print_reasons(result: Explanation) -> None:
-    made = result.plan
+def _print_reasons(found: Explanation) -> None:
+    made = found.result
     rows = [("status", str(made.status)), ("outcome", made.message)]
-    rows += [("why" if i == 0 else "", reason) for i, reason in enumerate(result.why)]
-    print_table((made.robot.name, made.planner), rows)
+    rows += [("why" if i == 0 else "", reason) for i, reason in enumerate(found.why)]
+    print_table((made.problem.robot.name, made.planner), rows)
 
 
-def _print_duration(result: Explanation) -> None:
-    if not result.critical_path:
+def _print_duration(found: Explanation) -> None:
+    if not found.critical_path:
         return
-    told = in_words(result.critical_path)
+    told = in_words(found.critical_path)
     rows = [(f"{duration:8.2f} s", words) for duration, words in told]
-    print_table((f"{result.plan.duration_s:8.2f} s", "is the sum of"), rows)
-    if result.hidden:
-        rows = [(f"{one.activity.duration_s:8.2f} s", str(one)) for one in result.hidden]
+    print_table((f"{found.critical_path[-1].end_s:8.2f} s", "is the sum of"), rows)
+    if found.hidden:
+        rows = [(f"{one.activity.duration_s:8.2f} s", str(one)) for one in found.hidden]
         print_table(("at no cost", "meanwhile"), rows)
 
 
-def _exit_code(result: Explanation) -> int:
-    if result.plan.status is Status.INFEASIBLE:
+def _exit_code(found: Explanation) -> int:
+    if found.result.status is Status.INFEASIBLE:
         return EXIT_INFEASIBLE
-    return EXIT_PLANNED if result.plan.found and result.complete else EXIT_NO_PLAN
+    return EXIT_PLANNED if found.result.found and found.complete else EXIT_NO_PLAN

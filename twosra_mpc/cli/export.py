@@ -12,7 +12,7 @@ from twosra_mpc.cli.output import EXIT_PLANNED, Output
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.installation import install_command
-from twosra_mpc.plans.plan import load_plan
+from twosra_mpc.plans.document import load_plan
 
 _HELP = f"""Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
 

@@ -24,9 +24,8 @@ from twosra_mpc.control.thermistor import (
     temperature_sensor,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
-from twosra_mpc.thermal.model import segment_model
 
 _SENSORS: dict[str, Characteristic] = {"ntc": NtcDivider(), "linear": LinearMap()}
 
@@ -55,6 +54,13 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
     **ROBOT,
 )
 @click.option(
+    "--segment",
+    type=click.IntRange(1, 4),
+    default=1,
+    show_default=True,
+    help="Which, of a robot that describes them one by one.",
+)
+@click.option(
     "--profile",
     default="soft:120,rigid:400",
     show_default=True,
@@ -75,6 +81,7 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
 @output_options
 def simulate_heater_command(
     robot: str,
+    segment: int,
     profile: str,
     ambient: float | None,
     start_temperature: float | None,
@@ -88,11 +95,13 @@ def simulate_heater_command(
     described = load_robot(robot)
     targets, duration_s = parse_profile(profile)
     air_C = described.heater.ambient_C if ambient is None else ambient
-    controller = stiffness_controller(described, air_C)
+    if segment > (count := described.coordinates.segments):
+        raise InputError("segment", segment, f"from 1 to {count}")
+    controller = stiffness_controller(described, air_C, segment - 1)
     with output.progress("running"):
         run = simulate_heater(
-            segment_model(described, air_C),
-            temperature_sensor(described, air_C, _SENSORS[sensor]),
+            segment_model(described, air_C, segment - 1),
+            temperature_sensor(described, air_C, segment - 1, _SENSORS[sensor]),
             controller,
             targets,
             duration_s,

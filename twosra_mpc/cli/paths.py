@@ -19,11 +19,10 @@ from twosra_mpc.cli.options import (
     scenario_options,
 )
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
-from twosra_mpc.identification.path_choice import write_fitted_robot
+from twosra_mpc.identification.path_choice import parameters_in_words, write_fitted_robot
 from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
 from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import sequence_name
-from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 _FIT_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 
@@ -91,37 +90,37 @@ def compare_models_command(scenario: str, load: Load, output: Output) -> int:
 def _comparison(result: ModelComparison) -> dict[str, Any]:
     """The comparison as plain data; end errors as [x m, y m, phi rad, kappa1, kappa2 1/m]."""
     plans = []
-    for i, made in enumerate(result.plans):
-        ends = dict(zip(result.models, result.end_errors[i], strict=True))
+    for i, planned in enumerate(result.results):
+        ends, made = dict(zip(result.models, result.end_errors[i], strict=True)), planned.plan
         plans.append(
             {
                 "model": result.models[i],
                 "speed": result.speeds[i],
-                "status": str(made.status),
-                "duration_s": made.duration_s,
-                "moving_s": made.moving_s,
-                "gap": made.gap,
-                "modes": [phase.mode for phase in made.phases],
-                "end_error_under": ends if made.samples is not None else None,
+                "status": str(planned.status),
+                "duration_s": made and made.duration_s,
+                "moving_s": made.moving_s if made else 0.0,
+                "gap": planned.gap,
+                "modes": made.sequence if made else [],
+                "end_error_under": ends if made else None,
             }
         )
-    return {"scenario": result.plans[0].problem.scenario(), "plans": plans}
+    return {"scenario": result.results[0].problem.scenario(), "plans": plans}
 
 
 def _print_comparison(result: ModelComparison) -> None:
     rows = []
-    for name, speed, made in zip(result.models, result.speeds, result.plans, strict=True):
-        if made.samples is None or made.cost is None:
-            rows.append((name, str(made.status), "", "", "", speed))
+    for name, speed, planned in zip(result.models, result.speeds, result.results, strict=True):
+        if (made := planned.plan) is None:
+            rows.append((name, str(planned.status), "", "", "", speed))
             continue
         wheel = f"{abs(made.samples.wheel_rad_s).max():.1f} rad/s"
-        modes = sequence_name([phase.mode for phase in made.phases])
+        modes = sequence_name(made.sequence)
         moving = f"{made.moving_s:.2f} s"
         rows.append((name, modes, f"{made.cost.time_s:.1f} s", moving, wheel, speed))
     print_table(("model", "mode sequence", "duration", "moving", "wheels", "v_j is"), rows)
     errors: list[tuple[str, ...]] = []
     for i, maker in enumerate(result.models):
-        found = result.plans[i].samples is not None
+        found = result.results[i].plan is not None
         cells = tuple(_end_error(e) if found else "no plan" for e in result.end_errors[i])
         errors.append((f"planned with {maker}", *cells))
     click.echo("End error: position [mm], heading [deg], kappa1 and kappa2 [1/m]. Executed by:")
@@ -140,21 +139,18 @@ def _fits(robot: Robot) -> dict[str, Any]:
 
 
 def _print_fits(robot: Robot) -> None:
-    built_in = robot.path if isinstance(robot.path, LogSpiralPath) else None
+    given_spirals, given_cardioids = parameters_in_words(robot.path)
     rows = []
     for k, fit in enumerate(fit_spirals(robot.geometry)):
-        known = f"{built_in.scale[k]:.4f}, {built_in.growth[k]:.4f}" if built_in else "-"
         residual = f"{fit.rms_l:.4f}, {fit.max_l:.4f}"
-        rows.append((CASES[k], f"{fit.scale:.4f}, {fit.growth:.4f}", known, residual))
+        rows.append((CASES[k], f"{fit.scale:.4f}, {fit.growth:.4f}", given_spirals[k], residual))
     header = ("spiral", "fitted a / l, b", f"in {robot.name}", "residual / l: rms, largest")
     print_table(header, rows)
-    given = robot.path if isinstance(robot.path, CardioidPath) else None
     rows = []
     for k, cardioid in enumerate(fit_cardioids(robot.geometry)):
-        known = f"{given.radius_m[k]:.4f}, {given.phi_per_alpha[k]:.4f}" if given else "-"
         fitted = f"{cardioid.radius_m:.4f}, {cardioid.phi_per_alpha:.4f}"
         residual = f"{1e3 * cardioid.rms_m:.3f}, {1e3 * cardioid.max_m:.3f}"
-        rows.append((CASES[k], fitted, known, residual))
+        rows.append((CASES[k], fitted, given_cardioids[k], residual))
     header = (
         "cardioid",
         "fitted a [m], dphi/dalpha",

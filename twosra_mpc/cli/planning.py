@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -25,8 +26,10 @@ from twosra_mpc.cli.output import (
 )
 from twosra_mpc.planning.planner import Progress, plan
 from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import mode_name
 
 _HELP = """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.
 
@@ -67,20 +70,20 @@ def plan_command(
     with output.progress("writing"):
         if out is not None:
             result.save(out)
-        if csv is not None and result.samples is not None:
-            save_setpoints(result, csv, rate_Hz)
-        if plot is not None and result.samples is not None:
+        if csv is not None and result.plan is not None:
+            save_setpoints(result.plan, csv, rate_Hz)
+        if plot is not None and result.plan is not None:
             from twosra_mpc.plotting import plot_plan
 
-            plot_plan(result, plot)
-    if result.samples is None and (csv or plot):
+            plot_plan(result.plan, plot)
+    if result.plan is None and (csv or plot):
         unwritten = " and ".join(str(target) for target in (csv, plot) if target is not None)
         click.echo(f"twosra: there is no plan to write to {unwritten}", err=True)
     output.report(result.to_dict, lambda: _print_summary(result))
     return exit_code(result)
 
 
-def plan_with_progress(problem: Problem, output: Output, words: str) -> Plan:
+def plan_with_progress(problem: Problem, output: Output, words: str) -> Result:
     """Plan with one line of live progress on standard error, where that is a terminal."""
     with output.progress(words) as tell:
 
@@ -91,34 +94,32 @@ def plan_with_progress(problem: Problem, output: Output, words: str) -> Plan:
         return plan(problem, on_progress=show)
 
 
-def _print_summary(result: Plan) -> None:
+def _print_summary(result: Result) -> None:
     rows = [("status", str(result.status)), ("outcome", result.message)]
-    if result.cost is not None:
-        cost = result.cost
-        rows.append(("duration", f"{cost.time_s:.2f} s ({result.moving_s:.2f} s of it moving)"))
-        if result.gap is not None:
-            bound = f"{result.lower_bound:.2f} s (gap {100 * result.gap:.3f} %)"
-            rows.append(("lower bound", bound))
-        rows.append(("energy", f"{cost.energy_J:.0f} J in {cost.transitions} transitions"))
-    for phase in result.phases:
-        span = f"{phase.start_s:8.2f} s to {phase.end_s:8.2f} s"
-        rows.append((f"drive [{phase.mode[0]},{phase.mode[1]}]", span))
-    for item in result.transitions:
+    if result.plan is not None:
+        rows += _summary(result.plan)
+    print_table((result.problem.robot.name, result.planner), rows)
+
+
+def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
+    cost, check = plan.cost, plan.verification
+    yield "duration", f"{cost.time_s:.2f} s ({plan.moving_s:.2f} s of it moving)"
+    if plan.gap is not None:
+        yield "lower bound", f"{plan.lower_bound:.2f} s (gap {100 * plan.gap:.3f} %)"
+    yield "energy", f"{cost.energy_J:.0f} J in {cost.transitions} transitions"
+    for phase in plan.phases:
+        yield f"drive {mode_name(phase.mode)}", f"{phase.start_s:8.2f} s to {phase.end_s:8.2f} s"
+    for item in plan.transitions:
         span = f"{item.heater_s:8.2f} s to {item.done_s:8.2f} s"
-        rows.append(
-            (f"segment {item.segment} {item.to}", f"{span}, holds from {item.onset_s:.2f} s")
-        )
-    if result.verification is not None:
-        check = result.verification
-        goal = max(abs(error) for error in check.goal_error)
-        verdict = "passed" if check.ok else "; ".join(check.problems)
-        rows.append(("verification", f"{verdict} (largest goal error {goal:.1e} m, rad or 1/m)"))
-    print_table((f"{result.robot.name}", result.planner), rows)
+        yield f"segment {item.segment} {item.to}", f"{span}, holds from {item.onset_s:.2f} s"
+    goal = max(abs(error) for error in check.goal_error)
+    verdict = "passed" if check.ok else "; ".join(check.problems)
+    yield "verification", f"{verdict} (largest goal error {goal:.1e} m, rad or 1/m)"
 
 
-def exit_code(*plans: Plan) -> int:
-    """Exit code of a command that makes these plans: of the worst of them."""
-    if any(made.status is Status.INFEASIBLE for made in plans):
+def exit_code(*results: Result) -> int:
+    """Exit code of a command that plans these: of the worst of them."""
+    if any(result.status is Status.INFEASIBLE for result in results):
         return EXIT_INFEASIBLE
-    finished = all(made.found and not made.stopped_early for made in plans)
+    finished = all(result.found and not result.stopped_early for result in results)
     return EXIT_PLANNED if finished else EXIT_NO_PLAN

@@ -8,7 +8,7 @@ import click
 
 from twosra_mpc.cli.options import out_argument, output_options
 from twosra_mpc.cli.output import EXIT_PLANNED, Output
-from twosra_mpc.plans.plan import load_plan
+from twosra_mpc.plans.document import load_plan
 
 _HELP = """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
 
@@ -41,5 +41,5 @@ def report_command(plan: Path, out: Path, output: Output) -> int:
     with output.progress("drawing the report"):
         write_report(given, out, Origin.of(plan))
     document = {"file": str(out), "bytes": out.stat().st_size, "status": str(given.status)}
-    output.record((given.robot.name, "report"), document)
+    output.record((given.problem.robot.name, "report"), document)
     return EXIT_PLANNED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -9,7 +10,7 @@ import click
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import ending, out_argument, output_options, rate_option
 from twosra_mpc.cli.output import EXIT_PLANNED, Output
-from twosra_mpc.plans.plan import load_plan
+from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.setpoints import save_setpoints
 
 _HELP = """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
@@ -34,12 +35,13 @@ The same plan, dense enough to look at:
 @output_options
 def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> int:
     """Resample a plan; see ``_HELP``."""
-    given = load_plan(plan).require()
+    loaded = load_plan(plan)
+    given = loaded.require()
     with output.progress(f"resampling at {rate_Hz:g} Hz"):
         if out.suffix == ".csv":
             save_setpoints(given, out, rate_Hz)
         else:
-            refined(given, rate_Hz).require().save(out)
+            replace(loaded, plan=refined(given, rate_Hz)).save(out)
     document = {"file": str(out), "rate_Hz": rate_Hz, "duration_s": given.duration_s}
     output.record((given.robot.name, "resampled"), document)
     return EXIT_PLANNED

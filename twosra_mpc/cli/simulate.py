@@ -24,7 +24,7 @@ from twosra_mpc.execution.simulation.disturbance import LEVELS, disturbance_leve
 from twosra_mpc.execution.simulation.metrics import Metrics, spread
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import EXECUTORS, Simulation, simulate
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
 _HELP = f"""Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
@@ -85,12 +85,13 @@ def simulate_command(
     problem = load(scenario)
     level = disturbance_level(disturbance)
     SimulatedRobot(problem, plant, level, seed, broken_heaters=broken)  # or an error, early
-    plan = plan_with_progress(problem.model_copy(update={"planner": "optimal"}), output, "planning")
-    if executor == "optimal" and not plan.found:
-        click.echo(f"twosra: there is nothing to run: {plan.message}", err=True)
-        return exit_code(plan)
+    optimal = problem.model_copy(update={"planner": "optimal"})
+    result = plan_with_progress(optimal, output, "planning")
+    if executor == "optimal" and not result.found:
+        click.echo(f"twosra: there is nothing to run: {result.message}", err=True)
+        return exit_code(result)
     options: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
-    options |= {"broken_heaters": broken, "plan": plan}
+    options |= {"broken_heaters": broken, "plan": result.plan}
     with output.progress(f"running 1 of {runs}") as tell:
         first = simulate(problem, seed=seed, **options)
         _write(first, out, plot, animate, tell)
@@ -101,8 +102,8 @@ def simulate_command(
     if runs == 1:
         output.report(first.to_dict, lambda: _print_run(first))
     else:
-        document = {"plan": plan.to_dict(), "first_seed": seed, "runs": found}
-        output.report(lambda: document, lambda: _print_runs(problem, plan, found))
+        document = {"plan": result.to_dict(), "first_seed": seed, "runs": found}
+        output.report(lambda: document, lambda: _print_runs(problem, result, found))
     return EXIT_PLANNED if all(each.reached for each in found) else EXIT_NO_PLAN
 
 
@@ -149,7 +150,7 @@ def _print_run(simulation: Simulation) -> None:
     print_table(("time", "event", "what"), events)
 
 
-def _print_runs(problem: Problem, plan: Plan, found: list[Metrics]) -> None:
+def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
     """Distribution of the numbers over the runs."""
     names: dict[str, tuple[str, float]] = {
         "duration [s]": ("time_s", 1.0),
@@ -166,7 +167,7 @@ def _print_runs(problem: Problem, plan: Plan, found: list[Metrics]) -> None:
         values = spread(found, lambda each, name=name: float(getattr(each, name)))  # type: ignore[misc]
         median, most, largest = (f"{unit * value:.4g}" for value in values)
         rows.append((words, median, most, largest))
-    planned = "" if plan.duration_s is None else f", planned {plan.duration_s:.1f} s"
+    planned = f", planned {result.plan.duration_s:.1f} s" if result.plan else ""
     print_table((f"{problem.robot.name}{planned}", "median", "90 %", "largest"), rows)
     reasons = [(each.ending, each.reason) for each in found if not each.reached]
     if reasons:

@@ -23,7 +23,8 @@ from twosra_mpc.execution.serial.stream import (
     stream,
 )
 from twosra_mpc.installation import install_command
-from twosra_mpc.plans.plan import Plan, load_plan
+from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.modes import mode_name
 
 _HELP = f"""Send PLAN to a robot over a serial line, and switch the robot off at the end.
@@ -84,7 +85,7 @@ def stream_command(
     if (port is None) != dry_run:
         given = "both" if dry_run else "neither"
         raise InputError("port or dry-run", given, "a --port, or --dry-run without one")
-    loaded = load_plan(plan)
+    loaded = load_plan(plan).require()
     check_sendable(loaded)
     if port is None:
         _show(loaded, rate_Hz, robot_id, output)

@@ -61,7 +61,7 @@ def _document(path: str, found: PlanCheck) -> dict[str, Any]:
     return {
         "file": path,
         "verified": found.ok,
-        "status": str(found.plan.status),
+        "status": str(found.result.status),
         "problems": found.problems,
         "checks": found.checks,
     }

@@ -27,7 +27,6 @@ from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Stiffness
-from twosra_mpc.robot.segment import TwoNodeSegment
 
 Protection = Literal["none", "tripped", "fault"]
 EventKind = Literal["soft", "rigid", "changing", "tripped", "fault", "cleared"]
@@ -53,8 +52,8 @@ class ControllerGains:
 
 
 # Tuned on the two models with sensor lags of 2 to 8 s; tests/test_heater_loop.py holds the limits.
-LUMPED_GAINS = ControllerGains(0.20, 0.004, 0.35, "current")
-TWO_NODE_GAINS = ControllerGains(0.10, 0.003, 0.5, "power")
+CURRENT_GAINS = ControllerGains(0.20, 0.004, 0.35, "current")
+POWER_GAINS = ControllerGains(0.10, 0.003, 0.5, "power")
 
 
 @dataclass(frozen=True)
@@ -266,24 +265,25 @@ def _events(before: ControllerState, after: ControllerState) -> tuple[Event, ...
 
 
 def stiffness_controller(
-    robot: Robot, ambient_C: float, gains: ControllerGains | None = None
+    robot: Robot, ambient_C: float, segment: int, gains: ControllerGains | None = None
 ) -> StiffnessController:
-    """Build the controller of a robot's segments.
+    """Build the controller of a segment.
 
     Args:
         robot: The robot.
         ambient_C: Temperature of the air.
-        gains: Gains; default: `LUMPED_GAINS` or `TWO_NODE_GAINS`, as its segments are described.
+        segment: Which segment, from 0.
+        gains: Gains; default: `CURRENT_GAINS` or `POWER_GAINS`, as the segment is described.
 
     Raises:
         InputError: If the robot file has no ``[segment]``.
     """
-    heater, sensor = robot.heater, temperature_sensor(robot, ambient_C)
-    fitted = isinstance(robot.segment, TwoNodeSegment)
+    heater, sensor = robot.heater, temperature_sensor(robot, ambient_C, segment)
+    by_power = robot.thermal_segment(segment).heat_follows == "power"
     return StiffnessController(
-        gains=gains or (TWO_NODE_GAINS if fitted else LUMPED_GAINS),
-        rule=stiffness_rule(robot, ambient_C, sensor.lags_s),
-        full_current_A=heater.melt_current_A if fitted else heater.current_max_A,
+        gains=gains or (POWER_GAINS if by_power else CURRENT_GAINS),
+        rule=stiffness_rule(robot, ambient_C, segment),
+        full_current_A=heater.melt_current_A if by_power else heater.current_max_A,
         ambient_C=ambient_C,
         sensor_gain=sensor.gain,
         soft_setpoint_C=heater.soft_setpoint_C,

@@ -14,14 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from twosra_mpc.control.observer import Estimate, LumpedObserver, MeltObserver, TwoNodeObserver
+from twosra_mpc.control.observer import Estimate, MeltObserver
 from twosra_mpc.errors import InputError
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
-from twosra_mpc.robot.segment import LumpedSegment, TwoNodeSegment
-from twosra_mpc.thermal.lumped import Lumped
-from twosra_mpc.thermal.model import lumped, two_node
-from twosra_mpc.thermal.two_node import TwoNode
+from twosra_mpc.thermal.model import thresholds_C
 
 KnownStiffness = Stiffness | Literal["changing"]
 
@@ -134,45 +131,28 @@ class StiffnessRule:
         return "changing"
 
 
-def stiffness_rule(
-    robot: Robot, ambient_C: float, sensor_lags_s: tuple[float, float]
-) -> StiffnessRule:
-    """Build the rule for a robot's segments: about its melting point, or between its thresholds.
+def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRule:
+    """Build the rule for a segment (from 0): about its melting plateau, or between its thresholds.
 
     Raises:
         InputError: If the robot file has no ``[segment]``, or nothing would freeze in this air.
     """
-    match robot.segment:
-        case LumpedSegment() as made:
-            rule = _about_the_melting_point(
-                lumped(made, robot.geometry.lengths_m[0], robot, ambient_C), sensor_lags_s
-            )
-        case TwoNodeSegment() as fitted:
-            rule = _between_thresholds(two_node(fitted, robot, ambient_C), sensor_lags_s)
-        case None:
-            raise InputError("segment", None, f"a thermal description in robot {robot.name}")
+    model = segment_model(robot, ambient_C, segment)
+    _, lags_s = robot.thermal_segment(segment).sensor_gain_and_lags_s
+    solid_C, liquid_C = thresholds_C(model)
+    if solid_C == liquid_C:  # a plateau: its temperature is known only so well, and tells nothing
+        about_C = (solid_C - CLEARLY_LIQUID_K, solid_C + CLEARLY_LIQUID_K)
+        rule = StiffnessRule(
+            observer=MeltObserver(model, lags_s, about_C),
+            liquid_above_C=solid_C + CLEARLY_LIQUID_K,
+            solid_below_C=solid_C - CLEARLY_SOLID_K,
+            soft_until_C=solid_C + SURELY_LIQUID_K,
+            rigid_until_C=solid_C - SURELY_SOLID_K,
+        )
+    else:
+        observer = MeltObserver(model, lags_s, None)
+        rule = StiffnessRule(observer, liquid_C, solid_C, liquid_C, solid_C)
     if not ambient_C < rule.solid_below_C:
         allowed = f"less than {rule.solid_below_C:g} C, below which the segment is rigid"
         raise InputError("ambient_C", ambient_C, allowed)
     return rule
-
-
-def _about_the_melting_point(model: Lumped, sensor_lags_s: tuple[float, float]) -> StiffnessRule:
-    liquid_above_C = model.melting_point_C + CLEARLY_LIQUID_K
-    return StiffnessRule(
-        observer=LumpedObserver(model, sensor_lags_s, liquid_above_C),
-        liquid_above_C=liquid_above_C,
-        solid_below_C=model.melting_point_C - CLEARLY_SOLID_K,
-        soft_until_C=model.melting_point_C + SURELY_LIQUID_K,
-        rigid_until_C=model.melting_point_C - SURELY_SOLID_K,
-    )
-
-
-def _between_thresholds(model: TwoNode, sensor_lags_s: tuple[float, float]) -> StiffnessRule:
-    return StiffnessRule(
-        observer=TwoNodeObserver(model, sensor_lags_s),
-        liquid_above_C=model.liquid_level,
-        solid_below_C=model.solid_level,
-        soft_until_C=model.liquid_level,
-        rigid_until_C=model.solid_level,
-    )

@@ -18,14 +18,12 @@ from typing import Literal, Protocol
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.segment import TwoNodeSegment
 
 Wiring = Literal["sound", "open", "short"]
 Lag = tuple[float, float]
 
 _ZERO_C_K = 273.15
 _ROOM_K = 298.15
-LUMPED_LAGS_S = (4.0, 4.0)  # 2 to 8 s in all: how the sensor is embedded is not published
 
 
 class Characteristic(Protocol):
@@ -149,7 +147,7 @@ class TemperatureSensor:
     part: Characteristic = field(default_factory=NtcDivider)
     assumed: Characteristic = field(default_factory=NtcDivider)
     gain: float = 1.0
-    lags_s: tuple[float, float] = LUMPED_LAGS_S
+    lags_s: tuple[float, float] = (4.0, 4.0)
     noise_C: float = 0.02
     bits: int = 12
 
@@ -233,27 +231,24 @@ def _passed_on(tau_1: float, tau_2: float, duration_s: float) -> float:
 
 
 def temperature_sensor(
-    robot: Robot, ambient_C: float, part: Characteristic | None = None
+    robot: Robot, ambient_C: float, segment: int, part: Characteristic | None = None
 ) -> TemperatureSensor:
-    """Build the sensor of a robot's segments; gain and lag are those of its file, if it has any.
+    """Build the sensor of a segment; gain and lag are those of the robot's file, if it has any.
 
     Args:
         robot: The robot.
         ambient_C: Temperature of the air.
+        segment: Which segment, from 0.
         part: Circuit, which the firmware knows; default: the thermistor in its divider.
 
     Raises:
-        InputError: If the air is not within the circuit's range.
+        InputError: If the robot file has no ``[segment]``, or the air is not within the circuit's
+            range.
     """
     circuit: Characteristic = NtcDivider() if part is None else part
     coldest, hottest = circuit.range_C
     if not coldest <= ambient_C <= hottest:
         allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
         raise InputError("ambient_C", ambient_C, allowed)
-    sensor = TemperatureSensor(ambient_C, circuit, circuit)
-    match robot.segment:
-        case TwoNodeSegment() as fitted:
-            lags = (fitted.sensor_lag_s, fitted.sensor_lag_s)
-            return replace(sensor, gain=fitted.sensor_gain, lags_s=lags)
-        case _:
-            return sensor
+    gain, lags_s = robot.thermal_segment(segment).sensor_gain_and_lags_s
+    return TemperatureSensor(ambient_C, circuit, circuit, gain, lags_s)

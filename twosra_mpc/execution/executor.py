@@ -58,13 +58,12 @@ class Executor:
 
         Raises:
             InputError: If the plan is for another robot.
-            NoPlanError: If there is no plan in it.
             RobotError: If the robot cannot be driven any more.
         """
         if plan.robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
-        return _Execution(self.robot, self.settings, plan.require()).run()
+        return _Execution(self.robot, self.settings, plan).run()
 
 
 class _Execution:
@@ -157,17 +156,17 @@ class _Execution:
                 settings.accuracy,
                 self.broken,
             )
-            plan = find_plan(problem)
+            result = find_plan(problem)
         except InputError as error:
             return self._no_plan(str(error))
-        if not plan.found:
-            return self._no_plan(plan.message)
-        return self._adopt(plan)
+        if result.plan is None:
+            return self._no_plan(result.message)
+        return self._adopt(result.plan)
 
     def _adopt(self, plan: Plan) -> tuple[Ending, str] | None:
         """Go on with another plan, unless that has been done too often."""
         settings, where = self.settings, self.settings.accuracy.describe(self.session.error)
-        if plan.cost is not None and plan.cost.transitions:
+        if plan.cost.transitions:
             if self.replans == settings.replans:
                 return Ending.GAVE_UP, f"{where} after planning again {times(self.replans)}"
             self.replans, self.corrections = self.replans + 1, 0

@@ -24,8 +24,8 @@ from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.session import Session
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, mode_name
-from twosra_mpc.thermal.model import segment_model
 
 Array = NDArray[np.float64]
 
@@ -65,12 +65,15 @@ class _GreedyRun:
         self.modes = list(self.problem.modes)
         self.broken: list[int] = []
         heater = self.problem.robot.heater
-        model = segment_model(self.problem.robot, self.problem.ambient)
-        hot = model.initial(heater.soft_setpoint_C)
-        cold = model.initial(model.ambient_C)
+        models = [segment_model(self.problem.robot, self.problem.ambient, j) for j in (0, 1)]
         self.expected_s = {
-            "soft": model.time_until(cold, heater.melt_current_A, model.liquid_level),
-            "rigid": model.time_until(hot, 0.0, model.solid_level),
+            "soft": max(
+                m.time_until(m.initial(m.ambient_C), heater.melt_current_A, m.liquid_level)
+                for m in models
+            ),
+            "rigid": max(
+                m.time_until(m.initial(heater.soft_setpoint_C), 0.0, m.solid_level) for m in models
+            ),
         }
 
     def run(self) -> tuple[Ending, str]:

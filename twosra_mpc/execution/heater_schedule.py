@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import stiffness_rule
-from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.problem import Problem
@@ -119,6 +118,6 @@ def _reached(now: Progress, time_s: float) -> bool:
 def warm_setpoint_C(problem: Problem) -> float:
     """Temperature at which a segment is surely solid, even if its heater is a third stronger."""
     robot, air = problem.robot, problem.ambient
-    lags = temperature_sensor(robot, air).lags_s
-    melts_from_C = stiffness_rule(robot, air, lags).rigid_until_C
+    segments = range(robot.coordinates.segments)
+    melts_from_C = min(stiffness_rule(robot, air, j).rigid_until_C for j in segments)
     return air + _WARM_SHARE * (melts_from_C - air)

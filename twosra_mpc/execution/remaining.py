@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.problem.problem import Goal, Problem, Start, Tolerance
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode
 
@@ -72,13 +73,8 @@ def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -
     return tuple(map(agreed, measured_C, mode))
 
 
-def _goal(goal: Goal, q: Array, accuracy: Accuracy, broken: Collection[int]) -> Goal:
+def _goal(goal: GoalSet, q: Array, accuracy: Accuracy, broken: Collection[int]) -> GoalSet:
     """The same goal, with curvature tolerances within which nothing needs to melt."""
-    widths = list(goal.tolerance.kappa_per_m)
     off = np.abs(goal.error(q.copy())[POSE:]) / accuracy.curvature_per_m
-    for segment in range(len(widths)):
-        kept = ACCEPTED if segment not in broken else 1.0
-        share = float(off[segment]) + _ROUNDING if off[segment] <= kept else 0.0
-        widths[segment] += share * accuracy.curvature_per_m
-    tolerance = Tolerance(**{**dict(goal.tolerance), "kappa_per_m": tuple(widths)})
-    return Goal(**{**dict(goal), "tolerance": tolerance})
+    kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off))]
+    return goal.loosened(np.where(off <= kept, off + _ROUNDING, 0.0) * accuracy.curvature_per_m)

@@ -9,8 +9,6 @@ from pathlib import Path
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 
-COLUMNS = ("x", "y", "angle", "k1", "k2", "v1", "v2", "u0", "v0", "r0", "s1", "s2", "time")
-
 
 def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
     """Write configuration, input and stiffness of a plan, one row a sample, atomically.
@@ -24,14 +22,16 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
             period can fall between two rows.
 
     Raises:
-        NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
-    given = plan.require().trajectory
+    given = plan.trajectory
     samples = given.samples if rate_Hz is None else given.resampled(rate_Hz)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    numbers = range(1, plan.robot.geometry.segments + 1)
+    curvatures, modes = ([f"{letter}{j}" for j in numbers] for letter in "ks")
+    inputs = ("v1", "v2", "u0", "v0", "r0")
+    writer.writerow(["x", "y", "angle", *curvatures, *inputs, *modes, "time"])
     columns = (samples.q, samples.v, samples.mode, samples.t_s)
     for q, v, mode, time_s in zip(*(column.tolist() for column in columns), strict=True):
         writer.writerow((*q, *v, *mode, time_s))

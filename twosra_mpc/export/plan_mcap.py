@@ -49,7 +49,6 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         rate_Hz: Samples per second that are added to the plan's own; default: none.
 
     Raises:
-        NoPlanError: If the plan is not verified.
         InputError: If foxglove-sdk is not installed, or the rate or the path is not acceptable.
     """
     try:
@@ -61,8 +60,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         install = install_command("mcap")
         allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
         raise InputError("output", str(path), allowed) from error
-    verified = plan.require()
-    shown = verified if rate_Hz is None else refined(verified, rate_Hz)
+    shown = plan if rate_Hz is None else refined(plan, rate_Hz)
     context, memory = foxglove.Context(), io.BytesIO()  # a full disk is then an error like any
     robots = SceneUpdateChannel(SCENE, context=context)
     transforms = FrameTransformsChannel(FRAMES, context=context)
@@ -123,6 +121,6 @@ def _metadata(plan: Plan) -> dict[str, str]:
         "robot": plan.robot.name,
         "planner": plan.planner,
         "status": str(plan.status),
-        "message": plan.message,
+        "message": str(plan),
         "duration_s": f"{plan.duration_s:.6f}",
     }

@@ -9,10 +9,11 @@ import tomlkit
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
-from twosra_mpc.identification.path_fitting import fitted_path_tables
+from twosra_mpc.identification.path_fitting import CASES, fitted_path_tables
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.document import robot_document
-from twosra_mpc.robot.paths import LogSpiralPath
+from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
+from twosra_mpc.robot.paths import Path as PathRecord
 
 PATH_MODELS = ("log_spiral", "log_spiral_corrected", "arc", "cardioid")
 SPIRALS = ("log_spiral", "log_spiral_corrected")
@@ -57,3 +58,15 @@ def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, mod
     table.add(tomlkit.nl())
     document["path"] = table
     write_text(target, tomlkit.dumps(document))
+
+
+def parameters_in_words(path: PathRecord) -> tuple[list[str], list[str]]:
+    """Return the two parameters of each spiral and of each cardioid; "-" where it has none."""
+    spirals = zip(path.scale, path.growth, strict=True) if isinstance(path, LogSpiralPath) else ()
+    cardioids = (
+        zip(path.radius_m, path.phi_per_alpha, strict=True)
+        if isinstance(path, CardioidPath)
+        else ()
+    )
+    told = [[f"{a:.4f}, {b:.4f}" for a, b in pairs] for pairs in (spirals, cardioids)]
+    return told[0] or ["-"] * len(CASES), told[1] or ["-"] * len(CASES)

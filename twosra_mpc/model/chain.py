@@ -1,8 +1,7 @@
 """The fibre as a chain of straight links and arcs: where its points and the wheels are in b0.
 
-b0 sits in the middle of the middle link, the one before segment n // 2 (from 0); a single segment
-has none, and b0 is the fibre end of LU1. x points towards LU2. Poses are (x, y, angle) [m, m, rad],
-a column each, and a frame on the fibre has its x axis along it, towards LU2.
+b0 sits in the middle of a link, ``geometry.inner_link_of_b0``, its x axis towards LU2. Poses are
+(x, y, angle) [m, m, rad], a column each; a frame on the fibre has its x axis along it, towards LU2.
 """
 
 from __future__ import annotations
@@ -35,11 +34,10 @@ def fibre_poses(geometry: Geometry, q: ca.SX, segment: int, shares: ca.SX | ca.D
         segment: Which segment, from 0.
         shares: Where on it, 1xk: 0 at its end towards LU1, 1 at its end towards LU2.
     """
-    middle = geometry.segments // 2
-    side = 1 if segment >= middle else -1  # of b0; runs along the fibre are negative before it
-    half_link = geometry.middle_link_m / 2 if geometry.segments > 1 else 0.0
-    base = ca.SX([side * half_link, 0.0, 0.0])
-    for inner in range(middle if side > 0 else middle - 1, segment, side):
+    first = geometry.inner_link_of_b0
+    side = 1 if segment >= first else -1  # of b0; runs along the fibre are negative before it
+    base = ca.SX([side * geometry.half_link_m, 0.0, 0.0])
+    for inner in range(first if side > 0 else first - 1, segment, side):
         base = composed(base, _arc(q[POSE + inner], ca.DM(side * geometry.lengths_m[inner])))
         base = composed(base, ca.DM([side * geometry.middle_link_m, 0.0, 0.0]))
     outward = shares if side > 0 else shares - 1
@@ -52,16 +50,13 @@ def _arc(kappa: ca.SX, runs_m: ca.SX | ca.DM) -> ca.SX:
     return ca.vertcat(runs_m * sinc(alpha), runs_m * versine_ratio(alpha), alpha)
 
 
-def fibre_ends(geometry: Geometry, q: ca.SX) -> ca.SX:
-    """Poses in b0 of the fibre ends b1 (at LU1) and b2 (at LU2), 3x2, eq. transform-matrix."""
-    last = geometry.segments - 1
-    ends = fibre_poses(geometry, q, 0, ca.DM(0)), fibre_poses(geometry, q, last, ca.DM(1))
-    return ca.horzcat(*ends)
+def fibre_end_pose(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
+    """Pose in b0 of the fibre end of LU1 (unit 0) or LU2 (1), 3x1, eq. transform-matrix."""
+    return fibre_poses(geometry, q, unit * (geometry.segments - 1), ca.DM(unit))
 
 
-def wheel_poses(geometry: Geometry, q: ca.SX) -> ca.SX:
-    """Poses in b0 of the four wheels, their angle that of the drive direction, 3x4 (eq. q_bC)."""
+def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
+    """Poses in b0 of the four wheels, their angle that of the drive direction, 3x4, eq. q_bC."""
     placement = ca.DM(geometry.wheel_placement).T
-    ends = fibre_ends(geometry, q)
-    of_units = (composed(ends[:, i], placement[:, 2 * i : 2 * i + 2]) for i in (0, 1))
-    return ca.horzcat(*of_units)
+    ends = (fibre_end_pose(geometry, q, unit) for unit in (0, 0, 1, 1))
+    return ca.horzcat(*(composed(end, placement[:, i]) for i, end in enumerate(ends)))

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.chain import fibre_end_pose, wheel_pose_matrix
 from twosra_mpc.model.path_models import PathModel, path_model
-from twosra_mpc.model.series import sinc, versine_ratio
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import Geometry
@@ -117,31 +117,6 @@ def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX)
     ]
     drive = ca.vertcat(ca.diagcat(rotation, 1), ca.SX.zeros(geometry.segments, 3)) * rigid
     return ca.horzcat(*soft, drive)
-
-
-def fibre_end_pose(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
-    """Pose (x, y, angle) in b0 of the fibre end of LU1 (unit 0) or LU2 (1), transform-matrix."""
-    inner, side = geometry.inner_link_of_b0, (-1, 1)[unit]
-    outwards = range(inner, geometry.segments) if unit == 1 else range(inner - 1, -1, -1)
-    x, y, angle = ca.SX(0), ca.SX(0), ca.SX(0)
-    link = geometry.half_link_m
-    for segment in outwards:
-        length, alpha = geometry.lengths_m[segment], q[POSE + segment] * geometry.lengths_m[segment]
-        along, across = link + length * sinc(alpha), length * versine_ratio(alpha)
-        c, s = ca.cos(angle), ca.sin(angle)
-        x, y, angle = x + c * along - s * across, y + s * along + c * across, angle + alpha
-        link = geometry.middle_link_m
-    return ca.vertcat(side * x, y, side * angle)
-
-
-def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
-    """Poses of the four wheels in b0, 3x4: rows x, y [m], psi [rad] (eqs. q_bC, psi)."""
-    columns = []
-    for wheel, (x, y, beta) in enumerate(geometry.wheel_placement):
-        end = fibre_end_pose(geometry, q, wheel // 2)
-        c, s = ca.cos(end[2]), ca.sin(end[2])
-        columns.append(ca.vertcat(end[0] + c * x - s * y, end[1] + s * x + c * y, end[2] + beta))
-    return ca.horzcat(*columns)
 
 
 def wheel_configuration(geometry: Geometry, q: ca.SX, sigma: ca.SX) -> ca.SX:

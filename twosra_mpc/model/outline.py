@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.chain import composed, fibre_ends, fibre_poses, placed, wheel_poses
+from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed, wheel_pose_matrix
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Coordinates
 from twosra_mpc.robot.geometry import Geometry
 
@@ -47,7 +48,7 @@ class RobotShape(NamedTuple):
 
 
 def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShape:
-    """Place the robot at q = [x, y, phi, kappa1 ... kappan] [m, m, rad, 1/m], shape (..., 3 + n).
+    """Place the robot at q = (x, y, phi, kappa1 ... kappan) [m, m, rad, 1/m], shape (..., 3 + n).
 
     ``points`` are drawn along each segment.
 
@@ -59,14 +60,12 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShap
         raise InputError("q", at.shape, f"an array of shape (..., {size})")
     n, rows = geometry.segments, at.reshape(-1, size)
     shapes = ((n, points, 2), (n + 1, 2, 2), (2, 4, 2), (4, 4, 2), (2, 3))
-    parts = _outline(geometry, points)(rows.T)
-    return RobotShape(
-        at[..., :2],
-        *(
-            part.full().T.reshape(*at.shape[:-1], *shape)
-            for part, shape in zip(parts, shapes, strict=True)
-        ),
+    columns = (part.full().T.ravel() for part in _outline(geometry, points)(rows.T))
+    parts = (  # CasADi evaluates at least once, even for no rows
+        values[: len(rows) * math.prod(shape)].reshape(*at.shape[:-1], *shape)
+        for values, shape in zip(columns, shapes, strict=True)
     )
+    return RobotShape(at[..., :2], *parts)
 
 
 @lru_cache(maxsize=32)
@@ -76,10 +75,10 @@ def _outline(geometry: Geometry, points: int) -> ca.Function:
     shares = ca.DM(np.linspace(0.0, 1.0, points)).T
     segments = [fibre_poses(geometry, q, j, shares)[:2, :] for j in range(geometry.segments)]
     joints = [segment[:, [0, -1]] for segment in segments]  # a link from each end to the next one
-    ends, poses = fibre_ends(geometry, q), wheel_poses(geometry, q)
+    ends, poses = [fibre_end_pose(geometry, q, i) for i in (0, 1)], wheel_pose_matrix(geometry, q)
     half_side, link_m = geometry.unit_side_m / 2, geometry.end_link_m
     tips, units = [], []
-    for side, end in ((-1, ends[:, 0]), (1, ends[:, 1])):
+    for side, end in zip((-1, 1), ends, strict=True):
         tips.append(placed(end, ca.DM([side * link_m, 0.0])))
         centre = ca.DM([side * (link_m + half_side), 0.0])
         units.append(placed(end, centre + half_side * _CORNERS))
@@ -87,4 +86,4 @@ def _outline(geometry: Geometry, points: int) -> ca.Function:
     wheels = [placed(poses[:, i], tread * _CORNERS) for i in range(WHEELS)]
     parts = (segments, [tips[0], *joints, tips[1]], units, wheels)
     world = [placed(q[:POSE], ca.horzcat(*part)) for part in parts]
-    return ca.Function("outline", [q], [*world, composed(q[:POSE], ends)])
+    return ca.Function("outline", [q], [*world, composed(q[:POSE], ca.horzcat(*ends))])

@@ -308,3 +308,5 @@ def path_model(robot: Robot | Body) -> PathModel:
             return Cardioid(link, cardioid)
         case ArcPath() as arc:
             return Arc(body.geometry, arc.speed_reference == "side_wheel")
+        case other:
+            raise NotImplementedError(f"path model {other.model}")

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import casadi as ca
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.kinematics import fibre_end_pose, kinematics
+from twosra_mpc.model.chain import fibre_end_pose
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.coordinates import POSE, WHEELS
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.geometry import Geometry

@@ -22,12 +22,13 @@ from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.motion import roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import timed
-from twosra_mpc.planning.outcome import Verified, finished, verified
-from twosra_mpc.plans.plan import Plan, Stats, Status
+from twosra_mpc.planning.outcome import verified
+from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.modes import Mode, sequence_name
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import transition_model
 
 Array = NDArray[np.float64]
@@ -98,13 +99,13 @@ def _proposal(problem: Problem, q: Array, error: Array, mode: Mode) -> tuple[Arr
     return displacement, jacobian @ displacement
 
 
-def plan_greedily(problem: Problem) -> Plan:
-    """Plan with the greedy rule; the result is a plan like any other, without a lower bound."""
+def plan_greedily(problem: Problem) -> Result:
+    """Plan with the greedy rule; its plan is one like any other, without a lower bound."""
     started = time.perf_counter()
     path = greedy_path(problem)
     phases = _phases(path) or [(problem.start_mode, [np.zeros(5)])]
     sequence = tuple(mode for mode, _ in phases)
-    outcome: Verified | None = None
+    made: Plan | None = None
     timing = transition_model(problem)
     refusal = timing.refusal(sequence, problem.goal.mode)
     if path.ending is GreedyEnding.REACHED and refusal is None:
@@ -115,9 +116,9 @@ def plan_greedily(problem: Problem) -> Plan:
         motion = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
         network = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
         candidate = timed(motion, network, problem, iterations=0)
-        outcome = verified(problem, candidate, network) if candidate else None
+        made = verified(problem, candidate, network, "greedy") if candidate else None
     stats = Stats(time.perf_counter() - started, 0, 0, 0)
-    if outcome is None:
+    if made is None:
         reason = path.ending.value
         if refusal is not None:
             reason = refusal
@@ -126,14 +127,12 @@ def plan_greedily(problem: Problem) -> Plan:
             broken = broken_by_shapes(problem.robot, visited)
             words = "wheels lose control" if broken is None else broken.words(problem.robot.limits)
             reason = f"its path leads through shapes whose {words}"
-        message = f"the greedy rule found no plan: {reason}"
-        return finished(problem, "greedy", None, Status.FAILED, message, stats)
-    check = outcome.verification
-    status = Status.FEASIBLE if check.ok else Status.FAILED
-    message = f"{sequence_name(sequence)}: {outcome.cost.total:.1f} s by the greedy rule"
-    if not check.ok:
-        message += f", which does not verify: {'; '.join(check.problems)}"
-    return finished(problem, "greedy", outcome, status, message, stats)
+        status, message = Status.FAILED, f"the greedy rule found no plan: {reason}"
+    else:
+        status, message, check = made.status, str(made), made.verification
+        if not check.ok:
+            message += f", which does not verify: {'; '.join(check.problems)}"
+    return Result(problem, "greedy", status, message, None, None, stats, made)
 
 
 def _phases(path: GreedyPath) -> list[tuple[Mode, list[Array]]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -17,14 +18,15 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
 from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.outcome import Verified, finished, verified
+from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
 from twosra_mpc.planning.search.branch_and_bound import Ending, SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
-from twosra_mpc.plans.plan import Plan, Stats, Status
+from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import (
     CURVATURE,
     check_shapes,
@@ -34,7 +36,8 @@ from twosra_mpc.problem.limits import (
     surely_broken,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, sequence_name
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
@@ -48,12 +51,12 @@ class Progress(NamedTuple):
     lower_bound: float
 
 
-def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Plan:
+def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Result:
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 
-    Never raises for a problem that has no plan: ``Plan.status`` and ``Plan.message`` say so, and
-    ``Plan.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the best
-    plan so far with its true gap.
+    Never raises for a problem that has no plan: ``Result.status`` and ``Result.message`` say so,
+    and ``Result.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the
+    best plan so far with its true gap.
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
@@ -73,7 +76,7 @@ def plan_without(
     excluded: frozenset[ModeSequence],
     *,
     on_progress: Callable[[Progress], None] | None = None,
-) -> Plan:
+) -> Result:
     """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
     started = time.perf_counter()
     if (resting := _rest(problem)) is not None:
@@ -115,7 +118,7 @@ def mode_tree(
     )
 
 
-def _rest(problem: Problem) -> Plan | None:
+def _rest(problem: Problem) -> Result | None:
     """The empty plan, where the start is the goal already."""
     start = problem.start.configuration
     if problem.goal.error(start.copy()).any() or problem.start_mode != problem.goal.mode:
@@ -125,10 +128,9 @@ def _rest(problem: Problem) -> Plan | None:
     motion = roll_out(problem.robot, start, sequence, np.zeros((1, 1, 5)))
     candidate = timed(motion, network, problem, iterations=0)
     assert candidate is not None, "a robot that rests is where it should be"
-    done = verified(problem, candidate, network)
-    message = "the start is the goal: nothing to do"
-    stats = Stats(0.0, 0, 0, 0)
-    return finished(problem, "optimal", done, Status.OPTIMAL, message, stats, lower_bound=0.0)
+    made = replace(verified(problem, candidate, network), lower_bound=0.0)
+    message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0)
+    return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)
 
 
 class SequenceSolver:
@@ -141,7 +143,7 @@ class SequenceSolver:
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound
-    ) -> Iterator[tuple[float, Verified] | None]:
+    ) -> Iterator[tuple[float, Plan] | None]:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
         problem = self.problem
         guess = guess_motion(
@@ -162,7 +164,7 @@ class SequenceSolver:
 
     def _checked(
         self, candidate: Candidate | None, network: TemporalNetwork
-    ) -> tuple[float, Verified] | None:
+    ) -> tuple[float, Plan] | None:
         if candidate is None:
             return None
         checked = verified(self.problem, candidate, network)
@@ -172,24 +174,18 @@ class SequenceSolver:
 def bending_task(problem: Problem) -> BendingTask:
     """What the plan must do to the bending coordinates, from start, goal and path model."""
     facts = bending(problem.robot)
-    start, goal = problem.start.configuration[3:], problem.goal.configuration[3:]
-    width = problem.goal.half_width[3:].tolist()
+    start = problem.start.configuration
+    ends = zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True)
     limit = problem.robot.limits.curvature_per_m
-    origin = facts.coordinates(start.tolist())
-    change, room, words = [], [], []
-    for j, here in enumerate(origin):
-        if math.isnan(goal[j]):
-            low, high = -limit, limit
-            words.append(f"kappa{j + 1} free")
-        else:
-            low, high = max(goal[j] - width[j], -limit), min(goal[j] + width[j], limit)
-            box = f" (+- {width[j]:g})" if width[j] else ""
-            words.append(f"kappa{j + 1} from {start[j]:g} to {goal[j]:g}{box} 1/m")
+    origin = facts.coordinates(start[POSE:].tolist())
+    change, room, exact, words = [], [], [], []
+    for j, (here, (low, high)) in enumerate(zip(origin, ends, strict=True)):
+        low_w, high_w = (facts.coordinate(max(-limit, min(k, limit)), j) for k in (low, high))
         most = facts.coordinate(limit, j)
-        ends = (facts.coordinate(float(end), j) - here for end in (low, high))
-        change.append((next(ends), next(ends)))
+        change.append((low_w - here, high_w - here))
         room.append((-most - here, most - here))
-    exact = [None if math.isnan(k) or w else k for k, w in zip(goal.tolist(), width, strict=True)]
+        exact.append(low if low == high else None)
+        words.append(_asked(f"kappa{j + 1}", float(start[POSE + j]), low, high))
 
     def forbidden(mode: Mode, before: tuple[float, ...], bend: float) -> str | None:
         shapes = facts.shapes_on_the_way(mode, before, bend)
@@ -199,7 +195,7 @@ def bending_task(problem: Problem) -> BendingTask:
     return BendingTask(
         change=tuple(change),
         room=tuple(room),
-        start=tuple(start.tolist()),
+        start=tuple(start[POSE:].tolist()),
         goal=tuple(exact),
         rate=facts.fastest,
         origin=origin,
@@ -213,10 +209,19 @@ def bending_task(problem: Problem) -> BendingTask:
     )
 
 
+def _asked(name: str, start: float, low: float, high: float) -> str:
+    """What a goal asks of a curvature, in words."""
+    if not math.isfinite(high - low):
+        return f"{name} free"
+    box = f" (+- {(high - low) / 2:g})" if high > low else ""
+    return f"{name} from {start:g} to {(low + high) / 2:g}{box} 1/m"
+
+
 def pose_task(problem: Problem) -> PoseTask | None:
     """What the plan must do to the pose; None unless the goal gives it exactly."""
-    start, goal = problem.start.configuration, problem.goal.configuration
-    if np.isnan(goal[:3]).any() or problem.goal.half_width[:3].any():
+    start = problem.start.configuration
+    goal, end = (end[:POSE] for end in problem.goal.box(start))
+    if (goal != end).any():
         return None
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
     c, s = math.cos(start[2]), math.sin(start[2])
@@ -232,94 +237,80 @@ def pose_task(problem: Problem) -> PoseTask | None:
 
 def rigid_time(problem: Problem) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
-    start, goal = problem.start.configuration, problem.goal.configuration
+    start = problem.start.configuration
+    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box(start))
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
-    rows = rigid_rows(problem.robot, start[3:])
+    rows = rigid_rows(problem.robot, start[POSE:])
     c, s = math.cos(start[2]), math.sin(start[2])
-    shift, box = goal[:2] - start[:2], problem.goal.half_width
-    if np.isfinite(shift).all() and not box[:2].any():
+    given = np.isfinite(high - low)
+    ends = np.where(given, [low, high], math.nan)
+    shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
+    if given[:2].all() and not box[:2].any():
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
         rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    turn = goal[2] - start[2]
-    turns = (-math.inf, math.inf) if math.isnan(turn) else (turn - box[2], turn + box[2])
     return least_time(
         speed_rows=rows,
         shift=shift,
         shift_box=box[:2],
-        turns=turns,
+        turns=(float(low[2]), float(high[2])),
         modulo=problem.goal.phi_modulo,
         known_s=float(interval_durations(guess).sum()),
     )
 
 
 def _conclude(
-    problem: Problem,
-    result: SearchResult[Verified],
-    tree: ModeTree[Verified],
-    stats: Stats,
-) -> Plan:
-    """Turn the outcome of the search into a plan with a true status and a useful message."""
-    lower = result.lower_bound if math.isfinite(result.lower_bound) else None
-    early = result.ending in (Ending.LIMIT, Ending.INTERRUPTED)
-    if result.solution is not None:
-        status, message = _quality(problem, result, result.solution)
-    elif (proof := _proof(problem, result, tree)) is not None:
+    problem: Problem, search: SearchResult[Plan], tree: ModeTree[Plan], stats: Stats
+) -> Result:
+    """Turn the outcome of the search into a result with a true status and a useful message."""
+    lower = search.lower_bound if math.isfinite(search.lower_bound) else None
+    ending, made = search.ending, None
+    if search.solution is not None:
+        made = replace(search.solution, lower_bound=lower)
+        status, message = made.status, _quality(made, ending)
+    elif (proof := _proof(problem, search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
-        lower, early = None, False
+        lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
     else:
-        status, message = Status.FAILED, _failure(problem, result, tree)
-    return finished(
-        problem, "optimal", result.solution, status, message, stats, lower, stopped_early=early
-    )
+        status, message = Status.FAILED, _failure(problem, search, tree)
+    return Result(problem, "optimal", status, message, lower, ending, stats, made)
 
 
-def _quality(
-    problem: Problem, result: SearchResult[Verified], solution: Verified
-) -> tuple[Status, str]:
-    """Status and message of a plan that was found."""
-    gap = (result.cost - result.lower_bound) / result.cost if result.cost else 0.0
-    sequence = sequence_name([phase.mode for phase in solution.phases])
-    percent = f"{float(f'{100 * gap:.2g}'):g}"
-    message = f"{sequence}: {result.cost:.1f} s, proved within {percent} % of the best"
-    if gap <= problem.gap:
-        return Status.OPTIMAL, message
-    if result.ending is Ending.EXHAUSTED:
-        message += f"; no mode sequence of up to max_phases = {problem.max_phases} is left to try: "
-        return Status.FEASIBLE, message + "the gap is slack of the bounds, or in longer sequences"
-    return Status.FEASIBLE, f"{message}; {result.ending.value}: {_advice(result.ending)}"
+def _quality(made: Plan, ending: Ending) -> str:
+    """Message about a plan that was found."""
+    if made.status is Status.OPTIMAL:
+        return str(made)
+    if ending is Ending.EXHAUSTED:
+        tried = f"no mode sequence of up to max_phases = {made.problem.max_phases} is left to try"
+        return f"{made}; {tried}: the gap is slack of the bounds, or in longer sequences"
+    return f"{made}; {_STOPPED[ending]}: {_ADVICE[ending]}"
 
 
-def _proof(
-    problem: Problem, result: SearchResult[Verified], tree: ModeTree[Verified]
-) -> str | None:
+def _proof(problem: Problem, search: SearchResult[Plan], tree: ModeTree[Plan]) -> str | None:
     """Why there is no plan at all; None where that is not proved."""
     proof = impossibility(tree)
-    if proof is None and result.ending is Ending.EXHAUSTED and result.lower_bound == math.inf:
+    if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
         proof = disproof(tree)
     return proof
 
 
-def _failure(problem: Problem, result: SearchResult[Verified], tree: ModeTree[Verified]) -> str:
+def _failure(problem: Problem, search: SearchResult[Plan], tree: ModeTree[Plan]) -> str:
     """Why no plan was found although one may exist, and what to change."""
-    if result.ending is not Ending.EXHAUSTED:
-        effort = f"{result.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
-        return f"no plan found ({result.ending.value}): {_advice(result.ending)} ({effort})"
-    tried = f"no plan found ({result.solved} mode sequences tried)"
-    if result.solved == 0:
+    if (ending := search.ending) is not Ending.EXHAUSTED:
+        effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
+        return f"no plan found ({_STOPPED[ending]}): {_ADVICE[ending]} ({effort})"
+    tried = f"no plan found ({search.solved} mode sequences tried)"
+    if search.solved == 0:
         return f"{tried}: {too_few_phases(tree)}"
     rigid = problem.robot.rigid
-    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:3]).all():
+    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
         only = f"without mode {mode_name(rigid)} the pose changes only by bending"
         return f"{tried}: {only}: add {mode_name(rigid)} to modes"
-    return f"{tried}: {_advice(result.ending)}"
+    return f"{tried}: raise max_phases, allow more modes, or widen the goal's tolerance"
 
 
-def _advice(ending: Ending) -> str:
-    match ending:
-        case Ending.LIMIT:
-            return "raise time_limit_s or gap"
-        case Ending.INTERRUPTED:
-            return "run again to continue the search"
-        case _:
-            return "raise max_phases, allow more modes, or widen the goal's tolerance"
+_STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
+_ADVICE = {
+    Ending.LIMIT: "raise time_limit_s or gap",
+    Ending.INTERRUPTED: "run again to continue the search",
+}

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.motion import Motion
-from twosra_mpc.plans.heating import segment_heating
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, wheel_speeds
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.timing import Transition
+from twosra_mpc.timing import Transition, transition_model
 
 Array = NDArray[np.float64]
 
@@ -40,7 +39,7 @@ def sample(
         finish_s: End of the plan [s].
         transitions: Melts and freezes.
     """
-    heating = segment_heating(problem, transitions)
+    heating = transition_model(problem).heating(transitions)
     events = [time for item in heating for time in item.event_times() if time <= finish_s]
     times = np.unique([0.0, finish_s, *np.arange(0.0, finish_s, HOLD_SAMPLE_S), *events])
     t, q, v, mode = _on_path(_knots(motion, durations, phase_starts), times, problem.robot)

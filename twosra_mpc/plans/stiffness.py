@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
+from twosra_mpc.robot.modes import Mode
 
 State = Literal["rigid", "melting", "soft", "freezing"]
 CHANGING: tuple[State, ...] = ("melting", "freezing")
@@ -35,6 +36,12 @@ def state_at(intervals: Sequence[Interval], time_s: float) -> State:
     """The state at a time; at a border that of the interval that begins."""
     place = bisect_right([one.start_s for one in intervals], time_s + SAME_TIME_S) - 1
     return intervals[max(place, 0)].state
+
+
+def soft_and_changing(states: Sequence[State]) -> tuple[Mode, Mode]:
+    """Which segments are soft, and which melt or freeze; 1 where they do."""
+    soft = tuple(int(state == "soft") for state in states)
+    return soft, tuple(int(state in CHANGING) for state in states)
 
 
 def _intervals(changes: list[tuple[float, State]], end_s: float) -> tuple[Interval, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +14,11 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.motion import steps_for
-from twosra_mpc.plans.heating import SegmentHeating, segment_heating
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.timing import Transition
+from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 
 Array = NDArray[np.float64]
 
@@ -36,7 +35,7 @@ class Phase(NamedTuple):
     end_s: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Samples:
     """A plan at some times, for a robot of n segments; arrays are read-only.
 
@@ -77,8 +76,12 @@ class Samples:
     def __len__(self) -> int:
         return len(self.t_s)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The samples as plain data."""
+        return {item.name: getattr(self, item.name).tolist() for item in fields(self)}
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A plan's course from t = 0 to its end, asked at any times, which are clipped to that.
 
@@ -103,6 +106,10 @@ class Trajectory:
         if found != segments:
             allowed = f"a column for each of {segments} segments"
             raise InputError("samples.mode", f"{found} columns", allowed)
+        for i, item in enumerate(self.transitions):
+            if not 1 <= item.segment <= segments:
+                where = f"transitions.{i}.segment"
+                raise InputError(where, item.segment, f"from 1 to {segments}")
 
     @property
     def duration_s(self) -> float:
@@ -154,7 +161,7 @@ class Trajectory:
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
-        return segment_heating(self.problem, self.transitions)
+        return transition_model(self.problem).heating(self.transitions)
 
     @cached_property
     def _turned_rad(self) -> Array:

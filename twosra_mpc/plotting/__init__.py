@@ -40,7 +40,6 @@ from twosra_mpc.plotting.timeline import (
     draw_timeline,
     draw_wheel_speeds,
     plan_stretch,
-    segment_states,
 )
 
 if TYPE_CHECKING:
@@ -81,7 +80,6 @@ __all__ = [
     "plot_snapshots",
     "robot_shape",
     "save_figure",
-    "segment_states",
 ]
 
 _OF_RUNS = {"animate_run": "run_animation", "plot_run": "run_figure"}

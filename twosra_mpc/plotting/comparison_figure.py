@@ -14,9 +14,9 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.plan_figure import plan_title
-from twosra_mpc.plotting.timeline import draw_lanes, samples_of, state_handles
+from twosra_mpc.plotting.timeline import draw_lanes, state_handles
 
-WIDTH_IN, ROW_IN, BETWEEN_IN = 10.0, 0.78, 0.16
+WIDTH_IN, HEAD_IN, LANE_IN, BETWEEN_IN = 10.0, 0.3, 0.24, 0.16
 MOTION_COLOUR = "0.35"  # phases are too short for an area
 
 
@@ -28,15 +28,18 @@ def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None
         path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
 
     Raises:
-        NoPlanError: If a plan has no samples.
         InputError: If there is nothing to compare, matplotlib cannot write such a file, or the
             folder cannot be written.
     """
     every = list(chain.from_iterable(plans.values()))
     if not every:
         raise InputError("plans", dict(plans), "at least one plan")
-    end_s = max(float(samples_of(made).t_s[-1]) for made in every) or 1.0
-    heights = [h for each in plans.values() for h in (*[ROW_IN] * len(each), BETWEEN_IN)][:-1]
+    end_s = max(made.trajectory.duration_s for made in every) or 1.0
+    heights = list[float]()
+    for each in plans.values():
+        heights += (HEAD_IN + LANE_IN * made.robot.geometry.segments for made in each)
+        heights.append(BETWEEN_IN)
+    heights.pop()
     with styled_figure((WIDTH_IN, sum(heights) + 1.0), path) as figure:
         grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
         row, axes = 0, list[Axes]()
@@ -60,7 +63,7 @@ def _draw_row(ax: Axes, name: str, made: Plan) -> None:
     for phase in made.phases:
         ax.axvspan(phase.start_s, phase.end_s, color=MOTION_COLOUR, lw=1.2, zorder=4)
     ax.set_title(f"{name}: {plan_title(made)}", loc="left", fontsize=9)
-    ax.set_yticks((0, 1), ("2", "1"))
+    ax.set_yticks(ax.get_yticks(), [tick.get_text()[-1] for tick in ax.get_yticklabels()])
     ax.set_ylabel("segment", fontsize=8)
     ax.spines["bottom"].set_visible(False)
     ax.tick_params(axis="x", length=0)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -37,6 +40,14 @@ def styled_figure(size_in: tuple[float, float], path: str | Path | None) -> Iter
             ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
         if path is not None:
             save_figure(figure, path)
+
+
+def picture_address(figure: Figure, kind: Literal["png", "svg"]) -> str:
+    """Return a figure as the address of a picture that is part of the address."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    data = base64.b64encode(picture.getvalue()).decode()
+    return f"data:image/{'svg+xml' if kind == 'svg' else kind};base64,{data}"
 
 
 def check_figure_path(path: str | Path) -> None:

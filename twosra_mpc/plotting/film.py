@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, writers
@@ -28,28 +28,16 @@ UNCHANGED = 255  # place in the palette of a GIF for what is as in the frame bef
 OnProgress = Callable[[int, int], None]  # frames done, frames in all
 
 
-class Moment(NamedTuple):
-    """A frame: what it shows, and how fast time passes there.
-
-    Attributes:
-        time_s: Time shown.
-        pace: Seconds that pass in a second of the film.
-    """
-
-    time_s: float
-    pace: float
-
-
 class Filmed(Protocol):
     """What can be filmed."""
 
     figure: Figure
 
-    def show(self, moment: Moment) -> None:
-        """Move to a moment."""
+    def show(self, row: int) -> None:
+        """Move to a row of what is played."""
 
-    def image(self, moment: Moment) -> Image.Image:
-        """Move to a moment, and return a picture of it."""
+    def image(self, row: int) -> Image.Image:
+        """Move to a row, and return a picture of it."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +78,7 @@ def check_animation_path(path: str | Path) -> None:
 
 def record(
     scene: Filmed,
-    moments: Sequence[Moment],
+    rows: Sequence[int],
     path: str | Path | None = None,
     on_progress: OnProgress | None = None,
 ) -> Film:
@@ -98,7 +86,7 @@ def record(
 
     Args:
         scene: What is filmed.
-        moments: A frame each; the last one is shown longer.
+        rows: A frame each; the last one is shown longer.
         path: Where to save the film, atomically; its ending (gif, mp4) is the format.
         on_progress: Called after each frame.
 
@@ -108,34 +96,34 @@ def record(
     told = on_progress or (lambda done, total: None)
     width_px = round(scene.figure.get_figwidth() * scene.figure.dpi)
     if path is None:
-        return Film(_gif(scene, moments, told), "image/gif", width_px)
+        return Film(_gif(scene, rows, told), "image/gif", width_px)
     check_animation_path(path)
     with atomic_path(path) as temporary:
         if Path(path).suffix.lower() == ".gif":
-            film = Film(_gif(scene, moments, told), "image/gif", width_px)
+            film = Film(_gif(scene, rows, told), "image/gif", width_px)
         else:
-            film = Film(_mp4(scene, moments, told), "video/mp4", width_px)
+            film = Film(_mp4(scene, rows, told), "video/mp4", width_px)
         temporary.write_bytes(film.data)
     return film
 
 
-def _gif(scene: Filmed, moments: Sequence[Moment], told: OnProgress) -> bytes:
+def _gif(scene: Filmed, rows: Sequence[int], told: OnProgress) -> bytes:
     """All frames in one palette, undithered, with only the changes after the first."""
     palette = _palette()
 
     def frames() -> Iterator[Image.Image]:
         shown = np.full((1, 1), UNCHANGED, dtype=np.uint8)
-        for number, moment in enumerate(moments, start=1):
-            picture = scene.image(moment).quantize(palette=palette, dither=Image.Dither.NONE)
+        for number, row in enumerate(rows, start=1):
+            picture = scene.image(row).quantize(palette=palette, dither=Image.Dither.NONE)
             pixels = np.asarray(picture)
             changes = Image.fromarray(np.where(pixels == shown, np.uint8(UNCHANGED), pixels))
             changes.putpalette(palette.getpalette() or [])
             shown = pixels
             yield changes
-            told(number, len(moments))
+            told(number, len(rows))
 
     file, images = io.BytesIO(), frames()
-    durations_ms = [round(1000 / FRAMES_PER_S)] * (len(moments) - 1) + [round(1000 * LAST_FRAME_S)]
+    durations_ms = [round(1000 / FRAMES_PER_S)] * (len(rows) - 1) + [round(1000 * LAST_FRAME_S)]
     style: dict[str, Any] = {"loop": 0, "optimize": False, "duration": durations_ms}
     style |= {"transparency": UNCHANGED, "disposal": 1}  # what is transparent stays as it was
     next(images).save(file, format="GIF", save_all=True, append_images=images, **style)
@@ -158,14 +146,14 @@ def _palette() -> Image.Image:
     return image
 
 
-def _mp4(scene: Filmed, moments: Sequence[Moment], told: OnProgress) -> bytes:
+def _mp4(scene: Filmed, rows: Sequence[int], told: OnProgress) -> bytes:
     writer = FFMpegWriter(fps=FRAMES_PER_S)  # type: ignore[arg-type]  # ffmpeg takes any number
-    last = [moments[-1]] * round(LAST_FRAME_S * FRAMES_PER_S)
+    last = [rows[-1]] * round(LAST_FRAME_S * FRAMES_PER_S)
     with TemporaryDirectory() as folder:
         file = Path(folder, "film.mp4")
         with writer.saving(scene.figure, str(file), scene.figure.dpi):
-            for number, moment in enumerate([*moments, *last], start=1):
-                scene.show(moment)
+            for number, row in enumerate([*rows, *last], start=1):
+                scene.show(row)
                 writer.grab_frame()
-                told(number, len(moments) + len(last))
+                told(number, len(rows) + len(last))
         return file.read_bytes()

@@ -20,7 +20,7 @@ from twosra_mpc.control.controller import StiffnessController
 from twosra_mpc.control.heater_loop import HeaterRun
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.style import BESIDE, CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR
-from twosra_mpc.thermal.lumped import Lumped
+from twosra_mpc.thermal.model import thresholds_C
 
 SIZE_IN = (10.0, 6.6)
 TRUE_COLOUR, MEASURED_COLOUR, CURRENT_COLOUR = "#222222", "#12997c", "#5d4037"
@@ -84,8 +84,8 @@ def _draw_temperature(ax: Axes, run: HeaterRun, controller: StiffnessController)
     rule = controller.rule
     above, below, hold = rule.liquid_above_C, rule.solid_below_C, controller.soft_setpoint_C
     ax.axhspan(below, above, color=CHANGING_COLOUR, alpha=0.25, lw=0, label="melting, freezing")
-    if isinstance(rule.observer.model, Lumped):
-        melting = rule.observer.model.melting_point_C
+    melting, liquid = thresholds_C(rule.observer.model)
+    if melting == liquid:
         ax.axhline(melting, c="0.45", lw=0.8, label=f"melting point {melting:.0f} °C")
     style: dict[str, Any] = {"lw": 1.0, "ls": "--"}
     ax.axhline(below, c=RIGID_COLOUR, label=f"rigid below {below:.1f} °C", **style)

@@ -17,23 +17,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plotting import plane
 from twosra_mpc.plotting.figure_file import styled_figure
+from twosra_mpc.plotting.plan_figure import phase_rows
 from twosra_mpc.plotting.robot_drawing import draw_robot
 from twosra_mpc.plotting.style import (
     FAINT,
-    METAL_COLOUR,
     RIGID_COLOUR,
     SEGMENT_COLOURS,
     SOFT_COLOUR,
-    UNIT_COLOUR,
 )
-from twosra_mpc.plotting.timeline import COORDINATES, samples_of
+from twosra_mpc.plotting.timeline import COORDINATES
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
 from twosra_mpc.reproduction.published_model import published_jacobian
@@ -113,7 +112,7 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
         for task, colour in zip(TASKS, TASK_COLOURS, strict=True):
             _draw_loop_error(left, task, colour)
             for made, dashes in zip(_plans(task), ("-", "--"), strict=True):
-                samples = samples_of(made)
+                samples = made.trajectory.samples
                 share = _share(samples.q, samples.q[-1])
                 right.plot(samples.t_s, share, c=colour, ls=dashes, lw=1.5)
                 end: dict[str, Any] = {"ms": 7, "mfc": colour if dashes == "-" else "white"}
@@ -158,14 +157,8 @@ def plot_published_tasks(path: str | Path | None = None) -> Figure:
             for ax, (pieces, timed, above) in zip(column, shown, strict=True):
                 _draw_task(ax, geometry, pieces)
                 ax.set_title(f"{above}{_sequence(pieces)}\n{timed.duration_s:.0f} s with waits")
-            corners = [
-                robot_shape(geometry, q, 2).wheels.reshape(-1, 2)
-                for piece in (*published, *planned)
-                for q in piece.q[[0, -1]]
-            ]
-            for ax in column:
-                ax.set_aspect("equal", adjustable="datalim")
-                ax.update_datalim(np.concatenate(corners))
+            ends = np.concatenate([piece.q[[0, -1]] for piece in (*published, *planned)])
+            plane.to_one_scale(column, robot_shape(geometry, ends, 2).wheels)
         for row, name in zip(grid, ("as published", "this planner"), strict=True):
             row[0].set_ylabel(name, fontsize=11, fontweight="bold")
         _task_legend(figure)
@@ -271,10 +264,8 @@ def _published_pieces(task: str) -> Iterator[_Piece]:
 
 
 def _planned_pieces(made: Plan) -> Iterator[_Piece]:
-    samples = samples_of(made)
     for phase in made.phases:
-        low, high = np.searchsorted(samples.t_s, (phase.start_s - 1e-9, phase.end_s + 1e-9))
-        yield _Piece(phase.mode, samples.q[low:high])
+        yield _Piece(phase.mode, phase_rows(made.trajectory.samples, phase))
 
 
 def _sequence(pieces: Sequence[_Piece]) -> str:
@@ -292,16 +283,15 @@ def _draw_task(ax: Axes, geometry: Geometry, pieces: Sequence[_Piece]) -> None:
         centres = robot_shape(geometry, piece.q, 2).centres
         for unit in (0, 1):
             ax.plot(*centres[:, unit].T, c=colour, lw=0.9, zorder=4)
-    ax.set(xticks=[], yticks=[])
-    ax.spines[:].set(visible=True, color="0.8")
+    plane.frame(ax)
 
 
 def _task_legend(figure: Figure) -> None:
     entries: dict[str, Any] = {
-        "start": Patch(fc=UNIT_COLOUR, ec=METAL_COLOUR, alpha=FAINT),
-        "target": Patch(fc=UNIT_COLOUR, ec=METAL_COLOUR),
-        "path with a soft segment": Line2D([], [], c=SOFT_COLOUR, lw=1.4),
-        "path with both rigid": Line2D([], [], c=RIGID_COLOUR, lw=1.4),
+        "start": plane.FAINT_ROBOT,
+        "target": plane.ROBOT,
+        "path with a soft segment": plane.line(SOFT_COLOUR, 1.4),
+        "path with both rigid": plane.line(RIGID_COLOUR, 1.4),
         "change of mode": Line2D([], [], c="0.3", marker="o", mfc="white", ms=4, ls=""),
     }
-    figure.legend(entries.values(), entries, loc="outside lower center", ncols=5)
+    plane.legend_below(figure, entries, 5)

@@ -18,7 +18,7 @@ from twosra_mpc.plotting.style import (
     UNIT_COLOUR,
 )
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import RIGID, Mode
+from twosra_mpc.robot.modes import Mode, rigid_mode
 
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths
 
@@ -29,7 +29,7 @@ def draw_robot(
     q: ArrayLike,
     mode: Mode,
     *,
-    changing: Mode = RIGID,
+    changing: Mode = (),
     alpha: float = 1.0,
     linewidth: float = 4.0,
 ) -> Axes:
@@ -38,9 +38,9 @@ def draw_robot(
     Args:
         ax: Axes in m; give it an equal aspect to see the robot as it is.
         geometry: Lengths of the robot.
-        q: Configuration [m, m, rad, 1/m, 1/m], shape (5,).
+        q: Configuration [m, m, rad, 1/m ...], shape (3 + n,).
         mode: 1 where a segment is soft.
-        changing: 1 where a segment melts or freezes, whatever ``mode`` says.
+        changing: 1 where a segment melts or freezes, whatever ``mode`` says; default: nowhere.
         alpha: Opacity.
         linewidth: Width of the segments [pt]; the other lines scale with it.
 
@@ -57,18 +57,18 @@ def robot_artists(
     q: ArrayLike,
     mode: Mode,
     *,
-    changing: Mode = RIGID,
+    changing: Mode = (),
     alpha: float = 1.0,
     linewidth: float = 4.0,
 ) -> list[Artist]:
-    """Draw the robot as ``draw_robot`` does; every artist drawn, the two segments first."""
-    shape = robot_shape(geometry, q)
+    """Draw the robot as ``draw_robot`` does; every artist drawn, the segments first."""
+    shape, changes = robot_shape(geometry, q), changing or rigid_mode(len(mode))
     style: dict[str, Any] = {"alpha": alpha, "zorder": 3, "solid_capstyle": "butt"}
     fill: dict[str, Any] = {"alpha": alpha, "zorder": 3, "lw": linewidth / 5}
     hatch: dict[str, Any] = {"alpha": alpha, "zorder": 3.1, "c": "white", "ls": HATCH}
     artists: list[Artist] = []
-    for arc, soft, changes in zip(shape.segments, mode, changing, strict=True):
-        colour = CHANGING_COLOUR if changes else SOFT_COLOUR if soft else RIGID_COLOUR
+    for arc, soft, now in zip(shape.segments, mode, changes, strict=True):
+        colour = CHANGING_COLOUR if now else SOFT_COLOUR if soft else RIGID_COLOUR
         artists += ax.plot(*arc.T, lw=linewidth, c=colour, **style)
     for link in shape.links:
         artists += ax.plot(*link.T, lw=linewidth / 1.7, c=METAL_COLOUR, **style)
@@ -76,8 +76,8 @@ def robot_artists(
         artists += ax.fill(*unit.T, fc=UNIT_COLOUR, ec=METAL_COLOUR, **fill)
     for wheel in shape.wheels:
         artists += ax.fill(*wheel.T, fc=METAL_COLOUR, ec="none", **fill)
-    for arc, changes in zip(shape.segments, changing, strict=True):
-        if changes:
+    for arc, now in zip(shape.segments, changes, strict=True):
+        if now:
             artists += ax.plot(*arc.T, lw=linewidth, **hatch)
     return artists
 

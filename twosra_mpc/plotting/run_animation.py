@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.simulation.plant import Truth
-from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting.animation import animate_story
+from twosra_mpc.plotting.animation import animate
 from twosra_mpc.plotting.film import Film, OnProgress
+from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.plotting.run_figure import (
     goal_configuration,
     joined_drives,
@@ -18,7 +19,8 @@ from twosra_mpc.plotting.run_figure import (
     run_stretch,
     run_title,
 )
-from twosra_mpc.plotting.scene import Story
+
+Array = NDArray[np.float64]
 
 
 def animate_run(
@@ -41,27 +43,32 @@ def animate_run(
     Raises:
         InputError: If such a file cannot be written.
     """
-    return animate_story(run_story(run, truth), path, duration_s, on_progress)
+    words = {"optimal": "closed loop", "greedy": "greedy rule"}[run.executor]
+    titles = f"{run.problem.robot.name}: {words}", run_title(run).splitlines()[0]
+    return animate(run_playback(run, truth), titles, path, duration_s, on_progress)
 
 
-def run_story(run: Run, truth: Truth | None = None) -> Story:
-    """What the animation of a run shows; ``truth`` as for ``animate_run``."""
-    log, problem = run.log, run.problem
-    time_s = log.time_s if truth is None else truth.time_s
-    rows = np.clip(np.searchsorted(log.time_s, time_s + 1e-9) - 1, 0, None)
-    words = {"optimal": "closed loop", "greedy": "greedy rule"}
-    return Story(
-        title=f"{problem.robot.name}: {words[run.executor]}",
-        ending=run_title(run).splitlines()[0],
+def run_playback(run: Run, truth: Truth | None = None) -> Playback:
+    """Play a run; ``truth`` as for ``animate_run``. Between its rows, a log is interpolated."""
+    log, problem, stretch = run.log, run.problem, run_stretch(run)
+    times = np.minimum(places_s(stretch), log.time_s[-1])
+    recorded = log if truth is None else truth
+
+    def then(values: Array) -> Array:
+        return np.column_stack([np.interp(times, recorded.time_s, v) for v in values.T])
+
+    unknown = np.full((len(times), problem.robot.coordinates.segments), np.nan)
+    sent = np.clip(np.searchsorted(log.time_s, times + 1e-9) - 1, 0, None)
+    return Playback(
         geometry=problem.robot.geometry,
-        melting_C=problem.stiffness_thresholds_C,
         goal=goal_configuration(run),
-        time_s=time_s,
-        q=log.q if truth is None else truth.q,
-        temperature_C=log.temperature_C if truth is None else truth.temperature_C,
-        melt_fraction=np.full((len(time_s), 2), np.nan) if truth is None else truth.melt_fraction,
-        heated=log.setpoint_C[rows] > problem.robot.heater.rigid_setpoint_C,
-        states=(reported_states(run, 0), reported_states(run, 1)),
-        drives=tuple(Phase(*drive) for drive in joined_drives(run)),
-        stretch=run_stretch(run),
+        melting_C=problem.stiffness_thresholds_C,
+        phases=tuple(joined_drives(run)),
+        intervals=reported_states(run),
+        stretch=stretch,
+        time_s=times,
+        q=then(recorded.q),
+        temperature_C=then(recorded.temperature_C),
+        melt_fraction=unknown if truth is None else then(truth.melt_fraction),
+        heated=log.setpoint_C[sent] > problem.robot.heater.rigid_setpoint_C,
     )

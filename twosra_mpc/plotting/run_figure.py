@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,28 +15,35 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.run import CHANGING, Drive, Run, times
+from twosra_mpc.execution.run import CHANGING, Run, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.stiffness import Interval, State
 from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plotting import plane
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.robot_drawing import draw_outline, draw_robot
 from twosra_mpc.plotting.style import (
     BESIDE,
     FAINT,
-    METAL_COLOUR,
     PLANNED_COLOUR,
     RIGID_COLOUR,
     SEGMENT_COLOURS,
     SOFT_COLOUR,
-    STATES,
-    UNIT_COLOUR,
+    UNIT_COLOURS,
 )
 from twosra_mpc.plotting.time_axis import TimeStretch
+from twosra_mpc.plotting.timeline import (
+    draw_stiffness,
+    finished,
+    mark_melting,
+    name_phases,
+    state_handles,
+    wheel_speeds,
+)
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
@@ -76,133 +83,108 @@ def run_title(run: Run) -> str:
     return f"{first}\nafter {run.duration_s:.0f} s{against}, {transitions}{again}"
 
 
-def joined_drives(run: Run) -> list[Drive]:
-    """Drives, those of one mode that follow each other closely joined."""
-    joined: list[Drive] = []
+def joined_drives(run: Run) -> list[Phase]:
+    """When the robot was driven, drives of one mode that follow each other closely joined."""
+    joined: list[Phase] = []
     for drive in run.drives:
         before = joined[-1] if joined else None
         if before and before.mode == drive.mode and drive.start_s - before.end_s < JOINED_S:
             joined[-1] = before._replace(end_s=drive.end_s)
         else:
-            joined.append(drive)
+            joined.append(Phase(*drive))
     return joined
 
 
 def _draw_plane(figure: SubFigure, run: Run, time_s: Array, q: Array) -> None:
     """The whole run on the left; on the right each drive, planned and executed."""
-    drives = joined_drives(run)[:9]
-    outer = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.15))
-    panels = [figure.add_subplot(outer[0])]
-    _draw_overview(panels[0], run, time_s, q)
-    rows = 1 if len(drives) < 2 else 2 if len(drives) <= 6 else 3
-    columns = max(1, -(-len(drives) // rows))
-    grid = outer[1].subgridspec(rows, 2 * columns)
-    for number, drive in enumerate(drives):
-        row, column = divmod(number, columns)
-        left = 2 * column + (row == rows - 1) * (rows * columns - len(drives))  # centred
-        panels.append(figure.add_subplot(grid[row, left : left + 2]))
-        _draw_drive(panels[-1], run, time_s, q, number, drive)
-    corners = robot_shape(run.problem.robot.geometry, q[::20], 2).wheels
-    for panel in panels:
-        panel.set_aspect("equal", adjustable="datalim")
-        panel.update_datalim(corners.reshape(-1, 2))
-    _plane_legend(figure, planned=bool(run.plans))
-
-
-def _draw_overview(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
-    geometry = run.problem.robot.geometry
-    draw_robot(ax, geometry, q[0], run.problem.start_mode, alpha=FAINT, linewidth=5)
-    draw_robot(ax, geometry, q[-1], run.problem.goal.mode, linewidth=5)
-    draw_outline(ax, geometry, goal_configuration(run))
-    _draw_paths(ax, run, time_s, q, 0.0, math.inf)
-    ax.margins(0.12, 0.1)
-    ax.set(xlabel="x [m]", ylabel="y [m]")
+    geometry, drives = run.problem.robot.geometry, joined_drives(run)[:9]
+    axes = plane.overview_and_panels(figure, len(drives), 1.15)
+    draw_robot(axes[0], geometry, q[0], run.problem.start_mode, alpha=FAINT, linewidth=5)
+    draw_robot(axes[0], geometry, q[-1], run.problem.goal.mode, linewidth=5)
+    draw_outline(axes[0], geometry, goal_configuration(run))
+    _draw_paths(axes[0], run, time_s, q, 0.0, math.inf)
+    axes[0].margins(0.12, 0.1)
+    axes[0].set(xlabel="x [m]", ylabel="y [m]")
+    for number, (ax, drive) in enumerate(zip(axes[1:], drives, strict=True), start=1):
+        _draw_drive(ax, run, time_s, q, number, drive)
+    plane.to_one_scale(axes, robot_shape(geometry, q[::20], 2).wheels)
+    entries: dict[str, Any] = {
+        "start": plane.FAINT_ROBOT,
+        "end": plane.ROBOT,
+        "planned" if run.plans else "goal": plane.DASHED,
+        "rigid": plane.RIGID,
+        "soft": plane.SOFT,
+        "path of unit 1": plane.line(UNIT_COLOURS[0]),
+        "of unit 2": plane.line(UNIT_COLOURS[1]),
+        "of the middle link": plane.line(SOFT_COLOUR),
+    }
+    plane.legend_below(figure, entries, 8)
 
 
 def goal_configuration(run: Run) -> Array:
     """Goal of a run; free coordinates as planned first, or as reached."""
     goal = run.problem.goal.configuration
-    samples = run.plans[0].samples if run.plans else None
-    other = run.log.q[-1] if samples is None else samples.q[-1]
-    return np.where(np.isnan(goal), other, goal)
+    reached = run.plans[0].trajectory.samples.q if run.plans else run.log.q
+    return np.where(np.isnan(goal), reached[-1], goal)
 
 
-def _draw_drive(ax: Axes, run: Run, time_s: Array, q: Array, number: int, drive: Drive) -> None:
+def _draw_drive(ax: Axes, run: Run, time_s: Array, q: Array, number: int, drive: Phase) -> None:
     geometry, mode = run.problem.robot.geometry, drive.mode
     first, last = np.searchsorted(time_s, (drive.start_s, drive.end_s))
     draw_robot(ax, geometry, q[first], mode, alpha=FAINT, linewidth=3)
     draw_robot(ax, geometry, q[min(last, len(q) - 1)], mode, linewidth=3)
-    rows = run.log.time_s <= drive.end_s + 1e-6
-    planned = run.log.planned[rows]
-    planned = planned[~np.isnan(planned[:, 0])]
+    planned = _planned(run, 0.0, drive.end_s)
     if len(planned):
         draw_outline(ax, geometry, planned[-1])
     _draw_paths(ax, run, time_s, q, drive.start_s, drive.end_s)
     took = drive.end_s - drive.start_s
-    ax.set_title(f"{number + 1}: {mode_name(mode)} at {drive.start_s:.0f} s, {took:.1f} s")
-    ax.set(xticks=[], yticks=[])
-    ax.spines[:].set(visible=True, color="0.8")
+    ax.set_title(f"{number}: {mode_name(mode)} at {drive.start_s:.0f} s, {took:.1f} s")
+
+
+def _planned(run: Run, start_s: float, end_s: float) -> Array:
+    """Where the plan was from one time to another, wherever there was one."""
+    time_s, planned = run.log.time_s, run.log.planned
+    return planned[_within(time_s, start_s, end_s) & ~np.isnan(planned[:, 0])]
+
+
+def _within(time_s: Array, start_s: float, end_s: float) -> NDArray[np.bool_]:
+    return (time_s >= start_s - 1e-6) & (time_s <= end_s + 1e-6)
 
 
 def _draw_paths(ax: Axes, run: Run, time_s: Array, q: Array, start_s: float, end_s: float) -> None:
     """Paths of the units' centres and of the middle link: executed, and dashed as planned."""
-    geometry = run.problem.robot.geometry
-    log = run.log
-    logged = (log.time_s >= start_s - 1e-6) & (log.time_s <= end_s + 1e-6)
-    done = (time_s >= start_s - 1e-6) & (time_s <= end_s + 1e-6)
-    planned = log.planned[logged]
-    planned = planned[~np.isnan(planned[:, 0])]
     styles: tuple[tuple[Array, dict[str, Any]], ...] = (
-        (planned, {"ls": "--", "lw": 1.0, "alpha": 0.8}),
-        (q[done], {"ls": "-", "lw": 1.5}),
+        (_planned(run, start_s, end_s), {"ls": "--", "lw": 1.0, "alpha": 0.8}),
+        (q[_within(time_s, start_s, end_s)], {"ls": "-", "lw": 1.5}),
     )
     for rows, style in styles:
-        if not len(rows):
-            continue
-        centres = robot_shape(geometry, rows, 2).centres
-        for unit, colour in enumerate(SEGMENT_COLOURS):
+        centres = robot_shape(run.problem.robot.geometry, rows, 2).centres
+        for unit, colour in enumerate(UNIT_COLOURS):
             ax.plot(*centres[:, unit].T, c=colour, zorder=5, **style)
         ax.plot(*rows[:, :2].T, c=SOFT_COLOUR, zorder=5, **style)
-
-
-def _plane_legend(figure: SubFigure, *, planned: bool) -> None:
-    entries: dict[str, Any] = {
-        "start": Patch(fc=UNIT_COLOUR, ec=METAL_COLOUR, alpha=FAINT),
-        "end": Patch(fc=UNIT_COLOUR, ec=METAL_COLOUR),
-        "planned" if planned else "goal": Line2D([], [], c=PLANNED_COLOUR, lw=1.2, ls="--"),
-        "rigid": Line2D([], [], c=RIGID_COLOUR, lw=4),
-        "soft": Line2D([], [], c=SOFT_COLOUR, lw=4),
-        "path of unit 1": Line2D([], [], c=SEGMENT_COLOURS[0], lw=1.5),
-        "of unit 2": Line2D([], [], c=SEGMENT_COLOURS[1], lw=1.5),
-        "of the middle link": Line2D([], [], c=SOFT_COLOUR, lw=1.5),
-    }
-    figure.legend(entries.values(), entries, loc="outside lower center", ncols=8, columnspacing=1.2)
 
 
 def run_stretch(run: Run) -> TimeStretch:
     """Time axis of a run, stretched where it was driven."""
     drives = joined_drives(run)
-    phases = [Phase(*drive) for drive in drives]
     least = min(0.12, 0.6 / max(len(drives), 1))
-    return TimeStretch.of(phases, run.duration_s or 1.0, least)
+    return TimeStretch.of(drives, run.duration_s or 1.0, least)
 
 
 def _draw_timeline(
     figure: SubFigure, run: Run, truth: Truth | None, time_s: Array, q: Array
 ) -> None:
-    axes = figure.subplots(5, 1, sharex=True, height_ratios=(1.0, 1.0, 1.0, 0.9, 1.0))
+    heights = (0.5 * run.problem.robot.coordinates.segments, 1.0, 1.0, 0.9, 1.0)
+    axes = figure.subplots(5, 1, sharex=True, height_ratios=heights)
     stretch, drives = run_stretch(run), joined_drives(run)
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
     stretch.apply(axes[-1]).set_xlabel(note)
-    _draw_stiffness(axes[0], run, stretch, drives)
+    _draw_states(axes[0], run)
+    name_phases(axes[0], drives, stretch, "{number}: {mode}")
     _draw_curvatures(axes[1], run, time_s, q)
     _draw_distances(axes[2], run, time_s, q)
-    _draw_wheel_speeds(axes[3], run)
+    wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s)
     _draw_temperatures(axes[4], run, truth)
-    for ax in axes[1:]:
-        ax.legend(**BESIDE)
-    for ax in (axes[1], axes[3], axes[4]):
-        ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
     for ax, event in product(axes, run.events):
@@ -211,32 +193,30 @@ def _draw_timeline(
     figure.align_ylabels(axes)
 
 
-def reported_states(run: Run, segment: int) -> list[tuple[float, float, str]]:
-    """(from, to, state) of segment 0 or 1 [s]; "rigid", "melting", "soft" or "freezing"."""
+def reported_states(run: Run) -> tuple[tuple[Interval, ...], ...]:
+    """For each segment, the intervals of its stiffness as its controller reported it."""
     log, heater = run.log, run.problem.robot.heater
-    melting = log.setpoint_C[:, segment] >= heater.soft_setpoint_C
-    changing = np.where(melting, "melting", "freezing")
-    told = log.stiffness[:, segment]
-    states = np.where(told == CHANGING, changing, np.where(told > CHANGING, "soft", "rigid"))
-    edges = [0, *(np.flatnonzero(states[1:] != states[:-1]) + 1).tolist(), len(states) - 1]
-    return [
-        (float(log.time_s[i]), float(log.time_s[j]), str(states[i])) for i, j in pairwise(edges)
-    ]
+    asked = np.where(log.setpoint_C >= heater.soft_setpoint_C, "melting", "freezing")
+    still = np.where(log.stiffness > CHANGING, "soft", "rigid")
+    states = np.where(log.stiffness == CHANGING, asked, still)
+    return tuple(_intervals(log.time_s.tolist(), column.tolist()) for column in states.T)
 
 
-def _draw_stiffness(ax: Axes, run: Run, stretch: TimeStretch, drives: Sequence[Drive]) -> None:
-    """A bar a segment, as reported; the drives named above."""
-    for segment, row in ((0, 1.0), (1, 0.0)):
-        for low, high, state in reported_states(run, segment):
-            ax.barh(row, high - low, 0.6, low, **STATES[state])
-    for number, drive in enumerate(drives):
-        middle = stretch.forward(np.array(drive[1:])).mean()
-        text = f"{number + 1}: {mode_name(drive.mode)}"
-        ax.text(middle, 1.0, text, transform=ax.transAxes, ha="center", va="bottom", fontsize=8.5)
-    ax.set(ylim=(-0.5, 1.5), yticks=(0, 1), yticklabels=("segment 2", "segment 1"))
+def _intervals(time_s: Sequence[float], states: Sequence[State]) -> tuple[Interval, ...]:
+    """Runs of one state; the last row only says when the run ended."""
+    begins = [0, *(i for i in range(1, len(states) - 1) if states[i] != states[i - 1])]
+    ends = [*begins[1:], len(states) - 1]
+    return tuple(
+        Interval(time_s[i], time_s[j], states[i]) for i, j in zip(begins, ends, strict=True)
+    )
+
+
+def _draw_states(ax: Axes, run: Run) -> None:
+    """A bar a segment, as reported."""
+    intervals = reported_states(run)
+    draw_stiffness(ax, intervals, 0.6).set_ylim(-0.5, len(intervals) - 0.5)
     ax.tick_params(axis="y", length=0)
-    names = [name for name in STATES if name != "heater current"]
-    handles: list[Any] = [Patch(label=name, **STATES[name]) for name in names]
+    handles: list[Any] = state_handles("heater current")
     if run.replans:
         handles.append(Line2D([], [], c=SOFT_COLOUR, lw=1.0, ls=":", label="planned again"))
     ax.legend(handles=handles, **BESIDE)
@@ -244,15 +224,15 @@ def _draw_stiffness(ax: Axes, run: Run, stretch: TimeStretch, drives: Sequence[D
 
 def _draw_curvatures(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
     log = run.log
-    for j, colour in enumerate(SEGMENT_COLOURS):
+    for j, colour in enumerate(SEGMENT_COLOURS[: q.shape[1] - POSE]):
         seen: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "alpha": 0.35, "mew": 0}
-        ax.plot(log.time_s, log.measured[:, 3 + j], c=colour, **seen)
-        ax.plot(log.time_s, log.planned[:, 3 + j], c=colour, lw=1.1, ls="--")
-        ax.plot(time_s, q[:, 3 + j], c=colour, lw=1.5, label=rf"$\kappa_{j + 1}$")
+        ax.plot(log.time_s, log.measured[:, POSE + j], c=colour, **seen)
+        ax.plot(log.time_s, log.planned[:, POSE + j], c=colour, lw=1.1, ls="--")
+        ax.plot(time_s, q[:, POSE + j], c=colour, lw=1.5, label=rf"$\kappa_{j + 1}$")
     if run.plans:
         ax.plot([], [], c=PLANNED_COLOUR, lw=1.1, ls="--", label="planned")
     ax.plot([], [], c=PLANNED_COLOUR, ls="", marker=".", alpha=0.6, label="camera")
-    ax.set(ymargin=0.12, ylabel="curvature\n[1/m]")
+    finished(ax, "curvature\n[1/m]")
 
 
 def _draw_distances(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
@@ -263,7 +243,7 @@ def _draw_distances(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
     parts = {
         "position": (np.hypot(errors[:, 0], errors[:, 1]), RIGID_COLOUR),
         "heading": (np.abs(errors[:, 2]), "#7b5ea7"),
-        "curvatures": (np.abs(errors[:, 3:]).max(axis=1), SOFT_COLOUR),
+        "curvatures": (np.abs(errors[:, POSE:]).max(axis=1), SOFT_COLOUR),
     }
     for name, (distance, colour) in parts.items():
         ax.plot(time_s, np.maximum(distance, 1e-3), c=colour, lw=1.3, label=name)
@@ -273,22 +253,13 @@ def _draw_distances(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
     most = max(10.0, *(float(np.nanmax(distance)) for distance, _ in parts.values()))
     ax.set_yscale("log")
     ax.set(ylim=(0.02, 2 * most), ylabel="from goal\n/ accuracy")
-
-
-def _draw_wheel_speeds(ax: Axes, run: Run) -> None:
-    for wheel, speed in enumerate(run.log.wheel_rad_s.T):
-        colour, dashes = SEGMENT_COLOURS[wheel // 2], ("-", "--")[wheel % 2]
-        style: dict[str, Any] = {"c": colour, "where": "post", "lw": 1.0}
-        ax.step(run.log.time_s, speed, dashes, label=f"wheel {wheel + 1}", **style)
-    ax.set(ymargin=0.12, ylabel="wheel speed\n[rad/s]")
+    ax.legend(**BESIDE)
 
 
 def _draw_temperatures(ax: Axes, run: Run, truth: Truth | None) -> None:
     log, problem = run.log, run.problem
-    solid, liquid = problem.stiffness_thresholds_C
-    melting = f"{solid:g} °C" if solid == liquid else f"{solid:g} to {liquid:g} °C"
-    ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.5, label=f"melts at {melting}")
-    for j, colour in enumerate(SEGMENT_COLOURS):
+    mark_melting(ax, problem.stiffness_thresholds_C)
+    for j, colour in enumerate(SEGMENT_COLOURS[: log.stiffness.shape[1]]):
         style: dict[str, Any] = {"c": colour, "label": f"segment {j + 1}"}
         if truth is None:
             ax.plot(log.time_s, log.temperature_C[:, j], lw=1.5, **style)
@@ -299,4 +270,4 @@ def _draw_temperatures(ax: Axes, run: Run, truth: Truth | None) -> None:
     if truth is not None:
         ax.plot([], [], c=PLANNED_COLOUR, lw=0.9, ls=":", label="by the sensor")
     ax.plot([], [], c=PLANNED_COLOUR, lw=0.9, ls="--", label="set-point")
-    ax.set(ymargin=0.12, ylabel="temperature\n[°C]")
+    finished(ax, "temperature\n[°C]")

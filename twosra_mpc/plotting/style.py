@@ -7,7 +7,8 @@ from typing import Any
 RIGID_COLOUR = "#2a6fbb"
 SOFT_COLOUR = "#c8202f"
 CHANGING_COLOUR = "#f6b04e"  # melting or freezing
-SEGMENT_COLOURS = ("#222222", "#12997c")  # segment and locomotion unit 1, 2
+SEGMENT_COLOURS = ("#222222", "#12997c", "#7b5ea7", "#e07b00")
+UNIT_COLOURS = SEGMENT_COLOURS[:2]
 UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR = "#eceff1", "#455a64", "#5d4037"
 PLANNED_COLOUR = "0.35"  # what shall be: goals, references
 PALETTE = (
@@ -32,6 +33,7 @@ STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
 }
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
+BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity
 _HATCHED = {"fc": CHANGING_COLOUR, "ec": "white", "lw": 0}
 STATES: dict[str, dict[str, Any]] = {
     "rigid": {"fc": RIGID_COLOUR, "lw": 0},

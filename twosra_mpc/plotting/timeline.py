@@ -1,10 +1,12 @@
 """A plan over time, one axes a quantity: stiffness of the segments, heaters, motion, temperature.
 
-Every function draws on any time axis; ``plan_stretch(plan).apply(ax)`` stretches it.
+Every function draws on any time axis; ``plan_stretch(plan).apply(ax)`` stretches it. Functions that
+take a plan raise NoPlanError if there is none.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -13,84 +15,55 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import NoPlanError
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.trajectory import Phase, Samples
-from twosra_mpc.plotting.style import BESIDE, SEGMENT_COLOURS, STATES
+from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
+from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plotting.style import BESIDE, SEGMENT_COLOURS, STATES, UNIT_COLOURS
 from twosra_mpc.plotting.time_axis import TimeStretch
 from twosra_mpc.robot.modes import mode_name
 
+Array = NDArray[np.float64]
 Coordinate = Literal["position", "heading", "curvature"]
 
 COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
     "position": (slice(0, 2), ("x", "y"), "position\n[m]"),
     "heading": (slice(2, 3), (r"$\phi$",), "heading\n[rad]"),
-    "curvature": (slice(3, 5), (r"$\kappa_1$", r"$\kappa_2$"), "curvature\n[1/m]"),
+    "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
 }
 MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # never too thin to see
 
 
-def samples_of(plan: Plan) -> Samples:
-    """Samples of a plan.
-
-    Raises:
-        NoPlanError: If it has none.
-    """
-    if plan.samples is None:
-        raise NoPlanError(plan.status, plan.message)
-    return plan.samples
-
-
-def configuration_at(samples: Samples, time_s: float) -> NDArray[np.float64]:
-    """Configuration q (5,) [m, m, rad, 1/m, 1/m] at a time between the samples."""
-    return np.array([np.interp(time_s, samples.t_s, column) for column in samples.q.T])
-
-
 def plan_stretch(plan: Plan) -> TimeStretch:
-    """Time axis of a plan, stretched inside its motion phases.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
-    return TimeStretch.of(plan.phases, float(samples_of(plan).t_s[-1]) or 1.0)
-
-
-def segment_states(plan: Plan, segment: int, end_s: float) -> list[tuple[float, float, str]]:
-    """(from, to, state) of segment 1 or 2 [s]; "rigid", "melting", "soft" or "freezing"."""
-    changes = [(0.0, "soft" if plan.problem.start_mode[segment - 1] else "rigid")]
-    for item in plan.transitions:
-        if item.segment == segment:
-            changing = "melting" if item.to == "soft" else "freezing"
-            changes += [(item.onset_s, changing), (item.done_s, item.to)]
-    ends = [*(t for t, _ in changes[1:]), end_s]
-    return [(t, end, what) for (t, what), end in zip(changes, ends, strict=True) if end > t]
+    """Time axis of a plan, stretched inside its motion phases."""
+    return TimeStretch.of(plan.phases, plan.trajectory.duration_s or 1.0)
 
 
 def draw_timeline(ax: Axes, plan: Plan) -> Axes:
-    """Draw stiffness and heaters: a lane a segment, its heater current below, motion in grey.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
+    """Draw stiffness and heaters: a lane a segment, its heater current below, motion in grey."""
     draw_lanes(ax, plan).legend(handles=state_handles(), **BESIDE)
     return draw_motion(ax, plan)
 
 
 def draw_lanes(ax: Axes, plan: Plan) -> Axes:
-    """Draw what ``draw_timeline`` does, without motion and legend.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
-    samples = samples_of(plan)
-    for segment, row in ((1, 1.0), (2, 0.0)):
-        for low, high, state in segment_states(plan, segment, float(samples.t_s[-1])):
-            ax.barh(row, high - low, 0.5, low, **STATES[state])
-        bottom, current = row - 0.5, samples.heater_current_A[:, segment - 1]
-        top = bottom + 0.2 * current / plan.robot.heater.current_max_A
-        ax.fill_between(samples.t_s, bottom, top, step="post", **STATES["heater current"])
-    ax.set(ylim=(-0.55, 1.3), yticks=(0, 1), yticklabels=("segment 2", "segment 1"))
+    """Draw what ``draw_timeline`` does, without motion and legend."""
+    samples, full = plan.trajectory.samples, plan.robot.heater.current_max_A
+    draw_stiffness(ax, stiffness_intervals(plan.trajectory), 0.5)
+    for row, current in enumerate(reversed(samples.heater_current_A.T)):
+        top = row - 0.5 + 0.2 * current / full
+        style: dict[str, Any] = {"step": "post", **STATES["heater current"]}
+        ax.fill_between(samples.t_s, row - 0.5, top, **style)
+    ax.set(ylim=(-0.55, samples.mode.shape[1] - 0.7))
     ax.tick_params(axis="y", length=0)
+    return ax
+
+
+def draw_stiffness(ax: Axes, intervals: Sequence[Sequence[Interval]], height: float) -> Axes:
+    """Draw a bar a segment, the first on top, in the colours of its states."""
+    for row, each in enumerate(reversed(intervals)):
+        for start_s, end_s, state in each:
+            ax.barh(row, end_s - start_s, height, start_s, **STATES[state])
+    names = [f"segment {number}" for number in range(len(intervals), 0, -1)]
+    ax.set_yticks(range(len(intervals)), names)
     return ax
 
 
@@ -101,12 +74,12 @@ def draw_motion(ax: Axes, plan: Plan) -> Axes:
     return ax
 
 
-def name_phases(ax: Axes, plan: Plan, stretch: TimeStretch) -> Axes:
-    """Write number, mode and duration of every phase above a stretched time axis."""
-    for number, phase in enumerate(plan.phases):
+def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: str) -> Axes:
+    """Write number, mode and duration of phases, as ``text`` has them, above a stretched axis."""
+    for number, phase in enumerate(phases, start=1):
         middle = stretch.forward(np.array(phase[1:])).mean()
-        text = f"{number + 1}: {mode_name(phase.mode)}\n{phase_duration(phase)}"
-        ax.text(middle, 1.0, text, transform=ax.transAxes, ha="center", va="bottom", fontsize=8.5)
+        told = text.format(number=number, mode=mode_name(phase.mode), took=phase_duration(phase))
+        ax.text(middle, 1.0, told, transform=ax.transAxes, ha="center", va="bottom", fontsize=8.5)
     return ax
 
 
@@ -116,76 +89,68 @@ def phase_duration(phase: Phase) -> str:
     return f"{1000 * seconds:.0f} ms" if seconds < 0.1 else f"{seconds:.2f} s"
 
 
-def state_handles() -> list[Patch]:
+def state_handles(*without: str) -> list[Patch]:
     """What the colours of ``draw_timeline`` mean, for a legend."""
-    return [Patch(label=name, **look) for name, look in STATES.items()]
+    return [Patch(label=name, **look) for name, look in STATES.items() if name not in without]
 
 
 def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature") -> Axes:
-    """Draw position, heading or the curvatures over time.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
-    samples, (columns, names, label) = samples_of(plan), COORDINATES[coordinate]
-    for values, name, colour in zip(
-        samples.q[:, columns].T, names, SEGMENT_COLOURS[: len(names)], strict=True
-    ):
+    """Draw position, heading or the curvatures over time."""
+    samples, (columns, names, label) = plan.trajectory.samples, COORDINATES[coordinate]
+    for values, name, colour in zip(samples.q[:, columns].T, names, SEGMENT_COLOURS, strict=False):
         ax.plot(samples.t_s, values, color=colour, label=name)
-    ax.set(ymargin=0.12, ylabel=label)
-    return _with_legend(ax)
+    return finished(ax, label)
 
 
 def draw_wheel_speeds(ax: Axes, plan: Plan) -> Axes:
-    """Draw the speeds of the four wheels over time.
+    """Draw the speeds of the four wheels over time."""
+    samples = plan.trajectory.samples
+    return wheel_speeds(ax, samples.t_s, samples.wheel_rad_s)
 
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
-    samples = samples_of(plan)
-    for wheel, speed in enumerate(samples.wheel_rad_s.T):
-        colour, dashes = SEGMENT_COLOURS[wheel // 2], ("-", "--")[wheel % 2]
-        ax.step(samples.t_s, speed, dashes, c=colour, where="post", label=f"wheel {wheel + 1}")
-    ax.set(ymargin=0.12, ylabel="wheel speed\n[rad/s]")
-    return _with_legend(ax)
+
+def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array) -> Axes:
+    """Draw speeds of the four wheels, (rows, 4), each until the next."""
+    for wheel, speed in enumerate(wheel_rad_s.T):
+        style: dict[str, Any] = {"c": UNIT_COLOURS[wheel // 2], "ls": ("-", "--")[wheel % 2]}
+        ax.step(time_s, speed, where="post", label=f"wheel {wheel + 1}", **style)
+    return finished(ax, "wheel speed\n[rad/s]")
 
 
 def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
-    """Draw expected temperatures and set-points over time, and the range in which metal melts.
+    """Draw expected temperatures and set-points over time, and the range in which metal melts."""
+    samples = plan.trajectory.samples
+    mark_melting(ax, plan.problem.stiffness_thresholds_C)
+    for j, colour in enumerate(SEGMENT_COLOURS[: samples.mode.shape[1]]):
+        style: dict[str, Any] = {"where": "post", "c": colour, "lw": 1, "ls": "--"}
+        ax.plot(samples.t_s, samples.temperature_C[:, j], color=colour, label=f"segment {j + 1}")
+        ax.step(samples.t_s, samples.heater_setpoint_C[:, j], **style)
+    ax.plot([], [], c="0.35", lw=1, ls="--", label="set-point")
+    return finished(ax, "temperature\n[°C]")
 
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
-    samples = samples_of(plan)
-    solid, liquid = plan.problem.stiffness_thresholds_C
+
+def mark_melting(ax: Axes, melting_C: tuple[float, float]) -> None:
+    """Shade the temperatures at which metal melts."""
+    solid, liquid = melting_C
     melting = f"{solid:g} °C" if solid == liquid else f"{solid:g} to {liquid:g} °C"
     ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.5, label=f"changing, {melting}")
-    for j, colour in enumerate(SEGMENT_COLOURS):
-        style: dict[str, Any] = {"c": colour, "lw": 1, "ls": "--", "label": f"set-point {j + 1}"}
-        ax.plot(samples.t_s, samples.temperature_C[:, j], color=colour, label=f"segment {j + 1}")
-        ax.step(samples.t_s, samples.heater_setpoint_C[:, j], where="post", **style)
-    ax.set(ymargin=0.12, ylabel="temperature\n[°C]")
-    return _with_legend(ax)
 
 
 def draw_melt_fractions(ax: Axes, plan: Plan) -> Axes:
-    """Draw expected melt fractions over time.
-
-    Raises:
-        NoPlanError: If the plan has no samples.
-    """
-    samples = samples_of(plan)
-    for j, colour in enumerate(SEGMENT_COLOURS):
-        liquid = samples.melt_fraction[:, j]
-        ax.plot(samples.t_s, liquid, color=colour, label=f"segment {j + 1}")
+    """Draw expected melt fractions over time."""
+    samples = plan.trajectory.samples
+    for j, (liquid, colour) in enumerate(
+        zip(samples.melt_fraction.T, SEGMENT_COLOURS, strict=False), start=1
+    ):
+        ax.plot(samples.t_s, liquid, color=colour, label=f"segment {j}")
         ax.fill_between(samples.t_s, liquid, color=colour, alpha=0.15, lw=0)
-    ax.set(ylabel="melt\nfraction [-]")
-    _with_legend(ax)
-    ax.set_ylim(0.0, 1.12)
+    finished(ax, "melt\nfraction [-]").set_ylim(0.0, 1.12)
     return ax
 
 
-def _with_legend(ax: Axes) -> Axes:
+def finished(ax: Axes, label: str) -> Axes:
+    """Label the quantity of an axes, and name its curves beside it."""
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
-    ax.legend(**BESIDE)
+    ax.set(ymargin=0.12, ylabel=label)
+    many = len(ax.get_legend_handles_labels()[1]) > 5
+    ax.legend(**BESIDE, **({"fontsize": 7, "labelspacing": 0.2} if many else {}))
     return ax

@@ -18,6 +18,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import unit_gap, wheel_independence, wheel_travel
 from twosra_mpc.model.motion import Motion
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE
 from twosra_mpc.robot.description import Body, Robot
@@ -193,6 +194,11 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     return allowed
 
 
+def exact(goal: GoalSet) -> bool:
+    """Whether a goal leaves no choice of a curvature that it asks for."""
+    return not goal.half_width[POSE:].any()
+
+
 def check_shapes(problem: Problem) -> None:
     """Refuse a start or goal shape that a limit forbids.
 
@@ -201,8 +207,7 @@ def check_shapes(problem: Problem) -> None:
     """
     robot = problem.robot
     for name, q in (("start", problem.start.configuration), ("goal", problem.goal.configuration)):
-        wide = name == "goal" and bool(problem.goal.half_width[POSE:].any())
-        if wide or np.isnan(q[POSE:]).any():
+        if np.isnan(q[POSE:]).any() or (name == "goal" and not exact(problem.goal)):
             continue
         limit = broken_by_shapes(robot, q[POSE:])
         if limit is not None:
@@ -225,7 +230,7 @@ def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
         before = all(map(is_rigid, sequence[:phase]))
         after = all(map(is_rigid, sequence[phase:]))
         shape = (problem.start if before else problem.goal).configuration[POSE:]
-        loose = not before and bool(problem.goal.half_width[POSE:].any())
+        loose = not before and not exact(problem.goal)
         if not (before or after) or loose or np.isnan(shape).any():
             return True
         return bool(may_drive_in(problem.robot, shape).all())

@@ -12,34 +12,29 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializeAsAny,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
-from twosra_mpc.robot.description import Robot, load_robot
-from twosra_mpc.robot.modes import RIGID, Mode, rigid_mode
-from twosra_mpc.robot.segment import TwoNodeSegment
-from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
-from twosra_mpc.thermal.model import segment_model
+from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.description import Robot, load_robot, segment_model
+from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.timing import Timing
+from twosra_mpc.thermal.model import thresholds_C
 from twosra_mpc.validation import ModeField, NonNegative, Number, Numbers, Positive, Value, plain
 
 Array = NDArray[np.float64]
 
 COORDINATES = ("x_m", "y_m", "phi_rad", "kappa_per_m.0", "kappa_per_m.1")
 COORDINATE_UNITS = ("m", "m", "rad", "1/m", "1/m")
-
-
-def _free_to_none(value: object) -> object:
-    """Read the word "free" in a list of curvatures as a free coordinate."""
-    value = plain(value)
-    if isinstance(value, tuple):
-        return tuple(None if item == "free" else item for item in value)
-    return value
-
-
-FreeNumbers = Annotated[
-    tuple[float | None, ...], Field(min_length=1, max_length=4), BeforeValidator(_free_to_none)
-]
 
 
 class Start(Value):
@@ -54,85 +49,7 @@ class Start(Value):
     @property
     def configuration(self) -> Array:
         """Q = [x, y, phi, kappa1 ... kappan], shape (3 + n,), read-only."""
-        return _read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
-
-
-class Tolerance(Value):
-    """Half-widths of the goal box; zero means the coordinate is met exactly."""
-
-    x_m: NonNegative = 0.0
-    y_m: NonNegative = 0.0
-    phi_rad: NonNegative = 0.0
-    kappa_per_m: Numbers = ()
-
-    @field_validator("kappa_per_m")
-    @classmethod
-    def _not_negative(cls, widths: tuple[float, ...]) -> tuple[float, ...]:
-        if min(widths, default=0.0) < 0:
-            raise ValueError("numbers greater than or equal to 0")
-        return widths
-
-
-class Goal(Value):
-    """Where the robot should be; ``None`` (key left out) or "free" marks a free coordinate.
-
-    ``phi_modulo`` accepts headings that differ by full turns. ``mode`` is the stiffness of the
-    segments at the end, rigid unless told otherwise. What is left out of a goal of two segments by
-    itself is filled in by a `Problem`, which knows how many segments its robot has.
-    """
-
-    x_m: Number | None = None
-    y_m: Number | None = None
-    phi_rad: Number | None = None
-    kappa_per_m: FreeNumbers = (None, None)
-    tolerance: Tolerance = Tolerance()
-    phi_modulo: bool = True
-    mode: ModeField = RIGID
-
-    @field_validator("kappa_per_m", mode="before")
-    @classmethod
-    def _nothing_is_free(cls, value: object) -> object:
-        return (None, None) if value is None else value
-
-    @model_validator(mode="after")
-    def _something_asked(self) -> Goal:
-        if np.isnan(self.configuration).all():
-            raise InputError("", {}, "at least one of x_m, y_m, phi_rad, kappa_per_m")
-        return self
-
-    @property
-    def configuration(self) -> Array:
-        """Goal q, shape (3 + n,), read-only; NaN marks a free coordinate."""
-        values = [self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m]
-        return _read_only([math.nan if value is None else value for value in values])
-
-    @property
-    def half_width(self) -> Array:
-        """Tolerance of each coordinate, shape (3 + n,), read-only."""
-        box = self.tolerance
-        bends = box.kappa_per_m or (0.0,) * len(self.kappa_per_m)
-        return _read_only([box.x_m, box.y_m, box.phi_rad, *bends])
-
-    def of_segments(self, segments: int) -> Goal:
-        """Return this goal with what was left out filled in for so many segments."""
-        values = {name: getattr(self, name) for name in self.model_fields_set}
-        values.setdefault("kappa_per_m", (None,) * segments)
-        values.setdefault("mode", rigid_mode(segments))
-        tolerance = self.tolerance
-        if not tolerance.kappa_per_m:
-            values["tolerance"] = Tolerance(**{**dict(tolerance), "kappa_per_m": (0.0,) * segments})
-        return Goal(**values)
-
-    def error(self, q: Array) -> Array:
-        """Signed distance of ``q`` to the goal box, shape (3 + n,); 0 inside and where free.
-
-        Not a number where ``q`` is not finite.
-        """
-        difference = q - self.configuration
-        if self.phi_modulo and math.isfinite(difference[2]):
-            difference[2] = math.remainder(difference[2], math.tau)
-        outside = np.sign(difference) * np.maximum(np.abs(difference) - self.half_width, 0.0)
-        return np.where(np.isnan(self.configuration), 0.0, outside)
+        return read_only([self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m])
 
 
 _LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's duration
@@ -152,15 +69,16 @@ class Problem(Value):
     always start as late as the plan allows. ``heating`` says what counts beyond that: "fastest",
     time and the given weights; "least_energy", heater energy first and time second; "keep_warm" as
     fastest, and solid segments are kept warm between soft phases where that costs less. At most
-    ``heaters_at_once`` heaters are on at a time. ``transition_quantile`` reserves windows that hold
-    this share of early and of late transitions, given the ranges of the robot's parameters.
+    ``heaters_at_once`` heaters are on at a time: one, or all. ``transition_quantile`` reserves
+    windows that hold this share of early and of late transitions, given the ranges of the robot's
+    parameters.
     """
 
     description: str = ""
     robot: Robot
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
-    goal: Goal
+    goal: SerializeAsAny[Goal | GoalSet]
     weights: Weights = Weights()
     timing: str = "nominal"
     ambient_C: Number | None = None
@@ -192,9 +110,14 @@ class Problem(Value):
                 raise InputError("", error.value, error.allowed) from None
             raise
 
+    @field_validator("goal", mode="before")
+    @classmethod
+    def _box_unless_told_otherwise(cls, goal: object) -> object:
+        return Goal(**goal) if isinstance(goal, dict) else goal
+
     @field_validator("goal", mode="after")
     @classmethod
-    def _of_all_segments(cls, goal: Goal, info: ValidationInfo) -> Goal:
+    def _of_all_segments(cls, goal: GoalSet, info: ValidationInfo) -> GoalSet:
         robot = info.data.get("robot")
         return goal if robot is None else goal.of_segments(robot.coordinates.segments)
 
@@ -220,8 +143,8 @@ class Problem(Value):
         lists: dict[str, tuple[object, ...] | None] = {
             "start.kappa_per_m": self.start.kappa_per_m,
             "start.temperature_C": self.start.temperature_C,
-            "goal.kappa_per_m": self.goal.kappa_per_m,
-            "goal.tolerance.kappa_per_m": self.goal.tolerance.kappa_per_m,
+            "goal.kappa_per_m": tuple(self.goal.configuration[POSE:].tolist()),
+            "goal.tolerance.kappa_per_m": tuple(self.goal.half_width[POSE:].tolist()),
             "goal.mode": self.goal.mode,
             **{f"modes.{i}": mode for i, mode in enumerate(self.modes)},
         }
@@ -233,8 +156,11 @@ class Problem(Value):
                     InputError(f"{field}.{j}", "missing", required)
                     for j in range(len(given), count)
                 )
-        if self.heaters_at_once > count:
-            yield InputError("heaters_at_once", self.heaters_at_once, f"from 1 to {count}")
+        if self.heaters_at_once not in (
+            1,
+            count,
+        ):  # what between them is possible is not worked out
+            yield InputError("heaters_at_once", self.heaters_at_once, f"1 or {count}")
 
     def _contradictions(self) -> Iterator[InputError]:
         """Yield every value that the robot does not allow."""
@@ -268,19 +194,20 @@ class Problem(Value):
     def _impossible_temperatures(self) -> Iterator[InputError]:
         heater, name = self.robot.heater, self.robot.name
         low, high = heater.temperature_min_C, heater.temperature_max_C
-        solid, liquid = self.stiffness_thresholds_C
-        if not low <= self.ambient < solid:
-            allowed = f"from {low:g} to below {solid:g} C, where the metal of {name} melts"
+        thresholds = self.segment_thresholds_C
+        lowest, _ = self.stiffness_thresholds_C
+        if not low <= self.ambient < lowest:
+            allowed = f"from {low:g} to below {lowest:g} C, where the metal of {name} melts"
             yield InputError("ambient_C", self.ambient, allowed)
             return
-        for j, now in enumerate(self.temperatures):
+        for j, (now, (solid, liquid)) in enumerate(zip(self.temperatures, thresholds, strict=True)):
             field = f"start.temperature_C.{j}"
             if not low <= now <= high:
                 yield InputError(field, now, f"from {low:g} to {high:g} C (robot {name})")
             elif solid < now < liquid:
                 allowed = f"at most {solid:g} C (solid) or at least {liquid:g} C (liquid)"
                 yield InputError(field, now, allowed)
-            elif now == heater.melting_point_C == solid:
+            elif now == solid == liquid:
                 allowed = f"not exactly the melting point {solid:g} C: solid or liquid?"
                 yield InputError(field, now, allowed)
 
@@ -304,7 +231,8 @@ class Problem(Value):
 
     @property
     def _thermal(self) -> bool:
-        return isinstance(self.robot.timing.get(self.timing), ThermalTiming)
+        times = self.robot.timing.get(self.timing)
+        return times is not None and times.needs_segment
 
     @property
     def ambient(self) -> float:
@@ -318,17 +246,32 @@ class Problem(Value):
 
     @property
     def stiffness_thresholds_C(self) -> tuple[float, float]:
-        """Temperatures up to which a segment is solid, and from which on it is liquid [C]."""
-        segment = self.robot.segment
-        if self._thermal and isinstance(segment, TwoNodeSegment):
-            return segment.solid_below_C, segment.liquid_above_C
-        return self.robot.heater.melting_point_C, self.robot.heater.melting_point_C
+        """Temperatures up to which every segment is solid, and from which on liquid [C]."""
+        solid, liquid = zip(*self.segment_thresholds_C, strict=True)
+        return min(solid), max(liquid)
+
+    @property
+    def segment_thresholds_C(self) -> tuple[tuple[float, float], ...]:
+        """Temperatures up to which each segment is solid, and from which on it is liquid [C]."""
+        segments = range(self.robot.coordinates.segments)
+        if self._thermal:
+            models = (segment_model(self.robot, self.ambient, j) for j in segments)
+            return tuple(map(thresholds_C, models))
+        return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """What is to be reached, one after the other: so far, one goal."""
+        return (Stage(self.goal, self.goal.mode),)
 
     @property
     def start_mode(self) -> Mode:
         """Stiffness at t = 0: a segment above its melting point is soft."""
-        solid, liquid = self.stiffness_thresholds_C
-        return tuple(int(now > solid and now >= liquid) for now in self.temperatures)
+        thresholds = self.segment_thresholds_C
+        return tuple(
+            int(now > solid and now >= liquid)
+            for now, (solid, liquid) in zip(self.temperatures, thresholds, strict=True)
+        )
 
     @property
     def cost_weights(self) -> Weights:
@@ -339,7 +282,7 @@ class Problem(Value):
         return self.weights.model_copy(update={"energy_s_per_J": energy})
 
     @property
-    def transition_times(self) -> OverlappedTiming | SequentialTiming | ThermalTiming:
+    def transition_times(self) -> Timing:
         """The set of transition times that ``timing`` names."""
         return self.robot.timing[self.timing]
 
@@ -368,9 +311,3 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
 def scenario_names() -> list[str]:
     """Names of the built-in scenarios."""
     return built_in_names("scenarios")
-
-
-def _read_only(values: list[float]) -> Array:
-    array = np.array(values, dtype=float)
-    array.setflags(write=False)
-    return array

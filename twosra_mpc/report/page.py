@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,15 +18,17 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, in_words
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.plotting import TimeStretch, plot_plan
+from twosra_mpc.plans.result import Result
+from twosra_mpc.plotting import plot_plan
+from twosra_mpc.plotting.figure_file import picture_address
+from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.report import reproduction, words
-from twosra_mpc.report.film import film_of, filmed_box, pose_of
+from twosra_mpc.report.film import ARC_POINTS, Pose, film_of, filmed_box
 from twosra_mpc.report.setpoint_table import setpoint_table
 from twosra_mpc.report.timeline import Thermometer, curve, lanes, ticks
 from twosra_mpc.robot.modes import mode_name, sequence_name
-from twosra_mpc.robot.segment import LumpedSegment
 
 _ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say
@@ -43,11 +44,13 @@ def check_report_path(path: str | Path) -> None:
         raise InputError("output", str(path), f"a file ending in {' or '.join(_ENDINGS)}")
 
 
-def write_report(plan: Plan, path: str | Path, origin: reproduction.Origin | None = None) -> None:
+def write_report(
+    result: Result, path: str | Path, origin: reproduction.Origin | None = None
+) -> None:
     """Write a report, atomically.
 
     Args:
-        plan: The plan; of any status, also without samples.
+        result: What planning came to, with a plan or without.
         path: Where to; the ending is .html.
         origin: The file the plan was read from, if any.
 
@@ -55,16 +58,17 @@ def write_report(plan: Plan, path: str | Path, origin: reproduction.Origin | Non
         InputError: If the ending is another one, or the folder cannot be written.
     """
     check_report_path(path)
-    write_text(path, report_page(plan, origin))
+    write_text(path, report_page(result, origin))
 
 
-def report_page(plan: Plan, origin: reproduction.Origin | None = None) -> str:
+def report_page(result: Result, origin: reproduction.Origin | None = None) -> str:
     """Return the report as one HTML document that needs nothing else.
 
     Args:
-        plan: The plan; of any status, also without samples.
+        result: What planning came to, with a plan or without.
         origin: The file the plan was read from, if any.
     """
+    plan = result.plan
     environment = Environment(
         loader=PackageLoader("twosra_mpc", "report"),
         autoescape=True,
@@ -79,22 +83,23 @@ def report_page(plan: Plan, origin: reproduction.Origin | None = None) -> str:
         policy=_policy(style, script),
         style=style,
         script=script,
-        title=plan.problem.description or f"Plan for robot {plan.robot.name}",
+        title=result.problem.description or f"Plan for robot {result.problem.robot.name}",
+        result=result,
         plan=plan,
-        document=plan.to_dict(),
-        sequence=sequence_name([phase.mode for phase in plan.phases]) if plan.phases else "",
-        status_sentence=words.status_sentence(plan),
-        bound_sentences=list(words.bound_sentences(plan)),
-        caveat_sentences=list(words.caveat_sentences(plan)),
-        verification=_verification(plan),
-        path=in_words(critical_path(plan)),
-        hidden=hidden_activities(plan),
-        motion=_motion(plan, plan.samples) if plan.samples is not None else None,
+        document=result.to_dict(),
+        sequence=sequence_name(plan.sequence) if plan and plan.phases else "",
+        status_sentence=words.status_sentence(result),
+        bound_sentences=list(words.bound_sentences(result)),
+        caveat_sentences=list(words.caveat_sentences(result)),
+        verification=_verification(plan) if plan else None,
+        path=in_words(critical_path(plan)) if plan else (),
+        hidden=hidden_activities(plan) if plan else (),
+        motion=_motion(plan) if plan else None,
         origin=origin,
-        scenario=reproduction.scenario_toml(plan.problem),
+        scenario=reproduction.scenario_toml(result.problem),
         commands=reproduction.commands(origin),
         versions=reproduction.versions(origin),
-        effort=reproduction.effort(plan),
+        effort=reproduction.effort(result),
     )
 
 
@@ -114,10 +119,8 @@ def _hash(text: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
 
 
-def _verification(plan: Plan) -> dict[str, Any] | None:
+def _verification(plan: Plan) -> dict[str, Any]:
     check = plan.verification
-    if check is None:
-        return None
     return {
         "ok": check.ok,
         "sentence": words.verification_sentence(check),
@@ -126,41 +129,39 @@ def _verification(plan: Plan) -> dict[str, Any] | None:
     }
 
 
-def _motion(plan: Plan, samples: Samples) -> dict[str, Any]:
+def _motion(plan: Plan) -> dict[str, Any]:
     """Everything that is drawn: film, timeline, set-points, figure."""
-    end_s = float(samples.t_s[-1])
-    stretch = TimeStretch.of(plan.phases, end_s or 1.0)
-    film, geometry = film_of(plan, samples, stretch), plan.robot.geometry
-    scale, table = Thermometer.of(plan, samples), setpoint_table(samples)
+    playback, samples = plan_playback(plan), plan.trajectory.samples
+    scale, table = Thermometer.of(plan), setpoint_table(samples)
     goal = plan.problem.goal.configuration
-    aim = np.where(np.isnan(goal), samples.q[-1], goal)
-    ghosts = {"start": film.poses[0], "goal": pose_of(geometry, aim)}
-    box = filmed_box([*film.poses, ghosts["goal"]])
+    goal = np.where(np.isnan(goal), samples.q[-1], goal)
+    start, end = (robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], goal))
+    box = filmed_box([robot_shape(playback.geometry, playback.q, ARC_POINTS), end])
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
         "data": {
-            "film": film.document(),
+            "film": film_of(plan, playback).document(),
             "row_s": table.time_s,
             "temperature_C": [scale.low_C, scale.high_C],
         },
-        "moves": end_s > 0.0,
-        "first": film.poses[0],
-        "ghosts": ghosts,
+        "moves": plan.trajectory.duration_s > 0.0,
+        "ghosts": {"start": Pose.of(start), "goal": Pose.of(end)},
         "box": box,
         "grid": _grid(box),
         "fibre_mm": _fibre_mm(plan),
-        "lanes": lanes(plan, samples, stretch),
-        "ticks": ticks(stretch),
-        "curves": [curve(samples.t_s, column, stretch) for column in levels],
+        "lanes": lanes(plan, playback.stretch),
+        "ticks": ticks(playback.stretch),
+        "curves": [curve(samples.t_s, column, playback.stretch) for column in levels],
         "thermometer": scale,
         "table": table,
-        "figure": _figure(plan),
+        "figure": picture_address(plot_plan(plan), "svg"),
     }
 
 
 def _fibre_mm(plan: Plan) -> float:
     segment = plan.robot.segment
-    return 1e3 * segment.tube_outer_diameter_m if isinstance(segment, LumpedSegment) else _FIBRE_MM
+    known = segment.fibre_diameter_m if segment else None
+    return _FIBRE_MM if known is None else 1e3 * known
 
 
 def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
@@ -172,13 +173,6 @@ def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
         "x": [x for x in range(int(left // step) * step, int(left + width) + 1, step) if x > left],
         "y": [y for y in range(int(top // step) * step, int(top + height) + 1, step) if y > top],
     }
-
-
-def _figure(plan: Plan) -> str:
-    """The plan's figure as the address of an SVG picture inside the page."""
-    picture = io.BytesIO()
-    plot_plan(plan).savefig(picture, format="svg", metadata={"Date": None})
-    return f"data:image/svg+xml;base64,{base64.b64encode(picture.getvalue()).decode()}"
 
 
 def _seconds(value: float) -> str:

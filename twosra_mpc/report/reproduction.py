@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.version import __version__
 
@@ -74,14 +74,14 @@ def versions(origin: Origin | None) -> list[tuple[str, str]]:
     return rows + [(name, version(name)) for name in _LIBRARIES]
 
 
-def effort(plan: Plan) -> str:
+def effort(result: Result) -> str:
     """Say how much work the plan was, and whether the search ended by itself."""
-    stats = plan.stats
+    stats = result.stats
     words = (
         f"{stats.wall_s:.2f} s of planning: {stats.sequences_bounded} mode sequences bounded, "
         f"{stats.sequences_solved} solved, {stats.nlp_iterations} NLP iterations."
     )
-    if plan.stopped_early:
+    if result.stopped_early:
         words += (
             " A limit or an interrupt ended the search before the asked gap was reached, so a"
             " faster or slower machine may find another plan."

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.plotting import TimeStretch, segment_states
-from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.plotting import TimeStretch
+from twosra_mpc.robot.modes import mode_name, soft_segments
 
 Array = NDArray[np.float64]
 
@@ -54,10 +55,10 @@ class Thermometer(NamedTuple):
     liquid_C: float
 
     @classmethod
-    def of(cls, plan: Plan, samples: Samples) -> Thermometer:
+    def of(cls, plan: Plan) -> Thermometer:
         """Choose the scale: in tens of degrees, with room above and below."""
         solid, liquid = plan.problem.stiffness_thresholds_C
-        shown = [*samples.temperature_C.ravel().tolist(), solid, liquid]
+        shown = [*plan.trajectory.samples.temperature_C.ravel().tolist(), solid, liquid]
         low, high = 10 * np.floor(min(shown) / 10 - 0.2), 10 * np.ceil(max(shown) / 10 + 0.2)
         return cls(float(low), float(high), solid, liquid)
 
@@ -79,28 +80,30 @@ class Thermometer(NamedTuple):
         return f"changes from {self.solid_C:g} to {self.liquid_C:g} °C"
 
 
-def lanes(plan: Plan, samples: Samples, stretch: TimeStretch) -> list[Lane]:
+def lanes(plan: Plan, stretch: TimeStretch) -> list[Lane]:
     """Return motion, stiffness and heater lanes from top to bottom."""
     made = [Lane("motion", tuple(_motion(plan, stretch)))]
-    for segment in (1, 2):
-        made.append(Lane(f"segment {segment}", tuple(_stiffness(plan, segment, stretch))))
-        made.append(Lane(f"heater {segment}", tuple(_heater(samples, segment, stretch))))
+    for segment, intervals in enumerate(stiffness_intervals(plan.trajectory), start=1):
+        made.append(Lane(f"segment {segment}", tuple(_stiffness(intervals, segment, stretch))))
+        heater = _heater(plan.trajectory.samples, segment, stretch)
+        made.append(Lane(f"heater {segment}", tuple(heater)))
     return made
 
 
 def _motion(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
     for phase in plan.phases:
-        soft = [f"segment {j + 1}" for j in (0, 1) if phase.mode[j]]
+        soft = [f"segment {j + 1}" for j in soft_segments(phase.mode)]
         what = f"bending {' and '.join(soft)}" if soft else "driving rigidly"
         title = f"{mode_name(phase.mode)} {what}, {_during(phase.start_s, phase.end_s)}"
         look = "bending" if soft else "driving"
         yield _span(stretch, phase.start_s, phase.end_s, look, mode_name(phase.mode), title)
 
 
-def _stiffness(plan: Plan, segment: int, stretch: TimeStretch) -> Iterator[Span]:
-    for low, high, state in segment_states(plan, segment, stretch.knots_s[-1]):
-        title = f"segment {segment} {state}, {_during(low, high)}"
-        yield _span(stretch, low, high, state, state, title)
+def _stiffness(intervals: Sequence[Interval], segment: int, stretch: TimeStretch) -> Iterator[Span]:
+    for low, high, state in intervals:
+        if high > low:
+            title = f"segment {segment} {state}, {_during(low, high)}"
+            yield _span(stretch, low, high, state, state, title)
 
 
 def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Span]:

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.plans.plan import Plan, Status, Verification
-from twosra_mpc.problem.problem import COORDINATE_UNITS, Problem
+from twosra_mpc.plans.result import Result
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
+from twosra_mpc.timing import transition_model
 
 _UNITS = {  # ending of a limit's name -> unit, longest first
     "_rad_s": "rad/s",
@@ -30,7 +31,7 @@ _LIMITS = {  # name of a limit in a plan file -> what it is
     "wheel_independence": "independence of the wheels",
 }
 _NONE = "\N{EN DASH}"
-_COORDINATES = ("x", "y", "heading φ", "curvature κ₁", "curvature κ₂")
+_COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
 
 class GoalRow(NamedTuple):
@@ -50,16 +51,16 @@ class LimitRow(NamedTuple):
     margin: str
 
 
-def status_sentence(plan: Plan) -> str:
-    """Say what the plan's status means."""
-    match plan.status:
+def status_sentence(result: Result) -> str:
+    """Say what a status means."""
+    asked = f"{100 * result.problem.gap:g} %"
+    match result.status:
         case Status.OPTIMAL:
-            asked = f"{100 * plan.problem.gap:g} %"
             return (
                 "Verified by independent re-integration, and proved to be within the asked gap of"
                 f" {asked} of the best possible plan."
             )
-        case Status.FEASIBLE if plan.lower_bound is None:
+        case Status.FEASIBLE if result.lower_bound is None:
             return (
                 "Verified by independent re-integration. Nothing is proved about how much better"
                 " another plan could be."
@@ -67,7 +68,7 @@ def status_sentence(plan: Plan) -> str:
         case Status.FEASIBLE:
             return (
                 "Verified by independent re-integration. How much better another plan could be is"
-                f" proved too, but it is more than the asked gap of {100 * plan.problem.gap:g} %."
+                f" proved too, but it is more than the asked gap of {asked}."
             )
         case Status.INFEASIBLE:
             return "It is proved that this problem has no plan; the message at the top says why."
@@ -80,19 +81,19 @@ def percent(share: float) -> str:
     return "< 0.001 %" if 0 < share < 1e-5 else f"{float(f'{100 * share:.2g}'):g} %"
 
 
-def bound_sentences(plan: Plan) -> Iterator[str]:
+def bound_sentences(result: Result) -> Iterator[str]:
     """Say what is proved about all other plans, and about which; nothing without a bound."""
-    if plan.lower_bound is None:
+    if result.lower_bound is None:
         return
-    problem = plan.problem
+    problem, plan = result.problem, result.plan
     yield (
-        f"No plan for this problem costs less than {plan.lower_bound:.4f} s: this is the optimum"
+        f"No plan for this problem costs less than {result.lower_bound:.4f} s: this is the optimum"
         " of a relaxation of it, a proved lower bound and not an estimate."
     )
-    if plan.found and plan.cost is not None and plan.gap is not None:
+    if plan is not None and plan.gap is not None:
         yield (
             f"This plan costs {plan.cost.total:.4f} s, so no other one can be better by more than"
-            f" {plan.cost.total - plan.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
+            f" {plan.cost.total - result.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
         )
     yield f"Cost is {_cost_formula(problem)}."
     modes = ", ".join(mode_name(mode) for mode in problem.modes)
@@ -101,10 +102,13 @@ def bound_sentences(plan: Plan) -> Iterator[str]:
         f" {problem.max_phases} phases that were searched, with every path that path model"
         f" {problem.robot.path.model} can take within the robot's limits."
     )
-    yield f"It holds for {_timing(problem)}; a different heater controller has different times."
+    times = transition_model(problem).words
+    if problem.heaters_at_once < problem.robot.coordinates.segments:
+        times += ", one heater on at a time"
+    yield f"It holds for {times}; a different heater controller has different times."
 
 
-def caveat_sentences(plan: Plan) -> Iterator[str]:
+def caveat_sentences(result: Result) -> Iterator[str]:
     """Say what neither the bound nor the verification is about."""
     yield (
         "All of this is about the model. On hardware a unit that should hold pivots a little"
@@ -112,7 +116,7 @@ def caveat_sentences(plan: Plan) -> Iterator[str]:
         " a camera."
     )
     yield "Obstacles and slipping wheels are not part of the model."
-    if plan.status is Status.FAILED and plan.samples is not None:
+    if result.status is Status.FAILED and result.plan is not None:
         yield "The motion shown here did not pass verification: do not run it."
 
 
@@ -123,28 +127,6 @@ def _cost_formula(problem: Problem) -> str:
     if weights.transition_s:
         terms.append(f"{weights.transition_s:g} s for every melt or freeze")
     return " + ".join(terms) if len(terms) > 1 else "the duration, nothing else"
-
-
-def _timing(problem: Problem) -> str:
-    heater, timing = problem.robot.heater, problem.transition_times
-    named = f"timing “{problem.timing}”"
-    if isinstance(timing, SequentialTiming):
-        return f"the fixed waits of {named}, through which the robot stands still"
-    if isinstance(timing, OverlappedTiming):
-        words = f"the constant melt and freeze times of {named}"
-    else:
-        words = (
-            f"melt and freeze times from the thermal model ({named}, air of {problem.ambient:g} °C)"
-            f" under one heating policy: {heater.melt_current_A:g} A until the set-point of"
-            f" {heater.soft_setpoint_C:g} °C, then hold"
-        )
-    if problem.heating == "keep_warm":
-        words += ", solid segments kept warm where that costs less"
-    if problem.transition_quantile is not None:
-        words += f", windows that hold {100 * problem.transition_quantile:g} % of all transitions"
-    if problem.heaters_at_once == 1:
-        words += ", one heater on at a time"
-    return words
 
 
 def verification_sentence(check: Verification) -> str:
@@ -163,7 +145,8 @@ def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
     """Return the goal coordinate by coordinate, with the error after re-integration."""
     rows = []
     goal, width = problem.goal.configuration.tolist(), problem.goal.half_width.tolist()
-    items = zip(_COORDINATES, COORDINATE_UNITS, goal, width, check.goal_error, strict=False)
+    units = problem.robot.coordinates.units
+    items = zip(_COORDINATES, units, goal, width, check.goal_error, strict=False)
     for name, unit, asked, box, error in items:
         if math.isnan(asked):
             rows.append(GoalRow(name, unit, "free", _NONE))

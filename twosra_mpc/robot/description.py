@@ -7,7 +7,7 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -19,8 +19,9 @@ from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.limits import MotionLimits
 from twosra_mpc.robot.modes import Mode, all_modes, rigid_mode
 from twosra_mpc.robot.paths import Path as PathRecord
-from twosra_mpc.robot.segment import Segment
-from twosra_mpc.robot.timing import Timing
+from twosra_mpc.robot.segment import AnySegment, Segment
+from twosra_mpc.robot.timing import AnyTiming
+from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.validation import FrozenDict, Value, plain
 
 
@@ -51,9 +52,9 @@ class Robot(Value):
     path: PathRecord
     limits: MotionLimits
     heater: Heater
-    segment: Segment | None = None
-    segments: Annotated[tuple[Segment, ...], BeforeValidator(plain)] = ()
-    timing: Annotated[dict[str, Timing], Field(min_length=1), AfterValidator(FrozenDict)]
+    segment: AnySegment | None = None
+    segments: Annotated[tuple[AnySegment, ...], BeforeValidator(plain)] = ()
+    timing: Annotated[dict[str, AnyTiming], Field(min_length=1), AfterValidator(FrozenDict)]
 
     @model_validator(mode="before")
     @classmethod
@@ -110,9 +111,24 @@ class Robot(Value):
         """The mode in which every segment is solid."""
         return rigid_mode(self.geometry.segments)
 
-    def thermal_segment(self, segment: int) -> Segment | None:
-        """How a segment (from 0) warms and cools; None if that is not described."""
-        return self.segments[segment] if self.segments else self.segment
+    def thermal_segment(self, segment: int) -> Segment:
+        """How a segment (from 0) warms and cools.
+
+        Raises:
+            InputError: If the robot file has no ``[segment]``.
+        """
+        found = self.segments[segment] if self.segments else self.segment
+        if found is None:
+            raise InputError("segment", None, f"a thermal description in robot {self.name}")
+        return found
+
+    def weakened(self, cause: Literal["loss", "power"], share: float) -> Robot:
+        """The robot whose segments give off, or whose heaters give, only a share of the heat."""
+        changed: dict[str, Any] = {
+            "segment": self.segment and self.segment.weakened(cause, share),
+            "segments": tuple(segment.weakened(cause, share) for segment in self.segments),
+        }
+        return Robot(**{**dict(self), **changed})
 
     def __hash__(self) -> int:
         return hash((self.name, self.geometry.segment_length_m, self.path.model))
@@ -134,6 +150,16 @@ def _listed_segments(listed: list[Any], geometry: dict[str, Any]) -> dict[str, A
     own = thermal if any(thermal) else ()
     lengthened = {**geometry, "segments": len(listed), "segment_length_m": lengths}
     return {"geometry": lengthened, "segment": None, "segments": own}
+
+
+def segment_model(robot: Robot, ambient_C: float, segment: int) -> SegmentModel:
+    """Build the thermal model of a segment (from 0) of a robot.
+
+    Raises:
+        InputError: If the robot file has no ``[segment]``.
+    """
+    length_m = robot.geometry.lengths_m[segment]
+    return robot.thermal_segment(segment).thermal_model(length_m, robot.heater, ambient_C)
 
 
 def load_robot(source: str | Path) -> Robot:

@@ -5,14 +5,22 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, SerializeAsAny
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import Positive, Triple, Value
+from twosra_mpc.validation import Positive, Tagged, Triple
 
 
-class OfPath(Value):
+class OfPath(Tagged):
     """What every path model says of itself; the model is made from it by ``model.path_models``."""
+
+    tag_key = "model"
+    model: str
+
+    @property
+    def largest_bend_rad(self) -> float:
+        """Largest bending angle that the model describes."""
+        raise NotImplementedError
 
     def check_segments(self, lengths_m: tuple[float, ...]) -> None:
         """Refuse robots the model cannot describe.
@@ -21,9 +29,9 @@ class OfPath(Value):
             InputError: If the model knows two segments of equal length only, and these are others.
         """
         if len(lengths_m) != 2 or lengths_m[0] != lengths_m[1]:
-            model = getattr(self, "model", type(self).__name__)
             allowed = f"'arc' for {len(lengths_m)} segments of {_listed(lengths_m)} m"
-            raise InputError("path.model", model, f"{allowed}: it knows two of equal length only")
+            allowed += ": it knows two of equal length only"
+            raise InputError("path.model", self.model, allowed)
 
 
 def _listed(lengths_m: tuple[float, ...]) -> str:
@@ -79,4 +87,4 @@ class CardioidPath(OfPath):
         return (math.pi - 0.5) / max(self.phi_per_alpha)
 
 
-Path = Annotated[LogSpiralPath | ArcPath | CardioidPath, Field(discriminator="model")]
+Path = Annotated[SerializeAsAny[OfPath], BeforeValidator(OfPath.of_kind)]

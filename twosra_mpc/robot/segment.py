@@ -1,19 +1,86 @@
-"""One segment as data: what it is made of, or what was identified from its heating log."""
+"""One segment as data: what it is made of, or what was identified from its heating log.
+
+Every kind builds the thermal model of such a segment, and says how its sensor and heater work.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, SerializeAsAny, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import FrozenDict, NonNegative, Number, Pair, Positive, Value
+from twosra_mpc.robot.heater import Heater
+from twosra_mpc.thermal.lumped import Lumped
+from twosra_mpc.thermal.model import SegmentModel
+from twosra_mpc.thermal.two_node import TwoNode
+from twosra_mpc.validation import FrozenDict, NonNegative, Number, Pair, Positive, Tagged, Value
 
 Ranges = Annotated[dict[str, Pair], AfterValidator(FrozenDict)]
 
 _COPPER_DENSITY_KG_PER_M3 = 8960.0
 _COPPER_HEAT_J_PER_KG_K = 385.0
+
+
+class Segment(Tagged):
+    """What every description of a segment tells.
+
+    ``ranges`` gives the 5 % and 95 % values of parameters: fields of the thermal model, or of the
+    sensor.
+
+    Attributes:
+        uncertain: Parameters that may have a range.
+        heat_follows: What the heat is described by: the current, or the share of full power, which
+            is that at ``heater.melt_current_A``.
+    """
+
+    tag_key = "model"
+    uncertain: ClassVar[tuple[str, ...]]
+    heat_follows: ClassVar[Literal["current", "power"]]
+
+    model: str
+    ranges: Ranges = FrozenDict()
+
+    @abstractmethod
+    def thermal_model(self, length_m: float, heater: Heater, ambient_C: float) -> SegmentModel:
+        """Thermal model of a segment of this length."""
+
+    @abstractmethod
+    def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
+        """The segment whose metal gives off, or whose heater gives, only a share of the heat."""
+
+    @property
+    def sensor_gain_and_lags_s(self) -> tuple[float, tuple[float, float]]:
+        """Reading above the air per degree of the metal, and the two time constants behind it."""
+        return 1.0, (4.0, 4.0)  # 2 to 8 s in all: how the sensor is embedded is not published
+
+    @property
+    def fibre_diameter_m(self) -> float | None:
+        """Outer diameter, if it is known."""
+        return None
+
+    @model_validator(mode="after")
+    def _ranges_of_parameters(self) -> Self:
+        for name, (low, high) in self.ranges.items():
+            if name not in self.uncertain:
+                raise InputError(
+                    f"ranges.{name}", [low, high], f"one of {', '.join(self.uncertain)}"
+                )
+            if not 0 < low <= high:
+                allowed = "two positive numbers, low then high"
+                raise InputError(f"ranges.{name}", [low, high], allowed)
+        return self
+
+    def _scaled(self, share: float, parameters: tuple[str, ...], values: Mapping[str, Any]) -> Self:
+        """The segment with other values, and the ranges of these parameters scaled."""
+        ranges = {
+            name: (share * low, share * high) if name in parameters else (low, high)
+            for name, (low, high) in self.ranges.items()
+        }
+        return type(self)(**{**dict(self), **values, "ranges": ranges})
 
 
 class Coil(Value):
@@ -57,12 +124,17 @@ class Rubber(Value):
     heat_J_per_kg_K: Positive
 
 
-class LumpedSegment(Value):
+class LumpedSegment(Segment):
     """A segment by geometry and materials: one temperature, one melting plateau.
 
-    ``ranges`` gives the 5 % and 95 % values of derived parameters, which are fields of
-    ``thermal.lumped.Lumped``.
+    ``ranges`` are of derived parameters, which are fields of ``thermal.lumped.Lumped``.
     """
+
+    uncertain = (
+        *("heat_solid_J_per_K", "heat_liquid_J_per_K", "latent_J"),
+        *("loss_W_per_K", "resistance_ohm", "melting_point_C"),
+    )
+    heat_follows = "current"
 
     model: Literal["lumped"]
     core_diameter_m: Positive
@@ -73,7 +145,6 @@ class LumpedSegment(Value):
     metal: Metal
     rubber: Rubber
     coil: Coil
-    ranges: Ranges = FrozenDict()
 
     @model_validator(mode="after")
     def _nested(self) -> LumpedSegment:
@@ -84,16 +155,46 @@ class LumpedSegment(Value):
         if not self.tube_inner_diameter_m < self.tube_outer_diameter_m:
             allowed = f"more than tube_inner_diameter_m ({self.tube_inner_diameter_m:g} m)"
             raise InputError("tube_outer_diameter_m", self.tube_outer_diameter_m, allowed)
-        check_ranges(self.ranges, LUMPED_RANGES)
         return self
 
+    def thermal_model(self, length_m: float, heater: Heater, ambient_C: float) -> Lumped:
+        """Derive the lumped model's parameters from geometry and materials."""
+        core, tube_outside = _disc(self.core_diameter_m), _disc(self.tube_outer_diameter_m)
+        tube_inside = _disc(self.tube_inner_diameter_m)
+        annulus, tube = tube_inside - core, tube_outside - tube_inside
+        metal_kg = self.metal.density_kg_per_m3 * self.metal.fill * annulus * length_m
+        rubber_kg = self.rubber.density_kg_per_m3 * (core + tube) * length_m
+        other = rubber_kg * self.rubber.heat_J_per_kg_K
+        other += self.coil.heat_capacity_J_per_K(self.core_diameter_m)
+        surface = math.pi * self.tube_outer_diameter_m * length_m
+        return Lumped(
+            heat_solid_J_per_K=metal_kg * self.metal.heat_solid_J_per_kg_K + other,
+            heat_liquid_J_per_K=metal_kg * self.metal.heat_liquid_J_per_kg_K + other,
+            latent_J=metal_kg * self.metal.latent_heat_J_per_kg,
+            loss_W_per_K=self.convection_W_per_m2_K * surface + self.end_loss_W_per_K,
+            resistance_ohm=self.coil.resistance_ohm(self.core_diameter_m),
+            temperature_coefficient_per_K=self.coil.temperature_coefficient_per_K,
+            melting_point_C=heater.melting_point_C,
+            ambient_C=ambient_C,
+        )
+
+    def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
+        """Give off less heat at surface and ends; or heat by a coil of less resistance."""
+        if cause == "loss":
+            keys = ("convection_W_per_m2_K", "end_loss_W_per_K")
+            values = {key: share * getattr(self, key) for key in keys}
+            return self._scaled(share, ("loss_W_per_K",), values)
+        resistivity = share * self.coil.resistivity_ohm_m
+        coil = Coil(**{**dict(self.coil), "resistivity_ohm_m": resistivity})
+        return self._scaled(share, ("resistance_ohm",), {"coil": coil})
+
     @property
-    def resistance_ohm(self) -> float:
-        """Resistance of the coil at 25 C."""
-        return self.coil.resistance_ohm(self.core_diameter_m)
+    def fibre_diameter_m(self) -> float:
+        """Outer diameter of the tube."""
+        return self.tube_outer_diameter_m
 
 
-class TwoNodeSegment(Value):
+class TwoNodeSegment(Segment):
     """A segment by fitted parameters: a heated core, a body around it, a lagging sensor.
 
     With core temperature T_c, body temperature T_b, ambient T_a and heater duty u (share of full
@@ -102,6 +203,12 @@ class TwoNodeSegment(Value):
     ``solid_below_C`` and ``liquid_above_C`` are the two thresholds of the stiffness.
     ``core_heat_J_per_K`` turns rates of temperature into power.
     """
+
+    uncertain = (
+        *("power_K_per_s", "coupling_per_s", "body_ratio", "body_loss_per_s"),
+        *("sensor_gain", "sensor_lag_s"),
+    )
+    heat_follows = "power"
 
     model: Literal["two_node"]
     power_K_per_s: Positive
@@ -113,45 +220,42 @@ class TwoNodeSegment(Value):
     liquid_above_C: Number
     sensor_gain: Positive
     sensor_lag_s: NonNegative
-    ranges: Ranges = FrozenDict()
 
     @model_validator(mode="after")
     def _two_thresholds(self) -> TwoNodeSegment:
         if not self.solid_below_C < self.liquid_above_C:
             allowed = f"more than solid_below_C ({self.solid_below_C:g} C)"
             raise InputError("liquid_above_C", self.liquid_above_C, allowed)
-        check_ranges(self.ranges, TWO_NODE_RANGES)
         return self
 
+    def thermal_model(self, length_m: float, heater: Heater, ambient_C: float) -> TwoNode:
+        """Take the fitted parameters as they are: they are of the segment that was logged."""
+        del length_m
+        return TwoNode(
+            power_K_per_s=self.power_K_per_s,
+            coupling_per_s=self.coupling_per_s,
+            body_ratio=self.body_ratio,
+            body_loss_per_s=self.body_loss_per_s,
+            core_heat_J_per_K=self.core_heat_J_per_K,
+            full_current_A=heater.melt_current_A,
+            solid_level=self.solid_below_C,
+            liquid_level=self.liquid_above_C,
+            ambient_C=ambient_C,
+        )
 
-LUMPED_RANGES = (
-    "heat_solid_J_per_K",
-    "heat_liquid_J_per_K",
-    "latent_J",
-    "loss_W_per_K",
-    "resistance_ohm",
-    "melting_point_C",
-)
-TWO_NODE_RANGES = (
-    "power_K_per_s",
-    "coupling_per_s",
-    "body_ratio",
-    "body_loss_per_s",
-    "sensor_gain",
-    "sensor_lag_s",
-)
+    def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
+        """Scale full power; or both flows of heat, or the body alone would do the cooling."""
+        keys = ("coupling_per_s", "body_loss_per_s") if cause == "loss" else ("power_K_per_s",)
+        return self._scaled(share, keys, {key: share * getattr(self, key) for key in keys})
 
-Segment = Annotated[LumpedSegment | TwoNodeSegment, Field(discriminator="model")]
+    @property
+    def sensor_gain_and_lags_s(self) -> tuple[float, tuple[float, float]]:
+        """As fitted."""
+        return self.sensor_gain, (self.sensor_lag_s, self.sensor_lag_s)
 
 
-def check_ranges(ranges: dict[str, tuple[float, float]], known: tuple[str, ...]) -> None:
-    """Refuse a range of something that is not a parameter, or that is empty or not positive.
+AnySegment = Annotated[SerializeAsAny[Segment], BeforeValidator(Segment.of_kind)]
 
-    Raises:
-        InputError: Naming the range.
-    """
-    for name, (low, high) in ranges.items():
-        if name not in known:
-            raise InputError(f"ranges.{name}", [low, high], f"one of {', '.join(known)}")
-        if not 0 < low <= high:
-            raise InputError(f"ranges.{name}", [low, high], "two positive numbers, low then high")
+
+def _disc(diameter_m: float) -> float:
+    return math.pi / 4 * diameter_m**2

@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from abc import abstractmethod
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import Positive, Value
+from twosra_mpc.validation import Positive, Tagged
+
+Kind = Literal["freeze", "melt"]
 
 
-class OverlappedTiming(Value):
+class Timing(Tagged):
+    """What every set of transition times tells; its model is registered with ``timing.model_of``.
+
+    Times that come from the segments are checked by replaying the heater currents, and become
+    slower as the segments do.
+    """
+
+    tag_key = "overlap"
+    overlap: str
+
+    @property
+    def needs_segment(self) -> bool:
+        """Whether the times come from the thermal description of the segments."""
+        return False
+
+    @abstractmethod
+    def slowed(self, kind: Kind, factor: float) -> Self:
+        """The same with freezes, or melts, that take so much longer."""
+
+    def _with(self, values: dict[str, float]) -> Self:
+        return type(self)(**{**dict(self), **values})
+
+
+class OverlappedTiming(Timing):
     """Constant melt and freeze times; transitions may overlap each other and the motion.
 
     Only the last ``*_changing_s`` of a transition are spent on the plateau, where nothing may move.
@@ -25,10 +51,10 @@ class OverlappedTiming(Value):
     freeze_changing_s: Positive
     superheat_s: Positive
 
-    @property
-    def needs_segment(self) -> bool:
-        """Whether the times come from the thermal description of the segments."""
-        return False
+    def slowed(self, kind: Kind, factor: float) -> Self:
+        """Multiply the whole transition and its plateau."""
+        keys = (f"{kind}_s", f"{kind}_changing_s")
+        return self._with({key: factor * getattr(self, key) for key in keys})
 
     @property
     def superheat_share(self) -> float:
@@ -46,7 +72,7 @@ class OverlappedTiming(Value):
         return self
 
 
-class SequentialTiming(Value):
+class SequentialTiming(Timing):
     """The authors' practice: the robot waits a fixed time through every change of mode."""
 
     overlap: Literal["none"]
@@ -55,10 +81,15 @@ class SequentialTiming(Value):
     reconfigure_s: Positive
     reconfigure_cool_s: Positive
 
-    @property
-    def needs_segment(self) -> bool:
-        """Whether the times come from the thermal description of the segments."""
-        return False
+    def slowed(self, kind: Kind, factor: float) -> Self:
+        """Multiply what happens in a wait."""
+        cool, heat = self.reconfigure_cool_s, self.reconfigure_s - self.reconfigure_cool_s
+        if kind == "melt":
+            return self._with(
+                {"heat_s": factor * self.heat_s, "reconfigure_s": cool + factor * heat}
+            )
+        cooling = {"freeze_s": factor * self.freeze_s, "reconfigure_cool_s": factor * cool}
+        return self._with({**cooling, "reconfigure_s": factor * cool + heat})
 
     @model_validator(mode="after")
     def _cooling_within(self) -> SequentialTiming:
@@ -68,17 +99,20 @@ class SequentialTiming(Value):
         return self
 
 
-class ThermalTiming(Value):
+class ThermalTiming(Timing):
     """Times from the thermal model of the segments; transitions may overlap, as in "full"."""
 
     overlap: Literal["thermal"]
 
     @property
     def needs_segment(self) -> bool:
-        """Whether the times come from the thermal description of the segments."""
+        """They do."""
         return True
 
+    def slowed(self, kind: Kind, factor: float) -> Self:
+        """Return the same: the segments become slower."""
+        del kind, factor
+        return self
 
-Timing = Annotated[
-    OverlappedTiming | SequentialTiming | ThermalTiming, Field(discriminator="overlap")
-]
+
+AnyTiming = Annotated[SerializeAsAny[Timing], BeforeValidator(Timing.of_kind)]

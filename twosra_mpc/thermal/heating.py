@@ -1,4 +1,4 @@
-"""When to heat: the course of one segment that passes its onsets exactly when a schedule says.
+"""When to heat: a segment passes its onsets exactly when a schedule says.
 
 Heat as late as the schedule allows: a solid segment loses all the sooner what it is given early, so
 among heatings that reach the plateau at the same time the late one, at full current, takes the
@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from scipy.optimize import brentq
 
-from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.model import SegmentModel, State
-from twosra_mpc.thermal.trajectory import Course, Heating, Piece
+from twosra_mpc.thermal.trajectory import Heating, Piece, TemperatureTrajectory
 from twosra_mpc.thermal.uncertainty import Windows
 
 _ROUNDING_S = 1e-6  # what is saved must be more
@@ -30,13 +29,13 @@ class KeepWarm(NamedTuple):
     energy_s_per_J: float
 
 
-class Timed(NamedTuple):
-    """One transition as a course makes it [s].
+class SegmentTransition(NamedTuple):
+    """One transition as a heating makes it [s].
 
     ``earliest_s`` is the earliest onset that the state before it allows.
     """
 
-    to: Stiffness
+    to: Literal["soft", "rigid"]
     heater_s: float
     onset_s: float
     done_s: float
@@ -63,9 +62,12 @@ class HeatingPlan:
     windows: Windows
     keep_warm: KeepWarm | None
 
-    def course(
-        self, temperature_C: float, soft: bool, onsets: Sequence[tuple[Stiffness, float]]
-    ) -> tuple[Course, list[Timed]]:
+    def heated(
+        self,
+        temperature_C: float,
+        soft: bool,
+        onsets: Sequence[tuple[Literal["soft", "rigid"], float]],
+    ) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
         """Heat a segment so that it melts and freezes at these onsets, or as soon as it can.
 
         Args:
@@ -74,20 +76,20 @@ class HeatingPlan:
             onsets: (soft or rigid, onset [s]) in order.
         """
         state = self.model.initial(temperature_C)
-        pieces = self.heated(0.0, state) if soft else (self._off(0.0, state),)
-        course = Course(self.model, self.melt_current_A, pieces)
-        done, timed = 0.0, []
+        pieces = self.held_soft(0.0, state) if soft else (self._off(0.0, state),)
+        trajectory = TemperatureTrajectory(self.model, self.melt_current_A, pieces)
+        done, all_made = 0.0, []
         for to, onset in onsets:
-            course, made = (
-                self._melted(course, done, onset)
+            trajectory, made = (
+                self._melted(trajectory, done, onset)
                 if to == "soft"
-                else self._frozen(course, done, onset)
+                else self._frozen(trajectory, done, onset)
             )
-            timed.append(made)
+            all_made.append(made)
             done = made.done_s
-        return course, timed
+        return trajectory, all_made
 
-    def heated(self, start_s: float, state: State) -> tuple[Piece, ...]:
+    def held_soft(self, start_s: float, state: State) -> tuple[Piece, ...]:
         """Bring a segment to the soft set-point and hold it there."""
         level = self.model.level_at(self.soft_setpoint_C)
         hotter = self.model.level(state) > level
@@ -128,11 +130,13 @@ class HeatingPlan:
     def _off(self, start_s: float, state: State) -> Piece:
         return Piece(start_s, state, Heating.OFF, self.rigid_setpoint_C)
 
-    def _melted(self, course: Course, since: float, onset: float) -> tuple[Course, Timed]:
-        passive, made = self._heated_late(course, since, onset)
+    def _melted(
+        self, trajectory: TemperatureTrajectory, since: float, onset: float
+    ) -> tuple[TemperatureTrajectory, SegmentTransition]:
+        passive, made = self._heated_late(trajectory, since, onset)
         if self.keep_warm is None:
             return passive, made
-        kept_warm = self._kept_warm(course, self.keep_warm.temperature_C)
+        kept_warm = self._kept_warm(trajectory, self.keep_warm.temperature_C)
         warm, sooner = self._heated_late(kept_warm, since, onset)
         saved = min(
             made.done_s - sooner.done_s,
@@ -142,42 +146,47 @@ class HeatingPlan:
         pays = saved > self.keep_warm.energy_s_per_J * energy + _ROUNDING_S
         return (warm, sooner) if pays else (passive, made)
 
-    def _refrozen_s(self, course: Course, off: float) -> float:
+    def _refrozen_s(self, trajectory: TemperatureTrajectory, off: float) -> float:
         """End of a freeze with the heater off from then on: what is warmer may freeze later."""
-        return off + self.freezing_s(course.state_at(off))
+        return off + self.freezing_s(trajectory.state_at(off))
 
-    def _heated_late(self, course: Course, since: float, onset: float) -> tuple[Course, Timed]:
+    def _heated_late(
+        self, trajectory: TemperatureTrajectory, since: float, onset: float
+    ) -> tuple[TemperatureTrajectory, SegmentTransition]:
         def late(heater: float) -> float:
-            return heater + self.lead_s(course.state_at(heater)) - onset
+            return heater + self.lead_s(trajectory.state_at(heater)) - onset
 
         earliest = late(since) + onset
         heater = since if late(since) >= 0 else float(brentq(late, since, onset, xtol=1e-12))
-        state = course.state_at(heater)
+        state = trajectory.state_at(heater)
         onset = heater + self.lead_s(state)
         done = heater + self.melting_s(state)
-        kept = [piece for piece in course.pieces if piece.start_s < heater]
-        pieces = (*kept, *self.heated(heater, state))
-        timed = Timed("soft", heater, onset, done, earliest)
-        return Course(self.model, self.melt_current_A, pieces), timed
+        kept = [piece for piece in trajectory.pieces if piece.start_s < heater]
+        pieces = (*kept, *self.held_soft(heater, state))
+        made = SegmentTransition("soft", heater, onset, done, earliest)
+        return TemperatureTrajectory(self.model, self.melt_current_A, pieces), made
 
-    def _kept_warm(self, course: Course, warm_C: float) -> Course:
+    def _kept_warm(self, trajectory: TemperatureTrajectory, warm_C: float) -> TemperatureTrajectory:
         """Let a segment whose heater is off cool to ``warm_C``, then hold it there."""
-        off = course.pieces[-1]
+        off = trajectory.pieces[-1]
         needed = self.model.time_until(off.state, 0.0, self.model.level_at(warm_C))
         if needed == math.inf:
-            return course
+            return trajectory
         there = self.model.propagate(off.state, 0.0, needed)
-        return course.extended(Piece(off.start_s + needed, there, Heating.HOLD, warm_C))
+        return trajectory.extended(Piece(off.start_s + needed, there, Heating.HOLD, warm_C))
 
-    def _frozen(self, course: Course, since: float, onset: float) -> tuple[Course, Timed]:
+    def _frozen(
+        self, trajectory: TemperatureTrajectory, since: float, onset: float
+    ) -> tuple[TemperatureTrajectory, SegmentTransition]:
         def late(off: float) -> float:
-            return off + self.coasting_s(course.state_at(off)) - onset
+            return off + self.coasting_s(trajectory.state_at(off)) - onset
 
         earliest = late(since) + onset
         off = since if late(since) >= 0 else float(brentq(late, since, onset, xtol=1e-12))
-        state = course.state_at(off)
-        timed = Timed(
+        state = trajectory.state_at(off)
+        made = SegmentTransition(
             "rigid", off, off + self.coasting_s(state), off + self.freezing_s(state), earliest
         )
-        kept = tuple(piece for piece in course.pieces if piece.start_s < off)
-        return Course(self.model, self.melt_current_A, (*kept, self._off(off, state))), timed
+        kept = tuple(piece for piece in trajectory.pieces if piece.start_s < off)
+        pieces = (*kept, self._off(off, state))
+        return TemperatureTrajectory(self.model, self.melt_current_A, pieces), made

@@ -75,6 +75,13 @@ class Lumped:
         del state
         return (level,)
 
+    def warmed(self, state: State, by_K: float) -> State:
+        """State at more enthalpy; on the plateau the same."""
+        (h,) = state
+        if 0 <= h <= self.latent_J:
+            return state
+        return (h + (self.heat_solid_J_per_K if h < 0 else self.heat_liquid_J_per_K) * by_K,)
+
     def temperature_C(self, state: State) -> float:
         """Temperature of the metal [C]."""
         (h,) = state
@@ -154,11 +161,6 @@ class Lumped:
             total += self._energy_within_regime(h, after, current_A, spent)
             h, left = after, left - spent
         return total
-
-    def least_power_while_liquid_W(self, hottest_C: float) -> float:
-        """Heater power without which liquid metal loses heat: the loss at the melting point."""
-        del hottest_C
-        return self.loss_W_per_K * (self.melting_point_C - self.ambient_C)
 
     def _rate(self, h: float, current_A: float) -> float:
         return self.net_power_W(current_A, self.temperature_C((h,)))

@@ -1,15 +1,9 @@
-"""What every segment model offers, and the model of a robot's segments at a given ambient."""
+"""What every segment model offers, and what follows from it alone."""
 
 from __future__ import annotations
 
 import math
-from typing import Protocol
-
-from twosra_mpc.errors import InputError
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.segment import LumpedSegment, TwoNodeSegment
-from twosra_mpc.thermal.lumped import Lumped
-from twosra_mpc.thermal.two_node import TwoNode
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 State = tuple[float, ...]
 
@@ -20,7 +14,13 @@ class SegmentModel(Protocol):
     A segment is solid while ``level(state) <= solid_level``, liquid from ``liquid_level`` on, and
     changing in between. At constant current the level rises or falls, and warmer stays warmer:
     of two states the one that is nowhere colder never becomes colder anywhere.
+
+    It is a frozen dataclass whose fields are its parameters, plain numbers.
     """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __hash__(self) -> int: ...
 
     @property
     def solid_level(self) -> float:
@@ -45,6 +45,9 @@ class SegmentModel(Protocol):
 
     def at_level(self, state: State, level: float) -> State:
         """State whose level is this, the rest of the segment being as in ``state``."""
+
+    def warmed(self, state: State, by_K: float) -> State:
+        """State whose metal is so much warmer; where heat does not warm it, the same."""
 
     def temperature_C(self, state: State) -> float:
         """Temperature of the metal."""
@@ -73,60 +76,46 @@ class SegmentModel(Protocol):
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heater energy of keeping the temperature."""
 
-    def least_power_while_liquid_W(self, hottest_C: float) -> float:
-        """Proved least mean heater power from liquid level to liquid level, never above this."""
+
+def thresholds_C(model: SegmentModel) -> tuple[float, float]:
+    """Temperatures up to which a segment is solid, and from which on liquid; equal on a plateau."""
+    cold = model.initial(model.ambient_C)
+    solid, liquid = (
+        model.temperature_C(model.at_level(cold, level))
+        for level in (model.solid_level, model.liquid_level)
+    )
+    return solid, liquid
 
 
-def segment_model(robot: Robot, ambient_C: float, segment: int = 0) -> SegmentModel:
-    """Build the thermal model of a segment (from 0) of a robot.
+class ReferenceTimes(NamedTuple):
+    """Of a melt from the temperature of the air, and a freeze from the set-point [s]; inf: never.
 
-    Raises:
-        InputError: If the robot file has no ``[segment]``.
+    Attributes:
+        lead_s: Heater on to the onset of melting.
+        melt_s: Heater on to molten.
+        coasting_s: Heater off to the onset of freezing.
+        freeze_s: Heater off to solid.
     """
-    match robot.thermal_segment(segment):
-        case LumpedSegment() as made:
-            return lumped(made, robot.geometry.lengths_m[segment], robot, ambient_C)
-        case TwoNodeSegment() as made:
-            return two_node(made, robot, ambient_C)
-        case None:
-            raise InputError("segment", None, f"a thermal description in robot {robot.name}")
+
+    lead_s: float
+    melt_s: float
+    coasting_s: float
+    freeze_s: float
 
 
-def lumped(made: LumpedSegment, length: float, robot: Robot, ambient_C: float) -> Lumped:
-    """Derive the lumped model's parameters from geometry and materials; ``length`` in m."""
-    annulus = _disc(made.tube_inner_diameter_m) - _disc(made.core_diameter_m)
-    tube = _disc(made.tube_outer_diameter_m) - _disc(made.tube_inner_diameter_m)
-    metal_kg = made.metal.density_kg_per_m3 * made.metal.fill * annulus * length
-    rubber_kg = made.rubber.density_kg_per_m3 * (_disc(made.core_diameter_m) + tube) * length
-    other = rubber_kg * made.rubber.heat_J_per_kg_K
-    other += made.coil.heat_capacity_J_per_K(made.core_diameter_m)
-    surface = math.pi * made.tube_outer_diameter_m * length
-    return Lumped(
-        heat_solid_J_per_K=metal_kg * made.metal.heat_solid_J_per_kg_K + other,
-        heat_liquid_J_per_K=metal_kg * made.metal.heat_liquid_J_per_kg_K + other,
-        latent_J=metal_kg * made.metal.latent_heat_J_per_kg,
-        loss_W_per_K=made.convection_W_per_m2_K * surface + made.end_loss_W_per_K,
-        resistance_ohm=made.resistance_ohm,
-        temperature_coefficient_per_K=made.coil.temperature_coefficient_per_K,
-        melting_point_C=robot.heater.melting_point_C,
-        ambient_C=ambient_C,
+def reference_times(
+    model: SegmentModel, melt_current_A: float, soft_setpoint_C: float
+) -> ReferenceTimes:
+    """Transitions of a segment that was cold, at full current and without current."""
+    cold = model.initial(model.ambient_C)
+    lead, melt, heating = (
+        model.time_until(cold, melt_current_A, level)
+        for level in (model.solid_level, model.liquid_level, model.level_at(soft_setpoint_C))
     )
-
-
-def two_node(made: TwoNodeSegment, robot: Robot, ambient_C: float) -> TwoNode:
-    """Take the fitted parameters as they are; full power is at ``heater.melt_current_A``."""
-    return TwoNode(
-        power_K_per_s=made.power_K_per_s,
-        coupling_per_s=made.coupling_per_s,
-        body_ratio=made.body_ratio,
-        body_loss_per_s=made.body_loss_per_s,
-        core_heat_J_per_K=made.core_heat_J_per_K,
-        full_current_A=robot.heater.melt_current_A,
-        solid_level=made.solid_below_C,
-        liquid_level=made.liquid_above_C,
-        ambient_C=ambient_C,
+    if heating == math.inf:
+        return ReferenceTimes(lead, melt, math.inf, math.inf)
+    hot = model.propagate(cold, melt_current_A, heating)
+    coasting, freeze = (
+        model.time_until(hot, 0.0, level) for level in (model.liquid_level, model.solid_level)
     )
-
-
-def _disc(diameter_m: float) -> float:
-    return math.pi / 4 * diameter_m**2
+    return ReferenceTimes(lead, melt, coasting, freeze)

@@ -35,7 +35,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Course:
+class TemperatureTrajectory:
     """A segment's pieces in order; the last one has no end.
 
     Attributes:
@@ -48,9 +48,9 @@ class Course:
     melt_current_A: float
     pieces: tuple[Piece, ...]
 
-    def extended(self, *pieces: Piece) -> Course:
-        """Return the same course with more pieces."""
-        return Course(self.model, self.melt_current_A, (*self.pieces, *pieces))
+    def extended(self, *pieces: Piece) -> TemperatureTrajectory:
+        """Return the same trajectory with more pieces."""
+        return TemperatureTrajectory(self.model, self.melt_current_A, (*self.pieces, *pieces))
 
     def state_at(self, time_s: float) -> State:
         """State of the segment."""
@@ -74,7 +74,7 @@ class Course:
 
     def event_times(self) -> list[float]:
         """Times at which set-point or current change [s]."""
-        return [piece.start_s for piece in self.pieces]
+        return self._starts
 
     def energy_J(self, until_s: float) -> float:
         """Heater energy from t = 0."""
@@ -95,7 +95,7 @@ class Course:
 
     @cached_property
     def _starts(self) -> list[float]:
-        return self.event_times()
+        return [piece.start_s for piece in self.pieces]
 
     def _index(self, time_s: float) -> int:
         return max(0, bisect_right(self._starts, time_s) - 1)

@@ -62,6 +62,10 @@ class TwoNode:
         """State with the core at this temperature and the body as in ``state``."""
         return (level, state[1])
 
+    def warmed(self, state: State, by_K: float) -> State:
+        """State with a warmer core."""
+        return (state[0] + by_K, state[1])
+
     def temperature_C(self, state: State) -> float:
         """Temperature of the core [C]."""
         return state[0]
@@ -106,15 +110,6 @@ class TwoNode:
             leave + loss
         )
         return max(0.0, self.core_heat_J_per_K * self.coupling_per_s * gained)
-
-    def least_power_while_liquid_W(self, hottest_C: float) -> float:
-        """Heater power without which the core cools: with the body as warm as it can get.
-
-        The body is never warmer than after holding the core at ``hottest_C`` for ever.
-        """
-        body = self.hold((hottest_C, self.ambient_C), _HORIZON_S)[1]
-        coldest = max(0.0, self.liquid_level - body)
-        return self.core_heat_J_per_K * self.coupling_per_s * coldest
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until the core first reaches ``level`` [s]; inf if never."""

@@ -1,6 +1,6 @@
 """The temporal network: which events a mode sequence implies, and how far apart they must be.
 
-A sequence of n phases has n + 1 gaps: gap g lies before phase g, gap n after the last phase. Where
+A sequence of p phases has p + 1 gaps: gap g lies before phase g, gap p after the last phase. Where
 a segment's stiffness differs on the two sides of a gap, it melts or freezes there; the *onset* is
 the moment from which it may be on the plateau. From onset to done nothing may move; before the
 onset of a melt the segment is still solid, before the onset of a freeze still liquid, and the robot
@@ -21,15 +21,15 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 
 @dataclass(frozen=True)
 class EventLayout:
-    """Numbering of the events of a sequence of ``phases`` phases; the same for every sequence."""
+    """Numbering of the events of a sequence of ``phases`` phases of a robot of ``segments``."""
 
     phases: int
-    segments: int = 2
+    segments: int
 
     @property
     def count(self) -> int:
         """Number of events, the origin included."""
-        return 4 * self.phases + 4
+        return 2 * self.phases + self.segments * (self.phases + 1) + 2
 
     @property
     def finish(self) -> int:
@@ -50,8 +50,12 @@ class EventLayout:
         return 2 * phase + 1 if phase >= 0 else self.origin
 
     def onset(self, gap: int, segment: int) -> int:
-        """Onset of the transition of ``segment`` (0 or 1) in ``gap``."""
-        return 2 * self.phases + 2 * gap + segment
+        """Onset of the transition of ``segment`` (from 0) in ``gap``."""
+        return 2 * self.phases + self.segments * gap + segment
+
+    def onset_of(self, event: Event) -> int:
+        """Onset of a transition."""
+        return self.onset(event.gap, event.segment)
 
     def pairs(self) -> Iterator[tuple[int, int]]:
         """Yield every pair (u, v) that any network of this many phases may constrain."""
@@ -61,13 +65,14 @@ class EventLayout:
             yield self.end(gap - 1), self.start(gap)
             if gap > 0:
                 yield self.origin, self.start(gap)
-            for segment in (0, 1):
+            for segment in range(self.segments):
                 onset = self.onset(gap, segment)
                 yield self.end(gap - 1), onset
                 yield onset, self.start(gap)
                 yield self.origin, onset
+                others = [other for other in range(self.segments) if other != segment]
                 for earlier in range(gap + 1):
-                    yield self.onset(earlier, 1 - segment), onset
+                    yield from ((self.onset(earlier, other), onset) for other in others)
                     if earlier < gap:
                         yield self.onset(earlier, segment), onset
 
@@ -152,7 +157,7 @@ def phase_order(layout: EventLayout) -> dict[tuple[int, int], float]:
 
 
 class Event(NamedTuple):
-    """A transition of a segment (0 or 1) in a gap; ``number`` counts those of the segment."""
+    """A transition of a segment (from 0) in a gap; ``number`` counts those of the segment."""
 
     segment: int
     gap: int
@@ -162,7 +167,7 @@ class Event(NamedTuple):
 
 def events_of(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[Event]:
     """Yield the transitions of each segment, segment by segment, in order of time."""
-    for segment in (0, 1):
+    for segment in range(len(first)):
         stiffness, number = first[segment], 0
         for gap, mode in enumerate((*sequence, last)):
             if mode[segment] != stiffness:
@@ -180,7 +185,7 @@ def network_of_events(
     melt_energy_J: float,
 ) -> TemporalNetwork:
     """Put together the network of a sequence whose transitions are these events."""
-    layout = EventLayout(len(sequence))
+    layout = EventLayout(len(sequence), len(last))
     soft, rigid = (
         tuple(layout.onset(event.gap, event.segment) for event in events if event.to == to)
         for to in ("soft", "rigid")

@@ -7,15 +7,17 @@ a given schedule needs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from twosra_mpc.robot.modes import Mode, ModeSequence
-from twosra_mpc.thermal.heating import HeatingPlan, Timed
+from twosra_mpc.robot.description import segment_model
+from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.timing import ThermalTiming
+from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm, SegmentTransition
 from twosra_mpc.thermal.least_times import LeastTimes
-from twosra_mpc.thermal.trajectory import Course
-from twosra_mpc.timing.constant import ONE_HEATER
+from twosra_mpc.thermal.trajectory import TemperatureTrajectory
+from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing.network import (
     Event,
     EventLayout,
@@ -25,50 +27,95 @@ from twosra_mpc.timing.network import (
     network_of_events,
     phase_order,
 )
-from twosra_mpc.timing.one_heater import overlapping, successive
-from twosra_mpc.timing.transitions import Transition, number_of
+from twosra_mpc.timing.one_heater import Dwell, handovers, overlaps, refused
+from twosra_mpc.timing.transitions import (
+    SegmentHeating,
+    Transition,
+    TransitionModel,
+    by_heater_time,
+    model_of,
+)
 
+_KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
 _SETTLED_S = 1e-9
 
 
+@model_of.register(ThermalTiming)
 @dataclass(frozen=True)
-class Thermal:
-    """Melting and freezing by the thermal model, heated late.
+class Thermal(TransitionModel):
+    """Melting and freezing by the thermal model of each segment, heated late."""
 
-    Attributes:
-        heating: How a segment is heated.
-        first: Stiffness at t = 0.
-        temperatures: Temperatures of the segments at t = 0 [C].
-        heaters_at_once: How many heaters may be on at a time.
-    """
+    times: ThermalTiming
 
-    heating: HeatingPlan
-    first: Mode
-    temperatures: tuple[float, float]
-    heaters_at_once: int
+    @property
+    def words(self) -> str:
+        problem, heater = self.problem, self.problem.robot.heater
+        words = (
+            f"melt and freeze times from the thermal model (timing “{problem.timing}”, air of"
+            f" {problem.ambient:g} °C) under one heating policy: {heater.melt_current_A:g} A until"
+            f" the set-point of {heater.soft_setpoint_C:g} °C, then hold"
+        )
+        if problem.heating == "keep_warm":
+            words += ", solid segments kept warm where that costs less"
+        if problem.transition_quantile is not None:
+            share = 100 * problem.transition_quantile
+            words += f", windows that hold {share:g} % of all transitions"
+        return words
+
+    @cached_property
+    def plans(self) -> tuple[HeatingPlan, ...]:
+        """How each segment is heated."""
+        return tuple(self._plan(j) for j in range(len(self.first)))
+
+    def _plan(self, segment: int) -> HeatingPlan:
+        problem, heater = self.problem, self.problem.robot.heater
+        model = segment_model(problem.robot, problem.ambient, segment)
+        solid_below_C, _ = problem.segment_thresholds_C[segment]
+        warm = KeepWarm(solid_below_C - _KEEP_WARM_BELOW_C, problem.cost_weights.energy_s_per_J)
+        may_keep_warm = problem.heaters_at_once > 1  # a single heater may be needed elsewhere
+        return HeatingPlan(
+            model=model,
+            melt_current_A=heater.melt_current_A,
+            soft_setpoint_C=heater.soft_setpoint_C,
+            rigid_setpoint_C=heater.rigid_setpoint_C,
+            windows=windows(
+                model,
+                tuple(problem.robot.thermal_segment(segment).ranges.items()),
+                heater.melt_current_A,
+                heater.soft_setpoint_C,
+                problem.transition_quantile,
+            ),
+            keep_warm=warm if problem.heating == "keep_warm" and may_keep_warm else None,
+        )
+
+    @cached_property
+    def least(self) -> tuple[LeastTimes, ...]:
+        """What no history of each segment can undercut."""
+        return tuple(map(LeastTimes, self.plans, self.problem.temperatures))
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        if self.heaters_at_once == 2:
-            return None
-        for one, two in overlapping(sequence, self.first, last):
-            if not self._coasts(0, two.melt) and not self._coasts(1, one.melt):
-                return ONE_HEATER
+        if self.problem.heaters_at_once == 1:
+            for one, two, mode in overlaps(sequence, self.first, last):
+                if not self._coasts(one, two) and not self._coasts(two, one):
+                    return refused(mode)
         return None
 
-    def _coasts(self, segment: int, melt: Event | None) -> bool:
+    def _coasts(self, liquid: Dwell, other: Dwell) -> bool:
         """Whether a segment might stay liquid without heat while the other one melts."""
-        if melt is None:
+        if other.melt is None:
             return False
-        other = self._histories[melt.segment]
+        least = self.least[other.segment]
         needed = (
-            other.warmest_lead_s + other.first_melting_s if melt.number == 0 else other.melting_s
+            least.warmest_lead_s + least.first_melting_s
+            if other.melt.number == 0
+            else least.melting_s
         )
-        return self._histories[segment].longest_coasting_s > needed
+        return self.least[liquid.segment].longest_coasting_s > needed
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
     ) -> TemporalNetwork:
-        layout = EventLayout(len(sequence))
+        layout = EventLayout(len(sequence), len(last))
         least = phase_order(layout)
         holds: list[Hold] = []
         energy, molten = 0.0, 0
@@ -76,8 +123,8 @@ class Thermal:
         before: float | None = None  # least time from the onset of the transition before
         events = tuple(events_of(sequence, self.first, last))
         for event in events:
-            history = self._histories[event.segment]
-            onset, begin = layout.onset(event.gap, event.segment), layout.start(event.gap)
+            history = self.least[event.segment]
+            onset, begin = layout.onset_of(event), layout.start(event.gap)
             least[layout.end(event.gap - 1), onset] = 0.0
             if event.number == 0:
                 previous, before = layout.origin, None
@@ -97,7 +144,7 @@ class Thermal:
                 before = history.freezing_s(event.number, held)
             least[onset, begin] = before
             previous, molten = onset, event.gap
-        if self.heaters_at_once == 1:
+        if self.problem.heaters_at_once == 1:
             least |= self._least_handovers(sequence, last, least, layout)
         return network_of_events(sequence, last, events, least, holds, energy)
 
@@ -110,75 +157,77 @@ class Thermal:
     ) -> dict[tuple[int, int], float]:
         """The earlier heater goes off when its segment is molten, and can coast only so long."""
         added = {}
-        for earlier, freeze, melt in self._handovers(sequence, last):
-            lead = self._histories[melt.segment].warmest_lead_s if melt.number == 0 else 0.0
-            on = layout.onset(melt.gap, melt.segment)
-            off = layout.onset(freeze.gap, freeze.segment)
-            added[off, on] = lead - self._histories[freeze.segment].longest_coasting_s
-            if earlier is not None:
-                onset = layout.onset(earlier.gap, earlier.segment)
-                added[onset, on] = least[onset, layout.start(earlier.gap)] + lead
+        for melt, off, on in handovers(sequence, self.first, last):
+            lead = self.least[on.segment].warmest_lead_s if on.number == 0 else 0.0
+            coasting = self.least[off.segment].longest_coasting_s
+            added[layout.onset_of(off), layout.onset_of(on)] = lead - coasting
+            if melt is not None:
+                onset = layout.onset_of(melt)
+                molten = least[onset, layout.start(melt.gap)]
+                added[onset, layout.onset_of(on)] = molten + lead
         return added
 
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         layout, raised = network.layout, dict(network.least)
-        made: dict[tuple[int, int], Timed] = {}
-        for segment in (0, 1):
+        made: dict[Event, SegmentTransition] = {}
+        for segment in range(len(self.first)):
             previous = layout.origin
-            events, timed = self._timed(network, times, segment)
-            for event, item in zip(events, timed, strict=True):
-                onset, begin = layout.onset(event.gap, segment), layout.start(event.gap)
-                made[event.gap, segment] = item
+            for event, item in self._made(network, times, segment):
+                onset, begin = layout.onset_of(event), layout.start(event.gap)
+                made[event] = item
                 if item.onset_s > times[onset] + _SETTLED_S:
                     raised[previous, onset] = item.onset_s - times[previous]
                 if item.done_s - item.onset_s > times[begin] - times[onset] + _SETTLED_S:
                     raised[onset, begin] = item.done_s - item.onset_s
                 previous = onset
-        if self.heaters_at_once == 1:
-            if any(overlapping(network.sequence, self.first, network.last)):
+        if self.problem.heaters_at_once == 1:
+            if any(overlaps(network.sequence, self.first, network.last)):
                 raised[layout.finish, layout.origin] = 1.0  # not refused, but not planned either
-            for _, freeze, melt in self._handovers(network.sequence, network.last):
-                off, on = (layout.onset(e.gap, e.segment) for e in (freeze, melt))
-                late = made[freeze.gap, freeze.segment].heater_s
-                late -= made[melt.gap, melt.segment].heater_s
+            for _, off, on in handovers(network.sequence, self.first, network.last):
+                late = made[off].heater_s - made[on].heater_s
                 if late > _SETTLED_S:
-                    raised[off, on] = times[on] - times[off] + late
+                    events = layout.onset_of(off), layout.onset_of(on)
+                    raised[events] = times[events[1]] - times[events[0]] + late
         return None if raised == network.least else replace(network, least=raised)
 
     def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
-        found: list[Transition] = []
-        for segment in (0, 1):
-            _, timed = self._timed(network, times, segment)
-            found += [Transition(number_of(segment), *item[:4]) for item in timed]
-        return sorted(found, key=lambda item: (item.heater_s, item.segment))
+        return by_heater_time(
+            [
+                Transition(segment + 1, *item[:4])
+                for segment in range(len(self.first))
+                for _, item in self._made(network, times, segment)
+            ]
+        )
 
-    def course(self, segment: int, transitions: Sequence[Transition]) -> Course:
-        """Heater and state of a segment (0 or 1) over time, from all transitions of a plan."""
-        onsets = [(item.to, item.onset_s) for item in transitions if item.segment == segment + 1]
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ThermalHeating:
+        made = self.trajectory(segment, own)
         soft = bool(self.first[segment])
-        return self.heating.course(self.temperatures[segment], soft, onsets)[0]
+        return ThermalHeating(soft, own, made.model, made.melt_current_A, made.pieces)
 
-    def _timed(
+    def trajectory(self, segment: int, own: Sequence[Transition]) -> TemperatureTrajectory:
+        """Heater and state of a segment (from 0) over time, from its transitions in a plan."""
+        return self._heated(segment, [(item.to, item.onset_s) for item in own])[0]
+
+    def _made(
         self, network: TemporalNetwork, times: Sequence[float], segment: int
-    ) -> tuple[list[Event], list[Timed]]:
-        events = [
-            event
-            for event in events_of(network.sequence, self.first, network.last)
-            if event.segment == segment
-        ]
-        onsets = [(e.to, float(times[network.layout.onset(e.gap, segment)])) for e in events]
+    ) -> list[tuple[Event, SegmentTransition]]:
+        """Transitions of a segment, as its heating makes them when they should be at ``times``."""
+        events = events_of(network.sequence, self.first, network.last)
+        own = [event for event in events if event.segment == segment]
+        onsets = [(event.to, float(times[network.layout.onset_of(event)])) for event in own]
+        return list(zip(own, self._heated(segment, onsets)[1], strict=True))
+
+    def _heated(
+        self, segment: int, onsets: Sequence[tuple[Stiffness, float]]
+    ) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
         soft = bool(self.first[segment])
-        return events, self.heating.course(self.temperatures[segment], soft, onsets)[1]
+        return self.plans[segment].heated(self.problem.temperatures[segment], soft, onsets)
 
-    def _handovers(
-        self, sequence: ModeSequence, last: Mode
-    ) -> Iterator[tuple[Event | None, Event, Event]]:
-        """(melt, freeze, melt of the other) where one heater goes off before the other goes on."""
-        for pair in successive(sequence, self.first, last):
-            if pair is not None and pair[0].freeze is not None and pair[1].melt is not None:
-                yield pair[0].melt, pair[0].freeze, pair[1].melt
 
-    @cached_property
-    def _histories(self) -> tuple[LeastTimes, LeastTimes]:
-        first, second = (LeastTimes(self.heating, here) for here in self.temperatures)
-        return first, second
+@dataclass(frozen=True)
+class ThermalHeating(TemperatureTrajectory, SegmentHeating):
+    """Heater and state by the thermal model, piece by piece."""
+
+    def event_times(self) -> list[float]:
+        changes = [t for item in self.transitions for t in item[2:]]
+        return changes + [t for t in super().event_times() if t > 0]

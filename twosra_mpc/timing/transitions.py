@@ -2,33 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, singledispatch
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.timing import Timing
 from twosra_mpc.timing.network import TemporalNetwork
+
+Array = NDArray[np.float64]
+
+TIME_TOLERANCE_S = 1e-5  # by which a transition may be shorter than it must be
 
 
 class Transition(NamedTuple):
-    """One melt or freeze of a segment (1 or 2), times in s.
+    """One melt or freeze of a segment (1 to n), times in s.
 
     ``heater_s`` is when its heater goes on (melt) or off (freeze), ``onset_s`` from when on the
     segment may be changing, ``done_s`` when it surely has changed.
     """
 
-    segment: Literal[1, 2]
+    segment: int
     to: Stiffness
     heater_s: float
     onset_s: float
     done_s: float
 
 
-class TransitionModel(Protocol):
-    """How long melting and freezing take, and what may happen meanwhile."""
+@dataclass(frozen=True)
+class SegmentHeating(ABC):
+    """One segment's heater and state over time; times in s, arrays of the times' shape.
 
+    Attributes:
+        soft_at_start: Whether the segment is liquid at t = 0.
+        transitions: Its transitions in order.
+    """
+
+    soft_at_start: bool
+    transitions: tuple[Transition, ...]
+
+    @abstractmethod
+    def event_times(self) -> list[float]:
+        """Times at which set-point, current or state change [s]."""
+
+    @abstractmethod
+    def setpoint_C(self, t: Array) -> Array:
+        """Temperature set-point from each time to the next [C]."""
+
+    @abstractmethod
+    def current_A(self, t: Array) -> Array:
+        """Heater current from each time to the next [A]."""
+
+    @abstractmethod
+    def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
+        """Expected temperature [C] and melt fraction, from 0 (solid) to 1 (liquid)."""
+
+    @abstractmethod
+    def energy_J(self, until_s: float) -> float:
+        """Heater energy from t = 0."""
+
+    def soft(self, t: Array) -> NDArray[np.bool_]:
+        """Whether the segment is liquid: after a melt is done, before the next freeze begins."""
+        value = np.full(t.shape, self.soft_at_start)
+        for item in self.transitions:
+            value[t >= (item.done_s if item.to == "soft" else item.onset_s)] = item.to == "soft"
+        return value
+
+
+@dataclass(frozen=True)
+class TransitionModel(ABC):
+    """How long melting and freezing take in a problem, and what may happen meanwhile.
+
+    Attributes:
+        times: The timing that the problem names.
+        problem: The problem.
+    """
+
+    times: Timing
+    problem: Problem
+
+    @cached_property
+    def first(self) -> Mode:
+        """Stiffness at t = 0."""
+        return self.problem.start_mode
+
+    @property
+    def detours(self) -> tuple[ModeSequence, ...]:
+        """Phases by which one mode may be quicker to reach from another; () is to go directly."""
+        return ((),)
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """What the times are, to complete "it holds for"."""
+
+    @abstractmethod
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         """Why no heating with each heater on once around a soft phase gives it, or None."""
 
+    @abstractmethod
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
     ) -> TemporalNetwork:
@@ -40,13 +118,55 @@ class TransitionModel(Protocol):
             least_durations: Proved least duration of each phase [s].
         """
 
+    @abstractmethod
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         """What a schedule really needs: constraints that ``times`` violate, raised; else None."""
 
+    @abstractmethod
     def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
         """Melts and freezes of a sequence with these event times, by heater time."""
 
+    def heating(self, transitions: Sequence[Transition]) -> tuple[SegmentHeating, ...]:
+        """How each segment is heated, given all melts and freezes of a plan."""
+        segments = range(len(self.first))
+        return tuple(self.segment_heating(j, own_transitions(transitions, j)) for j in segments)
 
-def number_of(segment: int) -> Literal[1, 2]:
-    """Segments are counted from 1 where people read them."""
-    return 2 if segment else 1
+    @abstractmethod
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SegmentHeating:
+        """How a segment (from 0) is heated that makes these transitions."""
+
+    def violations(
+        self, item: Transition, before: Transition | None, others: Sequence[Transition]
+    ) -> Iterator[str]:
+        """What the constants say against a transition: an independent check, not of the network.
+
+        Nothing, if the times come from the segments: replaying the heater currents tells.
+
+        Args:
+            item: The transition.
+            before: The one before it of the same segment.
+            others: All of the plan.
+        """
+        del item, before, others
+        return iter(())
+
+
+def transition_model(problem: Problem) -> TransitionModel:
+    """Build the transition model of the timing that a problem names."""
+    return model_of(problem.transition_times, problem)
+
+
+@singledispatch
+def model_of(times: Timing, problem: Problem) -> TransitionModel:
+    """Build the transition model of a set of times; each kind registers its own here."""
+    raise NotImplementedError(f"no transition model is registered for {type(times).__name__}")
+
+
+def by_heater_time(transitions: Sequence[Transition]) -> list[Transition]:
+    """Put transitions in the order of their heaters' switching."""
+    return sorted(transitions, key=lambda item: (item.heater_s, item.segment))
+
+
+def own_transitions(transitions: Sequence[Transition], segment: int) -> tuple[Transition, ...]:
+    """Return those of a segment (from 0)."""
+    return tuple(item for item in transitions if item.segment == segment + 1)

@@ -164,8 +164,12 @@ class SerialRobot:
         if any(heard) and not all(heard):
             raise RobotError(f"segment {heard.index([]) + 1} does not report its temperature")
         if all(heard):
-            controller, now_s = stiffness_controller(self.robot, self.air_C), self.clock.now_s()
-            self._segments = [_ReportedSegment(controller, first, now_s) for first in heard]
+            self._segments = [
+                _ReportedSegment(
+                    stiffness_controller(self.robot, self.air_C, j), first_C, self.clock.now_s()
+                )
+                for j, first_C in enumerate(heard)
+            ]
 
     def read(self) -> Reading:
         """Return what is known now.

@@ -125,10 +125,10 @@ def check_sendable(plan: Plan) -> None:
     """Check that a plan may be sent.
 
     Raises:
-        NoPlanError: If the plan is not verified, or does not pass the check again.
+        NoPlanError: If it does not pass the check again.
         InputError: If it keeps a segment warm, which the firmware's commands cannot say.
     """
-    samples = plan.require().trajectory.samples
+    samples = plan.trajectory.samples
     checked = verify(plan.problem, samples, plan.phases, plan.transitions)
     if not checked.ok:
         raise NoPlanError(Status.FAILED, f"verified again, {checked.problems[0]}")

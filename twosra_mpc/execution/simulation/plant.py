@@ -22,12 +22,11 @@ from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, all_modes
-from twosra_mpc.thermal.model import segment_model
-from twosra_mpc.thermal.uncertainty import draws
-from twosra_mpc.validation import FrozenDict
+from twosra_mpc.thermal.model import SegmentModel
+from twosra_mpc.thermal.uncertainty import Ranges, drawn
 
 Array = NDArray[np.float64]
 
@@ -242,7 +241,7 @@ def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot
 def heated_segments(
     problem: Problem,
     what: Disturbance,
-    drawn: np.random.Generator,
+    differences: np.random.Generator,
     noise: np.random.Generator,
     *,
     broken_heaters: Collection[int] = (),
@@ -252,7 +251,7 @@ def heated_segments(
     Args:
         problem: Robot, temperatures at the start and air.
         what: How much they differ from their description.
-        drawn: For the differences.
+        differences: For these.
         noise: For the sensors' noise.
         broken_heaters: Segments (from 1) whose heater never warms.
 
@@ -263,14 +262,12 @@ def heated_segments(
     if not set(broken_heaters) <= set(range(1, count + 1)):
         allowed = f"segments {' and '.join(map(str, range(1, count + 1)))}"
         raise InputError("broken_heaters", sorted(broken_heaters), allowed)
-    nominal = [segment_model(robot, air, j) for j in range(count)]
-    varied = [with_ranges(_all_alike(robot, j), what.thermal_ranges) for j in range(count)]
-    seed, controller = int(drawn.integers(2**31)), stiffness_controller(robot, air)
+    rng = np.random.default_rng(int(differences.integers(2**31)))
     return tuple(
         HeatedSegment(
-            list(draws(nominal[j], varied[j], count, seed))[j],
-            true_sensor(robot, air, what, drawn),
-            controller,
+            true_model(segment_model(robot, air, j), robot.thermal_segment(j).ranges, what, rng),
+            true_sensor(robot, air, j, what, differences),
+            stiffness_controller(robot, air, j),
             problem.temperatures[j],
             noise,
             rigid_setpoint_C=robot.heater.rigid_setpoint_C,
@@ -280,32 +277,34 @@ def heated_segments(
     )
 
 
-def _all_alike(robot: Robot, segment: int) -> Robot:
-    """Return the robot with all segments of the kind of this one (from 0)."""
-    kind = {"segment": robot.thermal_segment(segment), "segments": ()}
-    return Robot(**{**dict(robot), **kind})
+def true_model(
+    nominal: SegmentModel, ranges: Ranges, what: Disturbance, rng: np.random.Generator
+) -> SegmentModel:
+    """Draw a segment's model, from its ranges made narrower or wider."""
 
+    def scaled(middle: float, end: float) -> float:
+        return middle + what.thermal_ranges * (end - middle)
 
-def with_ranges(robot: Robot, share: float) -> Robot:
-    """Return the robot with the ranges of its segments' parameters made narrower or wider."""
-    assert robot.segment is not None
-    nominal = segment_model(robot, robot.heater.ambient_C)
-    narrowed = {}
-    for name, (low, high) in robot.segment.ranges.items():
-        if hasattr(nominal, name):
-            middle = getattr(nominal, name)
-            narrowed[name] = (middle + share * (low - middle), middle + share * (high - middle))
-    segment = robot.segment.model_copy(update={"ranges": FrozenDict(narrowed)})
-    return robot.model_copy(update={"segment": segment})
+    parameters = vars(nominal)
+    spread = {
+        name: (scaled(parameters[name], low), scaled(parameters[name], high))
+        for name, (low, high) in ranges.items()
+        if name in parameters
+    }
+    return drawn(nominal, spread, rng)
 
 
 def true_sensor(
-    robot: Robot, ambient_C: float, what: Disturbance, drawn: np.random.Generator
+    robot: Robot,
+    ambient_C: float,
+    segment: int,
+    what: Disturbance,
+    differences: np.random.Generator,
 ) -> TemperatureSensor:
     """Draw a sensor whose parts are off, and which may be faster than its description."""
-    nominal = temperature_sensor(robot, ambient_C)
-    parts = what.thermistor * drawn.standard_normal(3)
-    faster = 1 - what.thermal_ranges * (1 - _SHORTEST_LAG) * drawn.random()
+    nominal = temperature_sensor(robot, ambient_C, segment)
+    parts = what.thermistor * differences.standard_normal(3)
+    faster = 1 - what.thermal_ranges * (1 - _SHORTEST_LAG) * differences.random()
     return replace(
         nominal,
         part=NtcDivider().off_by(*parts),

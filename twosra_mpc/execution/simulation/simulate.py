@@ -90,5 +90,5 @@ def simulate(
     if executor == "greedy":
         run = GreedyExecutor(robot, chosen).run(problem)
     else:
-        run = Executor(robot, chosen).run(plan or find_plan(problem))
+        run = Executor(robot, chosen).run(plan or find_plan(problem).require())
     return Simulation(plant, disturbance, seed, run, robot.truth())

@@ -165,13 +165,11 @@ class Tracker:
         """Track another plan from the next step on; the wheels are taken to turn as last told.
 
         Raises:
-            InputError: If the plan is for another robot, or has no samples to follow.
+            InputError: If the plan is for another robot, or its samples are not finite.
         """
         if plan.robot != self.robot:
             raise InputError("plan.robot", plan.robot.name, _same_robot(self.robot))
         samples = plan.samples
-        if samples is None:
-            raise InputError("plan.samples", None, f"a plan with samples ({plan.message})")
         for name in ("t_s", "q", "v", "heater_setpoint_C"):
             if not np.isfinite(getattr(samples, name)).all():
                 raise InputError(f"plan.samples.{name}", "not finite", "finite numbers")

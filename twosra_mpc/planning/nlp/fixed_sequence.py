@@ -107,7 +107,8 @@ def _settled_schedule(network: TemporalNetwork, durations: Array, problem: Probl
 def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
     """Solve the multiple-shooting program of the sequence from ``guess`` and land the result."""
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
-    program, solver = ipopt(robot, phases, intervals, _STEPS, _MAX_ITERATIONS)
+    curved = None if problem.goal.is_box else problem.goal
+    program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS)
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:
@@ -141,12 +142,9 @@ def _decision_bounds(
     states[:, :, POSE:] = problem.robot.limits.curvature_per_m
     low, high = -states, states.copy()
     low[0, 0] = high[0, 0] = problem.start.configuration
-    goal, box = problem.goal.configuration.copy(), problem.goal.half_width
-    if problem.goal.phi_modulo:
-        goal[2] += np.round((guess.end[2] - goal[2]) / (2 * np.pi)) * 2 * np.pi
-    asked = ~np.isnan(goal)
-    low[-1, -1, asked] = np.maximum(low[-1, -1, asked], (goal - box)[asked])
-    high[-1, -1, asked] = np.minimum(high[-1, -1, asked], (goal + box)[asked])
+    goal_low, goal_high = problem.goal.box(guess.end)
+    low[-1, -1] = np.maximum(low[-1, -1], goal_low)
+    high[-1, -1] = np.minimum(high[-1, -1], goal_high)
     inputs = np.zeros((n, m, INPUTS))
     inputs[available_inputs(network.sequence, m).reshape(n, m, INPUTS) > 0] = np.inf
     inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
@@ -161,7 +159,7 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
     """Bounds on the constraints: defects and linkages zero, limits one-sided, network active."""
     size = program.nlp["g"].numel()
     lower, upper = np.full(size, -np.inf), np.zeros(size)
-    for name in ("defects", "linkage"):
+    for name in ("defects", "linkage", "terminal"):
         lower[program.rows[name]] = 0.0
     shapes, driving = program.rows["shape"], program.rows["driving"]
     upper[shapes] = upper[driving] = np.inf

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import bending_chain
 from twosra_mpc.model.motion import Motion, roll_out
-from twosra_mpc.problem.problem import Goal
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 
@@ -30,7 +30,7 @@ _MOST_STEPS = 64
 def guess_motion(
     robot: Robot,
     start: Array,
-    goal: Goal,
+    goal: GoalSet,
     sequence: ModeSequence,
     bends: Array,
     intervals: int,
@@ -75,16 +75,14 @@ def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tu
     return states.full()[:, -1], travel.full().ravel()
 
 
-def rigid_move(before: Array, after: Array, goal: Goal) -> Array:
+def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
     """Input displacement (5,) of a rigid phase that brings the motion's end to the goal.
 
     ``before`` is q at the phase, ``after`` q at the end of the motion without the move. Free
     coordinates of the goal keep the value they have without it.
     """
     here, end = before[:3], after[:3]
-    wanted = np.where(np.isnan(goal.configuration[:3]), end, goal.configuration[:3])
-    if goal.phi_modulo:
-        wanted[2] = end[2] + math.remainder(wanted[2] - end[2], math.tau)
+    wanted = goal.aim(after)[:3]
     onward = np.linalg.solve(_matrix(here), _matrix(end))
     turn = float(wanted[2] - end[2])
     move = np.linalg.solve(_matrix(here), _matrix(wanted)) @ np.linalg.inv(onward)

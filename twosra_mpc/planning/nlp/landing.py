@@ -14,7 +14,7 @@ from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
-from twosra_mpc.problem.problem import Goal
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.coordinates import INPUTS, POSE
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import ModeSequence
@@ -26,7 +26,7 @@ _ITERATIONS = 12
 _COARSE_STEPS = 2
 
 
-def land(motion: Motion, goal: Goal) -> Motion | None:
+def land(motion: Motion, goal: GoalSet) -> Motion | None:
     """Correct a motion until it ends in the goal box to within 1e-9, or return None.
 
     Raises nothing: a motion that cannot be corrected is an outcome, not an error.

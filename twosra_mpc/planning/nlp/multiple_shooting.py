@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.problem import limits
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Coordinates
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.timing import EventLayout
@@ -57,7 +58,7 @@ class Transcription:
         layout: Numbering of the events.
         intervals: Shooting intervals per phase.
         nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
-        rows: Slices of g by name: defects, linkage, speed, shape, driving, network.
+        rows: Slices of g by name: defects, linkage, terminal, speed, shape, driving, network.
     """
 
     scale: Array
@@ -90,8 +91,13 @@ class Transcription:
 
 
 @per_body(32)
-def transcribe(robot: Body, phases: int, intervals: int, steps: int) -> Transcription:
-    """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval."""
+def transcribe(
+    robot: Body, goal: GoalSet | None, phases: int, intervals: int, steps: int
+) -> Transcription:
+    """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval.
+
+    A ``goal`` that is no box adds the equations that its members fulfil; None: it is one.
+    """
     segments, scale = robot.geometry.segments, state_scale(robot)
     layout = EventLayout(phases, segments)
     states = ca.MX.sym("q", POSE + segments, phases * (intervals + 1))
@@ -121,6 +127,7 @@ def transcribe(robot: Body, phases: int, intervals: int, steps: int) -> Transcri
     blocks = {
         "defects": (arrive - q[:, after]) / ca.DM(scale),
         "linkage": link,
+        "terminal": _terminal(goal, q[:, -1]),
         "speed": ca.vertcat(
             *(
                 sign * time - ca.repmat(share, time.size1(), 1)
@@ -141,6 +148,14 @@ def transcribe(robot: Body, phases: int, intervals: int, steps: int) -> Transcri
         "g": g,
     }
     return Transcription(scale, layout, intervals, nlp, rows)
+
+
+def _terminal(goal: GoalSet | None, end: ca.MX) -> ca.MX:
+    """What is zero where the motion ends in the goal, within its box."""
+    if goal is None:
+        return ca.MX(0, 1)
+    q = ca.SX.sym("q", end.numel())
+    return ca.Function("residual", [q], [ca.densify(goal.residual(q))])(end)
 
 
 def _rows_of(margins: ca.MX, *, driving: bool) -> ca.MX:
@@ -165,10 +180,15 @@ def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:
 
 @per_body(32)
 def ipopt(
-    robot: Body, phases: int, intervals: int, steps: int, max_iterations: int
+    robot: Body,
+    goal: GoalSet | None,
+    phases: int,
+    intervals: int,
+    steps: int,
+    max_iterations: int,
 ) -> tuple[Transcription, ca.Function]:
     """Compile the program of ``transcribe`` for IPOPT."""
-    transcription = transcribe(robot, phases, intervals, steps)
+    transcription = transcribe(robot, goal, phases, intervals, steps)
     options: dict[str, Any] = {
         "expand": True,
         "ipopt.print_level": 0,

@@ -45,13 +45,13 @@ class Tree(Protocol[Node, Solution_co]):
         """Yield (cost, solution) of one attempt at the leaf ``node`` after the other."""
 
 
-class Ending(enum.Enum):
+class Ending(enum.StrEnum):
     """Why a search ended."""
 
-    CLOSED = "the incumbent is within the gap of the lower bound"
-    EXHAUSTED = "nothing left to open can beat the incumbent"
-    LIMIT = "a limit was reached"
-    INTERRUPTED = "interrupted"
+    CLOSED = "closed"  # the incumbent is within the gap of the lower bound
+    EXHAUSTED = "exhausted"  # nothing left to open can beat the incumbent
+    LIMIT = "limit"  # of time
+    INTERRUPTED = "interrupted"  # by Ctrl-C
 
 
 @dataclass(frozen=True)

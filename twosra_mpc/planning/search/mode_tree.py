@@ -90,7 +90,12 @@ class ModeTree(Generic[Solution]):
         missing = [j for j in self.task.segments if self._must_still_soften(node, j)]
         least = self._least_time(node)
         for j in missing:
-            first = [self._least_time((*node, mode)) for mode in self.modes if mode[j]]
+            first = [
+                self._least_time((*node, *detour, mode))
+                for mode in self.modes
+                if mode[j]
+                for detour in self.timing.detours
+            ]
             least = max(least, min(first, default=math.inf))
         return least + self._least_fixed_cost(node, missing)
 
@@ -121,7 +126,10 @@ class ModeTree(Generic[Solution]):
         energy, count = network.melt_energy_J, network.transitions
         for j in missing:
             mode = tuple(int(k == j) for k in self.task.segments)
-            energy += self.timing.network((mode,), mode, [0.0]).melt_energy_J
+            ways = [(*detour, mode) for detour in self.timing.detours]
+            energy += min(
+                self.timing.network(way, mode, [0.0] * len(way)).melt_energy_J for way in ways
+            )
             count += 1 + (self.last[j] == 0)
         return self.weights.energy_s_per_J * energy + self.weights.transition_s * count
 

@@ -24,23 +24,23 @@ from thermal_problems import (
 
 from twosra_mpc import Problem, Robot
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, Stiffness
-from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm, Timed
+from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm, SegmentTransition
 from twosra_mpc.thermal.model import State
-from twosra_mpc.thermal.trajectory import Course, Heating
+from twosra_mpc.thermal.trajectory import Heating, TemperatureTrajectory
 
 TWO_SOFT_PHASES = (RIGID, SOFT_1, RIGID, SOFT_1, RIGID)
 robots = pytest.mark.parametrize("robot", [V1, V2], ids=lambda robot: robot.name)
 
 
 def heating_of(problem: Problem) -> HeatingPlan:
-    return thermal_model(problem).heating
+    return thermal_model(problem).plans[0]
 
 
 def made(
     heating: HeatingPlan, start_C: float, onsets: list[tuple[Stiffness, float]]
-) -> tuple[Course, list[Timed]]:
-    """The course of a segment that is solid at the start."""
-    return heating.course(start_C, soft=False, onsets=onsets)
+) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
+    """The temperature trajectory of a segment that is solid at the start."""
+    return heating.heated(start_C, soft=False, onsets=onsets)
 
 
 # --- what happens when ---------------------------------------------------------------------------
@@ -51,14 +51,14 @@ def made(
     problem=thermal_problems(transition_quantile=None),
     waits=st.lists(st.floats(0.0, 500.0), min_size=4, max_size=4),
 )
-def test_the_metal_passes_its_thresholds_when_the_course_says(
+def test_the_metal_passes_its_thresholds_when_the_trajectory_says(
     problem: Problem, waits: list[float]
 ) -> None:
     heating, model = heating_of(problem), heating_of(problem).model
     soft = bool(problem.start_mode[0])
     kinds: list[Stiffness] = ["soft", "rigid", "soft", "rigid"]
     asked = list(zip(kinds[soft:], np.cumsum(waits), strict=False))
-    course, timed = heating.course(problem.temperatures[0], soft, asked)
+    trajectory, timed = heating.heated(problem.temperatures[0], soft, asked)
     span = model.liquid_level - model.solid_level
     before = 0.0
     for (to, onset), item in zip(asked, timed, strict=True):
@@ -66,7 +66,7 @@ def test_the_metal_passes_its_thresholds_when_the_course_says(
         assert item.onset_s >= onset - 1e-6
         assert item.onset_s == pytest.approx(max(onset, item.earliest_s), abs=1e-6)
         assert before - 1e-6 <= item.heater_s <= item.onset_s + 1e-9 <= item.done_s + 1e-9
-        levels = [model.level(course.state_at(t)) for t in (item.onset_s, item.done_s)]
+        levels = [model.level(trajectory.state_at(t)) for t in (item.onset_s, item.done_s)]
         ends = [model.solid_level, model.liquid_level]
         assert levels == pytest.approx(ends if to == "soft" else ends[::-1], abs=1e-6 * span)
         before = item.done_s
@@ -78,25 +78,27 @@ def test_currents_that_vary_are_sampled_with_their_energy_and_effect(
     problem: Problem, spans: list[float]
 ) -> None:
     found = history(problem, TWO_SOFT_PHASES, spans)
-    course, model = found.courses[0], heating_of(problem).model
-    t = np.unique([*np.arange(0.0, found.finish_s, 5.0), *course.event_times(), found.finish_s])
+    trajectory, model = found.trajectories[0], heating_of(problem).model
+    t = np.unique([*np.arange(0.0, found.finish_s, 5.0), *trajectory.event_times(), found.finish_s])
     t = t[t <= found.finish_s]
     state, energy = model.initial(problem.temperatures[0]), 0.0
-    for current, span in zip(course.current_A(t)[:-1].tolist(), np.diff(t).tolist(), strict=True):
+    for current, span in zip(
+        trajectory.current_A(t)[:-1].tolist(), np.diff(t).tolist(), strict=True
+    ):
         energy += model.energy_J(state, current, span)
         state = model.propagate(state, current, span)
-    assert energy == pytest.approx(course.energy_J(found.finish_s), rel=1e-4, abs=1e-3)
-    end_C = model.temperature_C(course.state_at(found.finish_s))
+    assert energy == pytest.approx(trajectory.energy_J(found.finish_s), rel=1e-4, abs=1e-3)
+    end_C = model.temperature_C(trajectory.state_at(found.finish_s))
     assert model.temperature_C(state) == pytest.approx(end_C, abs=0.02)
 
 
 def test_set_points_say_what_the_heater_does() -> None:
     heating = heating_of(thermal_problem(transition_quantile=0.8, heating="keep_warm"))
-    course, timed = made(heating, 25.0, [("soft", 100.0), ("rigid", 300.0), ("soft", 1500.0)])
+    trajectory, timed = made(heating, 25.0, [("soft", 100.0), ("rigid", 300.0), ("soft", 1500.0)])
     first, freeze, second = timed
     t = np.array([0.0, first.heater_s, freeze.heater_s - 1, freeze.heater_s, second.heater_s - 1])
-    assert course.setpoint_C(t).tolist() == [25.0, 65.0, 65.0, 25.0, 58.0]
-    assert course.setpoint_C(np.array([second.heater_s])).tolist() == [65.0]
+    assert trajectory.setpoint_C(t).tolist() == [25.0, 65.0, 65.0, 25.0, 58.0]
+    assert trajectory.setpoint_C(np.array([second.heater_s])).tolist() == [65.0]
 
 
 # --- as late as possible -------------------------------------------------------------------------
@@ -129,12 +131,12 @@ def test_heating_earlier_takes_more_energy(
     robot: Robot, start_C: float, wait: float, earlier: float
 ) -> None:
     heating = heating_of(thermal_problem(robot))
-    course, (melt,) = made(heating, start_C, [("soft", wait)])
+    trajectory, (melt,) = made(heating, start_C, [("soft", wait)])
     assert melt.onset_s == pytest.approx(wait)
-    late_J = course.energy_J(melt.onset_s)
+    late_J = trajectory.energy_J(melt.onset_s)
     on = melt.heater_s * (1 - earlier)
     for way in (held_early, heated_slowly):
-        early_J = way(heating, course.state_at(on), wait - on)
+        early_J = way(heating, trajectory.state_at(on), wait - on)
         assert early_J >= late_J - 1e-6
         if melt.heater_s - on > 20.0:
             assert early_J > late_J + 0.1
@@ -148,12 +150,12 @@ def test_the_heater_goes_on_at_the_latest_and_off_at_the_earliest(
 ) -> None:
     heating, model = heating_of(thermal_problem(robot)), heating_of(thermal_problem(robot)).model
     asked: list[tuple[Stiffness, float]] = [("soft", wait), ("rigid", 2 * wait + 50.0)]
-    course, (melt, freeze) = made(heating, start_C, asked)
+    trajectory, (melt, freeze) = made(heating, start_C, asked)
     cold, _ = made(heating, start_C, [])
     missed = cold.state_at(melt.heater_s + later)
     until = model.time_until(missed, heating.melt_current_A, model.solid_level)
     assert melt.heater_s + later + until > melt.onset_s + 1e-6
-    early = course.state_at(max(melt.done_s, freeze.heater_s - later))
+    early = trajectory.state_at(max(melt.done_s, freeze.heater_s - later))
     off = max(melt.done_s, freeze.heater_s - later)
     coasting = model.time_until(early, 0.0, model.liquid_level)
     assert off == melt.done_s or off + coasting < freeze.onset_s - 1e-6
@@ -162,10 +164,10 @@ def test_the_heater_goes_on_at_the_latest_and_off_at_the_earliest(
 @robots
 def test_holding_on_until_the_freeze_takes_more_energy(robot: Robot) -> None:
     heating, model = heating_of(thermal_problem(robot)), heating_of(thermal_problem(robot)).model
-    course, (melt, freeze) = made(heating, 25.0, [("soft", 100.0), ("rigid", 400.0)])
+    trajectory, (melt, freeze) = made(heating, 25.0, [("soft", 100.0), ("rigid", 400.0)])
     unfrozen, _ = made(heating, 25.0, [("soft", 100.0)])
     assert melt.done_s < freeze.heater_s < freeze.onset_s
-    assert course.energy_J(freeze.onset_s) < unfrozen.energy_J(freeze.onset_s) - 1.0
+    assert trajectory.energy_J(freeze.onset_s) < unfrozen.energy_J(freeze.onset_s) - 1.0
     setpoint = model.level_at(heating.soft_setpoint_C)
     assert model.level(unfrozen.state_at(freeze.onset_s)) == pytest.approx(setpoint)
 
@@ -177,7 +179,7 @@ def kept_warm(found: History) -> bool:
     """Whether segment 1 is held at a temperature at which it is solid."""
     return any(
         piece.heating is Heating.HOLD and piece.setpoint_C < 60.0
-        for piece in found.courses[0].pieces
+        for piece in found.trajectories[0].pieces
     )
 
 
@@ -216,9 +218,9 @@ def test_without_a_price_a_drive_in_between_keeps_the_segment_warm(quantile: flo
     assert not kept_warm(fast)
     assert warm.finish_s < fast.finish_s - 5.0
     assert warm.energy_J > fast.energy_J + 200.0
-    course = warm.courses[0]
-    held = next(piece for piece in course.pieces if piece.setpoint_C == 58.0)
-    assert course.model.temperature_C(held.state) == pytest.approx(58.0)
+    trajectory = warm.trajectories[0]
+    held = next(piece for piece in trajectory.pieces if piece.setpoint_C == 58.0)
+    assert trajectory.model.temperature_C(held.state) == pytest.approx(58.0)
 
 
 @settings(max_examples=60)
@@ -246,8 +248,8 @@ def test_a_segment_is_kept_warm_exactly_where_the_energy_costs_less_than_the_tim
     if spent <= 0.0:
         return
     priced = replace(heating, keep_warm=KeepWarm(58.0, factor * saved / spent))
-    course, _ = made(priced, 25.0, asked)
-    assert course.pieces == (warm.pieces if factor < 1 else cold.pieces)
+    trajectory, _ = made(priced, 25.0, asked)
+    assert trajectory.pieces == (warm.pieces if factor < 1 else cold.pieces)
 
 
 @pytest.mark.parametrize("idle_s", [0.0, 30.0, 600.0])
@@ -267,7 +269,9 @@ def test_a_single_heater_keeps_nothing_warm() -> None:
     assert found is not None
     assert not kept_warm(found)
     t = np.arange(0.0, found.finish_s, 0.5)
-    assert not np.all([course.current_A(t) > 0 for course in found.courses], axis=0).any()
+    assert not np.all(
+        [trajectory.current_A(t) > 0 for trajectory in found.trajectories], axis=0
+    ).any()
     assert len(transitions_of(problem, found.network, found.times)) == 6
 
 

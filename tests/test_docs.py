@@ -1,0 +1,131 @@
+"""All prose runs: every command, Python block and titled file of README and the documentation."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from conftest import Planned, Run
+
+from twosra_mpc import load_problem, load_robot, plan
+from twosra_mpc.plotting import film
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "twosra_mpc"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+README = PAGES[0]
+GALLERY = ROOT / "docs" / "gallery.md"  # its figures are drawn when the site is built
+WRITTEN = (".png", ".gif", ".csv", ".html", ".mcap", ".json")
+
+
+class Block(NamedTuple):
+    """A fenced block: its language, the title after it, and what it holds."""
+
+    language: str
+    title: str | None
+    text: str
+
+
+def blocks(page: Path) -> list[Block]:
+    found = re.findall(
+        r'^```(\w+)(?: title="([^"]*)")?\n(.*?)^```$',
+        page.read_text(encoding="utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
+    )
+    return [Block(language, title or None, text) for language, title, text in found]
+
+
+def commands(page: Path) -> list[str]:
+    """Every line of the shell blocks that runs the program, without its comment."""
+    lines = [line for b in blocks(page) if b.language == "sh" for line in b.text.splitlines()]
+    return [line.split(" #")[0].strip() for line in lines if line.startswith("twosra ")]
+
+
+# A command that several pages show is run once, as on the first of them.
+COMMANDS = {command: page for page in reversed(PAGES) for command in reversed(commands(page))}
+PYTHON = [
+    pytest.param(page, block.text, id=f"{page.stem}-{number}")
+    for page in PAGES
+    if page not in (README, GALLERY)
+    for number, block in enumerate(blocks(page))
+    if block.language == "python"
+]
+TITLED = [
+    pytest.param(block, id=f"{page.stem}-{block.title}")
+    for page in PAGES
+    for block in blocks(page)
+    if block.language == "toml" and block.title
+]
+
+
+@pytest.fixture
+def folder(planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a plan, in which the reader is."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
+    planned("paper-1").save(tmp_path / "plan.json")
+    return tmp_path
+
+
+def write_files(page: Path, folder: Path) -> None:
+    for block in blocks(page):
+        if block.title and block.language == "toml":
+            (folder / block.title).write_text(block.text)
+
+
+def test_there_is_something_to_run() -> None:
+    assert len(COMMANDS) > 15
+    assert len(PYTHON) > 2
+    assert len(TITLED) > 1
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_command_runs(command: str, folder: Path, run_as_is: Run) -> None:
+    write_files(COMMANDS[command], folder)
+    line, _, redirected = command.partition(" > ")
+    words = shlex.split(line)[1:]
+    code, out, err = run_as_is(*words)
+    assert code == 0, err
+    assert out or "--quiet" in words
+    assert not redirected or out.startswith("{")
+    for word in words[1:]:
+        if word.endswith(WRITTEN):
+            assert (folder / word).stat().st_size > 0
+
+
+@pytest.mark.parametrize(("page", "code"), PYTHON)
+def test_the_python_runs(page: Path, code: str, folder: Path) -> None:
+    write_files(page, folder)
+    exec(compile(code, str(page), "exec"), {})
+
+
+@pytest.mark.parametrize("block", TITLED)
+def test_the_file_is_valid(block: Block, tmp_path: Path) -> None:
+    path = tmp_path / str(block.title)
+    path.write_text(block.text)
+    if "goal" in tomllib.loads(block.text):
+        load_problem(path)
+    else:
+        load_robot(path)
+
+
+def test_the_impossible_is_explained_as_the_guide_says(tmp_path: Path) -> None:
+    (block,) = (b for b in blocks(ROOT / "docs/guide/explain.md") if b.title == "impossible.toml")
+    path = tmp_path / "impossible.toml"
+    path.write_text(block.text)
+    result = plan(load_problem(path))
+    assert result.status == "infeasible"
+    assert "segment 2" in result.message
+
+
+def test_every_folder_has_its_line_in_the_architecture() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    said = set(re.findall(r"`(\w+)/`", text.split("## Where to start")[0]))
+    packages = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    assert packages <= said
+    inner = {path.parent.name for path in PACKAGE.glob("*/*/__init__.py")}
+    assert said <= packages | inner

@@ -1,0 +1,148 @@
+"""Plan files read back, also those of earlier versions of this package."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import read_text
+from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
+from twosra_mpc.plans.result import FORMAT, FORMAT_VERSION, Result, Stats
+from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.timing import Transition
+from twosra_mpc.validation import named_problem
+
+
+class PhaseDocument(NamedTuple):
+    """A phase in a plan file; times in s."""
+
+    mode: tuple[Literal[0, 1], ...]
+    start_s: float
+    end_s: float
+
+
+class _VerificationDocument(BaseModel):
+    """The types of a plan file's verification; a number that is not finite is written as null."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    max_defect: float | None
+    goal_error: tuple[float | None, ...]
+    limits: dict[str, float]
+    ok: bool
+    problems: tuple[str, ...]
+
+
+class PlanDocument(BaseModel):
+    """The types of a plan file, for reading one back.
+
+    ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
+    limit (an interrupt was written the same way), and otherwise nothing is known of it.
+    """
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    format: Literal["twosra-plan"]
+    version: Literal[1]
+    package: str
+    robot: dict[str, Any]
+    scenario: dict[str, Any]
+    planner: Literal["optimal", "greedy"]
+    status: Status
+    message: str
+    duration_s: float | None
+    lower_bound_s: float | None
+    gap: float | None
+    cost: Cost | None
+    phases: tuple[PhaseDocument, ...]
+    transitions: tuple[Transition, ...]
+    samples: dict[str, list[float] | list[list[float]]] | None
+    verification: _VerificationDocument | None
+    stats: dict[str, int | float]
+    stopped_early: bool
+    ending: Ending | None = None
+
+
+def load_plan(path: str | Path) -> Result:
+    """Read a plan file back.
+
+    Raises:
+        InputError: If the file is not a plan of a known version, or does not fit together.
+    """
+    source = str(path)
+    text = read_text(Path(path), source)
+    try:
+        head = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError("file", source, f"a plan in JSON ({error})", source) from error
+    if not isinstance(head, dict):
+        raise InputError("file", source, "a table of keys at the top level", source)
+    if head.get("format") != FORMAT or head.get("version") != FORMAT_VERSION:
+        found = (head.get("format"), head.get("version"))
+        raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", source)
+    try:
+        return _result(PlanDocument.model_validate_json(text), source)
+    except ValidationError as error:
+        first = named_problem(PlanDocument, error.errors()[0])
+        raise first.within("plan", source) from None
+    except InputError as error:
+        raise error.within("", source) from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError("plan", str(error), "values that fit together", source) from error
+
+
+def _result(data: PlanDocument, source: str) -> Result:
+    robot = Robot.parse(data.robot, f"{source} (robot)")
+    problem = Problem.parse({**data.scenario, "robot": robot}, f"{source} (scenario)")
+    early = Ending.LIMIT if data.stopped_early else None
+    return Result(
+        problem=problem,
+        planner=data.planner,
+        status=data.status,
+        message=data.message,
+        lower_bound=data.lower_bound_s,
+        ending=data.ending or early,
+        stats=Stats(**data.stats),  # type: ignore[arg-type]  # counts are whole numbers in the file
+        plan=None if data.samples is None else _plan(data, problem, data.samples),
+    )
+
+
+def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan:
+    if data.cost is None or data.verification is None:
+        missing = "cost" if data.cost is None else "verification"
+        raise InputError(f"plan.{missing}", None, "a table of keys, as there are samples")
+    trajectory = Trajectory(
+        problem=problem,
+        samples=_samples(samples),
+        phases=tuple(Phase(*phase) for phase in data.phases),
+        transitions=data.transitions,
+    )
+    found = data.verification
+    verification = Verification(
+        max_defect=math.nan if found.max_defect is None else found.max_defect,
+        goal_error=tuple(math.nan if error is None else error for error in found.goal_error),
+        limits=found.limits,
+        ok=found.ok,
+        problems=found.problems,
+    )
+    return Plan(data.planner, trajectory, data.cost, verification, data.lower_bound_s)
+
+
+def _samples(samples: dict[str, Any]) -> Samples:
+    arrays = {name: np.array(rows) for name, rows in samples.items()}
+    if "mode" in arrays:
+        if not np.isin(arrays["mode"], (0, 1)).all():
+            raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")
+        arrays["mode"] = arrays["mode"].astype(np.int64)
+    if "t_s" in arrays and not (np.diff(arrays["t_s"]) > 0).all():
+        raise InputError("plan.samples.t_s", "times that do not grow", "growing times")
+    return Samples(**arrays)

@@ -1,0 +1,118 @@
+"""What planning came to: a plan or none, what was proved, and why the search ended."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from twosra_mpc.errors import NoPlanError
+from twosra_mpc.files import write_text
+from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.version import __version__
+
+FORMAT, FORMAT_VERSION = "twosra-plan", 1
+
+_NO_PLAN: dict[str, Any] = {
+    **dict.fromkeys(("duration_s", "gap", "cost", "samples", "verification")),
+    **{"phases": [], "transitions": []},
+}
+
+
+@dataclass(frozen=True)
+class Stats:
+    """Effort spent on a plan."""
+
+    wall_s: float
+    sequences_bounded: int
+    sequences_solved: int
+    nlp_iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The outcome of planning.
+
+    Attributes:
+        problem: The problem (robot included).
+        planner: "optimal" or "greedy".
+        status: What is known.
+        message: One sentence a person can act on.
+        lower_bound: Proved lower bound on the cost of any plan [s]; None if there is none.
+        ending: Why the search ended; None without a search, or where a file does not say.
+        stats: Effort spent.
+        plan: The best plan; None if there is none. Failed planning by the greedy rule may have one
+            that does not verify, to be looked at.
+    """
+
+    problem: Problem
+    planner: str
+    status: Status
+    message: str
+    lower_bound: float | None
+    ending: Ending | None
+    stats: Stats
+    plan: Plan | None
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a verified plan."""
+        return self.plan is not None and self.status in (Status.OPTIMAL, Status.FEASIBLE)
+
+    @property
+    def gap(self) -> float | None:
+        """Proved relative gap of the plan; None without a plan or a bound."""
+        return None if self.plan is None else self.plan.gap
+
+    @property
+    def stopped_early(self) -> bool:
+        """Whether a limit or an interrupt ended the search before the asked gap."""
+        return self.ending in (Ending.LIMIT, Ending.INTERRUPTED)
+
+    def require(self) -> Plan:
+        """Return the plan, which is verified.
+
+        Raises:
+            NoPlanError: If there is none; carries status and message.
+        """
+        if self.plan is None or not self.found:
+            raise NoPlanError(self.status, self.message)
+        return self.plan
+
+    def __repr__(self) -> str:
+        return f"<Result {self.status}: {self.message}>"
+
+    def _repr_html_(self) -> str:
+        """The message and the plan's figure, for notebooks."""
+        words = f"<p>{self.status}: {escape(self.message)}</p>"
+        return words + self.plan._repr_html_() if self.plan else words
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data, in the published file format."""
+        return {
+            "format": FORMAT,
+            "version": FORMAT_VERSION,
+            "package": __version__,
+            "robot": self.problem.robot.model_dump(mode="json"),
+            "scenario": self.problem.scenario(),
+            "planner": self.planner,
+            "status": str(self.status),
+            "message": self.message,
+            **(self.plan.to_dict() if self.plan else _NO_PLAN),
+            "lower_bound_s": self.lower_bound,
+            "stats": vars(self.stats).copy(),
+            "stopped_early": self.stopped_early,
+            "ending": self.ending,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the result as JSON, atomically.
+
+        Raises:
+            InputError: If the folder does not exist or cannot be written.
+        """
+        write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")

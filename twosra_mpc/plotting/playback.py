@@ -1,0 +1,113 @@
+"""What a film shows: a plan or a run at regular places along a stretched time axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
+from twosra_mpc.plotting.time_axis import TimeStretch
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.modes import is_rigid, mode_name
+
+Array = NDArray[np.float64]
+
+PLACES = 1001  # along the time axis
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """A plan or a run as a film shows it; arrays have one row a place on the time axis.
+
+    Attributes:
+        geometry: Of the robot.
+        goal: Configuration to reach [m, m, rad, 1/m ...], (3 + n,).
+        melting_C: Temperatures below which metal is solid and above which it is liquid.
+        phases: When the robot is driven, and in which mode.
+        intervals: Stiffness of each segment over time.
+        stretch: Time axis.
+        time_s: Time, (rows,).
+        q: Configuration [m, m, rad, 1/m ...], (rows, 3 + n).
+        temperature_C: Of the segments, (rows, n).
+        melt_fraction: Of the segments, NaN where not known, (rows, n).
+        heated: Whether the heaters are on, (rows, n).
+    """
+
+    geometry: Geometry
+    goal: Array
+    melting_C: tuple[float, float]
+    phases: tuple[Phase, ...]
+    intervals: tuple[tuple[Interval, ...], ...]
+    stretch: TimeStretch
+    time_s: Array
+    q: Array
+    temperature_C: Array
+    melt_fraction: Array
+    heated: NDArray[np.bool_]
+
+    def states(self, row: int) -> list[State]:
+        """State of each segment."""
+        return [state_at(each, self.time_s[row]) for each in self.intervals]
+
+    def doing(self, row: int) -> str:
+        """What happens, in words: motion first, then what is waited for."""
+        time_s = self.time_s[row] + SAME_TIME_S
+        for phase in self.phases:
+            if phase.start_s <= time_s < phase.end_s:
+                verb = "driving" if is_rigid(phase.mode) else "bending"
+                return f"{verb} in mode {mode_name(phase.mode)}"
+        states = self.states(row)
+        changing = [
+            f"{_named('segment', [state == what for state in states])} {what}"
+            for what in dict.fromkeys(states)
+            if what in CHANGING
+        ]
+        if changing:
+            return " and ".join(changing)
+        if self.heated[row].any():
+            return f"{_named('heater', self.heated[row].tolist())} on"
+        return "cooling" if "soft" in states else "waiting"
+
+
+def plan_playback(plan: Plan, least: float = 0.15) -> Playback:
+    """Play a plan, each motion phase for at least ``least`` of an unstretched axis.
+
+    Raises:
+        NoPlanError: If there is no plan.
+    """
+    trajectory = plan.trajectory
+    stretch = TimeStretch.of(plan.phases, trajectory.duration_s or 1.0, least)
+    shown = trajectory.at(places_s(stretch))
+    return Playback(
+        geometry=plan.robot.geometry,
+        goal=trajectory.samples.q[-1],
+        melting_C=plan.problem.stiffness_thresholds_C,
+        phases=plan.phases,
+        intervals=stiffness_intervals(trajectory),
+        stretch=stretch,
+        time_s=shown.t_s,
+        q=shown.q,
+        temperature_C=shown.temperature_C,
+        melt_fraction=shown.melt_fraction,
+        heated=shown.heater_current_A > 0.0,
+    )
+
+
+def places_s(stretch: TimeStretch) -> Array:
+    """Times at regular places along a time axis [s], (PLACES,)."""
+    return stretch.inverse(np.linspace(0.0, 1.0, PLACES))
+
+
+def _named(what: str, chosen: Sequence[bool]) -> str:
+    """For example: segment 2 is, both segments are, heaters 1 and 3 are."""
+    numbers = [str(number) for number, flag in enumerate(chosen, start=1) if flag]
+    if len(numbers) == 1:
+        return f"{what} {numbers[0]} is"
+    if len(numbers) == len(chosen):
+        return f"{'both' if len(chosen) == 2 else 'all'} {what}s are"
+    return f"{what}s {', '.join(numbers[:-1])} and {numbers[-1]} are"

@@ -1,0 +1,213 @@
+"""Goals as sets of configurations: a box is the first kind.
+
+Everything that plans asks a goal set four things: how far a configuration is from it, a box that
+holds it (of bends and of poses: what bounds rest on), which member to aim at, and the equations
+that its members fulfil within the box (what the NLP's terminal constraint is made of).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import RIGID, Mode, rigid_mode
+from twosra_mpc.validation import ModeField, NonNegative, Number, Numbers, Value, plain
+
+if TYPE_CHECKING:  # scenarios are listed without it
+    import casadi as ca
+
+Array = NDArray[np.float64]
+
+
+class GoalSet(Value, ABC):
+    """A set of configurations to end in, with the stiffness of the segments there.
+
+    A further kind says what `box`, `aim` and `of_segments` are, and `residual` unless it is a box.
+    Headings that differ by full turns are the same where ``phi_modulo`` is true.
+    """
+
+    mode: ModeField = RIGID
+    phi_modulo: bool = True
+
+    @abstractmethod
+    def of_segments(self, segments: int) -> Self:
+        """Return the set with what was left out filled in for so many segments."""
+
+    @abstractmethod
+    def box(self, near: Array) -> tuple[Array, Array]:
+        """(low, high) of a box that holds every member next to ``near``, each (3 + n,).
+
+        What is proved of plans rests on it. Infinite where a coordinate is free; a coordinate is
+        exact where both ends are the same.
+        """
+
+    @abstractmethod
+    def aim(self, q: Array) -> Array:
+        """The member to aim at from ``q``, (3 + n,)."""
+
+    def residual(self, q: ca.SX) -> ca.SX:
+        """What is zero for members, and for nothing else in the box, symbolically, (m,)."""
+        return q[:0]
+
+    @property
+    def is_box(self) -> bool:
+        """Whether every configuration in its box is a member."""
+        return type(self).residual is GoalSet.residual
+
+    def error(self, q: Array) -> Array:
+        """Signed distance of ``q`` to the set by coordinate, (3 + n,); zero in it."""
+        return q - self.aim(q)
+
+    def loosened(self, widths: Array) -> GoalSet:
+        """Return the set with bends that may be off by ``widths`` (n,) [1/m], if it can say so."""
+        del widths
+        return self
+
+    @property
+    def configuration(self) -> Array:
+        """The middle of its box, (3 + n,), read-only; NaN where it is free."""
+        low, high = self.box(np.zeros(POSE + len(self.mode)))
+        ends = zip(low.tolist(), high.tolist(), strict=True)
+        return read_only([(a + b) / 2 if math.isfinite(b - a) else math.nan for a, b in ends])
+
+    @property
+    def half_width(self) -> Array:
+        """Half of the width of its box, (3 + n,), read-only; zero where it is free."""
+        low, high = self.box(np.zeros(POSE + len(self.mode)))
+        return read_only([w / 2 if math.isfinite(w) else 0.0 for w in (high - low).tolist()])
+
+
+class Stage(NamedTuple):
+    """A part of a problem: what it ends in, and the stiffness there."""
+
+    goal: GoalSet
+    mode: Mode
+
+
+def _free_to_none(value: object) -> object:
+    """Read the word "free" in a list of curvatures as a free coordinate."""
+    value = plain(value)
+    if isinstance(value, tuple):
+        return tuple(None if item == "free" else item for item in value)
+    return value
+
+
+FreeNumbers = Annotated[
+    tuple[float | None, ...], Field(min_length=1, max_length=4), BeforeValidator(_free_to_none)
+]
+
+
+class Tolerance(Value):
+    """Half-widths of the goal box; zero means the coordinate is met exactly."""
+
+    x_m: NonNegative = 0.0
+    y_m: NonNegative = 0.0
+    phi_rad: NonNegative = 0.0
+    kappa_per_m: Numbers = ()
+
+    @field_validator("kappa_per_m")
+    @classmethod
+    def _not_negative(cls, widths: tuple[float, ...]) -> tuple[float, ...]:
+        if min(widths, default=0.0) < 0:
+            raise ValueError("numbers greater than or equal to 0")
+        return widths
+
+
+class Goal(GoalSet):
+    """A box: where the robot should be, to within a tolerance; ``None`` or "free" marks a free one.
+
+    ``phi_modulo`` accepts headings that differ by full turns. ``mode`` is the stiffness of the
+    segments at the end, rigid unless told otherwise. What is left out of a goal of two segments by
+    itself is filled in by a `Problem`, which knows how many segments its robot has.
+    """
+
+    x_m: Number | None = None
+    y_m: Number | None = None
+    phi_rad: Number | None = None
+    kappa_per_m: FreeNumbers = (None, None)
+    tolerance: Tolerance = Tolerance()
+    phi_modulo: bool = True
+
+    @field_validator("kappa_per_m", mode="before")
+    @classmethod
+    def _nothing_is_free(cls, value: object) -> object:
+        return (None, None) if value is None else value
+
+    @model_validator(mode="after")
+    def _something_asked(self) -> Goal:
+        if np.isnan(self.configuration).all():
+            raise InputError("", {}, "at least one of x_m, y_m, phi_rad, kappa_per_m")
+        return self
+
+    @property
+    def configuration(self) -> Array:
+        """Goal q, shape (3 + n,), read-only; NaN marks a free coordinate."""
+        values = [self.x_m, self.y_m, self.phi_rad, *self.kappa_per_m]
+        return read_only([math.nan if value is None else value for value in values])
+
+    @property
+    def half_width(self) -> Array:
+        """Tolerance of each coordinate, shape (3 + n,), read-only."""
+        box = self.tolerance
+        bends = box.kappa_per_m or (0.0,) * len(self.kappa_per_m)
+        return read_only([box.x_m, box.y_m, box.phi_rad, *bends])
+
+    def of_segments(self, segments: int) -> Goal:
+        """Return this goal with what was left out filled in for so many segments."""
+        values = {name: getattr(self, name) for name in self.model_fields_set}
+        values.setdefault("kappa_per_m", (None,) * segments)
+        values.setdefault("mode", rigid_mode(segments))
+        tolerance = self.tolerance
+        if not tolerance.kappa_per_m:
+            values["tolerance"] = Tolerance(**{**dict(tolerance), "kappa_per_m": (0.0,) * segments})
+        return Goal(**values)
+
+    def aim(self, q: Array) -> Array:
+        """The middle of the box, free coordinates as in ``q``, shape (3 + n,)."""
+        middle = self._turned_to(q)
+        return np.where(np.isnan(middle), q, middle)
+
+    def box(self, near: Array) -> tuple[Array, Array]:
+        """Ends of the box, infinite where free, headings turned next to that of ``near``."""
+        middle = self._turned_to(near)
+        free = np.where(np.isnan(middle), np.inf, self.half_width)
+        middle = np.nan_to_num(middle)
+        return middle - free, middle + free
+
+    def _turned_to(self, q: Array) -> Array:
+        """The middle of the box with its heading within half a turn of that of ``q``."""
+        middle = self.configuration.copy()
+        if self.phi_modulo and math.isfinite(q[2] - middle[2]):
+            middle[2] = q[2] + math.remainder(middle[2] - q[2], math.tau)
+        return middle
+
+    def loosened(self, widths: Array) -> Goal:
+        """Return the goal with curvature tolerances wider by ``widths`` (n,) [1/m]."""
+        wider = self.half_width[POSE:] + widths
+        tolerance = Tolerance(**{**dict(self.tolerance), "kappa_per_m": tuple(wider.tolist())})
+        return Goal(**{**dict(self), "tolerance": tolerance})
+
+    def error(self, q: Array) -> Array:
+        """Signed distance of ``q`` to the goal box, shape (3 + n,); 0 inside and where free.
+
+        Not a number where ``q`` is not finite.
+        """
+        difference = q - self.configuration
+        if self.phi_modulo and math.isfinite(difference[2]):
+            difference[2] = math.remainder(difference[2], math.tau)
+        outside = np.sign(difference) * np.maximum(np.abs(difference) - self.half_width, 0.0)
+        return np.where(np.isnan(self.configuration), 0.0, outside)
+
+
+def read_only(values: list[float]) -> Array:
+    """An array of these values that cannot be written to."""
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,208 @@
+"""Constant transition times that overlap each other and the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.timing import OverlappedTiming
+from twosra_mpc.timing.constant_heating import ConstantHeating, Knot, power_W
+from twosra_mpc.timing.network import (
+    EventLayout,
+    Hold,
+    TemporalNetwork,
+    events_of,
+    network_of_events,
+    phase_order,
+)
+from twosra_mpc.timing.one_heater import handovers, overlaps, refused
+from twosra_mpc.timing.transitions import (
+    TIME_TOLERANCE_S,
+    Transition,
+    TransitionModel,
+    by_heater_time,
+    model_of,
+)
+
+
+@model_of.register(OverlappedTiming)
+@dataclass(frozen=True)
+class Overlapped(TransitionModel):
+    """Constant times; heating and cooling outside the plateau overlap with everything.
+
+    ``melt_s`` is counted from the temperature of the air.
+    """
+
+    times: OverlappedTiming
+
+    @property
+    def words(self) -> str:
+        return f"the constant melt and freeze times of timing “{self.problem.timing}”"
+
+    @property
+    def _melt_lead(self) -> float:
+        """Heater on to onset of melting, from ambient [s]."""
+        return self.times.melt_s - self.times.melt_changing_s
+
+    @property
+    def _freeze_lead(self) -> float:
+        """Heater off to onset of freezing, from the soft set-point [s]."""
+        return self.times.freeze_s - self.times.freeze_changing_s
+
+    def _first_lead(self, segment: int) -> float:
+        """Least time to the first onset of a segment, from its temperature at t = 0 [s]."""
+        heater, now = self.problem.robot.heater, self.problem.temperatures[segment]
+        if now > heater.melting_point_C:
+            span = heater.soft_setpoint_C - heater.melting_point_C
+            return self._freeze_lead * (now - heater.melting_point_C) / span
+        span = heater.melting_point_C - self.problem.ambient
+        return self._melt_lead * (heater.melting_point_C - now) / span
+
+    def _lead(self, segment: int, number: int) -> float:
+        return self._first_lead(segment) if number == 0 else self._melt_lead
+
+    def _plateau(self, to: Stiffness) -> float:
+        return self.times.melt_changing_s if to == "soft" else self.times.freeze_changing_s
+
+    def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
+        if self.problem.heaters_at_once == 1:
+            for _, _, mode in overlaps(sequence, self.first, last):
+                return refused(mode)
+        return None
+
+    def network(
+        self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
+    ) -> TemporalNetwork:
+        del least_durations  # these times depend on nothing
+        layout = EventLayout(len(sequence), len(last))
+        least = phase_order(layout)
+        holds: list[Hold] = []
+        heated = 0.0
+        previous = layout.origin
+        melt_W = power_W(self.problem.robot.heater, "melt")
+        liquid_W = self._liquid_W
+        events = tuple(events_of(sequence, self.first, last))
+        for event in events:
+            onset = layout.onset(event.gap, event.segment)
+            least[layout.end(event.gap - 1), onset] = 0.0
+            least[onset, layout.start(event.gap)] = self._plateau(event.to)
+            if event.number == 0:
+                least[layout.origin, onset] = self._first_lead(event.segment)
+            elif event.to == "soft":
+                least[previous, onset] = self.times.freeze_changing_s + self._melt_lead
+            else:
+                least[previous, onset] = self.times.melt_changing_s
+            if event.to == "soft":
+                heated += self._lead(event.segment, event.number) + self.times.melt_changing_s
+            elif event.number:
+                heated -= liquid_W * self.times.melt_changing_s / melt_W
+                holds.append(Hold(previous, onset, liquid_W))
+            previous = onset
+        if self.problem.heaters_at_once == 1:
+            for _, off, on in handovers(sequence, self.first, last):
+                lead = self._lead(on.segment, on.number)
+                least[layout.onset_of(off), layout.onset_of(on)] = lead - self._freeze_lead
+        return network_of_events(sequence, last, events, least, holds, heated * melt_W)
+
+    @property
+    def _liquid_W(self) -> float:
+        """Least mean heater power from molten to the onset of the freeze.
+
+        The heater is on for a share of a short liquid period, and afterwards holds.
+        """
+        heater = self.problem.robot.heater
+        return min(power_W(heater, "hold"), self.times.superheat_share * power_W(heater, "melt"))
+
+    def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
+        """Constant times need nothing else, but that the metal stores enough heat to coast."""
+        if self.problem.heaters_at_once > 1:
+            return None
+        layout, raised = network.layout, dict(network.least)
+        heater_s = {(t.segment, t.onset_s): t.heater_s for t in self.transitions(network, times)}
+        for _, off, on in handovers(network.sequence, self.first, network.last):
+            events = layout.onset_of(off), layout.onset_of(on)
+            off_s, on_s = (times[event] for event in events)
+            lag = off_s - heater_s[off.segment + 1, off_s]
+            needed = self._lead(on.segment, on.number) - lag
+            if on_s - off_s < needed - 1e-9:
+                raised[events] = needed
+        return None if raised == network.least else replace(network, least=raised)
+
+    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
+        found: list[Transition] = []
+        molten: dict[int, float] = {}
+        for event in events_of(network.sequence, self.first, network.last):
+            onset = times[network.layout.onset_of(event)]
+            done = onset + self._plateau(event.to)
+            if event.to == "soft":
+                lead = self._lead(event.segment, event.number)
+                heater = max(0.0, onset - lead)  # not before the start by rounding
+                molten[event.segment] = done
+            else:
+                heater = max(0.0, onset - self._freeze_lead)
+                since = molten.get(event.segment)
+                if since is not None:  # a short liquid period: the metal must store enough heat
+                    heater = max(heater, since + self.times.superheat_share * (onset - since))
+            found.append(Transition(event.segment + 1, event.to, heater, onset, done))
+        return by_heater_time(found)
+
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> OverlappedHeating:
+        soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+        heater, air = self.problem.robot.heater, self.problem.ambient
+        return OverlappedHeating(soft, own, heater, air, now, self.times)
+
+    def violations(
+        self, item: Transition, before: Transition | None, others: Sequence[Transition]
+    ) -> Iterator[str]:
+        del others
+        heater, now = self.problem.robot.heater, self.problem.temperatures[item.segment - 1]
+        melting_C, lag = heater.melting_point_C, item.onset_s - item.heater_s
+        if item.to == "soft":
+            least = self.times.melt_s - (plateau := self.times.melt_changing_s)
+            if before is None:
+                least *= (melting_C - now) / (melting_C - self.problem.ambient)
+            if lag < least - TIME_TOLERANCE_S:
+                yield f"heated for {lag:.3f} s before melting instead of {least:.3f} s"
+        else:
+            longest = self.times.freeze_s - (plateau := self.times.freeze_changing_s)
+            stored = 1.0
+            if before is None:
+                least = longest * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
+                if item.onset_s < least - TIME_TOLERANCE_S:
+                    until = f"is still too hot until {least:.3f} s"
+                    yield f"freezes at {item.onset_s:.3f} s, but {until}"
+            else:
+                stored = min(1.0, (item.heater_s - before.done_s) / self.times.superheat_s)
+            if lag > stored * longest + TIME_TOLERANCE_S:
+                yield f"liquid for {lag:.3f} s after its heater is off: it would freeze earlier"
+        if item.done_s - item.onset_s < plateau - TIME_TOLERANCE_S:
+            yield f"on the plateau for {item.done_s - item.onset_s:.3f} s instead of {plateau:g} s"
+
+
+@dataclass(frozen=True)
+class OverlappedHeating(ConstantHeating):
+    """Melting and freezing on the plateau, heated and cooled outside of it."""
+
+    times: OverlappedTiming
+
+    @property
+    def _superheat_s(self) -> float:
+        return self.times.superheat_s
+
+    def _melt_knots(self, item: Transition) -> list[Knot]:
+        melting = self.heater.melting_point_C
+        return [(item.onset_s, melting), (item.done_s, melting)]
+
+    def _freeze_knots(self, item: Transition, since: float, before: float) -> list[Knot]:
+        """From where cooling to the plateau takes as long as the freeze says."""
+        melting, setpoint = self.heater.melting_point_C, self.heater.soft_setpoint_C
+        lead = self.times.freeze_s - self.times.freeze_changing_s
+        lag = item.onset_s - item.heater_s
+        peak = melting + (setpoint - melting) * (min(1.0, lag / lead) if lead > 0 else 1.0)
+        liquid = self._liquid(peak, since, before, item.heater_s)
+        return [*liquid, (item.onset_s, melting), (item.done_s, melting)]
+
+    def _cools_from(self, item: Transition, knots: list[Knot]) -> Knot:
+        del knots
+        return item.done_s, self.heater.melting_point_C

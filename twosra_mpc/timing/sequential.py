@@ -1,0 +1,141 @@
+"""The authors' practice: everything waits through every change of mode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
+from twosra_mpc.robot.timing import SequentialTiming
+from twosra_mpc.timing.constant_heating import ConstantHeating, Knot, power_W
+from twosra_mpc.timing.network import EventLayout, TemporalNetwork, phase_order
+from twosra_mpc.timing.one_heater import refused
+from twosra_mpc.timing.transitions import (
+    TIME_TOLERANCE_S,
+    Transition,
+    TransitionModel,
+    by_heater_time,
+    model_of,
+)
+
+
+@model_of.register(SequentialTiming)
+@dataclass(frozen=True)
+class Sequential(TransitionModel):
+    """Fixed waits: to soft, to rigid, and from one soft mode to another, cooled in between."""
+
+    times: SequentialTiming
+
+    @property
+    def words(self) -> str:
+        named = f"timing “{self.problem.timing}”"
+        return f"the fixed waits of {named}, through which the robot stands still"
+
+    @property
+    def detours(self) -> tuple[ModeSequence, ...]:
+        """To freeze all and melt anew may take less than to reconfigure."""
+        quicker = self.times.freeze_s + self.times.heat_s < self.times.reconfigure_s
+        return ((), (rigid_mode(len(self.first)),)) if quicker else ((),)
+
+    def _wait(self, before: Mode, after: Mode) -> float:
+        if before == after:
+            return 0.0
+        if is_rigid(before):
+            return self.times.heat_s
+        return self.times.freeze_s if is_rigid(after) else self.times.reconfigure_s
+
+    def _gaps(self, sequence: ModeSequence, last: Mode) -> list[tuple[Mode, Mode]]:
+        return list(zip((self.first, *sequence), (*sequence, last), strict=True))
+
+    def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
+        if self.problem.heaters_at_once == 1:
+            return next((refused(mode) for mode in (*sequence, last) if sum(mode) > 1), None)
+        return None
+
+    def network(
+        self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
+    ) -> TemporalNetwork:
+        del least_durations
+        layout = EventLayout(len(sequence), len(last))
+        least = phase_order(layout)
+        transitions = 0
+        heated = 0.0
+        reheat = self.times.reconfigure_s - self.times.reconfigure_cool_s
+        for gap, (before, after) in enumerate(self._gaps(sequence, last)):
+            least[layout.end(gap - 1), layout.start(gap)] = self._wait(before, after)
+            if before != after:
+                transitions += sum(before) + sum(after)
+                heated += sum(after) * (self.times.heat_s if is_rigid(before) else reheat)
+        return TemporalNetwork(
+            sequence=sequence,
+            last=last,
+            layout=layout,
+            least=least,
+            holds=(),
+            melt_onsets=(),
+            freeze_onsets=(),
+            transitions=transitions,
+            melt_energy_J=heated * power_W(self.problem.robot.heater, "melt"),
+        )
+
+    def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
+        del network, times
+        return None
+
+    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
+        layout = network.layout
+        found: list[Transition] = []
+        for gap, (before, after) in enumerate(self._gaps(network.sequence, network.last)):
+            begin, wait = times[layout.end(gap - 1)], self._wait(before, after)
+            if wait == 0.0:
+                continue
+            cooled = begin + (wait if is_rigid(after) else self.times.reconfigure_cool_s)
+            heat_from = begin if is_rigid(before) else cooled
+            freeze, melt = (begin, begin, cooled), (heat_from, heat_from, begin + wait)
+            found += [Transition(j + 1, "rigid", *freeze) for j in soft_segments(before)]
+            found += [Transition(j + 1, "soft", *melt) for j in soft_segments(after)]
+        return by_heater_time(found)
+
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SequentialHeating:
+        soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+        heater, air = self.problem.robot.heater, self.problem.ambient
+        return SequentialHeating(soft, own, heater, air, now)
+
+    def violations(
+        self, item: Transition, before: Transition | None, others: Sequence[Transition]
+    ) -> Iterator[str]:
+        """Where a freeze ends as melts begin, they may be the halves of a reconfiguration."""
+        del before
+        if item.to == "rigid":
+            joint, least, half = item.done_s, self.times.freeze_s, self.times.reconfigure_cool_s
+            opposite = (other.heater_s for other in others if other.to == "soft")
+        else:
+            joint, least = item.heater_s, self.times.heat_s
+            half = self.times.reconfigure_s - self.times.reconfigure_cool_s
+            opposite = (other.done_s for other in others if other.to == "rigid")
+        if any(abs(joint - when) <= TIME_TOLERANCE_S for when in opposite):
+            least = min(least, half)
+        if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
+            yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
+
+
+@dataclass(frozen=True)
+class SequentialHeating(ConstantHeating):
+    """Up to the set-point through the wait of a melt, and cooling through that of a freeze."""
+
+    @property
+    def _superheat_s(self) -> float:
+        return 0.0
+
+    def _melt_knots(self, item: Transition) -> list[Knot]:
+        return [(item.done_s, self.heater.soft_setpoint_C)]
+
+    def _freeze_knots(self, item: Transition, since: float, before: float) -> list[Knot]:
+        liquid = self._liquid(self.heater.soft_setpoint_C, since, before, item.heater_s)
+        elapsed = np.array(item.done_s - item.heater_s)
+        return [*liquid, (item.done_s, float(self._relaxed(liquid[-1][1], elapsed)))]
+
+    def _cools_from(self, item: Transition, knots: list[Knot]) -> Knot:
+        return item.heater_s, float(np.interp(item.heater_s, *np.array(knots).T))
