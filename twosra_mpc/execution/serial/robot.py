@@ -44,6 +44,7 @@ STOPS, STOP_PAUSE_S = 5, 0.05  # a stop is sent so often: a line can lose a byte
 
 _STILL = np.zeros(WHEELS)
 _LONGEST_NAP_S = 0.1  # an interrupt waits no longer than this
+_LONGEST_REST_S = 0.2  # the follow-up robot reports once a second
 _SAME_TIME_S = 1e-6
 _MEDIAN_OF = 3  # reports: single ones can be far off
 
@@ -164,13 +165,11 @@ class SerialRobot:
         if any(heard) and not all(heard):
             raise RobotError(f"segment {heard.index([]) + 1} does not report its temperature")
         if all(heard):
-            now_s = self.clock.now_s()
-            controllers = (
-                stiffness_controller(self.robot, self.air_C, j) for j in range(len(heard))
-            )
             self._segments = [
-                _ReportedSegment(controller, first, now_s)
-                for controller, first in zip(controllers, heard, strict=True)
+                _ReportedSegment(
+                    stiffness_controller(self.robot, self.air_C, j), first_C, self.clock.now_s()
+                )
+                for j, first_C in enumerate(heard)
             ]
 
     def read(self) -> Reading:
@@ -211,7 +210,7 @@ class SerialRobot:
             self._sent, self._sent_s = line, now_s
 
     def wait(self, at_most_s: float) -> None:
-        """Let time pass; at rest no longer than a period, in which there may be reports.
+        """Let time pass; at rest not for long, since a segment may be reported to have changed.
 
         While the wheels turn, times are counted from when they began to: lateness does not add up
         to a longer way.
@@ -220,7 +219,7 @@ class SerialRobot:
             KeyboardInterrupt: If that was asked for.
             RobotError: If the wheels have turned for much longer than they should.
         """
-        self._due_s += at_most_s if self._turns else min(at_most_s, self.camera.period_s)
+        self._due_s += at_most_s if self._turns else min(at_most_s, _LONGEST_REST_S)
         self.interrupts.check()
         while (left_s := self._due_s - self.clock.now_s()) > _SAME_TIME_S:
             self.clock.sleep(min(left_s, _LONGEST_NAP_S))
