@@ -1,6 +1,6 @@
-"""Benchmarks: named suites, correctness beside time, one Markdown report with its figures.
+"""Benchmarks: named studies, correctness beside time, one Markdown report each.
 
-``python -m benchmarks NAME --out FOLDER`` runs a suite. Everything runs in one thread: the
+``python -m benchmarks NAME --out FOLDER`` runs a study. Everything runs in one thread: the
 numerical libraries are told so here, before any of them is loaded.
 """
 

@@ -1,14 +1,21 @@
-"""Timing: warm calls, repeated, those of different functions in turns within one run."""
+"""What is measured: times of calls that take turns, and what a planner said of a problem.
+
+This is the only place that takes results of ``twosra_mpc.plan`` apart.
+"""
 
 from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
+from twosra_mpc import Plan
+from twosra_mpc.robot.modes import ModeSequence, sequence_name
+
 Result = TypeVar("Result")
+GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 
 
 @dataclass(frozen=True)
@@ -54,10 +61,75 @@ def timed_in_turns(
             wall, cpu = time.perf_counter(), time.process_time()
             results[name] = function()
             made[name].append((time.perf_counter() - wall, time.process_time() - cpu))
-    return {name: (results[name], _timing(calls)) for name, calls in made.items()}
+    timings = {}
+    for name, calls in made.items():
+        walls, cpus = zip(*(calls[1:] or calls), strict=True)  # a single call counts as a warm one
+        timings[name] = (results[name], Timing(calls[0][0], walls, cpus))
+    return timings
 
 
-def _timing(calls: Sequence[tuple[float, float]]) -> Timing:
-    """Timing from the (wall, CPU) times of all calls; a single call counts as a warm one."""
-    warm = calls[1:] or calls
-    return Timing(calls[0][0], tuple(wall for wall, _ in warm), tuple(cpu for _, cpu in warm))
+@dataclass(frozen=True)
+class PlanRecord:
+    """A plan, or the lack of one, as numbers.
+
+    Attributes:
+        status: What the planner said.
+        message: The planner's own words.
+        success: Whether the planner says that it has a plan.
+        verified: Whether what it returned holds when it is checked by other code.
+        stopped_early: Whether a limit ended the search.
+        timing: Times of the calls.
+        cost: Cost of the plan [s]; None without one, or where the planner has no clock.
+        lower_bound: Proved lower bound on any plan's cost [s]; None without one.
+        sequence: Mode of each phase.
+        goal_error: Largest error at the goal after re-integration [m, rad, 1/m].
+        solved: Mode sequences handed to the nonlinear program.
+    """
+
+    status: str
+    message: str
+    success: bool
+    verified: bool
+    stopped_early: bool
+    timing: Timing
+    cost: float | None = None
+    lower_bound: float | None = None
+    sequence: ModeSequence = ()
+    goal_error: float | None = None
+    solved: int = 0
+
+    @property
+    def correct(self) -> bool:
+        """Whether the planner has a plan, and it is one."""
+        reached = self.goal_error is not None and self.goal_error <= GOAL_TOLERANCE
+        return self.success and self.verified and reached
+
+    @property
+    def gap(self) -> float | None:
+        """Proved relative gap (cost - lower bound) / cost; None where either is missing."""
+        if not self.correct or not self.cost or self.lower_bound is None:
+            return None
+        return max(0.0, (self.cost - self.lower_bound) / self.cost)
+
+    @property
+    def sequence_name(self) -> str:
+        """The mode sequence in one word, e.g. ``[0,0] > [1,0]``."""
+        return sequence_name(self.sequence)
+
+
+def plan_record(plan: Plan, timing: Timing) -> PlanRecord:
+    """Write down what ``twosra_mpc.plan`` returned."""
+    checked = plan.verification
+    return PlanRecord(
+        status=str(plan.status),
+        message=plan.message,
+        success=plan.found,
+        verified=checked is not None and checked.ok,
+        stopped_early=plan.stopped_early,
+        timing=timing,
+        cost=plan.cost.total if plan.cost else None,
+        lower_bound=plan.lower_bound,
+        sequence=tuple(phase.mode for phase in plan.phases),
+        goal_error=max(map(abs, checked.goal_error)) if checked else None,
+        solved=plan.stats.sequences_solved,
+    )

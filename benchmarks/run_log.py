@@ -1,98 +1,99 @@
-"""Finished runs, one JSON line each, written at once, so that a run can be taken up again.
+"""Finished cases, one JSON line each, on the disk before the next one begins.
 
-The first line holds the settings. A process that is killed may leave half a line at the end: it is
-dropped, and the run made again. Runs with other settings do not go into the same file.
+The first line says what made them: study, settings, versions and machine. A process that is killed
+may leave half a line at the end: it is dropped, and that case is measured again. Cases of another
+study or machine, or with other settings or versions, do not go into the same file.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.suite import Record
 from twosra_mpc import InputError
 
-NAME = "runs.jsonl"
+NAME = "records.jsonl"
+FORMAT = 1
 
 
 class RunLog:
-    """The runs finished so far in a folder.
+    """The cases finished so far in a folder.
 
     Attributes:
         path: The file.
-        settings: What all its runs have in common.
-        records: Key of each finished run -> what it measured.
+        about: What made all its records.
+        loads: Load average of the machine as each case was finished.
+        dropped: Whether half a line was found at the end, and dropped.
     """
 
-    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
         """Open the file in ``folder``, or begin it.
 
         Raises:
-            InputError: If it holds runs with other settings (naming the first that differs), or
-                something else than runs.
+            InputError: If the records in it were made by something else (naming the first that
+                differs), it holds something else than records, or it cannot be written.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        self.path = folder / NAME
-        self.settings = settings
-        self.records: dict[str, Record] = {}
-        lines = self._complete_lines()
-        if not lines:
-            self._write({"settings": settings})
-            return
-        self._check(lines[0].get("settings"), settings)
-        for number, line in enumerate(lines[1:], start=2):
-            if not {"key", "record"} <= line.keys():
-                raise InputError(f"line {number}", line, "a finished run", str(self.path))
-            self.records[line["key"]] = line["record"]
+        self.path, self.loads = folder / NAME, list[float]()
+        self.about = json.loads(json.dumps({"format": FORMAT, **about}))
+        self._records: dict[str, Any] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a+b") as file:
+                file.seek(0)
+                text, end, rest = file.read().rpartition(b"\n")
+                file.truncate(len(text + end))
+        except OSError as error:
+            raise InputError("out", str(folder), f"a folder to write to ({error})") from None
+        self.dropped = bool(rest)
+        if not text:
+            self._write(self.about)
+        for number, line in enumerate(text.splitlines(), start=1):
+            try:
+                value = json.loads(line)
+                if number > 1:
+                    self._keep(value["case"], value["load"], value["record"])
+            except (ValueError, TypeError, KeyError) as error:
+                allowed = f"a finished case ({error!r})"
+                raise InputError(f"line {number}", line, allowed, str(self.path)) from None
+            if number == 1:
+                self._check(value)
 
-    def append(self, key: str, record: Record) -> None:
-        """Add a finished run to the file, down to the disk."""
-        self._write({"key": key, "record": record})
-        self.records[key] = record
+    def __contains__(self, case: Mapping[str, Any]) -> bool:
+        return json.dumps(case) in self._records
 
-    def _write(self, line: dict[str, Any]) -> None:
+    def __getitem__(self, case: Mapping[str, Any]) -> Any:
+        return self._records[json.dumps(case)]
+
+    def append(self, case: Mapping[str, Any], record: Any) -> None:
+        """Add a finished case to the file, down to the disk."""
+        load = os.getloadavg()[0]
+        self._write({"case": case, "load": load, "record": record})
+        self._keep(case, load, record)
+
+    def _keep(self, case: Mapping[str, Any], load: float, record: Any) -> None:
+        self._records[json.dumps(case)] = record
+        self.loads.append(load)
+
+    def _write(self, line: Mapping[str, Any]) -> None:
         with self.path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line, allow_nan=False) + "\n")
             file.flush()
             os.fsync(file.fileno())
 
-    def _complete_lines(self) -> list[dict[str, Any]]:
-        """Read every complete line; cut off what an interrupted process left behind the last."""
-        if not self.path.exists():
-            return []
-        text = self.path.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]
-        if len(whole) < len(text):
-            os.truncate(self.path, len(whole))
-        return [self._parsed(i, line) for i, line in enumerate(whole.splitlines(), start=1)]
-
-    def _parsed(self, number: int, line: bytes) -> dict[str, Any]:
-        try:
-            value = json.loads(line)
-        except ValueError as error:
-            raise InputError(f"line {number}", line, f"JSON ({error})", str(self.path)) from error
-        if not isinstance(value, dict):
-            raise InputError(f"line {number}", value, "a table of keys", str(self.path))
-        return value
-
-    def _check(self, found: Any, settings: dict[str, Any]) -> None:
-        before, now = dict(_flat("", found)), dict(_flat("", json.loads(json.dumps(settings))))
-        for name in [*now, *before]:
-            if before.get(name) != now.get(name):
-                allowed = (
-                    f"{before.get(name)!r}, with which the runs in {self.path} were made; "
-                    "choose another folder to begin anew"
-                )
-                raise InputError(name, now.get(name), allowed)
+    def _check(self, found: Any) -> None:
+        for name, before, now in _differences(found, self.about):
+            allowed = f"{before!r}, with which the records in {self.path} were made; "
+            raise InputError(name, now, allowed + "choose another folder to begin anew")
 
 
-def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the leaves of nested tables with their dotted names."""
-    if not isinstance(value, dict):
-        yield name, value
-        return
-    for key, item in value.items():
-        yield from _flat(f"{name}.{key}" if name else key, item)
+def _differences(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield (dotted name, before, now) of every leaf in which two nested tables differ."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in {**now, **before}:
+            inner = f"{name}.{key}" if name else key
+            yield from _differences(before.get(key), now.get(key), inner)
+    elif before != now:
+        yield name, before, now

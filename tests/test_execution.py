@@ -17,7 +17,7 @@ from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.executor import Executor, ExecutorSettings
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
-from twosra_mpc.execution.heater_schedule import Progress, heater_schedule
+from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress
 from twosra_mpc.execution.predicted_end import predicted_curvatures
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import remaining_problem
@@ -416,7 +416,7 @@ def test_pulses_are_worth_the_command_on_average() -> None:
 
 def test_heaters_wait_for_the_phases_before_them(planned: Planned) -> None:
     made = planned("paper-1", robot=ARC)  # [0,0] > [1,0] > [1,1]
-    schedule = heater_schedule(made)
+    schedule = HeaterSchedule(made)
     melt_2 = next(t for t in made.transitions if (t.segment, t.to) == (2, "soft"))
     end_s = made.samples.t_s[-1]
     off, soft, warm = 25.0, 65.0, schedule.warm_C
@@ -435,7 +435,7 @@ def test_heaters_wait_for_the_phases_before_them(planned: Planned) -> None:
 
 def test_one_heater_at_a_time_is_kept(planned: Planned) -> None:
     made = planned("paper-1", robot=ARC, heaters_at_once=1)
-    schedule = heater_schedule(made)
+    schedule = HeaterSchedule(made)
     for clock_s in np.linspace(0.0, made.samples.t_s[-1], 400):
         done = sum(phase.end_s <= clock_s for phase in made.phases)
         for before in (max(done - 1, 0), done):

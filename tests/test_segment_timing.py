@@ -147,6 +147,15 @@ def test_no_two_of_three_heaters_are_on_in_a_settled_schedule_with_one(
             assert one[1] <= two[0] + 1e-6 or two[1] <= one[0] + 1e-6
 
 
+def test_the_only_segment_of_a_robot_is_kept_warm_too() -> None:
+    """Its one heater is needed nowhere else."""
+    keep = {"transition_quantile": 0.95, "heating": "keep_warm"}
+    soft = ((0,), (1,), (0,), (1,), (0,))
+    found = settled(thermal_problem(ROBOTS[0], **keep), soft, [0.0, 1.0, 600.0, 1.0, 0.0])
+    assert found is not None
+    assert 58.0 in [piece.setpoint_C for piece in found.trajectories[0].pieces]
+
+
 # --- each segment by its own model ---------------------------------------------------------------
 
 

@@ -1,0 +1,81 @@
+"""Problem sets: files with a seed, not code paths."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot
+from twosra_mpc.problem.limits import check_shapes
+from twosra_mpc.validation import FrozenDict, plain
+
+FOLDER = Path(__file__).parent / "sets"
+
+
+def set_names() -> list[str]:
+    """Names of the problem sets."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml"))
+
+
+@lru_cache
+def load_set(name: str) -> Mapping[str, Problem]:
+    """Label -> problem of a set; random problems whose units would overlap are drawn again."""
+    data = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+    if "scenarios" in data:
+        return FrozenDict({label: load_problem(label) for label in data["scenarios"]})
+    rng, robot = np.random.default_rng(data["seed"]), load_robot(data["robot"])
+    ranges = (data["position_m"], data["heading_rad"], data["curvature_per_m"])
+    named: dict[str, Problem] = {}
+    while len(named) < data["count"]:
+        problem = _drawn(rng, robot, *ranges)
+        try:
+            check_shapes(problem)
+        except InputError:
+            continue
+        named[f"{name}/{len(named)}"] = problem
+    return FrozenDict(named)
+
+
+def _drawn(
+    rng: np.random.Generator, robot: Robot, position: float, heading: float, curvature: float
+) -> Problem:
+    ends = []
+    for _ in range(2):
+        x, y = rng.uniform(-position, position, 2)
+        phi = rng.uniform(-heading, heading)
+        kappa = tuple(rng.uniform(-curvature, curvature, robot.coordinates.segments))
+        ends.append({"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa})
+    return Problem(robot=robot, start=Start(**ends[0]), goal=Goal(**ends[1]))
+
+
+@lru_cache
+def labelled(choices: Sequence[str]) -> Mapping[str, Problem]:
+    """Label -> problem of several sets; ``"random-100:10"`` is the first ten problems of one.
+
+    Raises:
+        InputError: If there is no such set, or the number is none.
+    """
+    named: dict[str, Problem] = {}
+    for choice in choices:
+        name, _, first = choice.partition(":")
+        if name not in set_names() or not (first or "1").isdigit():
+            allowed = f"one of {', '.join(set_names())}, or the first so many of one, as in tiny:3"
+            raise InputError("problems", choice, allowed)
+        named |= list(load_set(name).items())[: int(first) if first else None]
+    return FrozenDict(named)
+
+
+def _known(choices: tuple[str, ...]) -> tuple[str, ...]:
+    labelled(choices)
+    return choices
+
+
+Choices = Annotated[
+    tuple[str, ...], Field(min_length=1), BeforeValidator(plain), AfterValidator(_known)
+]

@@ -1,0 +1,99 @@
+"""Run a study: every case that the log does not hold, each written down as soon as it is known."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import re
+import signal
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+import twosra_mpc
+from benchmarks.run_log import RunLog
+from benchmarks.study import Measured, Study
+
+PACKAGES = ("casadi", "numpy", "scipy", "osqp", "pydantic", "matplotlib")
+REPORTING = ("figures.py", "report.py")  # change nothing that is measured
+_CPU_INFO = Path("/proc/cpuinfo")
+
+
+def open_log(name: str, study: Study, folder: Path) -> RunLog:
+    """The log of a study in a folder.
+
+    Raises:
+        InputError: If it was made by another study, or with other settings, versions or machine.
+    """
+    settings = study.model_dump(mode="json")
+    about = {"study": name, "settings": settings, "machine": machine(), "versions": versions()}
+    return RunLog(folder, about)
+
+
+def run_study(study: Study, log: RunLog, console: Console) -> bool:
+    """Measure every case that ``log`` does not hold yet; False if interrupted before the end."""
+    if log.dropped:
+        console.print(f"dropped half a record at the end of {log.path}", highlight=False)
+    asked: list[bool] = []
+
+    def interrupt(*_: object) -> None:
+        asked.append(True)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        with Progress(console=console) as progress:
+            task = progress.add_task("")
+            for case in progress.track(list(study.cases()), task_id=task):
+                progress.update(task, description=", ".join(map(str, case)))
+                if case._asdict() in log:
+                    continue
+                record = study.record.dump_python(study.run(case), mode="json")
+                if asked:  # the planner answers Ctrl-C with the best plan so far: no record
+                    return False
+                log.append(case._asdict(), record)
+    except KeyboardInterrupt:
+        return False
+    finally:
+        signal.signal(signal.SIGINT, before)
+    return True
+
+
+def results_of(study: Study, log: RunLog) -> list[Measured]:
+    """Cases and records of a study that was run to its end."""
+    read = study.record.validate_python
+    return [Measured(case, read(log[case._asdict()])) for case in study.cases()]
+
+
+def machine() -> dict[str, str]:
+    """Describe the machine."""
+    text = _CPU_INFO.read_text(encoding="utf-8") if _CPU_INFO.is_file() else ""
+    found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    cpu = found[1] if found else platform.processor() or "unknown CPU"
+    system = f"{platform.system()} {platform.machine()}"
+    return {"cpu": f"{cpu}, {os.cpu_count()} logical CPUs", "system": system}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of everything that takes part in a run.
+
+    ``source`` names the files of planner and benchmarks by their content: a plan may change
+    without a new version.
+    """
+    own = {"twosra_mpc": twosra_mpc.__version__, "source": _source_digest()}
+    others = {name: version(name) for name in PACKAGES}
+    return {"python": platform.python_version(), **own, **others}
+
+
+def _source_digest() -> str:
+    """Digest of all source files but those that only report, 12 hexadecimal digits."""
+    digest = hashlib.sha256()
+    for folder in (Path(twosra_mpc.__file__).parent, Path(__file__).parent):
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in (".py", ".toml") and path.name not in REPORTING:
+                digest.update(path.relative_to(folder).as_posix().encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]

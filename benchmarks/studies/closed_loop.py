@@ -1,0 +1,73 @@
+"""Runs in closed loop on simulated robots, driven by this package's executor and the greedy rule.
+
+Does a plan reach its goal on a robot that slips, drifts, and melts earlier or later than its model,
+and what does that cost? Problems are planned with exact arcs and with the paper's spirals; each is
+run on robots of exact arcs drawn from the ranges of a disturbance level.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import BeforeValidator, TypeAdapter
+
+from benchmarks.problems import Choices, labelled
+from benchmarks.study import Count, Measured, Study
+from twosra_mpc import with_path_model
+from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.validation import plain
+
+Executors = Annotated[tuple[Literal["optimal", "greedy"], ...], BeforeValidator(plain)]
+PathModels = Annotated[tuple[Literal["arc", "log_spiral"], ...], BeforeValidator(plain)]
+
+
+class Case(NamedTuple):
+    """One run."""
+
+    executor: str
+    path_model: str
+    problem: str
+    seed: int
+
+
+class ClosedLoop(Study):
+    """Runs at one level of disturbance.
+
+    Attributes:
+        problems: Problem sets.
+        level: Level of disturbance.
+        seeds: Robots each problem is run on.
+        executors: What drives.
+        path_models: What plans assume.
+    """
+
+    record: ClassVar = TypeAdapter(dict[str, Any])
+    question: ClassVar = "Do plans reach their goals on robots that are not as described?"
+
+    problems: Choices = ("published", "random-100:20")
+    level: Literal["none", "mild", "moderate", "hard"] = "moderate"
+    seeds: Count = 8
+    executors: Executors = ("optimal", "greedy")
+    path_models: PathModels = ("arc", "log_spiral")
+
+    def cases(self) -> Iterator[Case]:
+        """Yield the runs; those that share a robot are neighbours."""
+        seeds = range(1, self.seeds + 1)
+        for drives, model, seed in itertools.product(self.executors, self.path_models, seeds):
+            yield from (Case(drives, model, label, seed) for label in labelled(self.problems))
+
+    def run(self, case: Case) -> dict[str, Any]:
+        """Run one case on a robot of exact arcs; the record is that of its ``Metrics``."""
+        problem = labelled(self.problems)[case.problem]
+        problem = problem.with_robot(with_path_model(problem.robot, case.path_model))
+        done = simulate(problem, disturbance=self.level, seed=case.seed, executor=case.executor)
+        return done.metrics._asdict()
+
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Runs that melted or froze more than their plans asked for."""
+        del folder
+        ours = [made for case, made in results if case.executor == "optimal"]
+        return {"extra": sum(made["transitions"] > made["allowed"] for made in ours)}
