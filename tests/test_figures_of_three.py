@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from twosra_mpc import Plan, Robot, load_robot
+from twosra_mpc.analysis.critical_path import activities, critical_path
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
@@ -150,6 +151,17 @@ def test_the_words_count_the_segments(three: Plan) -> None:
     said = {playback.doing(row) for row in range(PLACES)}
     assert any("all segments are freezing" in words for words in said)
     assert not any("both" in words for words in said)
+
+
+def test_activities_name_every_segment(three: Plan) -> None:
+    told = [str(item) for item in activities(three)]
+    names = {0: "driving", 1: "bending segment {}", 2: "bending segments {} and {}"}
+    for phase in three.phases:
+        soft = [j + 1 for j, flag in enumerate(phase.mode) if flag]
+        assert names.get(len(soft), "bending all segments").format(*soft) in told
+    assert "freezing all segments" in told
+    path = critical_path(three)
+    assert sum(item.duration_s for item in path) == pytest.approx(three.duration_s)
 
 
 def test_the_page_has_a_lane_a_state_and_a_tube_for_every_segment(three: Plan) -> None:

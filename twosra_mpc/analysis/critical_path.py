@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.robot.modes import RIGID
+from twosra_mpc.robot.modes import named, soft_segments
 
 Kind = Literal["drive", "bend", "heat", "melt", "cool", "freeze", "wait"]
 
@@ -38,12 +38,14 @@ class Activity:
             cooling before a freeze, during which the robot may still move, the melt and the freeze
             themselves, during which it may not, or "wait".
         segments: The segments it is about, counted from 1.
+        of: Number of segments of the robot.
         start_s: When it begins [s].
         end_s: When it ends [s].
     """
 
     kind: Kind
     segments: tuple[int, ...]
+    of: int
     start_s: float
     end_s: float
 
@@ -53,7 +55,12 @@ class Activity:
         return self.end_s - self.start_s
 
     def __str__(self) -> str:
-        return " ".join([_VERB[self.kind], *_named(self.segments)])
+        return f"{_VERB[self.kind]} {self.about}".rstrip()
+
+    @property
+    def about(self) -> str:
+        """The segments by name; nothing without any."""
+        return named("segment", self.segments, self.of) if self.segments else ""
 
 
 class Hidden(NamedTuple):
@@ -111,8 +118,8 @@ def in_words(path: Sequence[Activity]) -> tuple[tuple[float, str], ...]:
             moving = f"{lead.duration_s:.1f} s of it while the robot may still move"
             told[-1] = (lead.duration_s + item.duration_s, f"{item} ({moving})")
         elif item.kind == "melt":
-            state = "are molten" if len(item.segments) == 2 else "is molten"
-            told.append((item.duration_s, " ".join(["until", *_named(item.segments), state])))
+            state = "is molten" if len(item.segments) == 1 else "are molten"
+            told.append((item.duration_s, f"until {item.about} {state}"))
         else:
             told.append((item.duration_s, str(item)))
         lead = item if item.kind in ("heat", "cool") else None
@@ -120,11 +127,12 @@ def in_words(path: Sequence[Activity]) -> tuple[tuple[float, str], ...]:
 
 
 def activities(made: Plan) -> list[Activity]:
-    """Return everything that takes time in ``made``; what both segments do together as one."""
+    """Return everything that takes time in ``made``; what segments do together as one."""
     found: list[Activity] = []
+    count = made.robot.geometry.segments
     for mode, start, end in made.phases:
-        segments = tuple(j + 1 for j in (0, 1) if mode[j])
-        found.append(Activity("drive" if mode == RIGID else "bend", segments, start, end))
+        segments = tuple(j + 1 for j in soft_segments(mode))
+        found.append(Activity("bend" if segments else "drive", segments, count, start, end))
     for item in made.transitions:
         lead: Kind = "heat" if item.to == "soft" else "cool"
         plateau: Kind = "melt" if item.to == "soft" else "freeze"
@@ -135,9 +143,10 @@ def activities(made: Plan) -> list[Activity]:
             twin = _twin(found, kind, start, end)
             if twin is not None:
                 found.remove(twin)
-                found.append(replace(twin, segments=(1, 2)))
+                together = tuple(sorted((*twin.segments, item.segment)))
+                found.append(replace(twin, segments=together))
             else:
-                found.append(Activity(kind, (item.segment,), start, end))
+                found.append(Activity(kind, (item.segment,), count, start, end))
     return [item for item in found if item.duration_s > _SAME_S / 10]
 
 
@@ -167,14 +176,8 @@ def _best(chains: Sequence[_Chain], end_s: float) -> _Chain:
         return min(touching, key=lambda one: (round(one.wait_s, 4), _RANK[one.activities[-1].kind]))
     earlier = [chain for chain in chains if chain.end_s < end_s]
     last = max(earlier, key=lambda one: one.end_s, default=_Chain(0.0, ()))
-    wait = Activity("wait", (), last.end_s, end_s)
+    wait = Activity("wait", (), 0, last.end_s, end_s)
     return _Chain(last.wait_s + wait.duration_s, (*last.activities, wait))
-
-
-def _named(segments: tuple[int, ...]) -> list[str]:
-    if len(segments) == 2:
-        return ["both segments"]
-    return [f"segment {number}" for number in segments]
 
 
 def _overlap_s(one: Activity, other: Activity) -> float:

@@ -50,3 +50,13 @@ def mode_name(mode: Mode) -> str:
 def sequence_name(sequence: Sequence[Mode]) -> str:
     """Name a mode sequence, e.g. ``[0,0] > [1,0]``."""
     return " > ".join(mode_name(mode) for mode in sequence) or "(no phase)"
+
+
+def named(what: str, chosen: Sequence[int], of: int) -> str:
+    """Name one or several of so many, counted from 1: segment 2, both segments, heaters 1 and 3."""
+    numbers = [str(number) for number in chosen]
+    if len(numbers) == 1:
+        return f"{what} {numbers[0]}"
+    if len(numbers) == of:
+        return f"{'both' if of == 2 else 'all'} {what}s"
+    return f"{what}s {', '.join(numbers[:-1])} and {numbers[-1]}"
