@@ -307,8 +307,8 @@ def test_every_control_has_a_name(report: Chrome) -> None:
 def test_hostile_names_stay_text(
     browser: Chrome, paper: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robot = paper.robot.model_copy(update={"name": HOSTILE})
-    problem = paper.problem.model_copy(update={"robot": robot, "description": HOSTILE})
+    robot = paper.robot.with_values(name=HOSTILE)
+    problem = paper.problem.with_values(robot=robot, description=HOSTILE)
     monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
     write_report(replace(paper, problem=problem, message=HOSTILE), folder / "hostile.html")
     opened(browser, folder / "hostile.html")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.robot.modes import RIGID
+from twosra_mpc.robot.modes import Mode, is_rigid, named_segments, soft_segments
 
 Kind = Literal["drive", "bend", "heat", "melt", "cool", "freeze", "wait"]
 
@@ -37,15 +37,20 @@ class Activity:
         kind: A motion phase ("drive": rigid, "bend": soft), the heating before a melt and the
             cooling before a freeze, during which the robot may still move, the melt and the freeze
             themselves, during which it may not, or "wait".
-        segments: The segments it is about, counted from 1.
+        mode: 1 for each segment it is about; none for driving and waiting.
         start_s: When it begins [s].
         end_s: When it ends [s].
     """
 
     kind: Kind
-    segments: tuple[int, ...]
+    mode: Mode
     start_s: float
     end_s: float
+
+    @property
+    def segments(self) -> tuple[int, ...]:
+        """The segments it is about, counted from 1."""
+        return tuple(j + 1 for j in soft_segments(self.mode))
 
     @property
     def duration_s(self) -> float:
@@ -53,7 +58,8 @@ class Activity:
         return self.end_s - self.start_s
 
     def __str__(self) -> str:
-        return " ".join([_VERB[self.kind], *_named(self.segments)])
+        verb = _VERB[self.kind]
+        return verb if is_rigid(self.mode) else f"{verb} {named_segments(self.mode)}"
 
 
 class Hidden(NamedTuple):
@@ -106,13 +112,13 @@ def in_words(path: Sequence[Activity]) -> tuple[tuple[float, str], ...]:
     told: list[tuple[float, str]] = []
     lead: Activity | None = None
     for item in path:
-        prepared = lead is not None and lead.segments == item.segments
+        prepared = lead is not None and lead.mode == item.mode
         if lead is not None and prepared and item.kind in ("melt", "freeze"):
             moving = f"{lead.duration_s:.1f} s of it while the robot may still move"
             told[-1] = (lead.duration_s + item.duration_s, f"{item} ({moving})")
         elif item.kind == "melt":
-            state = "are molten" if len(item.segments) == 2 else "is molten"
-            told.append((item.duration_s, " ".join(["until", *_named(item.segments), state])))
+            state = "are molten" if sum(item.mode) > 1 else "is molten"
+            told.append((item.duration_s, f"until {named_segments(item.mode)} {state}"))
         else:
             told.append((item.duration_s, str(item)))
         lead = item if item.kind in ("heat", "cool") else None
@@ -120,11 +126,11 @@ def in_words(path: Sequence[Activity]) -> tuple[tuple[float, str], ...]:
 
 
 def activities(made: Plan) -> list[Activity]:
-    """Return everything that takes time in ``made``; what both segments do together as one."""
+    """Return everything that takes time in ``made``; what segments do together as one."""
     found: list[Activity] = []
     for mode, start, end in made.phases:
-        segments = tuple(j + 1 for j in (0, 1) if mode[j])
-        found.append(Activity("drive" if mode == RIGID else "bend", segments, start, end))
+        found.append(Activity("drive" if is_rigid(mode) else "bend", mode, start, end))
+    count = made.robot.coordinates.segments
     for item in made.transitions:
         lead: Kind = "heat" if item.to == "soft" else "cool"
         plateau: Kind = "melt" if item.to == "soft" else "freeze"
@@ -132,12 +138,13 @@ def activities(made: Plan) -> list[Activity]:
             (lead, item.heater_s, item.onset_s),
             (plateau, item.onset_s, item.done_s),
         ):
+            mode = tuple(int(j == item.segment - 1) for j in range(count))
             twin = _twin(found, kind, start, end)
             if twin is not None:
                 found.remove(twin)
-                found.append(replace(twin, segments=(1, 2)))
-            else:
-                found.append(Activity(kind, (item.segment,), start, end))
+                start, end = twin.start_s, twin.end_s
+                mode = tuple(max(pair) for pair in zip(mode, twin.mode, strict=True))
+            found.append(Activity(kind, mode, start, end))
     return [item for item in found if item.duration_s > _SAME_S / 10]
 
 
@@ -169,12 +176,6 @@ def _best(chains: Sequence[_Chain], end_s: float) -> _Chain:
     last = max(earlier, key=lambda one: one.end_s, default=_Chain(0.0, ()))
     wait = Activity("wait", (), last.end_s, end_s)
     return _Chain(last.wait_s + wait.duration_s, (*last.activities, wait))
-
-
-def _named(segments: tuple[int, ...]) -> list[str]:
-    if len(segments) == 2:
-        return ["both segments"]
-    return [f"segment {number}" for number in segments]
 
 
 def _overlap_s(one: Activity, other: Activity) -> float:

@@ -13,7 +13,7 @@ from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stif
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
 from twosra_mpc.plotting.time_axis import TimeStretch
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import is_rigid, mode_name
+from twosra_mpc.robot.modes import is_rigid, mode_name, named_segments
 
 Array = NDArray[np.float64]
 
@@ -105,9 +105,5 @@ def places_s(stretch: TimeStretch) -> Array:
 
 def _named(what: str, chosen: Sequence[bool]) -> str:
     """For example: segment 2 is, both segments are, heaters 1 and 3 are."""
-    numbers = [str(number) for number, flag in enumerate(chosen, start=1) if flag]
-    if len(numbers) == 1:
-        return f"{what} {numbers[0]} is"
-    if len(numbers) == len(chosen):
-        return f"{'both' if len(chosen) == 2 else 'all'} {what}s are"
-    return f"{what}s {', '.join(numbers[:-1])} and {numbers[-1]} are"
+    verb = "is" if sum(chosen) == 1 else "are"
+    return f"{named_segments(tuple(map(int, chosen)), what)} {verb}"
