@@ -81,8 +81,8 @@ class PlanStudy(Study):
     @property
     def named(self) -> Mapping[str, Problem]:
         """Label -> problem, with the time limit."""
-        limit = {"time_limit_s": self.time_limit_s}
-        return {name: one.model_copy(update=limit) for name, one in labelled(self.problems).items()}
+        limit, named = self.time_limit_s, labelled(self.problems)
+        return {name: one.with_values(time_limit_s=limit) for name, one in named.items()}
 
     def timed(
         self, functions: Mapping[str, Callable[[], Returned]]

@@ -63,4 +63,4 @@ def faster_robot(factor: float) -> Robot:
         freeze_changing_s=235.0 / factor,
         superheat_s=3.0 / factor,
     )
-    return ROBOT.model_copy(update={"timing": {"nominal": timing}})
+    return ROBOT.with_values(timing={"nominal": timing})

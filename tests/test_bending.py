@@ -28,16 +28,10 @@ L = 0.04  # m, length of a segment of the paper's robot
 CURVATURE = 78.5  # 1/m, limit of the robot
 
 SPIRAL = load_robot("2sra-v1")
-SLOW_WHEELS = SPIRAL.model_copy(
-    update={"limits": SPIRAL.limits.model_copy(update={"wheel_speed_rad_s": 1.0})}
-)
+SLOW_WHEELS = SPIRAL.with_values(limits=SPIRAL.limits.with_values(wheel_speed_rad_s=1.0))
 ARCS = {
-    "fibre_end": SPIRAL.model_copy(
-        update={"path": ArcPath(model="arc", speed_reference="fibre_end")}
-    ),
-    "side_wheel": SPIRAL.model_copy(
-        update={"path": ArcPath(model="arc", speed_reference="side_wheel")}
-    ),
+    "fibre_end": SPIRAL.with_values(path=ArcPath(model="arc", speed_reference="fibre_end")),
+    "side_wheel": SPIRAL.with_values(path=ArcPath(model="arc", speed_reference="side_wheel")),
 }
 SPIRALS = {"spiral": SPIRAL, "slow_wheels": SLOW_WHEELS}
 ROBOTS = {**SPIRALS, **ARCS}

@@ -82,7 +82,7 @@ def test_a_looser_goal_never_has_a_higher_bound() -> None:
     costs = []
     for width in (0.0, 3.0, 10.0, 200.0):
         goal = Goal(kappa_per_m=kappa, tolerance={"kappa_per_m": (width, width)})
-        loose = problem.model_copy(update={"goal": goal})
+        loose = problem.with_values(goal=goal)
         bound = bound_of(loose, (RIGID, SOFT_1, SOFT_2, RIGID))
         assert bound is not None
         costs.append(bound.cost)
@@ -92,7 +92,7 @@ def test_a_looser_goal_never_has_a_higher_bound() -> None:
 
 def kappa_problem(start: tuple[float, float], goal: tuple[float, float]) -> Problem:
     base = random_problem(7)
-    first = base.start.model_copy(update={"kappa_per_m": start})
+    first = base.start.with_values(kappa_per_m=start)
     return Problem(robot=ROBOT, start=first, goal=Goal(kappa_per_m=goal))
 
 
@@ -163,7 +163,7 @@ def test_without_a_goal_pose_or_a_choice_of_bends_the_pose_proves_nothing() -> N
     chosen = (RIGID, SOFT_1, SOFT_2, SOFT_BOTH, RIGID)
     network = network_of(problem, chosen)
     assert pose_bound(network, task, problem.cost_weights, [0.0] * 5, math.inf) == -math.inf
-    free = problem.model_copy(update={"goal": Goal(kappa_per_m=problem.goal.kappa_per_m)})
+    free = problem.with_values(goal=Goal(kappa_per_m=problem.goal.kappa_per_m))
     sequence = (RIGID, SOFT_1, SOFT_2, RIGID)
     durations = least_durations(sequence, bending_task(free))
     network = network_of(free, sequence)

@@ -196,8 +196,8 @@ def test_the_path_model_overrides_that_of_the_robot(
     (problem,) = asked
     expected = load_problem("rigid-move")
     assert problem.robot.path.model == "arc"
-    assert problem.with_robot(expected.robot) == expected
-    assert problem.robot.model_copy(update={"path": expected.robot.path}) == expected.robot
+    assert problem.with_values(robot=expected.robot) == expected
+    assert problem.robot.with_values(path=expected.robot.path) == expected.robot
     assert_bad_input(run("plan", "rigid-move", "--path-model", "straight"), "path.model", "arc")
 
 

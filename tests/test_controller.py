@@ -235,7 +235,7 @@ def test_a_start_needs_a_reading(controller: StiffnessController) -> None:
 def test_a_robot_without_a_thermal_description_has_no_controller() -> None:
     robot = load_robot("2sra-v1")
     timing = {"constant": robot.timing["constant"]}
-    bare = type(robot)(**{**dict(robot), "segment": None, "timing": timing})
+    bare = robot.with_values(segment=None, timing=timing)
     with pytest.raises(InputError, match=r"segment = None .* thermal description"):
         stiffness_controller(bare, 25.0, 0)
 

@@ -138,7 +138,7 @@ def test_a_planner_that_fails_leaves_nothing_to_track_or_verify(
 def test_a_plan_without_the_nonlinear_program_does_not_count(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    easy = lambda problem: plan(problem.model_copy(update={"gap": 0.5}))  # noqa: E731
+    easy = lambda problem: plan(problem.with_values(gap=0.5))  # noqa: E731
     monkeypatch.setattr(doctor, "plan", easy)
     with pytest.raises(RuntimeError, match="of no use"):
         doctor.ipopt([])

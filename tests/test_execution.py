@@ -343,7 +343,7 @@ def test_the_greedy_rule_goes_on_without_a_heater_or_says_so() -> None:
 
 def test_the_greedy_rule_says_that_it_knows_two_segments() -> None:
     two = problem("rigid-move").robot
-    three = Robot(**{**dict(two), "geometry": Geometry(**{**dict(two.geometry), "segments": 3})})
+    three = two.with_values(geometry=two.geometry.with_values(segments=3))
     straight = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0] * 3}
     task = Problem(robot=three, start=straight, goal={"x_m": 0.1})
     with pytest.raises(InputError, match="the greedy rule knows two segments"):

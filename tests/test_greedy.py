@@ -66,8 +66,8 @@ def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
 
 def test_a_path_beyond_the_curvature_limit_is_not_called_feasible() -> None:
     """On this problem greedy overshoots to 63 1/m between curvatures below 48 1/m."""
-    limits = ROBOT.limits.model_copy(update={"curvature_per_m": 50.0})
-    robot = ROBOT.model_copy(update={"limits": limits})
+    limits = ROBOT.limits.with_values(curvature_per_m=50.0)
+    robot = ROBOT.with_values(limits=limits)
     result = plan(random_problem(37, planner="greedy", robot=robot))
     assert result.status is Status.FAILED
     assert result.plan is None

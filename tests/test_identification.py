@@ -47,7 +47,7 @@ NEVER_HELD = true_history((0.0, 0.0))
 def segment(parameters: Parameters) -> TwoNodeSegment:
     assert isinstance(ROBOT.segment, TwoNodeSegment)
     values = {name: getattr(parameters, name) for name in SEGMENT_FIELDS}
-    return TwoNodeSegment(**{**dict(ROBOT.segment), **values, "ranges": {}})
+    return ROBOT.segment.with_values(**values, ranges={})
 
 
 def with_spikes(log: HeatingLog) -> HeatingLog:
@@ -313,7 +313,7 @@ def test_the_segment_has_what_was_found_and_keeps_the_rest(fitted: ThermalFit) -
 
 def test_a_segment_without_two_nodes_is_refused() -> None:
     lumped = load_robot("2sra-v1")
-    bare = lumped.model_copy(update={"segment": None})
+    bare = lumped.with_values(segment=None)
     for robot, given in ((lumped, "lumped"), (bare, "missing")):
         with pytest.raises(InputError, match="two_node") as caught:
             identify(HISTORY.log(1.0), robot)
@@ -330,7 +330,7 @@ def test_the_true_segment_leaves_the_noise() -> None:
 
 
 def test_a_segment_whose_sensor_does_not_lag_can_be_scored() -> None:
-    sudden = segment(TRUE).model_copy(update={"sensor_lag_s": 0.0})
+    sudden = segment(TRUE).with_values(sensor_lag_s=0.0)
     assert 0.5 < score(HISTORY.log(4.0), sudden, TRUE.law).residuals.rms_C < 10.0
 
 
@@ -376,7 +376,7 @@ def test_the_robot_file_carries_the_fit_and_keeps_its_comments(
     write_identified_robot("2sr-v2", tmp_path / "mine.toml", fitted)
     found = load_robot(tmp_path / "mine.toml")
     assert found.segment == fitted.segment
-    assert found == type(ROBOT)(**{**dict(ROBOT), "segment": fitted.segment})
+    assert found == ROBOT.with_values(segment=fitted.segment)
     before = locate("2sr-v2", "robots", "robot").read_text(encoding="utf-8")
     after = (tmp_path / "mine.toml").read_text(encoding="utf-8")
     for line in before.splitlines():

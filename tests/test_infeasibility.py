@@ -145,7 +145,7 @@ def test_following_the_advice_gives_a_plan(modes: list[Mode]) -> None:
     for option in advice.split(" or "):
         more = [mode for mode in MODES if f"[{mode[0]},{mode[1]}]" in option]
         assert more
-        assert plan(Problem(**{**dict(case), "modes": [*modes, *more]})).found
+        assert plan(case.with_values(modes=[*modes, *more])).found
 
 
 @pytest.mark.parametrize("name", PATH_MODELS)
@@ -222,7 +222,7 @@ def test_too_few_phases_say_how_many_are_needed(most: int) -> None:
     assert result.status is Status.FAILED
     assert "a plan needs at least 4 phases, possibly [0,0] > " in result.message
     assert result.message.endswith(f"but max_phases is {most}: raise max_phases")
-    assert plan(Problem(**{**dict(case), "max_phases": 4})).found
+    assert plan(case.with_values(max_phases=4)).found
 
 
 def test_a_shape_limit_that_asks_for_more_phases_is_named() -> None:

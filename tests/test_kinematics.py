@@ -42,9 +42,9 @@ SCALE = np.array([1 / L, 1 / L, 1.0, L, L])  # brings the rows of q to rad
 SPIRAL = load_robot("2sra-v1")
 assert isinstance(SPIRAL.path, LogSpiralPath)
 TABLE_1 = SPIRAL.path
-KINKED = SPIRAL.model_copy(update={"path": TABLE_1.model_copy(update={"smoothing_rad": 1e-9})})
-FIBRE_END = SPIRAL.model_copy(update={"path": ArcPath(model="arc", speed_reference="fibre_end")})
-SIDE_WHEEL = SPIRAL.model_copy(update={"path": ArcPath(model="arc", speed_reference="side_wheel")})
+KINKED = SPIRAL.with_values(path=TABLE_1.with_values(smoothing_rad=1e-9))
+FIBRE_END = SPIRAL.with_values(path=ArcPath(model="arc", speed_reference="fibre_end"))
+SIDE_WHEEL = SPIRAL.with_values(path=ArcPath(model="arc", speed_reference="side_wheel"))
 ARCS = {"fibre_end": FIBRE_END, "side_wheel": SIDE_WHEEL}
 ROBOTS = {"spiral": SPIRAL, **ARCS}
 

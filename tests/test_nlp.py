@@ -198,7 +198,7 @@ def test_every_solver_status_has_a_meaning(raw: str) -> None:
 def test_a_screw_motion_covers_any_rigid_pose_change() -> None:
     for seed in range(5):
         problem = random_problem(seed)
-        goal = problem.goal.model_copy(update={"kappa_per_m": None})
+        goal = problem.goal.with_values(kappa_per_m=None)
         free = Problem(
             robot=ROBOT, start=problem.start, goal=goal.model_validate(goal.model_dump())
         )

@@ -70,7 +70,7 @@ def sequences(length: int) -> list[ModeSequence]:
 def test_the_search_finds_what_solving_every_short_sequence_finds(kappa: tuple[float, ...]) -> None:
     """Over all sequences of up to four phases and the closing rigid one; bounds are below costs."""
     goal = Goal(x_m=0.15, y_m=0.1, phi_rad=0.8, kappa_per_m=kappa)
-    problem = Problem(**{**dict(THREE), "goal": goal, "max_phases": 5, "gap": 1e-3})
+    problem = THREE.with_values(goal=goal, max_phases=5, gap=1e-3)
     solver = SequenceSolver(problem)
     tree = mode_tree(problem, solver)
     best, solved = math.inf, 0

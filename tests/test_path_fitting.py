@@ -53,7 +53,7 @@ LINKS_MM = [0.0, 5.0, 30.0, 80.0, 800.0]
 
 def lengths(segment_mm: float, link_mm: float) -> Geometry:
     new = {"segment_length_m": segment_mm / 1000, "middle_link_m": link_mm / 1000}
-    return PAPER.model_copy(update=new)
+    return PAPER.with_values(**new)
 
 
 SUCCESSOR = lengths(77.0, 0.0)

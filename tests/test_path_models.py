@@ -21,8 +21,8 @@ from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.paths import ArcPath
 
 V2 = load_robot("2sr-v2")
-FIBRE_END = ROBOT.model_copy(update={"path": ArcPath(model="arc", speed_reference="fibre_end")})
-V2_FIBRE_END = V2.model_copy(update={"path": FIBRE_END.path})
+FIBRE_END = ROBOT.with_values(path=ArcPath(model="arc", speed_reference="fibre_end"))
+V2_FIBRE_END = V2.with_values(path=FIBRE_END.path)
 
 
 def bend_rates(robot: Robot, alpha: float) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.planning.planner import Progress, SequenceSolver, bending_task
 from twosra_mpc.planning.search.bounds import unreachable_reason
-from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 PAPER = [f"paper-{n}" for n in range(1, 6)]
@@ -102,7 +102,7 @@ def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
 def test_a_pure_pose_change_melts_nothing_and_has_a_proved_gap(seed: int) -> None:
     problem = random_problem(seed)
     shape = problem.start.kappa_per_m
-    goal = problem.goal.model_copy(update={"kappa_per_m": shape})
+    goal = problem.goal.with_values(kappa_per_m=shape)
     result = plan(Problem(robot=ROBOT, start=problem.start, goal=goal.model_dump()))
     assert result.found
     assert result.plan.transitions == ()

@@ -329,9 +329,9 @@ def test_what_is_unknown_is_refused_by_name() -> None:
 def test_a_robot_without_a_description_of_its_segments_is_refused() -> None:
     whole = problem(timing="constant")
     timing = {"constant": whole.robot.timing["constant"]}
-    bare = whole.robot.model_copy(update={"segment": None, "timing": timing})
+    bare = whole.robot.with_values(segment=None, timing=timing)
     with pytest.raises(InputError, match="segment"):
-        SimulatedRobot(whole.model_copy(update={"robot": bare}))
+        SimulatedRobot(whole.with_values(robot=bare))
 
 
 @pytest.mark.parametrize("plant", PLANTS)

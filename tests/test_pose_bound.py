@@ -39,7 +39,7 @@ each_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS.keys()
 
 def fast(robot: Robot, factor: float = 500.0) -> Robot:
     """The robot with the melting and freezing times of ``faster_robot``."""
-    return robot.model_copy(update={"timing": faster_robot(factor).timing})
+    return robot.with_values(timing=faster_robot(factor).timing)
 
 
 def unit_speed(robot: Robot) -> float:
@@ -208,8 +208,8 @@ def test_a_soft_phase_without_room_to_bend_is_bounded_too() -> None:
 
 def test_shapes_in_which_a_unit_can_bend_without_limit_prove_nothing() -> None:
     arc = fast(ROBOTS["side_wheel"])
-    geometry = arc.geometry.model_copy(update={"middle_link_m": 0.2})
-    robot = arc.model_copy(update={"geometry": geometry})
+    geometry = arc.geometry.with_values(middle_link_m=0.2)
+    robot = arc.with_values(geometry=geometry)
     start, end = np.array([0.0, 0.0, 0.0, 30.0, 30.0]), np.array([0.1, 0.1, 1.0, -20.0, -20.0])
     assert proved(problem_between(robot, start, end), (RIGID, SOFT_BOTH, RIGID)) == -math.inf
 

@@ -698,7 +698,7 @@ def test_every_built_in_scenario_loads_and_says_what_it_is(name: str) -> None:
     problem = load_problem(name)
     assert problem.description
     assert problem.robot.name in robot_names()
-    assert problem.start_mode == problem.goal.mode == (0, 0)
+    assert problem.start_mode == problem.goal.mode == problem.robot.rigid
 
 
 @pytest.mark.parametrize("name", robot_names())

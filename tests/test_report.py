@@ -94,8 +94,8 @@ def result_in(html: str, folder: Path) -> Result:
 
 
 def hostile(result: Result) -> Result:
-    robot = result.problem.robot.model_copy(update={"name": HOSTILE, "description": HOSTILE})
-    problem = result.problem.model_copy(update={"robot": robot, "description": HOSTILE})
+    robot = result.problem.robot.with_values(name=HOSTILE, description=HOSTILE)
+    problem = result.problem.with_values(robot=robot, description=HOSTILE)
     made = result.require()
     renamed = replace(made, trajectory=replace(made.trajectory, problem=problem))
     return replace(result, problem=problem, message=HOSTILE, plan=renamed)
@@ -168,7 +168,7 @@ def test_the_page_carries_the_scenario(paper: Result, page: str, tmp_path: Path)
 
 
 def test_another_path_model_is_written_out(paper: Result, tmp_path: Path) -> None:
-    problem = paper.problem.with_robot(with_path_model(paper.problem.robot, "cardioid"))
+    problem = paper.problem.with_values(robot=with_path_model(paper.problem.robot, "cardioid"))
     path = tmp_path / "scenario.toml"
     path.write_text(scenario_toml(problem), encoding="utf-8")
     assert load_problem(path).robot == problem.robot != paper.problem.robot
@@ -251,14 +251,14 @@ def test_the_certificate_says_what_is_proved(paper: Result, page: str) -> None:
     assert "log_spiral" in said
     assert "0.8 A until the set-point of 65 °C" in said
     assert all(sentence in unescape(page) for sentence in words.caveat_sentences(paper))
-    weighed = paper.problem.model_copy(update={"heating": "least_energy"})
+    weighed = paper.problem.with_values(heating="least_energy")
     said = " ".join(words.bound_sentences(replace(paper, problem=weighed)))
     assert "the duration in s + 10 s for every joule of heater energy" in said
 
 
 def test_the_bound_names_the_restrictions_it_holds_for(paper: Result) -> None:
     def said(**changes: Any) -> str:
-        problem = Problem(**{**dict(paper.problem), **changes})
+        problem = paper.problem.with_values(**changes)
         return " ".join(words.bound_sentences(replace(paper, problem=problem)))
 
     text = said(heating="keep_warm", transition_quantile=0.9, heaters_at_once=1)
@@ -291,11 +291,10 @@ def test_the_verification_is_told_with_its_numbers(paper: Result) -> None:
     check = made.verification
     rows = {row.name: row for row in words.limit_rows(made, check)}
     assert len(rows) == len(check.limits)
-    assert rows["wheel speed [rad/s]"].limit == "10"
-    assert rows["wheel speed [rad/s]"].margin == "0: used in full"
-    assert rows["curvature [1/m]"].margin == "40.5"
-    assert rows["unit gap [m]"].limit == "0"
-    free = paper.problem.model_copy(update={"goal": Goal(x_m=0.2, tolerance={"x_m": 0.01})})  # type: ignore[arg-type]
+    assert rows["wheel speed"] == ("wheel speed", "at most 10 rad/s", "0: used in full")
+    assert rows["curvature"].margin == "40.5 1/m"
+    assert rows["gap between the units"].limit == "at least 0 m"
+    free = paper.problem.with_values(goal=Goal(x_m=0.2, tolerance={"x_m": 0.01}))  # type: ignore[arg-type]
     goal = words.goal_rows(free, replace(check, goal_error=(-0.5, 0, 0, 0, float("nan"))))
     assert goal[0] == ("x", "m", "0.2 ± 0.01", "5.0e-01")
     assert [row.asked for row in goal[1:]] == ["free"] * 4

@@ -308,8 +308,8 @@ def test_hostile_names_stay_text(
     browser: Chrome, solved: Solved, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = solved("paper-1")
-    robot = result.problem.robot.model_copy(update={"name": HOSTILE})
-    problem = result.problem.model_copy(update={"robot": robot, "description": HOSTILE})
+    robot = result.problem.robot.with_values(name=HOSTILE)
+    problem = result.problem.with_values(robot=robot, description=HOSTILE)
     monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
     write_report(replace(result, problem=problem, message=HOSTILE), folder / "hostile.html")
     opened(browser, folder / "hostile.html")

@@ -251,7 +251,8 @@ def test_segments_may_be_counted_or_listed() -> None:
     bare = [{"length_m": 0.03}, {"length_m": 0.05}]
     timing = {"constant": document["timing"]["constant"]}
     plain = Robot(**{**document, "geometry": geometry, "segment": bare, "timing": timing})
-    assert plain.thermal_segment(0) is None
+    with pytest.raises(InputError, match="a thermal description in robot"):
+        plain.thermal_segment(0)
     for robot in (three, two, plain):
         assert Robot(**robot.model_dump(mode="json")) == robot
 

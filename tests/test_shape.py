@@ -97,8 +97,8 @@ def robot_singular_when_straight() -> Robot:
             (0.05, -0.03, -quarter),
         )
     )
-    geometry = ROBOT.geometry.model_copy(update={"wheels": wheels})
-    return ROBOT.model_copy(update={"geometry": geometry})
+    geometry = ROBOT.geometry.with_values(wheels=wheels)
+    return ROBOT.with_values(geometry=geometry)
 
 
 def test_a_singular_shape_inside_the_limits_is_found_and_not_driven_in() -> None:

@@ -82,7 +82,7 @@ def test_random_thermal_plans_are_verified_and_close_to_their_bound(seed: int) -
 
 
 def test_a_warm_start_of_the_follow_up_robot_keeps_its_honest_gap() -> None:
-    result = plan(drawn_problem(447).model_copy(update={"time_limit_s": 1.5}))
+    result = plan(drawn_problem(447).with_values(time_limit_s=1.5))
     assert result.found
     assert result.gap is not None
     assert 0.0 <= result.gap < 0.3
@@ -132,11 +132,11 @@ def lineages(tree: ModeTree[Any], depth: int) -> Iterator[list[ModeSequence]]:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_no_leaf_is_bounded_below_a_node_above_it(seed: int, timing: str, heaters: int) -> None:
     rng = np.random.default_rng(seed)
-    start = random_problem(seed).start.model_copy(
-        update={"temperature_C": tuple(rng.choice([25.0, 50.0, 70.0], 2, p=[0.4, 0.3, 0.3]))}
+    start = random_problem(seed).start.with_values(
+        temperature_C=tuple(rng.choice([25.0, 50.0, 70.0], 2, p=[0.4, 0.3, 0.3]))
     )
     if heaters == 1 and min(start.temperature_C or (0.0,)) > 61.0:
-        start = start.model_copy(update={"temperature_C": (25.0, 70.0)})
+        start = start.with_values(temperature_C=(25.0, 70.0))
     weights = {"energy_s_per_J": [0.0, 0.05][seed % 2], "transition_s": 2.0}
     given = {"start": start.model_dump(), "timing": timing, "heaters_at_once": heaters}
     if timing == "nominal":
@@ -258,7 +258,7 @@ def molten_again(case: Case, segment: int) -> Case:
 
 def under(case: Case, **changes: Any) -> Case:
     """The same plan checked against a problem that differs."""
-    return replace(case, problem=case.problem.model_copy(update=changes))
+    return replace(case, problem=case.problem.with_values(**changes))
 
 
 WARMER = "^segment {}: its currents make it .* C warmer or colder at .* s$"
@@ -320,9 +320,7 @@ TAMPERED: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
     ),
     "warmer air": (lambda c: under(c, ambient_C=27.0), [WARMER.format(1), WARMER.format(2)]),
     "a colder start": (
-        lambda c: under(
-            c, start=c.problem.start.model_copy(update={"temperature_C": (24.0, 25.0)})
-        ),
+        lambda c: under(c, start=c.problem.start.with_values(temperature_C=(24.0, 25.0))),
         ["^segment 1: its currents make it .* C warmer or colder at 0.000 s$"],
     ),
     "a wider window": (

@@ -180,6 +180,6 @@ def test_air_in_which_many_robots_would_not_freeze_has_no_windows(quantile: floa
 @robots
 def test_a_robot_that_is_known_exactly_has_no_windows(robot: Robot) -> None:
     assert robot.segment is not None
-    known = robot.segment.model_copy(update={"ranges": {}})
-    exact = robot.model_copy(update={"segment": known, "name": f"{robot.name} known"})
+    known = robot.segment.with_values(ranges={})
+    exact = robot.with_values(segment=known, name=f"{robot.name} known")
     assert windows(exact, 25.0, 0.95) == EXACT == Windows(1.0, 1.0, 1.0, 1.0)

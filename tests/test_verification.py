@@ -20,11 +20,12 @@ from twosra_mpc.checking.verification import reintegrate, verify
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.problem.limits import shape_margins
-from twosra_mpc.problem.problem import COORDINATES
+from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.modes import MODES, Mode, mode_name
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import Transition
 
+COORDINATES = Coordinates(2).names
 Array = NDArray[np.float64]
 TIMINGS = ["nominal", "constant", "paper"]
 
@@ -79,7 +80,7 @@ class Case:
         return replace(self, transitions=tuple(transitions))
 
     def with_robot(self, **update: Any) -> Case:
-        """The same checked against another robot."""
+        """The same checked against another robot, be the problem possible for it or not."""
         robot = self.problem.robot.model_copy(update=update)
         return replace(self, problem=self.problem.model_copy(update={"robot": robot}))
 
@@ -220,7 +221,7 @@ def test_a_goal_missed_in_any_coordinate_is_found(case: Case, name: str, unit: s
     else:
         moved = value - 0.01
     asked = goal.model_dump() | {key: moved}
-    problem = Problem(**{**dict(case.problem), "goal": asked})
+    problem = case.problem.with_values(goal=asked)
     assert_found(
         replace(case, problem=problem), f"^{re.escape(f'goal.{name} is missed by 0.01 {unit}')}$"
     )
@@ -229,10 +230,10 @@ def test_a_goal_missed_in_any_coordinate_is_found(case: Case, name: str, unit: s
 @all_timings
 def test_a_goal_box_forgives_what_lies_inside(case: Case) -> None:
     goal = case.problem.goal.model_dump() | {"x_m": 0.245, "tolerance": {"x_m": 0.006}}
-    inside = Problem(**{**dict(case.problem), "goal": goal})
+    inside = case.problem.with_values(goal=goal)
     assert replace(case, problem=inside).check().ok
     goal["tolerance"] = {"x_m": 0.004}
-    outside = Problem(**{**dict(case.problem), "goal": goal})
+    outside = case.problem.with_values(goal=goal)
     assert_found(replace(case, problem=outside), "goal.x_m is missed by -0.001 m")
 
 
@@ -271,7 +272,7 @@ def test_a_sample_beyond_a_limit_is_found(case: Case, limit: str, sign: float) -
 @pytest.mark.parametrize("limit", ["wheel_speed_rad_s", "unit_speed_m_s", "curvature_per_m"])
 def test_a_robot_with_a_lower_limit_does_not_accept_the_plan(case: Case, limit: str) -> None:
     used = LIMITS[limit][1] - case.check().limits[limit]
-    limits = case.problem.robot.limits.model_copy(update={limit: 0.9 * used})
+    limits = case.problem.robot.limits.with_values(**{limit: 0.9 * used})
     assert_found(case.with_robot(limits=limits), f"^limit {limit} exceeded by {0.1 * used:.3g}$")
 
 
@@ -289,7 +290,7 @@ def test_a_weaker_heater_does_not_accept_the_plan(case: Case, limit: str) -> Non
 def test_shapes_too_close_to_what_the_limits_forbid_are_found(case: Case, limit: str) -> None:
     before = getattr(case.problem.robot.limits, limit)
     least = before + case.check().limits[limit] + 0.01
-    limits = case.problem.robot.limits.model_copy(update={limit: least})
+    limits = case.problem.robot.limits.with_values(**{limit: least})
     assert_found(case.with_robot(limits=limits), f"^limit {limit} exceeded by 0.01$")
 
 
@@ -343,8 +344,8 @@ def test_a_segment_that_does_not_end_as_asked_is_found(case: Case, segment: int)
     while any(item[:2] == (segment, "rigid") for item in unfrozen.transitions):
         unfrozen = unfrozen.without(segment, "rigid")
     assert f"segment {segment} does not end rigid" in unfrozen.check().problems
-    goal = case.problem.goal.model_copy(update={"mode": (int(segment == 1), int(segment == 2))})
-    problem = case.problem.model_copy(update={"goal": goal})
+    goal = case.problem.goal.with_values(mode=(int(segment == 1), int(segment == 2)))
+    problem = case.problem.with_values(goal=goal)
     assert_found(replace(case, problem=problem), f"^segment {segment} does not end soft$")
 
 
@@ -429,8 +430,8 @@ def test_a_melt_that_is_heated_too_short_is_found(case: Case) -> None:
 def test_the_first_melt_takes_longer_from_colder_metal(
     case: Case, start_C: float, least_s: float
 ) -> None:
-    start = case.problem.start.model_copy(update={"temperature_C": (start_C, 25.0)})
-    problem = case.problem.model_copy(update={"start": start})
+    start = case.problem.start.with_values(temperature_C=(start_C, 25.0))
+    problem = case.problem.with_values(start=start)
     item = case.transitions[case.find(1, "soft")]
     onset = item.onset_s
     for lead, holds in ((least_s, True), (least_s - 0.01, False)):
@@ -759,6 +760,6 @@ def test_a_melt_is_never_excused_by_a_short_cooling() -> None:
 
 def planned_with(robot: Robot, times: SequentialTiming) -> Plan:
     """A greedy plan (melts one segment after the other) with other transition times."""
-    changed = robot.model_copy(update={"timing": {"nominal": times}})
+    changed = robot.with_values(timing={"nominal": times})
     goal = {"x_m": 0.1, "y_m": 0.0, "phi_rad": 0.2, "kappa_per_m": (20.0, -15.0)}
     return plan(load_problem("shape-change", robot=changed, goal=goal, planner="greedy")).require()

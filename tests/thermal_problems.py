@@ -32,8 +32,7 @@ def robot_of(robot: Robot, *lengths_m: float) -> Robot:
     """The arc robot, or one that melts and freezes as ``robot`` does, with segments so long."""
     geometry = {"segments": len(lengths_m), "segment_length_m": lengths_m}
     given = {"name": f"{robot.name}-{len(lengths_m)}", "path": ARC.path}
-    made = type(robot.geometry)(**{**dict(robot.geometry), **geometry})
-    return Robot(**{**dict(robot), **given, "geometry": made})
+    return robot.with_values(**given, geometry=robot.geometry.with_values(**geometry))
 
 
 UNEQUAL = robot_of(V1, 0.03, 0.04, 0.05)

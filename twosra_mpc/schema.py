@@ -17,9 +17,12 @@ from twosra_mpc.plans.document import PhaseDocument, PlanDocument
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.problem.goals import Goal
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.timing import Transition
+from twosra_mpc.validation import MOST_SEGMENTS
 
 Subject = Literal["scenario", "robot", "plan"]
 Schema = dict[str, Any]
@@ -50,14 +53,14 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "heater_s": "when the heater is switched",
     "heaters_at_once": "how many heaters the supply feeds at a time",
     "heating": "what counts beyond time: fastest, least_energy or keep_warm",
-    "kappa_per_m": "curvatures of the two segments",
+    "kappa_per_m": "curvatures of the segments",
     "limits": "limits of motion and shape; in a verification, the margin to each",
     "lower_bound_s": "proved lower bound on the cost of any plan",
     "max_defect": "largest difference of the samples to their re-integration [m, rad, 1/m]",
     "max_phases": "longest mode sequence that is searched",
     "message": "one sentence a person can act on",
     "metal": "the low-melting metal",
-    "mode": "stiffness of the two segments: 1 soft, 0 rigid",
+    "mode": "stiffness of the segments: 1 soft, 0 rigid",
     "model": "which model the other keys of this table belong to",
     "modes": "stiffness modes that may be used",
     "name": "name of the robot",
@@ -72,7 +75,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "phi_per_alpha": "slope of the polar angle over the bending angle in cases I, II, III",
     "planner": "optimal, or greedy as in the paper",
     "problems": "what does not hold, in words",
-    "q": "configuration [x m, y m, phi rad, kappa1 1/m, kappa2 1/m]",
+    "q": "configuration [x m, y m, phi rad, and the curvature of each segment 1/m]",
     "ranges": "5 % and 95 % values of uncertain parameters",
     "robot": "the robot: a built-in name, a path to its file, or its table",
     "rubber": "the silicone of core and tube",
@@ -80,6 +83,8 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "scale": "a of spirals I, II, III, in segment lengths",
     "scenario": "the problem, defaults filled in",
     "segment": "how a segment warms and cools; of a transition, which segment, from 1",
+    "segment_length_m": "length of every segment, or a list of their lengths",
+    "segments": "how many segments; in a plan file, how each warms and cools, if not alike",
     "sensor_gain": "reading above the air per degree of the core",
     "sequences_bounded": "mode sequences whose lower bound was found",
     "sequences_solved": "mode sequences that were solved",
@@ -89,7 +94,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "status": "what is known about the plan",
     "stopped_early": "whether a limit or an interrupt ended the search",
     "t_s": "time of each sample",
-    "temperature_C": "temperatures of the two segments",
+    "temperature_C": "temperatures of the segments",
     "timing": "sets of transition times by name; in a scenario, the name of one",
     "to": "what the segment becomes",
     "tolerance": "half-widths of the goal box",
@@ -119,7 +124,7 @@ def json_schema(subject: Subject) -> Schema:
         case "scenario":
             schema = _scenario()
         case "robot":
-            schema = _of(Robot)
+            schema = _robot()
         case "plan":
             schema = _plan()
     for name, key in _keys(schema):
@@ -157,26 +162,44 @@ def _draft_7(schema: Schema) -> Schema:
     return found
 
 
-def _scenario() -> Schema:
-    schema = _of(Problem)
-    schema["properties"]["goal"] = {"$ref": "#/definitions/Goal"}  # the kind that files can say
-    del schema["definitions"]["GoalSet"]
-    kappa = schema["definitions"]["Goal"]["properties"]["kappa_per_m"]
-    kappa["items"] = {"anyOf": [{"type": "number"}, {"const": "free"}, {"type": "null"}]}
-    schema["properties"]["robot"] = {
-        "anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}],
-    }
+def _robot() -> Schema:
+    """Segments are counted (``segments = 3``), or listed (``[[segment]]``) with their lengths."""
+    schema = _of(Robot)
+    properties, definitions = schema["properties"], schema["definitions"]
+    bare = _table([{"type": "number", "exclusiveMinimum": 0.0}], ("length_m",))
+    kinds = [
+        kind
+        | {"properties": {**bare["properties"], **kind["properties"]}}
+        | {"required": ["length_m", *kind["required"]]}
+        for kind in definitions["Segment"]["oneOf"]
+    ]
+    properties["segment"]["anyOf"].append(_list({"anyOf": [bare, *kinds]}, 1, MOST_SEGMENTS))
+    geometry = definitions["Geometry"]
+    geometry["required"].remove("segment_length_m")  # where the list has the lengths
+    counted = {**geometry["properties"]["segments"]}
+    properties["segments"] = {"anyOf": [counted, properties["segments"]]}
     return schema
 
 
+def _scenario() -> Schema:
+    schema, goal, robot = _of(Problem), _of(Goal), _robot()
+    definitions = {**schema["definitions"], **goal.pop("definitions"), **robot.pop("definitions")}
+    del definitions["GoalSet"]
+    kappa = goal["properties"]["kappa_per_m"]
+    kappa["items"] = {"anyOf": [{"type": "number"}, {"const": "free"}, {"type": "null"}]}
+    properties = schema["properties"]
+    properties["goal"] = {"$ref": "#/definitions/Goal"}  # the kind that files can say
+    properties["robot"] = {"anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}]}
+    return {**schema, "definitions": {**definitions, "Goal": goal, "Robot": robot}}
+
+
 def _plan() -> Schema:
-    schema, scenario, robot = _of(PlanDocument), _scenario(), _of(Robot)
-    definitions = {**scenario.pop("definitions"), **robot.pop("definitions")}
-    definitions |= {**schema["definitions"], "Scenario": scenario, "Robot": robot}
+    schema, scenario = _of(PlanDocument), _scenario()
+    definitions = {**scenario.pop("definitions"), **schema["definitions"], "Scenario": scenario}
     for record in (Cost, Transition, PhaseDocument):  # tables in the file
         definitions[record.__name__] = _table(definitions[record.__name__]["items"], record._fields)
     number = definitions["Transition"]["properties"]["segment"]
-    number |= {"minimum": 1, "maximum": 4}
+    number |= {"minimum": 1, "maximum": MOST_SEGMENTS}
     properties = schema["properties"]
     properties["robot"] = {"$ref": "#/definitions/Robot"}
     properties["scenario"] = {"$ref": "#/definitions/Scenario"}
@@ -187,15 +210,21 @@ def _plan() -> Schema:
 
 
 def _samples() -> Schema:
-    """A list of numbers a sample for time, else a list of rows of fixed width."""
-    widths = {"q": 5, "v": 5, "wheel_rad_s": 4}
+    """A list of numbers a sample for time, else a list of rows."""
+    widths = {
+        **{"q": (POSE + 1, POSE + MOST_SEGMENTS), "v": (INPUTS, INPUTS)},
+        "wheel_rad_s": (WHEELS, WHEELS),
+    }
     properties: dict[str, Schema] = {}
     for item in fields(Samples):
-        width = widths.get(item.name, 2)
         cell: Schema = {"enum": [0, 1]} if item.name == "mode" else {"type": "number"}
-        row = {"type": "array", "items": cell, "minItems": width, "maxItems": width}
+        row = _list(cell, *widths.get(item.name, (1, MOST_SEGMENTS)))
         properties[item.name] = {"type": "array", "items": cell if item.name == "t_s" else row}
     return _table(list(properties.values()), tuple(properties))
+
+
+def _list(item: Schema, least: int, most: int) -> Schema:
+    return {"type": "array", "items": item, "minItems": least, "maxItems": most}
 
 
 def _table(values: list[Schema], keys: tuple[str, ...]) -> Schema:

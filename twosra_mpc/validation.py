@@ -40,8 +40,12 @@ NonNegative = Annotated[float, Field(ge=0.0), BeforeValidator(plain)]
 Pair = Annotated[tuple[float, float], BeforeValidator(plain)]
 Triple = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
-Numbers = Annotated[tuple[float, ...], Field(min_length=1, max_length=4), BeforeValidator(plain)]
-ModeField = Annotated[tuple[Bit, ...], Field(min_length=1, max_length=4), BeforeValidator(plain)]
+MOST_SEGMENTS = 4
+# One entry for each segment. Only who knows the robot can name the entries that are missing, so
+# that a list without any is left to it too.
+EachSegment = Field(max_length=MOST_SEGMENTS, json_schema_extra={"minItems": 1})
+Numbers = Annotated[tuple[float, ...], EachSegment, BeforeValidator(plain)]
+ModeField = Annotated[tuple[Bit, ...], EachSegment, BeforeValidator(plain)]
 
 
 _FOLLOWS = "default_factory_not_called"  # pydantic's word for a default that needs a wrong value
@@ -66,6 +70,10 @@ class Value(BaseModel):
                 details = [one for one in error.errors() if one["type"] != _FOLLOWS]
                 problems = [named_problem(type(self), detail) for detail in details]
                 raise problems[0].among(problems[1:]) from None
+
+    def with_values(self, **changes: Any) -> Self:
+        """Return the record with other values, validated anew."""
+        return type(self)(**{**dict(self), **changes})
 
     @classmethod
     def parse(cls, document: dict[str, Any], source: str) -> Self:

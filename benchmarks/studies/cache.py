@@ -32,7 +32,7 @@ class Cache(PlanStudy):
         """Plan for the robot as it is and for changed ones."""
         problem, numbers = self.named[case.problem], range(1, self.repeats + 2)
         asked = {
-            what: iter([problem.with_robot(change(problem.robot, n)) for n in numbers])
+            what: iter([problem.with_values(robot=change(problem.robot, n)) for n in numbers])
             for what, change in CHANGES.items()
         }
         made = self.timed({what: lambda of=of: plan(next(of)) for what, of in asked.items()})

@@ -88,8 +88,8 @@ class Certificate(PlanStudy):
     def run(self, case: Case) -> CertificateRecord:
         """Compare bounds and search with brute force on one problem."""
         problem = self.named[case.problem]
-        problem = problem.with_robot(thermally_faster(problem.robot, case.times_faster))
-        problem = problem.model_copy(update={"max_phases": self.phases, "gap": self.gap})
+        problem = problem.with_values(robot=thermally_faster(problem.robot, case.times_faster))
+        problem = problem.with_values(max_phases=self.phases, gap=self.gap)
         bound, best = np.reshape(list(_brute_force(problem, self.starts)), (-1, 2)).T
         solved = np.isfinite(best)
         return CertificateRecord(

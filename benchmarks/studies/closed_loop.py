@@ -62,7 +62,7 @@ class ClosedLoop(Study):
     def run(self, case: Case) -> dict[str, Any]:
         """Run one case on a robot of exact arcs; the record is that of its ``Metrics``."""
         problem = labelled(self.problems)[case.problem]
-        problem = problem.with_robot(with_path_model(problem.robot, case.path_model))
+        problem = problem.with_values(robot=with_path_model(problem.robot, case.path_model))
         done = simulate(problem, disturbance=self.level, seed=case.seed, executor=case.executor)
         return done.metrics._asdict()
 

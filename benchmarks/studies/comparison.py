@@ -45,7 +45,7 @@ class Comparison(PlanStudy):
         ends = (problem.start.configuration, problem.goal.configuration)
         calls: dict[str, Callable[[], Any]] = {PUBLISHED: partial(published_trajectory, *ends)}
         for name in (OPTIMAL, GREEDY):
-            calls[name] = partial(plan, problem.model_copy(update={"planner": name}))
+            calls[name] = partial(plan, problem.with_values(planner=name))
         made = self.timed(calls)
         records = {name: plan_record(*made[name]) for name in (OPTIMAL, GREEDY)}
         return {**records, PUBLISHED: _published_record(problem, *made[PUBLISHED])}

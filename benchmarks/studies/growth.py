@@ -109,9 +109,9 @@ class Growth(PlanStudy):
             candidate, timing = self.timed({"solve": solve})["solve"]
             return ProgramRecord(candidate.iterations if candidate else None, timing)
         if case.times_faster != 1.0:
-            problem = problem.with_robot(thermally_faster(problem.robot, case.times_faster))
+            problem = problem.with_values(robot=thermally_faster(problem.robot, case.times_faster))
         limits = {"gap": case.gap, "max_phases": case.max_phases}
-        return self.planned(problem.model_copy(update=limits))
+        return self.planned(problem.with_values(**limits))
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """Wall times over phases and over the grid, with slopes."""

@@ -47,7 +47,7 @@ class TransitionSweep(PlanStudy):
         """Plan for a robot that freezes as fast."""
         problem = self.named[case.problem]
         robot = thermally_faster(problem.robot, self.reference_freeze_s / case.freeze_s)
-        return self.planned(problem.with_robot(robot))
+        return self.planned(problem.with_values(robot=robot))
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """Best sequences, costs, proved gaps and wall times over the transition time."""

@@ -22,11 +22,11 @@ from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import bending_task, plan, plan_without
 from twosra_mpc.planning.search.bounds import unreachable_reason
-from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence, mode_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
 
 SLOWER = 1.5  # how many times slower a freeze or a melt is made
 
@@ -184,9 +184,9 @@ def _why(made: Plan) -> Iterator[str]:
     if not made.transitions:
         yield "no segment has to bend, so nothing is melted"
     for item in critical_path(made):
-        if item.kind in ("melt", "freeze") and len(item.segments) > 1:
-            times = ("twice", "three times", "four times")[len(item.segments) - 2]
-            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {times}"
+        if item.kind in ("melt", "freeze") and (count := len(item.segments)) > 1:
+            often = "twice" if count == 2 else f"{count} times"
+            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {often}"
     yield f"the robot moves for {made.moving_s:.1f} s of {made.cost.time_s:.1f} s"
     if made.lower_bound is not None:
         yield f"proved: no plan whatever costs less than {made.lower_bound:.2f} s"
@@ -210,9 +210,9 @@ def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, 
     problem = original.problem
     for mode in dict.fromkeys(_modes(original)):
         modes = tuple(other for other in problem.modes if other != mode)
-        yield f"without mode {mode_name(mode)}", partial(_with, problem, "modes", modes)
+        yield f"without mode {mode_name(mode)}", partial(_with, problem, modes=modes)
     if problem.heaters_at_once > 1 and original.transitions:
-        yield "with one heater at a time", partial(_with, problem, "heaters_at_once", 1)
+        yield "with one heater at a time", partial(_with, problem, heaters_at_once=1)
     kinds = {item.to for item in original.transitions}
     if "rigid" in kinds:
         yield f"freezing {SLOWER:g} times slower", partial(slowed, problem, "freeze", SLOWER)
@@ -220,8 +220,8 @@ def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, 
         yield f"melting {SLOWER:g} times slower", partial(slowed, problem, "melt", SLOWER)
 
 
-def _with(problem: Problem, field: str, value: object) -> tuple[Problem, str]:
-    return Problem(**{**dict(problem), field: value}), ""
+def _with(problem: Problem, **changes: object) -> tuple[Problem, str]:
+    return problem.with_values(**changes), ""
 
 
 def _next_best(original: Plan) -> Alternative:
@@ -271,10 +271,11 @@ def _sequences(made: Plan) -> set[ModeSequence]:
 
 def _complete(modes: ModeSequence, problem: Problem) -> ModeSequence:
     """Add the rigid phases that open and close a sequence in the search."""
-    if RIGID not in problem.modes:
+    rigid = problem.robot.rigid
+    if rigid not in problem.modes:
         return modes
-    opening = (RIGID,) if problem.start_mode == RIGID else ()
-    closing = (RIGID,) if problem.goal.mode == RIGID else ()
+    opening = (rigid,) if problem.start_mode == rigid else ()
+    closing = (rigid,) if problem.goal.mode == rigid else ()
     return _merged((*opening, *modes, *closing))
 
 

@@ -46,7 +46,7 @@ def compare_models(problem: Problem, models: Sequence[str] = PATH_MODELS) -> Mod
     variants = []
     for model in models:
         robot = with_path_model(problem.robot, model)
-        variants.append(problem.with_robot(robot))
+        variants.append(problem.with_values(robot=robot))
     results = tuple(plan(variant) for variant in variants)
     errors = np.full((len(models), len(models), problem.robot.coordinates.size), np.nan)
     for i, made in enumerate(result.plan for result in results):

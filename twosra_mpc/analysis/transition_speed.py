@@ -38,8 +38,8 @@ def slowed(problem: Problem, kind: Kind, factor: float) -> tuple[Problem, str]:
         for (key, old), (_, new) in zip(before, after, strict=True)
         if new != old
     ]
-    robot = Robot(**{**dict(problem.robot), "timing": timing})
-    return problem.with_robot(robot), ", ".join(words)
+    robot = problem.robot.with_values(timing=timing)
+    return problem.with_values(robot=robot), ", ".join(words)
 
 
 def reference_s(robot: Robot, ambient_C: float, kind: Kind) -> float:
@@ -76,7 +76,7 @@ def _weakened(problem: Problem, kind: Kind, factor: float) -> tuple[Problem, str
         still = math.isclose(before, after, rel_tol=1e-3)
         takes = f"still takes {after:.4g} s" if still else f"takes {after:.4g} s, not {before:.4g}"
         effects.append(f"a {one} {takes}")
-    return problem.with_robot(made), f"{cause} x {share:.3g}: {'; '.join(effects)}"
+    return problem.with_values(robot=made), f"{cause} x {share:.3g}: {'; '.join(effects)}"
 
 
 def _share(excess: Callable[[float], float]) -> float | None:

@@ -23,13 +23,16 @@ from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.problem.problem import COORDINATE_UNITS, COORDINATES, Problem
+from twosra_mpc.problem.limits import UNITS
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import mode_name
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
 BOUND_TOLERANCE = 1e-6  # relative: a bound comes from a solver
+_UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
 
 
 @dataclass(frozen=True)
@@ -92,35 +95,28 @@ def check_plan(path: str | Path) -> PlanCheck:
         _stored(plan.verification, found.verification),
     )
     false = (f"{claim.name}: {claim.found}" for claim in claims if not claim.ok)
-    return PlanCheck(result, (*_rules(found), *claims), (*found.verification.problems, *false))
+    rules = _rules(plan.robot.coordinates, found)
+    return PlanCheck(result, (*rules, *claims), (*found.verification.problems, *false))
 
 
-def _rules(found: Findings) -> Iterator[Check]:
+def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
     """Every rule of motion: first those with a margin."""
-    yield from _motion(found.verification)
-    yield from _limits(found.verification)
+    yield from _motion(coordinates, found.verification)
+    for name, margin in found.verification.limits.items():
+        state = "kept" if margin >= 0 else "exceeded"
+        yield Check(f"limit {name}", state, margin >= 0, margin, _UNITS[name])
     for name, broken in found.rules.items():
         yield Check(name, broken[0] if broken else "kept", not broken)
 
 
-def _motion(found: Verification) -> Iterator[Check]:
+def _motion(coordinates: Coordinates, found: Verification) -> Iterator[Check]:
     margin = DEFECT_TOLERANCE - found.max_defect
     departs = f"departs from the samples by {found.max_defect:.2g} (m, rad or 1/m)"
     yield Check("re-integration", departs, margin >= 0, margin)
-    for name, unit, error in zip(COORDINATES, COORDINATE_UNITS, found.goal_error, strict=True):
+    errors = zip(coordinates.names, coordinates.units, found.goal_error, strict=True)
+    for name, unit, error in errors:
         margin = GOAL_TOLERANCE - abs(error)
         yield Check(f"goal.{name}", f"missed by {abs(error):.2g} {unit}", margin >= 0, margin, unit)
-
-
-def _limits(found: Verification) -> Iterator[Check]:
-    for name, margin in found.limits.items():
-        state = "kept" if margin >= 0 else "exceeded"
-        yield Check(f"limit {name}", state, margin >= 0, margin, _unit(name))
-
-
-def _unit(name: str) -> str:
-    units = {"_rad_s": "rad/s", "_m_s": "m/s", "_per_m": "1/m", "_C": "C", "_A": "A", "_m": "m"}
-    return next((unit for ending, unit in units.items() if name.endswith(ending)), "")
 
 
 def _allowed_modes(plan: Plan) -> Check:
@@ -217,6 +213,7 @@ def _stored(stored: Verification, found: Verification) -> Check:
         *zip(stored.goal_error, found.goal_error, strict=False),
         *((stored.limits.get(key, math.nan), value) for key, value in found.limits.items()),
     ]
-    apart = max(abs(a - b) for a, b in numbers) if len(stored.goal_error) == 5 else math.nan
-    same = apart <= DEFECT_TOLERANCE and set(stored.limits) == set(found.limits)
+    same = len(stored.goal_error) == len(found.goal_error)
+    same = same and set(stored.limits) == set(found.limits)
+    same = same and max(abs(a - b) for a, b in numbers) <= DEFECT_TOLERANCE
     return Check(name, "the same" if same else "its numbers are others", same)

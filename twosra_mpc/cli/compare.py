@@ -56,9 +56,7 @@ def _results(problems: dict[str, Problem], output: Output) -> dict[str, tuple[Re
     for number, (name, problem) in enumerate(problems.items(), start=1):
         words = f"planning {name} ({number} of {len(problems)})"
         results[name] = tuple(
-            plan_with_progress(
-                problem.model_copy(update={"planner": planner}), output, f"{words}, {planner}"
-            )
+            plan_with_progress(problem.with_values(planner=planner), output, f"{words}, {planner}")
             for planner in PLANNERS
         )
     return results

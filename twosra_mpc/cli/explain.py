@@ -66,7 +66,8 @@ def _document(found: Explanation) -> dict[str, Any]:
 
 
 def _activity(item: Activity) -> dict[str, Any]:
-    return {**vars(item), "duration_s": item.duration_s, "words": str(item)}
+    keys = ("kind", "segments", "start_s", "end_s", "duration_s")
+    return {key: getattr(item, key) for key in keys} | {"words": str(item)}
 
 
 def _print(found: Explanation) -> None:

@@ -88,7 +88,7 @@ def _load(scenario: str, path_model: str | None = None, **overrides: Any) -> Pro
         return problem
     from twosra_mpc.identification.path_choice import with_path_model  # CasADi takes a second
 
-    return problem.with_robot(with_path_model(problem.robot, path_model))
+    return problem.with_values(robot=with_path_model(problem.robot, path_model))
 
 
 def out_argument(check: Check) -> Decorator:

@@ -55,7 +55,7 @@ def remaining_problem(
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
     goal = _goal(problem.goal, np.concatenate([q[:POSE], kappa]), accuracy, broken)
-    return Problem(**{**dict(problem), "start": start, "goal": goal, "modes": modes})
+    return problem.with_values(start=start, goal=goal, modes=modes)
 
 
 def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:

@@ -39,7 +39,7 @@ def with_path_model(robot: Robot, model: str) -> Robot:
         table = {**robot.path.model_dump(), "model": model}
     else:
         table = fitted_path_tables(robot)[model]
-    return Robot(**{**dict(robot), "path": table})
+    return robot.with_values(path=table)
 
 
 def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, model: str) -> None:

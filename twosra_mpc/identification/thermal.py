@@ -320,7 +320,7 @@ def _described(
         ends = min(getattr(low, name), value - spread), max(getattr(high, name), value + spread)
         ranges[name] = (_rounded(ends[0]), _rounded(ends[1]))
     values = {name: _rounded(getattr(found, name)) for name in SEGMENT_FIELDS}
-    return TwoNodeSegment(**{**dict(own), **values, "ranges": ranges})
+    return own.with_values(**values, ranges=ranges)
 
 
 def _rounded(value: float) -> float:

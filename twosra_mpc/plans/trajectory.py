@@ -106,6 +106,9 @@ class Trajectory:
         if found != segments:
             allowed = f"a column for each of {segments} segments"
             raise InputError("samples.mode", f"{found} columns", allowed)
+        for i, phase in enumerate(self.phases):
+            if len(phase.mode) != segments:
+                raise InputError(f"phases.{i}.mode", phase.mode, f"a list of {segments} values")
         for i, item in enumerate(self.transitions):
             if not 1 <= item.segment <= segments:
                 where = f"transitions.{i}.segment"

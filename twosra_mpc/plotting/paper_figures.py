@@ -221,7 +221,7 @@ def _share(q: Array, target: Array) -> Array:
 def _plans(task: str) -> tuple[Plan, Plan]:
     """Plans of this planner and of the greedy rule."""
     problem = load_problem(task)
-    greedy = plan(problem.model_copy(update={"planner": "greedy"}))
+    greedy = plan(problem.with_values(planner="greedy"))
     return plan(problem).require(), greedy.require()
 
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import RIGID, Mode, rigid_mode
-from twosra_mpc.validation import ModeField, NonNegative, Number, Numbers, Value, plain
+from twosra_mpc.validation import EachSegment, ModeField, NonNegative, Number, Numbers, Value, plain
 
 if TYPE_CHECKING:  # scenarios are listed without it
     import casadi as ca
@@ -99,9 +99,7 @@ def _free_to_none(value: object) -> object:
     return value
 
 
-FreeNumbers = Annotated[
-    tuple[float | None, ...], Field(min_length=1, max_length=4), BeforeValidator(_free_to_none)
-]
+FreeNumbers = Annotated[tuple[float | None, ...], EachSegment, BeforeValidator(_free_to_none)]
 
 
 class Tolerance(Value):
@@ -166,7 +164,7 @@ class Goal(GoalSet):
         values.setdefault("mode", rigid_mode(segments))
         tolerance = self.tolerance
         if not tolerance.kappa_per_m:
-            values["tolerance"] = Tolerance(**{**dict(tolerance), "kappa_per_m": (0.0,) * segments})
+            values["tolerance"] = tolerance.with_values(kappa_per_m=(0.0,) * segments)
         return Goal(**values)
 
     def aim(self, q: Array) -> Array:
@@ -191,8 +189,7 @@ class Goal(GoalSet):
     def loosened(self, widths: Array) -> Goal:
         """Return the goal with curvature tolerances wider by ``widths`` (n,) [1/m]."""
         wider = self.half_width[POSE:] + widths
-        tolerance = Tolerance(**{**dict(self.tolerance), "kappa_per_m": tuple(wider.tolist())})
-        return Goal(**{**dict(self), "tolerance": tolerance})
+        return self.with_values(tolerance=self.tolerance.with_values(kappa_per_m=wider))
 
     def error(self, q: Array) -> Array:
         """Signed distance of ``q`` to the goal box, shape (3 + n,); 0 inside and where free.

@@ -29,12 +29,18 @@ from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.timing import Timing
 from twosra_mpc.thermal.model import thresholds_C
-from twosra_mpc.validation import ModeField, NonNegative, Number, Numbers, Positive, Value, plain
+from twosra_mpc.validation import (
+    MOST_SEGMENTS,
+    ModeField,
+    NonNegative,
+    Number,
+    Numbers,
+    Positive,
+    Value,
+    plain,
+)
 
 Array = NDArray[np.float64]
-
-COORDINATES = ("x_m", "y_m", "phi_rad", "kappa_per_m.0", "kappa_per_m.1")
-COORDINATE_UNITS = ("m", "m", "rad", "1/m", "1/m")
 
 
 class Start(Value):
@@ -78,14 +84,15 @@ class Problem(Value):
     robot: Robot
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
-    goal: SerializeAsAny[Goal | GoalSet]
+    goal: SerializeAsAny[GoalSet]
     weights: Weights = Weights()
     timing: str = "nominal"
     ambient_C: Number | None = None
     heating: Literal["fastest", "least_energy", "keep_warm"] = "fastest"
     heaters_at_once: Annotated[
         int,
-        Field(ge=1, le=4, default_factory=lambda data: data["robot"].coordinates.segments),
+        Field(ge=1, le=MOST_SEGMENTS),
+        Field(default_factory=lambda data: data["robot"].coordinates.segments),
         BeforeValidator(plain),
     ]
     transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
@@ -225,10 +232,6 @@ class Problem(Value):
                 yield InputError("robot.heater.melt_current_A", heater.melt_current_A, allowed)
                 return
 
-    def with_robot(self, robot: Robot) -> Problem:
-        """Return the same problem for another robot, validated anew."""
-        return Problem(**{**dict(self), "robot": robot})
-
     @property
     def _thermal(self) -> bool:
         times = self.robot.timing.get(self.timing)
@@ -279,7 +282,7 @@ class Problem(Value):
         if self.heating != "least_energy":
             return self.weights
         energy = max(self.weights.energy_s_per_J, _LEAST_ENERGY_S_PER_J)
-        return self.weights.model_copy(update={"energy_s_per_J": energy})
+        return self.weights.with_values(energy_s_per_J=energy)
 
     @property
     def transition_times(self) -> Timing:

@@ -125,11 +125,10 @@ class Robot(Value):
 
     def weakened(self, cause: Literal["loss", "power"], share: float) -> Robot:
         """The robot whose segments give off, or whose heaters give, only a share of the heat."""
-        changed: dict[str, Any] = {
-            "segment": self.segment and self.segment.weakened(cause, share),
-            "segments": tuple(segment.weakened(cause, share) for segment in self.segments),
-        }
-        return Robot(**{**dict(self), **changed})
+        return self.with_values(
+            segment=self.segment and self.segment.weakened(cause, share),
+            segments=tuple(segment.weakened(cause, share) for segment in self.segments),
+        )
 
     def __hash__(self) -> int:
         return hash((self.name, self.geometry.segment_length_m, self.path.model))

@@ -8,7 +8,9 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
+from twosra_mpc.validation import MOST_SEGMENTS, NonNegative, Number, Positive, Value, plain
+
+_LISTED = {"minItems": 1, "maxItems": MOST_SEGMENTS}
 
 
 class Wheel(Value):
@@ -30,8 +32,8 @@ class Geometry(Value):
     they follow from the lengths, with the paper's beta = pi/2, 0, -pi/2, pi.
     """
 
-    segments: Annotated[int, Field(ge=1, le=4), BeforeValidator(plain)] = 2
-    segment_length_m: float | tuple[float, ...]
+    segments: Annotated[int, Field(ge=1, le=MOST_SEGMENTS), BeforeValidator(plain)] = 2
+    segment_length_m: Positive | Annotated[tuple[Positive, ...], Field(json_schema_extra=_LISTED)]
     middle_link_m: NonNegative
     end_link_m: Positive
     unit_side_m: Positive

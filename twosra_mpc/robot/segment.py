@@ -80,7 +80,7 @@ class Segment(Tagged):
             name: (share * low, share * high) if name in parameters else (low, high)
             for name, (low, high) in self.ranges.items()
         }
-        return type(self)(**{**dict(self), **values, "ranges": ranges})
+        return self.with_values(**values, ranges=ranges)
 
 
 class Coil(Value):
@@ -185,7 +185,7 @@ class LumpedSegment(Segment):
             values = {key: share * getattr(self, key) for key in keys}
             return self._scaled(share, ("loss_W_per_K",), values)
         resistivity = share * self.coil.resistivity_ohm_m
-        coil = Coil(**{**dict(self.coil), "resistivity_ohm_m": resistivity})
+        coil = self.coil.with_values(resistivity_ohm_m=resistivity)
         return self._scaled(share, ("resistance_ohm",), {"coil": coil})
 
     @property

@@ -33,7 +33,7 @@ class Timing(Tagged):
         """The same with freezes, or melts, that take so much longer."""
 
     def _with(self, values: dict[str, float]) -> Self:
-        return type(self)(**{**dict(self), **values})
+        return self.with_values(**values)
 
 
 class OverlappedTiming(Timing):

@@ -23,7 +23,6 @@ from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, segment_model
-from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn
@@ -235,7 +234,7 @@ def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot
         "middle_link_m": geometry.middle_link_m * error[1],
         "wheel_radius_m": geometry.wheel_radius_m * error[2],
     }
-    return Robot(**{**dict(robot), "geometry": Geometry(**{**dict(geometry), **lengths})})
+    return robot.with_values(geometry=geometry.with_values(**lengths))
 
 
 def heated_segments(
