@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from conftest import Planned, Run
+from conftest import Run, Solved
 
 from twosra_mpc import load_problem, load_robot, plan
 from twosra_mpc.plotting import film
@@ -63,11 +63,11 @@ TITLED = [
 
 
 @pytest.fixture
-def folder(planned: Planned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(solved: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a plan, in which the reader is."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
-    planned("paper-1").save(tmp_path / "plan.json")
+    solved("paper-1").save(tmp_path / "plan.json")
     return tmp_path
 
 

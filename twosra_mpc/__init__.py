@@ -1,8 +1,9 @@
-"""twosra_mpc: plans with a proved gap for the two-segment soft-rigid agent (2SRA).
+"""twosra_mpc: plans with a proved gap for soft-rigid robots that melt their spine (2SRA).
 
->>> from twosra_mpc import load_problem, plan
->>> result = plan(load_problem("paper-1"))
->>> result.status, result.gap
+Examples:
+    >>> from twosra_mpc import load_problem, plan
+    >>> result = plan(load_problem("paper-1"))
+    >>> result.status, result.gap
 """
 
 from __future__ import annotations
