@@ -85,7 +85,7 @@ def simulate_command(
     problem = load(scenario)
     level = disturbance_level(disturbance)
     SimulatedRobot(problem, plant, level, seed, broken_heaters=broken)  # or an error, early
-    optimal = problem.model_copy(update={"planner": "optimal"})
+    optimal = Problem(**{**dict(problem), "planner": "optimal"})
     result = plan_with_progress(optimal, output, "planning")
     if executor == "optimal" and not result.found:
         click.echo(f"twosra: there is nothing to run: {result.message}", err=True)
