@@ -2,8 +2,10 @@
 
 from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.executor import Executor, ExecutorSettings
-from twosra_mpc.execution.robot_interface import Camera, Reading, RobotInterface
+from twosra_mpc.execution.patience import Patience
+from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError, RobotInterface
 from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.serial.robot import PoseSource, SerialRobot, connected
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
 from twosra_mpc.execution.simulation.metrics import Metrics, Spread, spread
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
@@ -18,13 +20,18 @@ __all__ = [
     "Executor",
     "ExecutorSettings",
     "Metrics",
+    "Patience",
+    "PoseSource",
     "Reading",
+    "RobotError",
     "RobotInterface",
     "Run",
+    "SerialRobot",
     "SimulatedRobot",
     "Simulation",
     "Spread",
     "Truth",
+    "connected",
     "simulate",
     "spread",
 ]

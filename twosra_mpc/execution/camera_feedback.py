@@ -58,7 +58,7 @@ class _TrackedPhase:
 
     def drive(self) -> Abort | None:
         before = off = math.inf
-        while off > self._settled() and off <= self.patience.nearer * before:
+        while off > self._near_enough() and off <= self.patience.nearer * before:
             if (left := self._travel()) is not None:
                 return left
             self._look()
@@ -75,7 +75,7 @@ class _TrackedPhase:
             if (left := self._unseen()) is not None:
                 return left
             planned, off, over = run.planned, self._off(), run.clock_s >= phase.end_s
-            if over and off <= self._settled():
+            if over and off <= self._near_enough():
                 return None
             if (left := self._outside(planned)) is not None:
                 return left
@@ -111,12 +111,12 @@ class _TrackedPhase:
         """Deviation of what the phase controls from the plan, in units of the accuracy."""
         return float(np.abs(self._outputs(self.session.q - self.run.planned)).max())
 
-    def _settled(self) -> float:
+    def _near_enough(self) -> float:
         """Deviation at which the phase may end: no finer than what is believed is certain."""
         patience = self.patience
         certain = 2 * float(np.abs(self._outputs(self.session.deviation)).max())
         loose = patience.loose if self.rigid and not self.last else 1.0
-        return min(patience.settled * loose, max(certain, patience.finest))
+        return min(patience.near_enough * loose, max(certain, patience.finest))
 
     def _outputs(self, difference: Array) -> Array:
         """Outputs of the phase's mode of a difference of q, in units of the accuracy."""

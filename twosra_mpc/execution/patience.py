@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from pydantic import Field
-
 from twosra_mpc.validation import Positive, Value
 
 
@@ -22,7 +18,7 @@ class Patience(Value):
         look_s: Longest look at the resting robot.
         long_look_s: The same, before a melt is decided on.
         unseen_s: Nobody drives by a camera that has sent no frame for so long.
-        settled: Share at which a phase may end.
+        near_enough: Share at which a phase may end.
         finest: Share below which nothing is asked for, however certain the belief is.
         loose: Headings of soft phases, and poses of phases that are not the last, may be so many
             times farther off.
@@ -35,7 +31,6 @@ class Patience(Value):
         corridor_rad: The same for its heading.
         stiff_per_m: A curvature farther from the plan is of metal that is not yet all liquid.
         listen_s: How long a robot is listened to for its first temperature reports.
-        enough_reports: Reports of each segment that end the listening.
         silent_s: A segment that has not reported for so long is an error.
         held_up_s: A command that turns the wheels and lasts so much too long is an error.
     """
@@ -49,7 +44,7 @@ class Patience(Value):
     look_s: Positive = 6.0
     long_look_s: Positive = 20.0
     unseen_s: Positive = 2.0  # later frames are of no use to the filter; 18 frames at 9 Hz
-    settled: Positive = 0.3
+    near_enough: Positive = 0.3
     finest: Positive = 3e-5
     loose: Positive = 3.0
     tube: Positive = 5.0
@@ -61,6 +56,5 @@ class Patience(Value):
     corridor_rad: Positive = 1.0
     stiff_per_m: Positive = 5.0
     listen_s: Positive = 5.0  # five reports of the follow-up robot
-    enough_reports: Annotated[int, Field(ge=1)] = 3  # single ones can be far off: their median
     silent_s: Positive = 5.0  # five reports missed
     held_up_s: Positive = 0.5  # at 10 rad/s of a 2sra-v1 wheel: 75 mm too far

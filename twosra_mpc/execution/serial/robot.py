@@ -155,10 +155,7 @@ class SerialRobot:
         heard: list[list[float]] = [[] for _ in range(self._count)]
         until_s = self.clock.now_s() + self.patience.listen_s
         off_C = np.full(self._count, self.robot.heater.rigid_setpoint_C)
-        while (
-            self.clock.now_s() < until_s - _SAME_TIME_S
-            and min(map(len, heard)) < self.patience.enough_reports
-        ):
+        while self.clock.now_s() < until_s - _SAME_TIME_S and min(map(len, heard)) < _MEDIAN_OF:
             self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
             heard = [before + new for before, new in zip(heard, self._heard(), strict=True)]
