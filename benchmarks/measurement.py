@@ -5,16 +5,17 @@ This is the only place that takes results of ``twosra_mpc.plan`` apart.
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from twosra_mpc import Plan
+from twosra_mpc import Plan, Result
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
 
-Result = TypeVar("Result")
+Returned = TypeVar("Returned")
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 
 
@@ -44,14 +45,14 @@ class Timing:
 
 
 def timed_in_turns(
-    functions: Mapping[str, Callable[[], Result]], repeats: int, budget_s: float
-) -> dict[str, tuple[Result, Timing]]:
+    functions: Mapping[str, Callable[[], Returned]], repeats: int, budget_s: float
+) -> dict[str, tuple[Returned, Timing]]:
     """Call each function once, then all of them in turns ``repeats`` times.
 
     A function whose repeats took ``budget_s`` together is not called again; where the first call
     took as long, that one counts. The result is that of the last call.
     """
-    results: dict[str, Result] = {}
+    results: dict[str, Returned] = {}
     made: dict[str, list[tuple[float, float]]] = {name: [] for name in functions}
     for _ in range(1 + repeats):
         for name, function in functions.items():
@@ -76,9 +77,9 @@ class PlanRecord:
         status: What the planner said.
         message: The planner's own words.
         success: Whether the planner says that it has a plan.
-        verified: Whether what it returned holds when it is checked by other code.
         stopped_early: Whether a limit ended the search.
         timing: Times of the calls.
+        verified: Whether what it returned holds when it is checked by other code.
         cost: Cost of the plan [s]; None without one, or where the planner has no clock.
         lower_bound: Proved lower bound on any plan's cost [s]; None without one.
         sequence: Mode of each phase.
@@ -89,9 +90,9 @@ class PlanRecord:
     status: str
     message: str
     success: bool
-    verified: bool
     stopped_early: bool
     timing: Timing
+    verified: bool = False
     cost: float | None = None
     lower_bound: float | None = None
     sequence: ModeSequence = ()
@@ -117,19 +118,26 @@ class PlanRecord:
         return sequence_name(self.sequence)
 
 
-def plan_record(plan: Plan, timing: Timing) -> PlanRecord:
+def plan_record(result: Result, timing: Timing) -> PlanRecord:
     """Write down what ``twosra_mpc.plan`` returned."""
-    checked = plan.verification
     return PlanRecord(
-        status=str(plan.status),
-        message=plan.message,
-        success=plan.found,
-        verified=checked is not None and checked.ok,
-        stopped_early=plan.stopped_early,
+        status=str(result.status),
+        message=result.message,
+        success=result.found,
+        stopped_early=result.stopped_early,
         timing=timing,
-        cost=plan.cost.total if plan.cost else None,
-        lower_bound=plan.lower_bound,
-        sequence=tuple(phase.mode for phase in plan.phases),
-        goal_error=max(map(abs, checked.goal_error)) if checked else None,
-        solved=plan.stats.sequences_solved,
+        lower_bound=result.lower_bound,
+        solved=result.stats.sequences_solved,
+        **(facts(result.plan) if result.plan else {}),
     )
+
+
+def facts(plan: Plan) -> dict[str, Any]:
+    """What a record says of a plan itself."""
+    error = max(map(abs, plan.verification.goal_error))
+    return {
+        "verified": plan.verification.ok,
+        "cost": plan.cost.total,
+        "sequence": plan.sequence,
+        "goal_error": error if math.isfinite(error) else None,
+    }

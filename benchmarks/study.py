@@ -15,7 +15,7 @@ from benchmarks.problems import Choices, labelled
 from twosra_mpc import Problem, plan
 from twosra_mpc.validation import Positive, Value, plain
 
-Result = TypeVar("Result")
+Returned = TypeVar("Returned")
 Count = Annotated[int, Field(ge=1)]
 Numbers = Annotated[tuple[Positive, ...], Field(min_length=1), BeforeValidator(plain)]
 Counts = Annotated[tuple[Count, ...], Field(min_length=1), BeforeValidator(plain)]
@@ -85,8 +85,8 @@ class PlanStudy(Study):
         return {name: one.with_values(time_limit_s=limit) for name, one in named.items()}
 
     def timed(
-        self, functions: Mapping[str, Callable[[], Result]]
-    ) -> dict[str, tuple[Result, Timing]]:
+        self, functions: Mapping[str, Callable[[], Returned]]
+    ) -> dict[str, tuple[Returned, Timing]]:
         """Call functions in turns as often as the settings say."""
         return timed_in_turns(functions, self.repeats, self.repeat_budget_s)
 

@@ -29,8 +29,8 @@ SOFT_C, ENOUGH_C = 53.5, 40.0  # readings that end a heating and, if not said ot
 
 
 @dataclass(frozen=True)
-class Course:
-    """True course: times, (core, body, first lag, second lag) [C], and (end of phase, mode)."""
+class TrueHistory:
+    """What happened: times, (core, body, first lag, second lag) [C], and (end of phase, mode)."""
 
     time_s: Array
     state_C: Array
@@ -46,12 +46,12 @@ class Course:
         return HeatingLog("made-up", time, sensor, mode, AIR_C)
 
 
-def course(
+def true_history(
     holds_s: Sequence[float],
     true: Parameters = TRUE,
     hold_duty: Callable[[float], float] | None = None,
     enough_C: float = ENOUGH_C,
-) -> Course:
+) -> TrueHistory:
     """Integrate cycles of heating to 53.5 C, holding for these times, and cooling."""
 
     def swinging(since_s: float) -> float:
@@ -94,7 +94,7 @@ def course(
         if hold_s > 0:
             run("hold", lambda t, _: (hold_duty or swinging)(t), hold_s, 1e3)
         run("cooling", lambda *_: 0.0, 3000.0, enough_C)
-    return Course(np.concatenate(times), np.concatenate(states), tuple(phases))
+    return TrueHistory(np.concatenate(times), np.concatenate(states), tuple(phases))
 
 
 def write_log(log: HeatingLog, path: Path) -> Path:

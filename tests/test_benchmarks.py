@@ -1,4 +1,4 @@
-"""The benchmarks take up interrupted runs, keep success apart from correctness, and report both."""
+"""Benchmarks: one log that survives every kill, success apart from correctness, one report."""
 
 from __future__ import annotations
 
@@ -8,97 +8,263 @@ import json
 import re
 import shutil
 import signal
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar, NamedTuple
 
 import pytest
 from click.testing import CliRunner, Result
+from pydantic import TypeAdapter
 from rich.console import Console
 
-from benchmarks import closed_loop
-from benchmarks.__main__ import main, run_suite
-from benchmarks.cold_start.processes import own_import_times
-from benchmarks.cold_start.tables import breakdown
-from benchmarks.comparison.tables import report_lines
-from benchmarks.measurement import timed_in_turns
-from benchmarks.plan_record import PlanRecord
-from benchmarks.problem_set import load_set, set_names
-from benchmarks.report_file import publish
+from benchmarks.__main__ import main
+from benchmarks.measurement import PlanRecord, Timing, timed_in_turns
+from benchmarks.problems import load_set, set_names
+from benchmarks.report import (
+    power_law,
+    quantiles,
+    share,
+    shifted_geometric_mean,
+    words,
+    worst,
+    write_report,
+)
+from benchmarks.run import open_log, results_of, run_study
 from benchmarks.run_log import NAME, RunLog
-from benchmarks.suite import Record, Run, Suite
-from benchmarks.suite_file import FOLDER, load_suite, suite_names
-from benchmarks.summary import ecdf, power_law, shifted_geometric_mean
-from benchmarks.transition_sweep.tables import report_lines as sweep_lines
-from benchmarks.transition_sweep.thermal_scale import thermally_faster
+from benchmarks.studies import STUDIES
+from benchmarks.studies.cold_start import RoundRecord, breakdown, own_import_times
+from benchmarks.study import Study
+from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import InputError, Robot, load_robot
+from twosra_mpc.problem.limits import check_shapes
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1
 
-SWEEP = """
-kind = "transition-sweep"
-description = "One problem, as it is and ten times faster."
-repeats = 1
-time_limit_s = 5.0
-reference_freeze_s = 253.4
-freeze_s = [253.4, 25.34]
-[[problems]]
-set = "published"
-first = 1
-"""
-GROWTH = """
-kind = "growth"
-description = "The smallest growth."
-repeats = 1
-max_phases = [2]
-gaps = [0.01]
-phases = [3]
-intervals = 4
-grid = [4, 5]
-[[problems]]
-set = "published"
-first = 1
-"""
-Benchmark = Callable[..., Result]
+ONE = 'problems=["published:1"]'
+LOOP = ("closed-loop", ONE, "seeds=2", 'executors=["greedy"]', 'path_models=["arc"]')
 
 
-@pytest.fixture
-def benchmark() -> Benchmark:
-    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
+def arguments(folder: Path, name: str, *settings: str) -> list[str]:
+    return [name, "--out", str(folder), *(part for one in settings for part in ("--set", one))]
+
+
+def benchmark(folder: Path, name: str, *settings: str) -> Result:
+    """Run a study with some settings."""
+    return CliRunner().invoke(main, arguments(folder, name, *settings))
 
 
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
-    """The folder of a finished run of the tiny suite, and what was printed."""
+    """The folder of a finished run of the tiny study, and what was printed."""
     folder = tmp_path_factory.mktemp("tiny")
-    return folder, CliRunner().invoke(main, ["tiny", "--out", str(folder)])
+    return folder, benchmark(folder, "tiny")
+
+
+# --- problems and studies ------------------------------------------------------------------------
 
 
 def test_sets_are_reproducible_and_valid() -> None:
     assert set(set_names()) >= {"published", "random-100", "tiny"}
-    first, second = load_set("random-100"), load_set("random-100")
-    assert first == second
-    assert len(first.problems) == 100
-    assert first.redrawn > 0
-    assert max(abs(k) for _, p in first.problems for k in p.start.kappa_per_m) <= 60
+    first = load_set("random-100")
+    load_set.cache_clear()
+    assert first == load_set("random-100")
+    assert len(first) == 100
+    assert max(abs(k) for p in first.values() for k in p.start.kappa_per_m) <= 60
+    for problem in first.values():
+        check_shapes(problem)  # raises where the units would overlap
 
 
-@pytest.mark.parametrize("name", suite_names())
-def test_every_suite_loads_and_its_runs_have_names_of_their_own(name: str) -> None:
-    label, suite = load_suite(name)
-    keys = [run.key for run in suite.runs()]
-    assert label == name
-    assert keys
-    assert len(set(keys)) == len(keys)
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_study_has_cases_that_are_told_apart_by_their_names(name: str) -> None:
+    cases = [json.dumps(case._asdict()) for case in STUDIES[name].cases()]
+    assert cases
+    assert len(set(cases)) == len(cases)
 
 
-def test_the_tiny_suite_runs_and_nothing_is_worse_than_greedy(tiny: tuple[Path, Result]) -> None:
+def test_the_closed_loop_asks_for_two_hundred_runs_of_each() -> None:
+    cases = list(STUDIES["closed-loop"].cases())
+    kinds = {(case.executor, case.path_model) for case in cases}
+    assert len(kinds) == 4
+    assert all(sum(case[:2] == kind for case in cases) == 200 for kind in kinds)
+
+
+def test_a_name_or_setting_that_is_wrong_is_refused_by_name(tmp_path: Path) -> None:
+    unknown = benchmark(tmp_path, "tinny")
+    assert unknown.exit_code == 2
+    assert "transition-sweep" in unknown.stderr
+    for setting, field in (
+        ("repeats=0", "repeats = 0"),
+        ('problems=["publish"]', "problems = 'publish'"),
+        ('problems=["tiny:x"]', "problems = 'tiny:x'"),
+        ("color=1", "color"),
+        ("repeats", "not TOML"),
+    ):
+        wrong = benchmark(tmp_path, "tiny", setting)
+        assert wrong.exit_code == 2
+        assert field in wrong.stderr
+    assert not list(tmp_path.iterdir())
+
+
+# --- the log -------------------------------------------------------------------------------------
+
+
+class Numbered(NamedTuple):
+    number: int
+
+
+class Counting(Study):
+    """Cases that count themselves; case ``stop`` is interrupted, as planning may be."""
+
+    record: ClassVar = TypeAdapter(dict[str, int])
+    question: ClassVar = "How many?"
+
+    made: list[int] = []  # noqa: RUF012  # shared by copies on purpose
+    stop: int | None = None
+    swallows: bool = False
+
+    def cases(self) -> Iterator[Numbered]:
+        yield from map(Numbered, range(5))
+
+    def run(self, case: Numbered) -> dict[str, int]:
+        if case.number == self.stop:
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                if not self.swallows:
+                    raise
+        self.made.append(case.number)
+        return {"number": case.number}
+
+
+@pytest.mark.parametrize("swallows", [False, True])
+def test_an_interrupted_study_goes_on_where_it_stopped(tmp_path: Path, swallows: bool) -> None:
+    quiet = Console(file=io.StringIO())
+    stopped = Counting(stop=2, swallows=swallows)
+    assert not run_study(stopped, RunLog(tmp_path, {}), quiet)
+    rest = Counting()
+    log = RunLog(tmp_path, {})
+    assert [case.number for case in rest.cases() if case._asdict() in log] == [0, 1]
+    assert run_study(rest, log, quiet)
+    assert rest.made == [2, 3, 4]
+    assert [made["number"] for _, made in results_of(rest, RunLog(tmp_path, {}))] == [0, 1, 2, 3, 4]
+
+
+def test_half_a_line_is_dropped_with_a_word_wherever_it_ends(tmp_path: Path) -> None:
+    study = Counting()
+    log = RunLog(tmp_path, {"a": 1})
+    log.append({"number": 0}, {"number": 0})
+    complete = log.path.read_bytes()
+    log.append({"number": 1}, {"number": 1})
+    whole = log.path.read_bytes()
+    for length in range(len(whole)):
+        log.path.write_bytes(whole[:length])
+        again, said = RunLog(tmp_path, {"a": 1}), io.StringIO()
+        kept = {"number": 0} in again
+        assert kept == (length >= len(complete))
+        assert {"number": 1} not in again
+        assert again.dropped == (not whole[:length].endswith(b"\n") and length > 0)
+        if length % 20 == 0:
+            assert run_study(study, again, Console(file=said, width=500))
+            assert ("dropped half a record" in said.getvalue()) == again.dropped
+            assert len(results_of(study, RunLog(tmp_path, {"a": 1}))) == 5
+
+
+def test_a_run_that_is_killed_within_a_record_ends_with_the_same_table(tmp_path: Path) -> None:
+    whole = benchmark(tmp_path / "whole", *LOOP)
+    assert whole.exit_code == 0, whole.output
+    assert "| greedy rule | exact arcs | moderate | 2 of 2 |" in whole.stdout
+    assert "Every run reached its goal." in whole.stdout
+    records = (tmp_path / "whole" / NAME).read_bytes().splitlines(keepends=True)
+
+    log = tmp_path / "killed" / NAME
+    command = [sys.executable, "-m", "benchmarks", *arguments(tmp_path / "killed", *LOOP)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        while process.poll() is None and (not log.exists() or log.read_bytes().count(b"\n") < 2):
+            time.sleep(0.01)
+    finally:
+        process.kill()
+        process.wait()
+    before = log.read_bytes()
+    assert before.count(b"\n") >= 2
+    if before.count(b"\n") == 2:
+        log.write_bytes(before + records[2][: len(records[2]) // 2])  # killed while it wrote
+    again = benchmark(tmp_path / "killed", *LOOP)
+    assert again.exit_code == 0, again.output
+    assert log.read_bytes().startswith(before)
+    assert _without_load(again.stdout) == _without_load(whole.stdout)
+
+
+def _without_load(report: str) -> str:
+    return re.sub(r"Load average.*\n", "", report)
+
+
+def test_what_differs_is_named_and_a_damaged_line_too(tmp_path: Path) -> None:
+    log = RunLog(tmp_path, {"settings": {"repeats": 1, "gap": 0.01}, "versions": {"source": "abc"}})
+    for about, field in (
+        ({"settings": {"repeats": 1, "gap": 0.02}, "versions": {"source": "abc"}}, "settings.gap"),
+        (
+            {"settings": {"repeats": 1, "gap": 0.01}, "versions": {"source": "abd"}},
+            "versions.source",
+        ),
+        ({"settings": {"repeats": 1}, "versions": {"source": "abc"}}, "settings.gap"),
+        ({"settings": {"repeats": 1, "gap": 0.01}}, "versions"),
+        (
+            {"settings": {"repeats": 1, "gap": 0.01}, "versions": {"source": "abc"}, "limit": 1},
+            "limit",
+        ),
+    ):
+        with pytest.raises(InputError) as caught:
+            RunLog(tmp_path, about)
+        assert caught.value.field == field
+    first = log.path.read_text().splitlines()[0]
+    for damage in ('{"case": "x"\n', '{"case": "x"}\n', "3\n"):
+        log.path.write_text(f"{first}\n{damage}")
+        with pytest.raises(InputError, match="line 2"):
+            RunLog(tmp_path, log.about)
+
+
+def test_a_log_made_otherwise_is_refused_before_anything_is_measured(
+    tiny: tuple[Path, Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, _ = tiny
+    again = shutil.copytree(folder, tmp_path / "again")
+    before = (again / NAME).read_bytes()
+    for study, settings, said in (
+        ("tiny", ["repeats=2"], "settings.repeats = 2 is not acceptable; allowed: 1"),
+        ("published", ["repeats=1"], "study = 'published' is not acceptable; allowed: 'tiny'"),
+    ):
+        refused = benchmark(again, study, *settings)
+        assert refused.exit_code == 2
+        assert said in refused.stderr
+        assert refused.stdout == ""
+    monkeypatch.setattr("twosra_mpc.__version__", "99.0")
+    refused = benchmark(again, "tiny")
+    assert refused.exit_code == 2
+    assert "versions.twosra_mpc = '99.0' is not acceptable" in refused.stderr
+    assert (again / NAME).read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_run(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    refused = benchmark(tmp_path / "file" / "out", "tiny")
+    assert refused.exit_code == 2
+    assert "a folder to write to" in refused.stderr
+
+
+# --- reports -------------------------------------------------------------------------------------
+
+
+def test_the_tiny_study_runs_and_nothing_is_worse_than_greedy(tiny: tuple[Path, Result]) -> None:
     folder, done = tiny
     assert done.exit_code == 0, done.output
     assert (folder / "report.md").read_text() == done.stdout
     assert "| optimal | 100 % (3 of 3) | 100 % (3 of 3) | 3 |" in done.stdout
-    largest = re.search(r"Cost over the greedy.* largest ([0-9.]+)\.\n", done.stdout)
+    largest = re.search(r"Cost over the greedy.* / ([0-9.]+)\.\n", done.stdout)
     assert largest is not None
     assert float(largest.group(1)) <= 1.0
 
@@ -110,7 +276,7 @@ def test_the_report_says_what_it_was_made_with_and_what_it_cannot_say(
     for part in (
         *("| cpu |", "| python |", "| casadi |", "| source |", "| repeats | 1 |", "One thread."),
         *("success rate", "correct rate", "median / p90 / p99", "shifted geometric mean"),
-        *("Cost over the greedy planner's", "Proved gap", "published loop", "## Limitations"),
+        *("Cost over the greedy planner's", "gap [%]", "published loop", "## Limitations"),
     ):
         assert part in done.stdout
     figures = re.findall(r"!\[.*?\]\((.*?)\)", done.stdout)
@@ -119,168 +285,118 @@ def test_the_report_says_what_it_was_made_with_and_what_it_cannot_say(
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_finished_run_is_not_made_again(
-    tiny: tuple[Path, Result], benchmark: Benchmark, tmp_path: Path
-) -> None:
+def test_a_finished_run_is_not_made_again(tiny: tuple[Path, Result], tmp_path: Path) -> None:
     folder, done = tiny
     again = shutil.copytree(folder, tmp_path / "again")
     before = (again / NAME).read_bytes()
-    assert benchmark("tiny", "--out", again).exit_code == 0
+    assert benchmark(again, "tiny").stdout == done.stdout
     assert (again / NAME).read_bytes() == before
-    assert _without_load((again / "report.md").read_text()) == _without_load(done.stdout)
-
-
-def _without_load(report: str) -> str:
-    return re.sub(r"Load average.*\n", "", report)
-
-
-def test_other_settings_are_refused_by_name(
-    tiny: tuple[Path, Result], benchmark: Benchmark, tmp_path: Path
-) -> None:
-    folder, _ = tiny
-    again = shutil.copytree(folder, tmp_path / "again")
-    suite = (FOLDER / "tiny.toml").read_text()
-    (tmp_path / "other.toml").write_text(suite.replace("repeats = 1", "repeats = 2"))
-    refused = benchmark(tmp_path / "other.toml", "--out", again)
-    assert refused.exit_code == 2
-    assert "suite.repeats = 2 is not acceptable; allowed: 1" in refused.stderr
-    assert refused.stdout == ""
-
-
-def test_a_name_that_is_no_suite_and_a_file_that_is_wrong_are_errors(
-    benchmark: Benchmark, tmp_path: Path
-) -> None:
-    unknown = benchmark("tinny", "--out", tmp_path)
-    assert unknown.exit_code == 2
-    assert "transition-sweep" in unknown.stderr
-    wrong = tmp_path / "wrong.toml"
-    for text, field in (
-        (SWEEP.replace("transition-sweep", "sweep"), "kind"),
-        (SWEEP.replace("repeats = 1", "repeats = 0"), "repeats"),
-        (SWEEP.replace("published", "publish"), "problems.set"),
-    ):
-        wrong.write_text(text)
-        with pytest.raises(InputError) as caught:
-            list(load_suite(str(wrong))[1].runs())
-        assert caught.value.field == field
-
-
-class Counting(Suite):
-    """Runs that count themselves; run ``stop`` does what ``action`` says first."""
-
-    made: list[int] = []  # noqa: RUF012  # shared by copies on purpose
-    stop: int | None = None
-    swallows: bool = False
-
-    def runs(self) -> Iterator[Run]:
-        """Five runs."""
-        for number in range(5):
-            yield Run(f"run {number}", lambda number=number: self._measure(number))
-
-    def report(self, records: Sequence[Record], folder: Path) -> list[str]:
-        """Nothing."""
-        return []
-
-    def _measure(self, number: int) -> Record:
-        if number == self.stop:
-            try:
-                signal.raise_signal(signal.SIGINT)
-            except KeyboardInterrupt:
-                if not self.swallows:
-                    raise
-        self.made.append(number)
-        return {"number": number}
-
-
-@pytest.mark.parametrize("swallows", [False, True])
-def test_an_interrupted_suite_goes_on_where_it_stopped(tmp_path: Path, swallows: bool) -> None:
-    quiet = Console(file=io.StringIO())
-    stopped = Counting(description="", stop=2, swallows=swallows)
-    assert not run_suite(stopped, RunLog(tmp_path, {}), quiet)
-    assert list(RunLog(tmp_path, {}).records) == ["run 0", "run 1"]
-    rest = Counting(description="")
-    assert run_suite(rest, RunLog(tmp_path, {}), quiet)
-    assert rest.made == [2, 3, 4]
-    assert RunLog(tmp_path, {}).records == {f"run {n}": {"number": n} for n in range(5)}
-
-
-def test_half_a_line_is_dropped_wherever_it_ends(tmp_path: Path) -> None:
-    log = RunLog(tmp_path, {"a": 1})
-    log.append("first", {"x": 1.5})
-    complete = log.path.read_bytes()
-    log.append("second", {"x": 2.5})
-    whole = log.path.read_bytes()
-    for length in range(len(whole)):
-        log.path.write_bytes(whole[:length])
-        expected = {"first": {"x": 1.5}} if length >= len(complete) else {}
-        again = RunLog(tmp_path, {"a": 1})
-        assert again.records == expected
-        again.append("third", {"x": 3.5})
-        assert RunLog(tmp_path, {"a": 1}).records == {**expected, "third": {"x": 3.5}}
-
-
-def test_a_damaged_line_and_other_settings_are_named(tmp_path: Path) -> None:
-    log = RunLog(tmp_path, {"suite": {"repeats": 1, "gap": 0.01}, "source": "abc"})
-    for settings, field in (
-        ({"suite": {"repeats": 1, "gap": 0.02}, "source": "abc"}, "suite.gap"),
-        ({"suite": {"repeats": 1, "gap": 0.01}, "source": "abd"}, "source"),
-        ({"suite": {"repeats": 1, "gap": 0.01, "limit": 1}, "source": "abc"}, "suite.limit"),
-        ({"suite": {"repeats": 1}, "source": "abc"}, "suite.gap"),
-    ):
-        with pytest.raises(InputError) as caught:
-            RunLog(tmp_path, settings)
-        assert caught.value.field == field
-    for damage in ('{"key": "x"\n', '{"key": "x"}\n', "3\n"):
-        log.path.write_text(json.dumps({"settings": {}}) + "\n" + damage)
-        with pytest.raises(InputError, match="line 2"):
-            RunLog(tmp_path, {})
 
 
 def test_success_and_correct_rates_differ_when_a_plan_does_not_verify(
-    tiny: tuple[Path, Result],
+    tiny: tuple[Path, Result], tmp_path: Path
 ) -> None:
-    folder, _ = tiny
-    lines = [json.loads(line) for line in (folder / NAME).read_text().splitlines()[1:]]
-    problems = [
-        {name: PlanRecord.from_record(one) for name, one in line["record"].items()}
-        for line in lines
-    ]
-    assert all(one["optimal"].correct for one in problems)
+    folder = shutil.copytree(tiny[0], tmp_path / "again")
+    study = STUDIES["tiny"]
+    log = open_log("tiny", study, folder)
+    (case, planners), *_ = results_of(study, log)
+    assert all(one["optimal"].correct for _, one in results_of(study, log))
     for change in ({"verified": False}, {"goal_error": 1e-3}, {"goal_error": None}):
-        wrong = replace(problems[0]["optimal"], **change)
+        wrong = replace(planners["optimal"], **change)
         assert wrong.success
         assert not wrong.correct
         assert wrong.gap is None
-        text = "\n".join(report_lines([{**problems[0], "optimal": wrong}, *problems[1:]], 60, 0.01))
+        log.append(case._asdict(), TypeAdapter(dict[str, PlanRecord]).dump_python(
+            {**planners, "optimal": wrong}, mode="json"
+        ))  # fmt: skip
+        text = write_report(study, log, folder)
         assert "| optimal | 100 % (3 of 3) | 66.7 % (2 of 3) |" in text
-        assert f"Not correct: {wrong.problem}, optimal" in text
+        assert f"Not correct: {case.problem} (optimal): says it has a plan" in text
 
 
-def test_the_sweep_draws_its_figures_and_tells_whether_the_sequence_changes(
-    benchmark: Benchmark, tmp_path: Path
-) -> None:
-    (tmp_path / "sweep.toml").write_text(SWEEP)
-    done = benchmark(tmp_path / "sweep.toml", "--out", tmp_path / "out")
+def test_the_sweep_draws_its_figures_and_tells_whether_the_sequence_changes(tmp_path: Path) -> None:
+    settings = (ONE, "repeats=1", "time_limit_s=5.0", "freeze_s=[253.4, 25.34]")
+    done = benchmark(tmp_path, "transition-sweep", *settings)
     assert done.exit_code == 0, done.output
-    assert {path.name for path in (tmp_path / "out").glob("*.png")} == {
-        *("sequences.png", "total-time.png", "gap-and-wall-time.png")
-    }
+    assert {path.name for path in tmp_path.glob("*.png")} == {"sequences.png", "proofs.png"}
     assert "\n| 253.4 | 1 | 100 % (1 of 1) | 100 % (1 of 1) | 1 |" in done.stdout
-    log = (tmp_path / "out" / NAME).read_text().splitlines()
-    slow, fast = (json.loads(line)["record"] for line in log[1:])
-    plans = {one["freeze_s"]: PlanRecord.from_record(one["plan"]) for one in (slow, fast)}
-    same = plans | {25.34: replace(plans[25.34], sequence=plans[253.4].sequence)}
-    other = plans | {25.34: replace(plans[25.34], sequence=(RIGID, SOFT_1))}
-    assert "in 0 of 1 problems" in "\n".join(sweep_lines({"p": same}, 253.4, 5.0))
-    assert "in 1 of 1 problems" in "\n".join(sweep_lines({"p": other}, 253.4, 5.0))
+    assert "in 0 of 1 problems" in done.stdout
+    usual = STUDIES["transition-sweep"]
+    changed = {"problems": ("published:1",), "freeze_s": (253.4, 25.34)}
+    study = type(usual)(**{**usual.model_dump(), **changed})
+    read = study.record.validate_python
+    slow, fast = (json.loads(x) for x in (tmp_path / NAME).read_text().splitlines()[1:])
+    other = replace(read(fast["record"]), sequence=(RIGID, SOFT_1))
+    cases = list(study.cases())
+    results = list(zip(cases, (read(slow["record"]), other), strict=True))
+    assert study.report(results, tmp_path)["different"] == 1
 
 
-def test_growth_reports_slopes(benchmark: Benchmark, tmp_path: Path) -> None:
-    (tmp_path / "growth.toml").write_text(GROWTH)
-    done = benchmark(tmp_path / "growth.toml", "--out", tmp_path / "out")
+def test_growth_reports_slopes(tmp_path: Path) -> None:
+    small = ("repeats=1", "max_phases=[2]", "gaps=[0.01]", "times_faster=[1.0]")
+    programs = ("phases=[3]", "intervals=4", "grid=[4, 5]")
+    done = benchmark(tmp_path, "growth", ONE, *small, *programs)
     assert done.exit_code == 0, done.output
-    assert re.search(r"CPU time grows as intervals per phase\^", done.stdout)
-    assert {path.name for path in (tmp_path / "out").glob("*.png")} == {"phases.png", "grid.png"}
+    assert re.search(r"intervals per phase: CPU time grows with the power -?[0-9.]+", done.stdout)
+    assert {path.name for path in tmp_path.glob("*.png")} == {"growth.png"}
+
+
+def test_the_closed_loop_names_what_did_not_work(tmp_path: Path) -> None:
+    usual = STUDIES["closed-loop-hard"]
+    one = {"problems": ("published:1",), "seeds": 1, "executors": ("optimal",)}
+    study = type(usual)(**{**usual.model_dump(), **one})
+    log = open_log("closed-loop-hard", study, tmp_path)
+    (case,) = study.cases()
+    errors = {"position_m": 3e-3, "heading_rad": 0.0, "curvature_per_m": 0.0}
+    counts = {"transitions": 3, "allowed": 2, "replans": 1, "corrections": 0}
+    told = {"reached": False, "ending": "gave up", "reason": "3 mm too far"}
+    times = {"time_s": 100.0, "energy_J": 5.0, "forced_s": 1.0}
+    log.append(case._asdict(), {**told, **errors, **counts, **times})
+    text = write_report(study, log, tmp_path)
+    assert "| this package | exact arcs | hard | 0 of 1 |" in text
+    assert "- optimal, arc, paper-1, seed 1: gave up: 3 mm too far" in text
+    assert "transitions that no plan asked for: 1." in text
+    assert "while metal was changing: 1.0 s." in text
+
+
+def test_no_bound_is_above_what_brute_force_finds(tmp_path: Path) -> None:
+    settings = ('problems=["published:2"]', "times_faster=[1.0]", "starts=1", "phases=3")
+    done = benchmark(tmp_path, "certificate", *settings)
+    assert done.exit_code == 0, done.output
+    row = next(line for line in done.stdout.splitlines() if line.startswith("| 1 | 2 |"))
+    _, _, _, sequences, solved, violated, _, excess, _, _ = (c.strip() for c in row.split("|"))
+    assert int(sequences) >= int(solved) >= 1  # paper-1 needs a phase more
+    assert violated == "0"
+    assert float(excess) <= 0.1
+
+
+def test_the_cache_study_compares_changed_robots_with_the_same_one(tmp_path: Path) -> None:
+    done = benchmark(tmp_path, "cache", ONE, "repeats=1")
+    assert done.exit_code == 0, done.output
+    rows = [line.split(" | ") for line in done.stdout.splitlines() if " / " in line]
+    ratios = {row[0].removeprefix("| "): row[2] for row in rows if len(row) == 4}
+    assert ratios["nothing"] == "1.00 / 1.00"
+    assert {"name", "description", "heat"} <= set(ratios)
+
+
+def test_the_tracker_and_its_rivals_agree_on_recorded_steps(tmp_path: Path) -> None:
+    usual = STUDIES["tracker-step"]
+    study = type(usual)(runs=1, rounds=1)
+    rigid = next(study.cases())
+    made = study.run(rigid)
+    assert made.mode == "[0,0]"
+    assert {"fatrop", "IPOPT", "OSQP, plain loop"} <= set(made.solvers)
+    for solver in made.solvers.values():
+        assert solver.success == solver.steps
+        assert solver.errors[-1] < 0.01  # of a speed limit
+    log = open_log("tracker-step", study, tmp_path)
+    for case in study.cases():
+        log.append(case._asdict(), study.record.dump_python(made, mode="json"))
+    text = write_report(study, log, tmp_path)
+    assert text.count("| **tracker**, whole step | QP |") == 3
+
+
+# --- numbers -------------------------------------------------------------------------------------
 
 
 def test_a_thermally_faster_robot_melts_and_freezes_as_much_faster() -> None:
@@ -318,7 +434,28 @@ def test_summaries() -> None:
     assert shifted_geometric_mean([1.0, 100.0], 1e-9) == pytest.approx(10.0)
     assert shifted_geometric_mean([1.0, 100.0], 1e9) == pytest.approx(50.5, rel=1e-3)
     assert power_law([1, 2, 4], [3, 12, 48]) == pytest.approx((3.0, 2.0))
-    assert ecdf([2.0, 1.0], count=4) == ([1.0, 2.0], [0.25, 0.5])
+    assert quantiles([1.0, None, 3.0], (0.0, 0.5, 1.0), ".0f", 10) == "10 / 20 / 30"
+    assert quantiles([None], (0.5,), ".0f") == "-"
+    assert share([True, False, True]) == "66.7 % (2 of 3)"
+    assert words(["a|b", 1]) == "a/b, 1"
+
+
+def test_the_worst_are_named_slowest_and_loosest_first() -> None:
+    plans = {
+        str(n): PlanRecord(
+            *("optimal", "", True, False, Timing(1.0, (n / 10,), (n / 10,))),
+            verified=True,
+            cost=100.0,
+            lower_bound=100.0 - 10 + n,
+            goal_error=0.0,
+        )
+        for n in range(1, 8)
+    }
+    failed = PlanRecord("failed", "nothing found", False, True, Timing(1.0, (1.0,), (1.0,)))
+    slow, loose, wrong = worst(plans, {"x": failed}).splitlines()
+    assert slow.startswith("- Slowest: 7 (700 ms), 6 (600 ms)")
+    assert loose.startswith("- Largest proved gaps: 1 (9 %), 2 (8 %)")
+    assert wrong == "- Not correct: x (failed): nothing found"
 
 
 def test_cold_start_parts_add_up_to_the_whole() -> None:
@@ -328,30 +465,14 @@ def test_cold_start_parts_add_up_to_the_whole() -> None:
         "import time:       100 |        500 | numpy\n"
     )
     assert own_import_times(text) == pytest.approx({"numpy.core": 4e-4, "numpy": 1e-4})
-    record: Record = {
-        "wall_s": {"plan": 2.0, "casadi": 0.4, "nothing": 0.1},
-        "imports_s": {"numpy": 0.3, "pydantic_core": 0.1, "pydantic": 0.1, "wheel": 0.05},
-        "plan_s": {"first_s": 0.9, "again_s": 0.2, "exit_s": 0.15},
-    }
+    record = RoundRecord(
+        wall_s={"twosra plan": 2.0, "import casadi": 0.4, "python -c pass": 0.1},
+        cpu_s={},
+        imports_s={"numpy": 0.3, "pydantic": 0.2, "other packages": 0.05},
+        plan_s={"first": 0.9, "again": 0.2, "exit": 0.15},
+    )
     parts = breakdown([record])
     assert sum(parts.values()) == pytest.approx(2.0)
     assert parts["import pydantic"] == pytest.approx(0.2)
     assert parts["building functions"] == pytest.approx(0.7)
     assert parts["everything else"] == pytest.approx(0.3)
-
-
-def test_a_report_is_printed_and_written_where_that_is_asked_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    publish("# report\n", None)
-    publish("# report\n", tmp_path / "report.md")
-    assert capsys.readouterr().out == 2 * "# report\n"
-    assert [path.read_text() for path in tmp_path.iterdir()] == ["# report\n"]
-
-
-def test_a_report_that_cannot_be_written_is_refused_before_any_run(tmp_path: Path) -> None:
-    missing = str(tmp_path / "missing" / "report.md")
-    refused = CliRunner().invoke(closed_loop.main, ["--out", missing])
-    assert refused.exit_code == 2
-    assert "a folder that can be written" in " ".join(refused.output.split())
-    assert not list(tmp_path.iterdir())

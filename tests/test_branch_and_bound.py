@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
-from twosra_mpc.plans.ending import Ending
+from twosra_mpc.planning.search.branch_and_bound import Ending, SearchResult, branch_and_bound
 
 Path = tuple[int, ...]
 

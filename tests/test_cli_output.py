@@ -18,7 +18,7 @@ import click
 import numpy as np
 import pytest
 from conftest import Planned, Run, Solved
-from heating import course, write_log
+from heating import true_history, write_log
 from matplotlib.figure import Figure
 from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
@@ -145,7 +145,7 @@ def test_a_simulated_heater_is_json(run: Run) -> None:
 
 
 def test_a_scored_log_is_json(run: Run, tmp_path: Path) -> None:
-    log = write_log(course((40.0,)).log(1.0), tmp_path / "log.csv")
+    log = write_log(true_history((40.0,)).log(1.0), tmp_path / "log.csv")
     found = json.loads(run("fit-thermal", log, "--robot", "2sr-v2", "--score", "--json").out)
     assert found[0]["residuals"]["rms_C"] > 0
 
@@ -362,7 +362,7 @@ def test_every_example_runs(
         solved("shape-change").save(tmp_path / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
-    write_log(course((40.0,)).log(0.5), tmp_path / "heating.csv")
+    write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
     for example in examples(name):
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]

@@ -17,7 +17,7 @@ from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.executor import Executor, ExecutorSettings
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
-from twosra_mpc.execution.heater_schedule import Progress, heater_schedule
+from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress
 from twosra_mpc.execution.predicted_end import predicted_curvatures
 from twosra_mpc.execution.pulses import Pulses
 from twosra_mpc.execution.remaining import remaining_problem
@@ -30,6 +30,7 @@ from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode, soft_segments
 from twosra_mpc.thermal.lumped import Lumped
 
 Array = NDArray[np.float64]
@@ -60,8 +61,13 @@ def disturbed() -> Callable[..., Simulation]:
 # --- as planned ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["paper-1", "paper-4"])
-@pytest.mark.parametrize("robot", [ARC, "2sra-v1"])
+@pytest.mark.parametrize(
+    ("scenario", "robot"),
+    [
+        *(("paper-1", ARC), ("paper-4", ARC), ("paper-1", "2sra-v1"), ("paper-4", "2sra-v1")),
+        ("three-segments", "3sra"),
+    ],
+)
 def test_without_disturbance_what_is_executed_is_what_was_planned(
     scenario: str, robot: str, planned: Planned
 ) -> None:
@@ -81,7 +87,10 @@ def test_without_disturbance_what_is_executed_is_what_was_planned(
 
 # --- disturbed -----------------------------------------------------------------------------------
 
-RUNS = [("paper-1", 1, ARC), ("paper-2", 2, ARC), ("paper-2", 3, "2sra-v1"), ("paper-1", 4, ARC)]
+RUNS = [
+    *(("paper-1", 1, ARC), ("paper-2", 2, ARC), ("paper-2", 3, "2sra-v1"), ("paper-1", 4, ARC)),
+    ("three-segments", 1, "3sra"),
+]
 
 
 @pytest.mark.parametrize(("scenario", "seed", "robot"), RUNS)
@@ -110,7 +119,8 @@ def test_the_books_are_right(
     assert found.energy_J == truth.heat_J[-1].sum() > 250
     told = run.log.stiffness[(run.log.stiffness != 0.5).all(axis=1)]
     assert found.transitions >= np.abs(np.diff(told, axis=0)).sum() > 0
-    per_segment = [[c.to for c in run.changes if c.segment == j] for j in (1, 2)]
+    numbers = range(1, run.problem.robot.coordinates.segments + 1)
+    per_segment = [[c.to for c in run.changes if c.segment == j] for j in numbers]
     for changes in per_segment:
         assert changes == ["soft", "rigid"] * (len(changes) // 2)
     assert len(run.begun) == len(run.plans) == 1 + run.replans + run.corrections
@@ -186,7 +196,7 @@ class Pushed(SimulatedRobot):
 def pushed(made: Problem, mode: tuple[int, int], push: list[float]) -> Run:
     robot = Pushed(made, "as-planned")
     robot.at_mode, robot.push = mode, np.array(push)
-    return Executor(robot).run(plan(made))
+    return Executor(robot).run(plan(made).require())
 
 
 def test_leaving_the_corridor_plans_the_rest_again_and_reaches_the_goal() -> None:
@@ -269,7 +279,7 @@ class Cold:
 
 def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time() -> None:
     robot = Cold(problem())
-    run = Executor(robot).run(plan(robot.made))
+    run = Executor(robot).run(plan(robot.made).require())
     assert run.ending is Ending.HEATER_FAILED
     failure = next(event for event in run.events if event.kind == "failure")
     assert "segment 1 rigid at 25.0 C, not soft after 1" in failure.text
@@ -415,7 +425,7 @@ def test_pulses_are_worth_the_command_on_average() -> None:
 
 def test_heaters_wait_for_the_phases_before_them(planned: Planned) -> None:
     made = planned("paper-1", robot=ARC)  # [0,0] > [1,0] > [1,1]
-    schedule = heater_schedule(made)
+    schedule = HeaterSchedule(made)
     melt_2 = next(t for t in made.transitions if (t.segment, t.to) == (2, "soft"))
     end_s = made.samples.t_s[-1]
     off, soft, warm = 25.0, 65.0, schedule.warm_C
@@ -434,7 +444,7 @@ def test_heaters_wait_for_the_phases_before_them(planned: Planned) -> None:
 
 def test_one_heater_at_a_time_is_kept(planned: Planned) -> None:
     made = planned("paper-1", robot=ARC, heaters_at_once=1)
-    schedule = heater_schedule(made)
+    schedule = HeaterSchedule(made)
     for clock_s in np.linspace(0.0, made.samples.t_s[-1], 400):
         done = sum(phase.end_s <= clock_s for phase in made.phases)
         for before in (max(done - 1, 0), done):
@@ -479,15 +489,15 @@ def test_a_spread_is_median_tail_and_worst(disturbed: Callable[..., Simulation])
 # --- what the rest of a plan would come to -------------------------------------------------------
 
 
-def bent_to(robot: Robot, q: Array, mean_per_m: float) -> Array:
-    """Bend both segments by the kinematics until their mean curvature is this."""
-    flow = interval_flow(robot, 32)
+def bent_to(robot: Robot, mode: Mode, q: Array, mean_per_m: float) -> Array:
+    """Bend the soft segments by the kinematics until their mean curvature is this."""
+    flow, soft = interval_flow(robot, 32), [3 + j for j in soft_segments(mode)]
 
     def bent(travel_m: float) -> Array:
-        after: Array = flow(q, np.array([travel_m, travel_m, 0, 0, 0]), (1, 1)).full().ravel()
+        after: Array = flow(q, np.array([travel_m, travel_m, 0, 0, 0]), mode).full().ravel()
         return after
 
-    travel_m = newton(lambda s: bent(s)[3:].mean() - mean_per_m, 1e-3, tol=1e-12)
+    travel_m = newton(lambda s: bent(s)[soft].mean() - mean_per_m, 1e-3, tol=1e-12)
     return bent(travel_m)
 
 
@@ -499,12 +509,28 @@ def test_a_deviation_ends_where_the_kinematics_takes_it(
 ) -> None:
     robot = load_problem("paper-1", robot=name).robot
     start = np.array([0.0, 0.0, 0.0, *kappa])
-    end = bent_to(robot, start, float(np.mean(kappa)) + 12.0)
+    end = bent_to(robot, (1, 1), start, float(np.mean(kappa)) + 12.0)
     deviated = start + np.array([0.0, 0.0, 0.0, *deviation])
-    true = bent_to(robot, deviated, float(end[3:].mean()))
+    true = bent_to(robot, (1, 1), deviated, float(end[3:].mean()))
     predicted = predicted_curvatures(robot, deviated, [start, end], [(1, 1)])
     assert predicted == pytest.approx(true[3:], abs=2e-4)
     assert np.abs(predicted - end[3:]).max() > 1.0
+
+
+@pytest.mark.parametrize("lengths_m", [(0.04, 0.04, 0.04), (0.03, 0.05, 0.04)])
+@pytest.mark.parametrize("mode", [(1, 1, 1), (1, 0, 1), (0, 1, 1)])
+def test_a_deviation_of_three_segments_ends_where_the_kinematics_takes_it(
+    mode: Mode, lengths_m: tuple[float, ...]
+) -> None:
+    robot = load_problem("three-segments").robot
+    geometry = robot.geometry.with_values(segment_length_m=lengths_m)
+    robot = robot.with_values(geometry=geometry)
+    start, soft = np.array([0.0, 0.0, 0.0, 5.0, -10.0, 20.0]), [3 + j for j in soft_segments(mode)]
+    end = bent_to(robot, mode, start, float(start[soft].mean()) + 8.0)
+    deviated = start + np.array([0.0, 0.0, 0.0, 3.0, -2.0, 1.0])
+    true = bent_to(robot, mode, deviated, float(end[soft].mean()))
+    predicted = predicted_curvatures(robot, deviated, [start, end], [mode])
+    assert predicted == pytest.approx(true[3:], abs=1e-6)
 
 
 def test_a_segment_that_bends_alone_loses_its_deviation_and_the_others_keep_theirs() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from matplotlib import rcParams
+from thermal_problems import UNEQUAL
 
 from twosra_mpc import cli
 from twosra_mpc.cli.heater_loop import simulate_heater_command
@@ -119,6 +121,16 @@ def test_a_warm_segment_melts_sooner(twosra: Callable[[str], Printed]) -> None:
     assert "60 s 32" in warm.out
 
 
+def test_a_segment_melts_in_its_own_time(twosra: Callable[[str], Printed], tmp_path: Path) -> None:
+    path = tmp_path / "unequal.json"
+    path.write_text(json.dumps(UNEQUAL.model_dump(mode="json")), encoding="utf-8")
+    melts = []
+    for segment in (1, 2, 3):
+        answer = twosra(f"simulate-heater --robot {path} --segment {segment} --json")
+        melts.append(json.loads(answer.out)["stretches"][0]["changed_s"])
+    assert melts == sorted(set(melts))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -128,6 +140,7 @@ def test_a_warm_segment_melts_sooner(twosra: Callable[[str], Printed]) -> None:
         ("--profile soft:nan", "profile.0 = 'nan' is not acceptable"),
         ("--ambient 70", "ambient_C = 70.0 is not acceptable"),
         ("--start-temperature 200", "start_temperature_C = 200.0 is not acceptable"),
+        ("--segment 3", "segment = 3 is not acceptable; allowed: from 1 to 2"),
         ("--robot no-such", "robot = 'no-such' is not acceptable"),
         ("--out no/such/folder.csv", "output = 'no/such/folder.csv' is not acceptable"),
         ("--plot run.docx", "output = 'run.docx' is not acceptable"),

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from heating import AIR_C, course, write_log
+from heating import AIR_C, true_history, write_log
 
 from twosra_mpc import InputError
 from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log, resample, runs
 
-COURSE = course((30.0, 20.0))
-LOG = COURSE.log(rate_Hz=2.0)
+HISTORY = true_history((30.0, 20.0))
+LOG = HISTORY.log(rate_Hz=2.0)
 
 
 def rows(mode: str, count: int, sensor_C: float = 40.0) -> list[list[str]]:
@@ -155,7 +155,7 @@ def test_a_file_that_is_missing_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_cycle_starts_with_each_heating() -> None:
-    first = COURSE.phases[2][0]
+    first = HISTORY.phases[2][0]
     assert LOG.cycle.tolist() == (LOG.time_s >= first).astype(int).tolist()
 
 
@@ -170,7 +170,7 @@ def test_what_comes_before_the_first_heating_belongs_to_the_first_cycle() -> Non
 
 @pytest.mark.parametrize("rate_Hz", [1.0, 48.0])
 def test_spikes_and_only_spikes_are_replaced(rate_Hz: float) -> None:
-    clean = COURSE.log(rate_Hz)
+    clean = HISTORY.log(rate_Hz)
     assert not clean.spikes.any()
     sensor, where = clean.sensor_C.copy(), [0, 20, 75, 76, 120, len(clean.time_s) - 1]
     sensor[where] += [9.0, -30.0, 5.0, 4.0, 20.0, -9.0]
@@ -187,17 +187,17 @@ def test_a_spike_in_the_first_reading_is_not_the_air(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rate_Hz", [1.0, 2.0, 48.0])
 def test_a_log_is_the_same_on_the_grid_whatever_its_rate(rate_Hz: float) -> None:
-    even = resample(COURSE.log(rate_Hz, noise_C=0.0))
+    even = resample(HISTORY.log(rate_Hz, noise_C=0.0))
     assert even.step_s == (1.0 if rate_Hz == 1.0 else 0.5)
     assert np.diff(even.time_s) == pytest.approx(even.step_s)
-    true = np.interp(even.time_s, COURSE.time_s, COURSE.state_C[:, 3])
+    true = np.interp(even.time_s, HISTORY.time_s, HISTORY.state_C[:, 3])
     assert np.abs(even.sensor_C - true).max() < 0.05
     assert even.scored.tolist() == (~even.held).tolist()
 
 
 @pytest.mark.parametrize("rate_Hz", [1.0, 2.0, 48.0])
 def test_the_time_spent_heating_is_that_of_the_samples(rate_Hz: float) -> None:
-    log = COURSE.log(rate_Hz)
+    log = HISTORY.log(rate_Hz)
     even = resample(log)
     heating = 0.0
     for first, end in runs(log.mode == "heating"):  # half a sample's time on either side
@@ -208,7 +208,7 @@ def test_the_time_spent_heating_is_that_of_the_samples(rate_Hz: float) -> None:
 
 
 def test_uneven_samples_are_put_on_the_grid_and_gaps_are_not_scored() -> None:
-    full = COURSE.log(4.0, noise_C=0.0)
+    full = HISTORY.log(4.0, noise_C=0.0)
     gap = (full.time_s > 120.0) & (full.time_s < 130.0)
     keep = ~gap & (np.random.default_rng(1).random(len(full.time_s)) < 0.8)
     keep[0] = True
@@ -217,7 +217,7 @@ def test_uneven_samples_are_put_on_the_grid_and_gaps_are_not_scored() -> None:
     inside = (even.time_s > 120.5) & (even.time_s < 129.5)
     assert not even.scored[inside].any()
     assert even.scored[(even.time_s > 140.0) & ~even.held].mean() > 0.95
-    true = np.interp(even.time_s, COURSE.time_s, COURSE.state_C[:, 3])
+    true = np.interp(even.time_s, HISTORY.time_s, HISTORY.state_C[:, 3])
     assert np.abs(even.sensor_C - true)[even.scored].max() < 0.15
 
 

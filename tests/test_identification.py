@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from conftest import Run
-from heating import AIR_C, GAIN, TRUE, Course, course, write_log
+from heating import AIR_C, GAIN, TRUE, TrueHistory, true_history, write_log
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -39,9 +39,9 @@ Array = NDArray[np.float64]
 
 ROBOT = load_robot("2sr-v2")
 FAMILY = two_nodes(GAIN)
-COURSE = course((30.0, 45.0))
-ON_AND_OFF = course((35.0, 45.0), hold_duty=lambda since_s: 0.5 if since_s % 16 < 7 else 0.02)
-NEVER_HELD = course((0.0, 0.0))
+HISTORY = true_history((30.0, 45.0))
+ON_AND_OFF = true_history((35.0, 45.0), hold_duty=lambda since_s: 0.5 if since_s % 16 < 7 else 0.02)
+NEVER_HELD = true_history((0.0, 0.0))
 
 
 def segment(parameters: Parameters) -> TwoNodeSegment:
@@ -67,7 +67,7 @@ def approx(values: Sequence[float], rel: float) -> Any:
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_log(COURSE.log(1.0), tmp_path_factory.mktemp("log") / "log.csv")
+    return write_log(HISTORY.log(1.0), tmp_path_factory.mktemp("log") / "log.csv")
 
 
 @pytest.fixture(scope="module")
@@ -176,17 +176,17 @@ def test_the_heater_law_is_a_clipped_straight_line() -> None:
 @pytest.mark.parametrize(
     ("made", "rate_Hz", "noise_C", "tolerance"),
     [
-        (COURSE, 1.0, 0.02, 0.08),  # when the heater was switched is known to half a second
-        (COURSE, 4.0, 0.02, 0.05),
-        (COURSE, 48.0, 0.02, 0.02),
-        (COURSE, 4.0, 0.0, 0.015),
+        (HISTORY, 1.0, 0.02, 0.08),  # when the heater was switched is known to half a second
+        (HISTORY, 4.0, 0.02, 0.05),
+        (HISTORY, 48.0, 0.02, 0.02),
+        (HISTORY, 4.0, 0.0, 0.015),
         (ON_AND_OFF, 4.0, 0.02, 0.06),
         (NEVER_HELD, 4.0, 0.02, 0.06),
     ],
     ids=["1 Hz", "4 Hz", "48 Hz", "no noise", "on and off", "never held"],
 )
 def test_the_parameters_of_a_log_are_recovered(
-    made: Course, rate_Hz: float, noise_C: float, tolerance: float
+    made: TrueHistory, rate_Hz: float, noise_C: float, tolerance: float
 ) -> None:
     found = fitted_once(resample(made.log(rate_Hz, noise_C)))
     assert found.values == approx(TRUE, tolerance)
@@ -194,12 +194,12 @@ def test_the_parameters_of_a_log_are_recovered(
 
 def test_a_stronger_heater_is_recovered_too() -> None:
     true = Parameters(2.3, 0.022, 2.5, 0.004, 3.2, 0.06, 0.35)
-    found = fitted_once(resample(course((30.0, 45.0), true).log(4.0)))
+    found = fitted_once(resample(true_history((30.0, 45.0), true).log(4.0)))
     assert found.values[:5] == approx(true[:5], 0.02)  # too fast for the law to show
 
 
 def test_spikes_hardly_move_the_fit() -> None:
-    clean = COURSE.log(4.0)
+    clean = HISTORY.log(4.0)
     log = with_spikes(clean)
     assert log.spikes.sum() > 10
     found, expected = fitted_once(resample(log)), fitted_once(resample(clean))
@@ -207,7 +207,7 @@ def test_spikes_hardly_move_the_fit() -> None:
 
 
 def test_more_noise_is_more_uncertainty() -> None:
-    quiet, loud = (fitted_once(resample(COURSE.log(4.0, noise))) for noise in (0.02, 0.2))
+    quiet, loud = (fitted_once(resample(HISTORY.log(4.0, noise))) for noise in (0.02, 0.2))
     for name, small, large, value, true in zip(
         Parameters._fields,
         quiet.standard_errors,
@@ -221,7 +221,7 @@ def test_more_noise_is_more_uncertainty() -> None:
 
 
 def test_what_a_log_does_not_tell_has_an_infinite_standard_error() -> None:
-    even = resample(COURSE.log(2.0))
+    even = resample(HISTORY.log(2.0))
     cooling_only = even.scoring(~even.heating & (even.cycle == 0) & (even.time_s < 130.0))
     blind = replace(cooling_only, heating_share=0 * even.heating_share)
     found = dict(zip(Parameters._fields, fitted_once(blind).standard_errors, strict=True))
@@ -258,7 +258,7 @@ def test_residuals_are_those_of_the_response(fitted: ThermalFit) -> None:
 
 
 def test_residuals_of_nothing_are_no_number() -> None:
-    even = resample(COURSE.log(2.0))
+    even = resample(HISTORY.log(2.0))
     nothing = residuals(even.scoring(even.cycle > 7), FAMILY.respond(TRUE, even))
     assert nothing.points == 0
     assert all(math.isnan(value) for value in nothing[:4])
@@ -316,7 +316,7 @@ def test_a_segment_without_two_nodes_is_refused() -> None:
     bare = lumped.with_values(segment=None)
     for robot, given in ((lumped, "lumped"), (bare, "missing")):
         with pytest.raises(InputError, match="two_node") as caught:
-            identify(COURSE.log(1.0), robot)
+            identify(HISTORY.log(1.0), robot)
         assert (caught.value.field, caught.value.value) == ("segment.model", given)
 
 
@@ -324,25 +324,25 @@ def test_a_segment_without_two_nodes_is_refused() -> None:
 
 
 def test_the_true_segment_leaves_the_noise() -> None:
-    found = score(COURSE.log(4.0), segment(TRUE), TRUE.law)
+    found = score(HISTORY.log(4.0), segment(TRUE), TRUE.law)
     assert found.law == TRUE.law
     assert found.residuals.rms_C == pytest.approx(0.02, abs=0.02)
 
 
 def test_a_segment_whose_sensor_does_not_lag_can_be_scored() -> None:
     sudden = segment(TRUE).with_values(sensor_lag_s=0.0)
-    assert 0.5 < score(COURSE.log(4.0), sudden, TRUE.law).residuals.rms_C < 10.0
+    assert 0.5 < score(HISTORY.log(4.0), sudden, TRUE.law).residuals.rms_C < 10.0
 
 
 def test_without_a_law_the_law_is_fitted_and_nothing_else() -> None:
-    found = score(COURSE.log(4.0), segment(TRUE))
+    found = score(HISTORY.log(4.0), segment(TRUE))
     assert found.law == approx(TRUE.law, 0.02)
-    worse = score(COURSE.log(4.0), segment(TRUE._replace(coupling_per_s=0.021)))
+    worse = score(HISTORY.log(4.0), segment(TRUE._replace(coupling_per_s=0.021)))
     assert worse.residuals.rms_C > 5 * found.residuals.rms_C
 
 
 def test_a_fit_describes_a_log_it_has_not_seen(fitted: ThermalFit) -> None:
-    unseen = course((70.0, 20.0, 40.0)).log(2.0, seed=5)
+    unseen = true_history((70.0, 20.0, 40.0)).log(2.0, seed=5)
     found = score(unseen, fitted.segment, fitted.parameters.law)
     assert found.residuals.rms_C < 0.25
     assert isinstance(ROBOT.segment, TwoNodeSegment)
@@ -350,7 +350,7 @@ def test_a_fit_describes_a_log_it_has_not_seen(fitted: ThermalFit) -> None:
 
 
 def test_a_segment_that_starts_warm_has_cooled_for_long() -> None:
-    made = course((30.0, 30.0), enough_C=30.0)
+    made = true_history((30.0, 30.0), enough_C=30.0)
     whole = made.log(2.0)
     later = whole.time_s >= made.phases[2][0] - 50.0  # still cooling
     samples = (each[later] for each in (whole.time_s, whole.sensor_C, whole.mode))
@@ -358,7 +358,7 @@ def test_a_segment_that_starts_warm_has_cooled_for_long() -> None:
 
 
 def test_readings_after_a_hold_correct_its_end_only_for_some_seconds() -> None:
-    even = resample(COURSE.log(4.0))
+    even = resample(HISTORY.log(4.0))
     expected = FAMILY.respond(TRUE, even)
     end = np.flatnonzero(even.held & (even.cycle == 1))[-1]
     late = even.time_s > even.time_s[end] + CORRECTED_S + even.step_s
@@ -414,7 +414,7 @@ def test_the_figure_shows_the_fit_and_is_written(fitted: ThermalFit, tmp_path: P
         assert np.isfinite(drawn).tolist() == (flags & ~fitted.log.held).tolist()
     body = np.asarray(lines["body"].get_ydata())
     assert body == pytest.approx(
-        np.interp(fitted.log.time_s, COURSE.time_s, COURSE.state_C[:, 1]), abs=0.5
+        np.interp(fitted.log.time_s, HISTORY.time_s, HISTORY.state_C[:, 1]), abs=0.5
     )
     largest = max(np.nanmax(np.abs(np.asarray(line.get_ydata()))) for line in off.get_lines())
     assert largest == fitted.residuals.max_C
@@ -429,7 +429,7 @@ def test_a_figure_of_an_unknown_ending_is_refused(fitted: ThermalFit, tmp_path: 
 def test_the_command_prints_and_writes_what_the_function_finds(
     run: Run, path: Path, fitted: ThermalFit, tmp_path: Path
 ) -> None:
-    unseen = write_log(course((60.0,)).log(1.0), tmp_path / "unseen.csv")
+    unseen = write_log(true_history((60.0,)).log(1.0), tmp_path / "unseen.csv")
     files = ("--out", "mine.toml", "--plot", "fit.png", "--held-out", unseen)
     code, out, err = run("fit-thermal", path, "--robot", "2sr-v2", *files)
     assert (code, err) == (0, "")
@@ -459,7 +459,7 @@ def test_one_cycle_is_fitted_without_cross_validation(
         return fits[-1]
 
     monkeypatch.setattr(thermal_fit, "identify", spy)
-    log = write_log(course((40.0,)).log(1.0), Path("one.csv"))
+    log = write_log(true_history((40.0,)).log(1.0), Path("one.csv"))
     code, out, _ = run("fit-thermal", log, "--robot", "2sr-v2", "--ambient", "20.6")
     assert code == 0
     assert "No cross-validation by cycles" in out

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -79,7 +80,8 @@ def test_a_new_segment_model_plans_is_checked_slowed_and_controlled(tmp_path: Pa
     robot = robot_with_a_fan()
     still = plan(Problem(robot=V1, **MOVE)).require()
     problem = Problem(robot=robot, **MOVE, transition_quantile=0.8)
-    found = plan(Problem(robot=robot, **MOVE)).require()
+    result = plan(Problem(robot=robot, **MOVE))
+    found = result.require()
     assert found.status is Status.OPTIMAL
     freezes = [
         next(t.done_s - t.heater_s for t in each.transitions if t.to == "rigid")
@@ -87,7 +89,7 @@ def test_a_new_segment_model_plans_is_checked_slowed_and_controlled(tmp_path: Pa
     ]
     assert freezes[1] == pytest.approx(freezes[0] / 4.0, rel=0.05)
     path = tmp_path / "plan.json"
-    found.save(path)
+    result.save(path)
     assert check_plan(path).ok
     assert plan(problem).require().cost.total > found.cost.total
     slower, words = slowed(found.problem, "freeze", 1.5)
@@ -172,12 +174,13 @@ def robot_that_pauses(pause_s: float) -> Robot:
 
 def test_a_new_timing_plans_is_checked_and_slowed(tmp_path: Path) -> None:
     problem = Problem(robot=robot_that_pauses(70.0), **MOVE, timing="pauses")
-    found = plan(problem).require()
+    result = plan(problem)
+    found = result.require()
     assert found.status is Status.OPTIMAL
     assert [item.to for item in found.transitions] == ["soft", "rigid"]
     assert 140.0 < found.cost.total < 145.0
     path = tmp_path / "plan.json"
-    found.save(path)
+    result.save(path)
     assert check_plan(path).ok
     slower, words = slowed(problem, "melt", 2.0)
     assert words == "pause_s 70 -> 140 s"
@@ -185,11 +188,10 @@ def test_a_new_timing_plans_is_checked_and_slowed(tmp_path: Path) -> None:
 
 
 def test_the_checks_of_a_new_timing_are_asked(tmp_path: Path) -> None:
-    problem = Problem(robot=robot_that_pauses(70.0), **MOVE, timing="pauses")
-    hasty = Problem(robot=robot_that_pauses(60.0), **MOVE, timing="pauses")
-    found = replace(plan(hasty).require(), problem=problem)
+    document = plan(Problem(robot=robot_that_pauses(60.0), **MOVE, timing="pauses")).to_dict()
+    document["robot"]["timing"]["pauses"]["pause_s"] = 70.0
     path = tmp_path / "plan.json"
-    found.save(path)
+    path.write_text(json.dumps(document), encoding="utf-8")
     broken = check_plan(path).problems
     assert any("pauses too short a time" in text for text in broken)
 

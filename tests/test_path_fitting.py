@@ -10,6 +10,7 @@ import casadi as ca
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from twosra_mpc import InputError, load_robot
@@ -387,10 +388,16 @@ def test_the_figure_shows_paths_fits_fibre_and_residuals(tmp_path: Path) -> None
         assert f"{40 * curves.spiral_fit.rms_l:.2f} mm" in ax.get_title()
 
 
+def test_paths_of_another_number_of_segments_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="2: spirals and cardioids"):
+        plot_paths(load_robot("3sra"), tmp_path / "paths.png")
+    assert not list(tmp_path.iterdir())
+
+
 def test_soft_segments_are_red_and_rigid_ones_blue() -> None:
     for ax, mode in zip(plot_paths(ROBOT).axes, MODES.values(), strict=True):
         arcs = [line for line in ax.lines if len(line.get_xdata()) == 40]
-        red, _, blue = np.array([line.get_color() for line in arcs]).T
+        red, _, blue = np.array([to_rgb(line.get_color()) for line in arcs]).T
         assert np.sum(red > blue) == POSES * sum(mode)
         assert np.sum(red < blue) == POSES * (2 - sum(mode))
 

@@ -2,54 +2,56 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
 import pytest
 from problems import random_problem
+from rich.console import Console
 
-from benchmarks.peers.answer import Answer, Peer, Settings, judged
-from benchmarks.peers.comparison import Row, attempt, compare, settings_of
-from benchmarks.peers.enumeration import Enumeration, admissible_sequences
-from benchmarks.peers.integral_approximation import IntegralApproximation
-from benchmarks.peers.minlp import TimeGridMinlp
-from benchmarks.peers.report import cost_ratio, report
-from benchmarks.peers.rounding import rounded
-from benchmarks.peers.time_grid import as_motion, waits
-from benchmarks.peers.worker import Worker, WorkerDiedError
+from benchmarks.measurement import PlanRecord
+from benchmarks.report import write_report
+from benchmarks.run import open_log, results_of, run_study
 from benchmarks.run_log import RunLog
+from benchmarks.studies.peers import OURS, Peer, Peers, attempt, isolated
+from benchmarks.studies.peers.enumeration import Enumeration, admissible_sequences
+from benchmarks.studies.peers.integral_approximation import IntegralApproximation
+from benchmarks.studies.peers.minlp import TimeGridMinlp
+from benchmarks.studies.peers.motions import Answer, Solve, judged
+from benchmarks.studies.peers.rounding import rounded
+from benchmarks.studies.peers.time_grid import as_motion, waits
 from twosra_mpc import InputError, Problem, load_problem
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+from twosra_mpc.validation import Value
 
-TINY: tuple[Peer, ...] = (
-    TimeGridMinlp(stages=3, time_limit_s=5.0, longest_stage_s=2.0),
-    IntegralApproximation(stages=6, max_switches=1, dwell_stages=1),
-    Enumeration(max_phases=2),
+TINY = Peers(
+    problems=("published:4",),
+    minlp=TimeGridMinlp(stages=3, time_limit_s=5.0, longest_stage_s=2.0),
+    integral_approximation=IntegralApproximation(stages=6, max_switches=1, dwell_stages=1),
+    enumeration=Enumeration(max_phases=2),
 )
+EASY = "paper-4"  # one segment must bend: two phases do
+QUIET = Console(file=io.StringIO())
 
 
-@dataclass(frozen=True)
-class Stub:
+class Stub(Value):
     """A peer that finds nothing, breaks down with ``words``, or takes its process with it."""
 
-    name: str = "stub"
     words: str = ""
     crashes: bool = False
 
-    @property
-    def settings(self) -> Settings:
-        return {"words": self.words}
-
-    def prepare(self, problem: Problem) -> None:
+    def prepared(self, problem: Problem) -> Solve:
         del problem
+        return self._solve
 
-    def solve(self, problem: Problem) -> Answer:
-        del problem
+    def _solve(self) -> Answer:
         if self.crashes:
             os.kill(os.getpid(), signal.SIGSEGV)
         if self.words:
@@ -57,97 +59,112 @@ class Stub:
         return Answer("nothing found", None)
 
 
+class Stubbed(Peers):
+    """Our planner and stubs."""
+
+    def peers(self) -> Mapping[str, Peer]:
+        return {"first": Stub(), "second": Stub(crashes=True), "third": Stub()}
+
+
 @pytest.fixture(scope="module")
 def easy() -> Problem:
-    """One segment must bend: two phases do."""
-    return load_problem("paper-4")
+    return load_problem(EASY)
 
 
 @pytest.fixture(scope="module")
-def rows(easy: Problem, tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
-    log = RunLog(tmp_path_factory.mktemp("peers"), settings_of(TINY))
-    return list(compare([("paper-4", easy)], TINY, log, on_start=lambda _: None))
+def rows(tmp_path_factory: pytest.TempPathFactory) -> dict[str, PlanRecord]:
+    """What our planner and the peers did with the easy problem."""
+    return {case.planner: TINY.run(case) for case in TINY.cases() if case.problem == EASY}
 
 
-@pytest.mark.parametrize("which", range(len(TINY)), ids=[peer.name for peer in TINY])
-def test_each_peer_solves_an_easy_problem(rows: list[Row], which: int) -> None:
-    row = rows[which]
-    assert row.peer == TINY[which].name
+@pytest.mark.parametrize("peer", TINY.peers())
+def test_each_peer_solves_an_easy_problem(rows: dict[str, PlanRecord], peer: str) -> None:
+    row = rows[peer]
     assert row.status
-    assert row.verified, (row.status, row.problems)
-    assert row.problems == ()
-    assert "[0,1]" in row.sequence
-    assert row.wall_s > 0
-    assert row.cpu_s > 0
+    assert row.correct, (row.status, row.message)
+    assert row.message == ""
+    assert (0, 1) in row.sequence
+    assert row.timing.median_s > 0
+    assert row.timing.cpu_median_s > 0
 
 
-def test_no_verified_cost_is_below_the_proved_bound(rows: list[Row]) -> None:
-    for row in rows:
+def test_no_verified_cost_is_below_the_proved_bound(rows: dict[str, PlanRecord]) -> None:
+    bound = rows[OURS].lower_bound
+    assert bound is not None
+    for row in rows.values():
         assert row.cost is not None
-        assert row.our_lower_bound is not None
-        assert row.cost >= row.our_lower_bound * (1 - 1e-9)
-        assert row.our_cost is not None
-        assert row.our_lower_bound <= row.our_cost
+        assert row.cost >= bound * (1 - 1e-9)
 
 
-def test_a_peer_that_finds_our_sequence_finds_our_cost(easy: Problem, rows: list[Row]) -> None:
-    ratio = cost_ratio(rows[-1])
-    assert ratio == pytest.approx(1.0, abs=easy.gap)
+def test_a_peer_that_finds_our_sequence_finds_our_cost(
+    easy: Problem, rows: dict[str, PlanRecord]
+) -> None:
+    assert rows["enumeration"].cost == pytest.approx(rows[OURS].cost, rel=easy.gap)
 
 
-def test_the_report_has_a_row_and_a_summary_for_every_peer(rows: list[Row]) -> None:
-    text = report(rows, TINY)
-    for peer in TINY:
-        assert f"| paper-4 | {peer.name} |" in text
-        assert f"| {peer.name} | 1 of 1 |" in text
+def test_the_report_has_a_row_and_a_summary_for_every_peer(
+    rows: dict[str, PlanRecord], tmp_path: Path
+) -> None:
+    log = open_log("peers", TINY, tmp_path)
+    for case in TINY.cases():
+        log.append(case._asdict(), TINY.record.dump_python(rows[case.planner], mode="json"))
+    text = write_report(TINY, log, tmp_path)
+    for peer in TINY.peers():
+        assert f"| paper-4 | {peer} |" in text
+        assert f"| {peer} | 100 % (4 of 4) |" in text
     assert "below our proved lower bound: none" in text
 
 
-def test_a_resumed_run_computes_only_what_is_missing(easy: Problem, tmp_path: Path) -> None:
-    peers = [Stub("first"), Stub("second", crashes=True), Stub("third")]
+def test_a_resumed_run_computes_only_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = Stubbed(problems=("published:1",), repeats=1)
     begun: list[str] = []
+    run = Peers.run
+    monkeypatch.setattr(
+        Peers, "run", lambda self, case: begun.append(case.planner) or run(self, case)
+    )
 
-    def run() -> list[Row]:
-        log = RunLog(tmp_path, settings_of(peers))
-        return list(compare([("a", easy)], peers, log, on_start=begun.append))
+    def records() -> list[PlanRecord]:
+        log = RunLog(tmp_path, {})
+        assert run_study(study, log, QUIET)
+        return [record for _, record in results_of(study, log)]
 
-    whole = run()
+    whole = records()
     assert [row.status for row in whole] == [
+        "optimal",
         "nothing found",
-        "crashed: the process died with exit code -11",
+        "crashed, or ended after 1800 s",
         "nothing found",
     ]
-    assert run() == whole
-    assert begun == ["a: first", "a: second", "a: third"]
-    log = RunLog(tmp_path, settings_of(peers))
+    assert records() == whole
+    assert begun == [OURS, "first", "second", "third"]
+    log = RunLog(tmp_path, {})
     log.path.write_text(log.path.read_text()[:-20])  # interrupted while writing the last row
-    assert [row.peer for row in run()] == ["first", "second", "third"]
-    assert begun[3:] == ["a: third"]
+    assert [row.status for row in records()] == [row.status for row in whole]
+    assert begun[4:] == ["third"]
 
 
-def test_a_call_that_takes_too_long_is_ended_and_the_next_one_answered() -> None:
-    worker = Worker(time_limit_s=60.0)
-    assert worker.call(abs, -1) == 1
-    worker.time_limit_s = 0.1
-    with pytest.raises(WorkerDiedError, match="ended after"):
-        worker.call(time.sleep, 30.0)
-    worker.time_limit_s = 60.0
+def test_a_process_that_takes_too_long_or_crashes_is_told_and_the_next_call_answered() -> None:
+    with pytest.raises(BrokenProcessPool):
+        isolated(0.1, time.sleep, 30.0)
     with pytest.raises(ZeroDivisionError):
-        worker.call(divmod, 1, 0)
-    assert worker.call(abs, -2) == 2
+        isolated(60.0, divmod, 1, 0)
+    assert isolated(60.0, abs, -2) == 2
 
 
 def test_rows_of_other_settings_are_not_mixed(tmp_path: Path) -> None:
-    RunLog(tmp_path, settings_of(TINY))
-    with pytest.raises(InputError, match="time-grid MINLP"):
-        RunLog(tmp_path, settings_of([TimeGridMinlp(stages=4)]))
+    open_log("peers", TINY, tmp_path)
+    other = TINY.with_values(minlp=TimeGridMinlp(stages=4))
+    with pytest.raises(InputError, match=r"settings\.minlp\.stages = 4"):
+        open_log("peers", other, tmp_path)
 
 
 def test_a_breakdown_is_reported_in_words(easy: Problem) -> None:
     made = attempt(easy, Stub(words="Uncaught error in Bonmin"))
     assert made.status == "broke down: Uncaught error in Bonmin"
-    assert not made.judgement.verified
-    assert made.judgement.cost is None
+    assert not made.success
+    assert made.cost is None
 
 
 @pytest.mark.parametrize(
@@ -162,8 +179,8 @@ def test_a_breakdown_is_reported_in_words(easy: Problem) -> None:
 def test_a_peer_without_a_plan_says_why(peer: Peer, words: str) -> None:
     made = attempt(load_problem("paper-1"), peer)
     assert words in made.status
-    assert made.sequence == ""
-    assert made.judgement.problems == ("no motion",)
+    assert made.sequence == ()
+    assert made.message == "no motion"
 
 
 def test_a_sequence_on_which_linear_algebra_gives_up_is_not_solved(
@@ -172,17 +189,15 @@ def test_a_sequence_on_which_linear_algebra_gives_up_is_not_solved(
     def give_up(*_: object) -> None:
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr("benchmarks.peers.shooting.improve", give_up)
-    answer = Enumeration(max_phases=2).solve(easy)
+    monkeypatch.setattr("benchmarks.studies.peers.motions.improve", give_up)
+    answer = Enumeration(max_phases=2).prepared(easy)()
     assert answer.status.startswith("IPOPT: solved 0 of ")
     assert answer.motion is None
 
 
 def test_the_waits_are_those_of_the_network(easy: Problem) -> None:
-    least = waits(easy.model_copy(update={"timing": "constant"}))
-    assert least.melted == pytest.approx((63.0, 63.0))
-    assert least.melting == pytest.approx((37.0, 37.0))
-    assert least.freezing == pytest.approx((235.0, 235.0))
+    least = waits(easy.with_values(timing="constant"))
+    assert least == pytest.approx(np.array([[63.0, 37.0, 235.0]] * 2))
 
 
 def test_stages_of_one_mode_become_a_phase_and_what_rests_is_left_out() -> None:
@@ -198,17 +213,26 @@ def test_stages_of_one_mode_become_a_phase_and_what_rests_is_left_out() -> None:
     assert as_motion(problem, [RIGID], np.zeros((1, 5))) is None
 
 
-def test_a_motion_that_misses_the_goal_is_judged_in_words(easy: Problem) -> None:
+def test_a_motion_that_misses_the_goal_is_no_plan(easy: Problem) -> None:
     motion = as_motion(easy, [RIGID], np.full((1, 5), 1e-3))
     assert motion is not None
-    judgement = judged(easy, motion)
-    assert not judgement.verified
-    assert "misses the goal" in judgement.problems[0]
+    assert judged(easy, motion) is None
+
+
+def test_an_answer_that_misses_the_goal_is_not_correct_and_says_so(
+    easy: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion = as_motion(easy, [RIGID], np.full((1, 5), 1e-3))
+    monkeypatch.setattr(Stub, "_solve", lambda self: Answer("found", motion))
+    made = attempt(easy, Stub())
+    assert made.success
+    assert not made.correct
+    assert "misses the goal" in made.message
 
 
 def test_rounding_keeps_its_limits() -> None:
     shares = np.random.default_rng(1).dirichlet(np.ones(4), 12)
-    found = rounded(shares, [[2, 3]], max_switches=2, dwell_stages=3, time_limit_s=10.0)
+    found = rounded(shares, [[2, 3]], max_switches=2, dwell_stages=3, time_limit_s=60.0)
     assert found.choice is not None
     runs = np.flatnonzero(np.diff([-1, *found.choice, -1]))
     assert len(runs) - 1 <= 3
@@ -220,7 +244,7 @@ def test_rounding_keeps_its_limits() -> None:
 
 def test_rounding_reproduces_integral_shares() -> None:
     wanted = (0, 0, 0, 2, 2, 3, 3, 3)
-    found = rounded(np.eye(4)[list(wanted)], [], max_switches=3, dwell_stages=2, time_limit_s=10.0)
+    found = rounded(np.eye(4)[list(wanted)], [], max_switches=3, dwell_stages=2, time_limit_s=60.0)
     assert found.choice == wanted
     assert found.error == pytest.approx(0.0, abs=1e-6)
 

@@ -140,13 +140,13 @@ def test_no_request_leaves_the_page(report: Chrome) -> None:
 
 
 def test_the_plan_file_can_be_saved_from_the_page(
-    report: Chrome, paper: Plan, tmp_path: Path
+    report: Chrome, solved: Solved, tmp_path: Path
 ) -> None:
     allow = {"behavior": "allow", "downloadPath": str(tmp_path)}
     report.execute_cdp_cmd("Browser.setDownloadBehavior", allow)
     one(report, "#save").click()
     assert eventually((tmp_path / "plan.json").exists)
-    assert load_plan(tmp_path / "plan.json").to_dict() == paper.to_dict()
+    assert load_plan(tmp_path / "plan.json").to_dict() == solved("paper-1").to_dict()
 
 
 def test_commands_and_scenario_can_be_copied(report: Chrome, paper: Plan, tmp_path: Path) -> None:
@@ -305,12 +305,13 @@ def test_every_control_has_a_name(report: Chrome) -> None:
 
 
 def test_hostile_names_stay_text(
-    browser: Chrome, paper: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch
+    browser: Chrome, solved: Solved, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robot = paper.robot.with_values(name=HOSTILE)
-    problem = paper.problem.with_values(robot=robot, description=HOSTILE)
+    result = solved("paper-1")
+    robot = result.problem.robot.with_values(name=HOSTILE)
+    problem = result.problem.with_values(robot=robot, description=HOSTILE)
     monkeypatch.setattr(page, "plot_plan", lambda plan: Figure())
-    write_report(replace(paper, problem=problem, message=HOSTILE), folder / "hostile.html")
+    write_report(replace(result, problem=problem, message=HOSTILE), folder / "hostile.html")
     opened(browser, folder / "hostile.html")
     assert browser.title == f"{HOSTILE}: plan report"
     assert one(browser, "h1").get_attribute("textContent") == HOSTILE

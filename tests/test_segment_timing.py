@@ -147,6 +147,15 @@ def test_no_two_of_three_heaters_are_on_in_a_settled_schedule_with_one(
             assert one[1] <= two[0] + 1e-6 or two[1] <= one[0] + 1e-6
 
 
+def test_the_only_segment_of_a_robot_is_kept_warm_too() -> None:
+    """Its one heater is needed nowhere else."""
+    keep = {"transition_quantile": 0.95, "heating": "keep_warm"}
+    soft = ((0,), (1,), (0,), (1,), (0,))
+    found = settled(thermal_problem(ROBOTS[0], **keep), soft, [0.0, 1.0, 600.0, 1.0, 0.0])
+    assert found is not None
+    assert 58.0 in [piece.setpoint_C for piece in found.trajectories[0].pieces]
+
+
 # --- each segment by its own model ---------------------------------------------------------------
 
 
@@ -224,7 +233,7 @@ def with_column(samples: Samples, name: str, segment: int, values: Sequence[floa
 def test_the_plan_is_checked_segment_by_segment(made: Plan) -> None:
     samples = made.trajectory.samples
     assert problems_of(made, samples) == []
-    assert energy_J(made.problem, samples) == pytest.approx(made.require().cost.energy_J, rel=1e-4)
+    assert energy_J(made.problem, samples) == pytest.approx(made.cost.energy_J, rel=1e-4)
     assert {item.segment for item in made.transitions} == {1, 3}
     for segment in (0, 2):
         weaker = 0.9 * samples.heater_current_A[:, segment]

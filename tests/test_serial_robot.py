@@ -34,7 +34,7 @@ class SeenFirmware(SimulatedFirmware):
 
     def sleep(self, duration_s: float) -> None:
         super().sleep(duration_s)
-        if self.moves and any(self.received[-1].wheel_rad_s):
+        if self.received and any(self.received[-1].wheel_rad_s):
             mode = tuple(int(segment.soft) for segment in self.segments)
             turned = self._grip * duration_s * np.array(self.received[-1].wheel_rad_s)
             self.q = rolling(self._robot, mode)(self.q, turned, NO_DRIFT).full().ravel()

@@ -1,4 +1,4 @@
-"""``twosra simulate``, the figure and the film of a run, and the closed-loop benchmark."""
+"""``twosra simulate``, the figure and the film of a run."""
 
 from __future__ import annotations
 
@@ -8,15 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from conftest import Run
 from matplotlib import rcParams
 from PIL import Image
 
-from benchmarks import closed_loop
-from benchmarks.closed_loop import Case
 from twosra_mpc import load_problem
-from twosra_mpc.execution.simulation.metrics import Metrics
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.plotting import film
 from twosra_mpc.plotting.run_animation import animate_run, run_playback
@@ -121,7 +117,7 @@ def _without_none(document: dict[str, object]) -> dict[str, object]:
     [
         (["paper-1", "--plant", "spring"], ["plant = 'spring'", "as-planned, log_spiral"]),
         (["paper-1", "--disturbance", "soft"], ["disturbance = 'soft'", "none, mild, moderate"]),
-        (["paper-1", "--broken-heater", "3"], ["--broken-heater", "3"]),
+        (["paper-1", "--broken-heater", "3"], ["broken_heaters", "3", "segments 1 and 2"]),
         (["paper-1", "--executor", "best"], ["--executor", "best"]),
         (["paper-1", "--runs", "0"], ["--runs", "0"]),
         (["paper-11"], ["scenario = 'paper-11'", "did you mean paper-1?"]),
@@ -220,48 +216,3 @@ def test_a_film_is_written_atomically(
     assert [path.name for path in tmp_path.iterdir()] == ["run.gif"]
     with Image.open(tmp_path / "run.gif") as shown:
         assert getattr(shown, "n_frames", 1) == 5
-
-
-# --- benchmark -----------------------------------------------------------------------------------
-
-
-def test_the_benchmark_runs_what_is_missing_and_writes_a_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(closed_loop, "problems", lambda: {"move": load_problem("rigid-move")})
-    runs, table = tmp_path / "runs.jsonl", tmp_path / "table.md"
-    arguments = ["--runs", str(runs), "--out", str(table), "--seeds", "2", "--path-model", "arc"]
-    first = CliRunner().invoke(closed_loop.main, arguments)
-    assert first.exit_code == 0, first.output
-    lines = runs.read_text(encoding="utf-8").splitlines()
-    assert len(lines) == 4
-    text = table.read_text(encoding="utf-8")
-    assert "| this package | exact arcs | moderate | 2 of 2 |" in text
-    assert "| greedy rule | exact arcs | moderate | 2 of 2 |" in text
-    assert "Every run reached its goal." in text
-    runs.write_text("\n".join(lines[:3]) + '\n{"cut off', encoding="utf-8")
-    made: list[Case] = []
-    kept = closed_loop.run_case
-    monkeypatch.setattr(
-        closed_loop, "run_case", lambda case, named: made.append(case) or kept(case, named)
-    )
-    again = CliRunner().invoke(closed_loop.main, arguments)
-    assert again.exit_code == 0, again.output
-    assert len(made) == 1
-    assert table.read_text(encoding="utf-8") == text
-
-
-def test_the_benchmark_names_what_did_not_work() -> None:
-    found = Metrics(
-        *(False, "gave up", "3 mm too far", 3e-3, 0.0, 0.0, 100.0, 3, 2, 5.0, 1, 0), forced_s=1.0
-    )
-    text = closed_loop.table({Case("optimal", "arc", "hard", "paper-1", 4): found})
-    assert "| this package | exact arcs | hard | 0 of 1 |" in text
-    assert "- optimal, arc, paper-1, seed 4: gave up: 3 mm too far" in text
-    assert "transitions that no plan asked for: 1." in text
-
-
-def test_the_benchmark_asks_for_two_hundred_runs_of_each() -> None:
-    cases = list(closed_loop.cases("moderate", 8, ["optimal"], ["arc"]))
-    assert len(set(cases)) == 200
-    assert {case.problem for case in cases} == set(closed_loop.problems())

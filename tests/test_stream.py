@@ -61,7 +61,8 @@ def assert_off(firmware: SimulatedFirmware) -> None:
     """The last commands are stops, as many as promised."""
     firmware.receive()
     last = firmware.received[-STOPS:]
-    assert [(item.wheel_rad_s, item.heated) for item in last] == [((0.0,) * 4, (0, 0))] * STOPS
+    assert len(last) == STOPS
+    assert not any(any(item.wheel_rad_s) or any(item.heated) for item in last)
 
 
 # --- wheel commands ------------------------------------------------------------------------------
@@ -91,7 +92,7 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
 # --- to the end ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["paper-1", "paper-2"])
+@pytest.mark.parametrize("scenario", ["paper-1", "paper-2", "three-segments"])
 def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
     planned: Planned, connect: Connected, scenario: str
 ) -> None:
@@ -106,7 +107,7 @@ def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
         atol=5.001e-4,  # three decimals
     )
     assert [drive.mode for drive in drives] == [phase.mode for phase in plan.phases]
-    assert [segment.soft for segment in firmware.segments] == [False, False]
+    assert not any(segment.soft for segment in firmware.segments)
     assert_off(firmware)
 
 

@@ -363,7 +363,7 @@ def test_a_thermal_transition_moved_alone_only_widens_its_window_or_is_found(
 
 
 def test_two_heaters_on_at_once_are_named_where_one_is_allowed(planned: Planned) -> None:
-    """A plan for one heater, its second one on for a while during the first one's spell."""
+    """A plan for one heater, its second one on for a while during the first one's dwell."""
     case = case_of(planned("paper-1", heaters_at_once=1))
     assert case.check().problems == ()
     current = case.samples.heater_current_A

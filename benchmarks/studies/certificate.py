@@ -90,7 +90,7 @@ class Certificate(PlanStudy):
         problem = self.named[case.problem]
         problem = problem.with_values(robot=thermally_faster(problem.robot, case.times_faster))
         problem = problem.with_values(max_phases=self.phases, gap=self.gap)
-        bound, best = np.array(list(_brute_force(problem, self.starts))).T
+        bound, best = np.reshape(list(_brute_force(problem, self.starts)), (-1, 2)).T
         solved = np.isfinite(best)
         return CertificateRecord(
             sequences=len(bound),

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.robot.modes import Mode, is_rigid, named_segments, soft_segments
+from twosra_mpc.robot.modes import named, soft_segments
 
 Kind = Literal["drive", "bend", "heat", "melt", "cool", "freeze", "wait"]
 
@@ -37,20 +37,17 @@ class Activity:
         kind: A motion phase ("drive": rigid, "bend": soft), the heating before a melt and the
             cooling before a freeze, during which the robot may still move, the melt and the freeze
             themselves, during which it may not, or "wait".
-        mode: 1 for each segment it is about; none for driving and waiting.
+        segments: The segments it is about, counted from 1.
+        of: Number of segments of the robot.
         start_s: When it begins [s].
         end_s: When it ends [s].
     """
 
     kind: Kind
-    mode: Mode
+    segments: tuple[int, ...]
+    of: int
     start_s: float
     end_s: float
-
-    @property
-    def segments(self) -> tuple[int, ...]:
-        """The segments it is about, counted from 1."""
-        return tuple(j + 1 for j in soft_segments(self.mode))
 
     @property
     def duration_s(self) -> float:
@@ -58,8 +55,12 @@ class Activity:
         return self.end_s - self.start_s
 
     def __str__(self) -> str:
-        verb = _VERB[self.kind]
-        return verb if is_rigid(self.mode) else f"{verb} {named_segments(self.mode)}"
+        return f"{_VERB[self.kind]} {self.about}".rstrip()
+
+    @property
+    def about(self) -> str:
+        """The segments by name; nothing without any."""
+        return named("segment", self.segments, self.of) if self.segments else ""
 
 
 class Hidden(NamedTuple):
@@ -112,13 +113,13 @@ def in_words(path: Sequence[Activity]) -> tuple[tuple[float, str], ...]:
     told: list[tuple[float, str]] = []
     lead: Activity | None = None
     for item in path:
-        prepared = lead is not None and lead.mode == item.mode
+        prepared = lead is not None and lead.segments == item.segments
         if lead is not None and prepared and item.kind in ("melt", "freeze"):
             moving = f"{lead.duration_s:.1f} s of it while the robot may still move"
             told[-1] = (lead.duration_s + item.duration_s, f"{item} ({moving})")
         elif item.kind == "melt":
-            state = "are molten" if sum(item.mode) > 1 else "is molten"
-            told.append((item.duration_s, f"until {named_segments(item.mode)} {state}"))
+            state = "is molten" if len(item.segments) == 1 else "are molten"
+            told.append((item.duration_s, f"until {item.about} {state}"))
         else:
             told.append((item.duration_s, str(item)))
         lead = item if item.kind in ("heat", "cool") else None
@@ -128,9 +129,10 @@ def in_words(path: Sequence[Activity]) -> tuple[tuple[float, str], ...]:
 def activities(made: Plan) -> list[Activity]:
     """Return everything that takes time in ``made``; what segments do together as one."""
     found: list[Activity] = []
+    count = made.robot.geometry.segments
     for mode, start, end in made.phases:
-        found.append(Activity("drive" if is_rigid(mode) else "bend", mode, start, end))
-    count = made.robot.coordinates.segments
+        segments = tuple(j + 1 for j in soft_segments(mode))
+        found.append(Activity("bend" if segments else "drive", segments, count, start, end))
     for item in made.transitions:
         lead: Kind = "heat" if item.to == "soft" else "cool"
         plateau: Kind = "melt" if item.to == "soft" else "freeze"
@@ -138,13 +140,13 @@ def activities(made: Plan) -> list[Activity]:
             (lead, item.heater_s, item.onset_s),
             (plateau, item.onset_s, item.done_s),
         ):
-            mode = tuple(int(j == item.segment - 1) for j in range(count))
             twin = _twin(found, kind, start, end)
             if twin is not None:
                 found.remove(twin)
-                start, end = twin.start_s, twin.end_s
-                mode = tuple(max(pair) for pair in zip(mode, twin.mode, strict=True))
-            found.append(Activity(kind, mode, start, end))
+                together = tuple(sorted((*twin.segments, item.segment)))
+                found.append(replace(twin, segments=together))
+            else:
+                found.append(Activity(kind, (item.segment,), count, start, end))
     return [item for item in found if item.duration_s > _SAME_S / 10]
 
 
@@ -174,7 +176,7 @@ def _best(chains: Sequence[_Chain], end_s: float) -> _Chain:
         return min(touching, key=lambda one: (round(one.wait_s, 4), _RANK[one.activities[-1].kind]))
     earlier = [chain for chain in chains if chain.end_s < end_s]
     last = max(earlier, key=lambda one: one.end_s, default=_Chain(0.0, ()))
-    wait = Activity("wait", (), last.end_s, end_s)
+    wait = Activity("wait", (), 0, last.end_s, end_s)
     return _Chain(last.wait_s + wait.duration_s, (*last.activities, wait))
 
 

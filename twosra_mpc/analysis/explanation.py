@@ -22,7 +22,7 @@ from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import bending_task, plan, plan_without
 from twosra_mpc.planning.search.bounds import unreachable_reason
-from twosra_mpc.plans.ending import Ending
+from twosra_mpc.planning.search.branch_and_bound import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
@@ -184,9 +184,9 @@ def _why(made: Plan) -> Iterator[str]:
     if not made.transitions:
         yield "no segment has to bend, so nothing is melted"
     for item in critical_path(made):
-        if item.kind in ("melt", "freeze") and (count := len(item.segments)) > 1:
-            often = "twice" if count == 2 else f"{count} times"
-            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {often}"
+        if item.kind in ("melt", "freeze") and len(item.segments) > 1:
+            times = ("twice", "three times", "four times")[len(item.segments) - 2]
+            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {times}"
     yield f"the robot moves for {made.moving_s:.1f} s of {made.cost.time_s:.1f} s"
     if made.lower_bound is not None:
         yield f"proved: no plan whatever costs less than {made.lower_bound:.2f} s"

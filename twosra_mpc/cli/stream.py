@@ -14,7 +14,7 @@ from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.port import Port, open_serial_port
-from twosra_mpc.execution.serial.robot import RATE_HZ, check_command_rate
+from twosra_mpc.execution.serial.robot import RATE_HZ
 from twosra_mpc.execution.serial.stream import (
     Confirm,
     StreamError,
@@ -85,7 +85,6 @@ def stream_command(
     if (port is None) != dry_run:
         given = "both" if dry_run else "neither"
         raise InputError("port or dry-run", given, "a --port, or --dry-run without one")
-    check_command_rate(rate_Hz)
     loaded = load_plan(plan).require()
     check_sendable(loaded)
     if port is None:

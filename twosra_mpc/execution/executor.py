@@ -46,13 +46,12 @@ class ExecutorSettings:
     dead_zone_rad_s: float = 0.0
 
 
+@dataclass(frozen=True)
 class Executor:
     """Runs plans on a robot: by events, with a camera, planning again where it must."""
 
-    def __init__(self, robot: RobotInterface, settings: ExecutorSettings | None = None) -> None:
-        """Make ready to drive a robot."""
-        self.robot, self.settings = robot, settings or ExecutorSettings()
-        self._tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
+    robot: RobotInterface
+    settings: ExecutorSettings = field(default_factory=ExecutorSettings)
 
     def run(self, plan: Plan) -> Run:
         """Run a plan; the robot must be where it starts.
@@ -64,16 +63,15 @@ class Executor:
         if plan.robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
-        return _Execution(self.robot, self._tracker, self.settings, plan).run()
+        return _Execution(self.robot, self.settings, plan).run()
 
 
 class _Execution:
     """One run of the executor."""
 
-    def __init__(
-        self, robot: RobotInterface, tracker: Tracker, settings: ExecutorSettings, plan: Plan
-    ) -> None:
-        self.settings, self.tracker, self.problem = settings, tracker, plan.problem
+    def __init__(self, robot: RobotInterface, settings: ExecutorSettings, plan: Plan) -> None:
+        self.settings, self.problem = settings, plan.problem
+        self.tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
         self.session = Session(robot, plan.problem)
         self.plans, self.begun = [plan], [0]
         self.broken: set[int] = set()

@@ -1,67 +1,61 @@
-"""Running a plan without a camera: by its own times, or by reports of temperatures."""
+"""By what a plan is run, if not by a camera: reports of temperatures, or its own times."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
 from twosra_mpc.robot.modes import Mode
+
+if TYPE_CHECKING:
+    from twosra_mpc.execution.runner import Abort, PlanRunner
 
 Array = NDArray[np.float64]
 
 _WHOLE = 1e-9  # rounding of a number of periods
 
 
-class ByClock:
-    """Heaters and phases at the plan's own times, for a robot that reports nothing."""
-
-    def setpoint_C(self, run: PlanRunner) -> Array:
-        """Set-points in force at the plan's time, (n,)."""
-        setpoints: Array = run.plan.trajectory.at([run.clock_s]).heater_setpoint_C[0]
-        return setpoints
-
-    def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
-        """Whether it is time."""
-        return run.clock_s >= planned_s - SAME_TIME_S
-
-    def drive(self, run: PlanRunner, index: int) -> Abort | None:
-        """Turn the wheels as planned."""
-        return _turn_wheels(run, index)
-
-
 class ByReports:
-    """Heaters by events, phases when the reports confirm what they need.
+    """Heaters by events, phases when the reports confirm what they need, wheels as planned.
 
     A melt is not let begin before the phases are done that need the segment rigid, and a heater
     goes off when the last phase is done that needs the segment soft.
     """
 
     def setpoint_C(self, run: PlanRunner) -> Array:
-        """Set-points by progress, (n,)."""
+        """Set-points of the plan now, (n,)."""
         return run.schedule.setpoints(run.progress)
 
     def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
-        """Whether every segment is reported to be what the mode needs, early or late."""
+        """Whether the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
         return run.session.mode == mode
 
     def drive(self, run: PlanRunner, index: int) -> Abort | None:
-        """Turn the wheels as planned; stand while a segment is not as it must be."""
-        return _turn_wheels(run, index)
+        """Drive a phase of the plan, and stand while a segment is not as it must be."""
+        phase, session = run.plan.phases[index], run.session
+        for order in wheel_commands(run.plan.trajectory, phase, session.robot.camera.rate_Hz):
+            if (left := run.wait_for(phase.mode, order.start_s, held=phase.mode)) is not None:
+                return left
+            session.drive(phase.mode, order.wheel_rad_s, run.setpoint_C, run.planned)
+            run.clock_s = order.end_s
+        return None
 
 
-def _turn_wheels(run: PlanRunner, index: int) -> Abort | None:
-    phase, session = run.plan.phases[index], run.session
-    for order in wheel_commands(run.plan.trajectory, phase, session.robot.camera.rate_Hz):
-        if (left := run.wait_for(phase.mode, order.start_s, held=phase.mode)) is not None:
-            return left
-        session.drive(phase.mode, order.wheel_rad_s, run.setpoint_C, run.planned)
-        run.clock_s = order.end_s
-    return None
+class ByClock(ByReports):
+    """Heaters and phases at the plan's own times, for a robot that reports nothing."""
+
+    def setpoint_C(self, run: PlanRunner) -> Array:
+        """Set-points in force at the plan's time, (n,)."""
+        setpoints: Array = run.plan.trajectory.heater_setpoint_C([run.clock_s])[0]
+        return setpoints
+
+    def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
+        """Whether it is time."""
+        return run.clock_s >= planned_s - SAME_TIME_S
 
 
 class WheelCommand(NamedTuple):

@@ -10,6 +10,8 @@ resting robot is looked at.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,12 +34,12 @@ LEFT, KEPT = 0.3, 0.65  # of the accuracy: errors that a mode leaves, and that n
 STAGNATED = 0.02  # of the accuracy: a mode that moves less per measurement is done
 
 
+@dataclass(frozen=True)
 class GreedyExecutor:
     """Drives a robot to a goal by the greedy rule alone; there is no plan."""
 
-    def __init__(self, robot: RobotInterface, settings: ExecutorSettings | None = None) -> None:
-        """Make ready to drive a robot."""
-        self.robot, self.settings = robot, settings or ExecutorSettings()
+    robot: RobotInterface
+    settings: ExecutorSettings = field(default_factory=ExecutorSettings)
 
     def run(self, problem: Problem) -> Run:
         """Drive to the goal; the robot must be where the problem starts.

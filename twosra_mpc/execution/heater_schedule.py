@@ -8,6 +8,7 @@ the segment must be soft is done, not at a time.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -50,11 +51,14 @@ class HeaterSchedule:
 
     Attributes:
         plan: The plan.
-        warm_C: Set-point at which a segment is kept warm, surely solid.
     """
 
     plan: Plan
-    warm_C: float
+
+    @cached_property
+    def warm_C(self) -> float:
+        """Set-point at which a segment is kept warm, surely solid."""
+        return warm_setpoint_C(self.plan.problem)
 
     def setpoints(self, now: Progress) -> Array:
         """Set-points of the segments [C], (n,)."""
@@ -109,11 +113,6 @@ class HeaterSchedule:
 
 def _reached(now: Progress, time_s: float) -> bool:
     return now.clock_s >= time_s - SAME_TIME_S
-
-
-def heater_schedule(plan: Plan) -> HeaterSchedule:
-    """Build the schedule of a plan."""
-    return HeaterSchedule(plan, warm_setpoint_C(plan.problem))
 
 
 def warm_setpoint_C(problem: Problem) -> float:

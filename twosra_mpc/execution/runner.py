@@ -1,19 +1,20 @@
 """The one runner of plans: it waits for each phase, has it driven, and says why it cannot go on.
 
 The plan's clock stands at a phase's start until the feedback lets the phase begin, and jumps there
-if that is early. What the feedback is, the plan's own times, reports of temperatures or a camera,
-decides nothing else.
+if that is early. The feedback decides what a phase waits for, which heaters are on and how it is
+driven.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress, heater_schedule
+from twosra_mpc.execution.feedback import ByReports
+from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress
 from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.session import Session
@@ -44,19 +45,6 @@ class Abort(NamedTuple):
     stiff: bool = False
 
 
-class Feedback(Protocol):
-    """By what a plan is run."""
-
-    def setpoint_C(self, run: PlanRunner) -> Array:
-        """Set-points of the plan now, (n,)."""
-
-    def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
-        """Whether the robot may drive in ``mode``, planned from ``planned_s`` on."""
-
-    def drive(self, run: PlanRunner, index: int) -> Abort | None:
-        """Drive a phase of the plan; the robot is in its mode."""
-
-
 class PlanRunner:
     """One plan on its way; ``follow`` may be called once.
 
@@ -73,14 +61,14 @@ class PlanRunner:
         self,
         session: Session,
         plan: Plan,
-        feedback: Feedback,
+        feedback: ByReports,
         patience: Patience,
         longest_s: float = math.inf,
     ) -> None:
         """Make ready to run a plan that starts where the robot is, until ``longest_s``."""
         self.session, self.plan, self.feedback = session, plan, feedback
         self.patience, self.longest_s = patience, longest_s
-        self.schedule: HeaterSchedule = heater_schedule(plan)
+        self.schedule = HeaterSchedule(plan)
         self.clock_s = 0.0
         self.driven: list[Drive] = []
         self._planned = -1.0, np.empty(0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,19 +35,6 @@ _CODES: dict[KnownStiffness | None, float] = {
     **{"rigid": 0.0, "changing": CHANGING, "soft": 1.0},
     None: np.nan,
 }
-
-
-class _Row(NamedTuple):
-    """One row of the log, in the order of its columns."""
-
-    time_s: float
-    q: Array
-    measured: Array
-    planned: Array
-    temperature_C: tuple[float, ...]
-    stiffness: tuple[float, ...]
-    setpoint_C: Array
-    wheel_rad_s: Array
 
 
 class Session:
@@ -91,7 +78,7 @@ class Session:
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
         self._planned = self._unknown
-        self._rows: list[_Row] = []
+        self._rows: list[tuple[object, ...]] = []  # in the order of the log's columns
 
     @property
     def now_s(self) -> float:
@@ -248,15 +235,7 @@ class Session:
 
     def _note(self, wheels: Array, setpoint_C: Array, planned: Array) -> None:
         reading = self.reading
-        self._rows.append(
-            _Row(
-                time_s=reading.time_s,
-                q=self.q,
-                measured=reading.frames.mean(axis=0) if len(reading.frames) else self._unknown,
-                planned=planned,
-                temperature_C=reading.temperature_C,
-                stiffness=tuple(_CODES[now] for now in reading.stiffness),
-                setpoint_C=setpoint_C,
-                wheel_rad_s=wheels,
-            )
-        )
+        seen = reading.frames.mean(axis=0) if len(reading.frames) else self._unknown
+        stiffness = tuple(_CODES[now] for now in reading.stiffness)
+        known = (reading.time_s, self.q, seen, planned, reading.temperature_C, stiffness)
+        self._rows.append((*known, setpoint_C, wheels))

@@ -22,6 +22,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.schema import describe
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,6 @@ TABLES = {  # topic -> what it says, how the names of its columns begin
     "/temperatures": ("Expected temperatures and melt fractions", ("temperature", "melt")),
 }
 TOPICS = (SCENE, FRAMES, *TABLES)
-_UNITS = {"_rad_s": "rad/s", "_rad": "rad", "_per_m": "1/m", "_m": "m", "_A": "A", "_C": "°C"}
 
 
 def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
@@ -105,15 +105,10 @@ def _schema(topic: str, names: Iterable[str]) -> dict[str, Any]:
         "title": f"twosra.{topic.removeprefix('/').capitalize()}",
         "description": TABLES[topic][0],
         "type": "object",
-        "properties": {name: {"type": "number", "description": _unit(name)} for name in names},
+        "properties": {name: {"type": "number", "description": describe(name)} for name in names},
         "required": list(names),
         "additionalProperties": False,
     }
-
-
-def _unit(name: str) -> str:
-    given = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), None)
-    return given or ("1 soft, 0 rigid" if name.startswith("mode") else "0 solid, 1 liquid")
 
 
 def _metadata(plan: Plan) -> dict[str, str]:

@@ -5,7 +5,6 @@ Needs no display and leaves ``rcParams`` alone.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import NDArray
 
 from twosra_mpc.control.controller import StiffnessController
 from twosra_mpc.control.heater_loop import HeaterRun
 from twosra_mpc.plotting.figure_file import styled_figure
-from twosra_mpc.plotting.style import BESIDE, CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR
+from twosra_mpc.plotting.style import BESIDE, CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR, STATES
+from twosra_mpc.plotting.timeline import draw_stiffness, intervals_of
 from twosra_mpc.thermal.model import thresholds_C
 
 SIZE_IN = (10.0, 6.6)
 TRUE_COLOUR, MEASURED_COLOUR, CURRENT_COLOUR = "#222222", "#12997c", "#5d4037"
-BARS: dict[str, dict[str, Any]] = {
-    "soft": {"fc": SOFT_COLOUR, "lw": 0},
-    "changing": {"fc": CHANGING_COLOUR, "ec": "white", "lw": 0, "hatch": "////"},
-    "rigid": {"fc": RIGID_COLOUR, "lw": 0},
-}
 
 
 def plot_heater(
@@ -63,21 +57,15 @@ def plot_heater(
 def _draw_stiffness(ax: Axes, run: HeaterRun) -> None:
     """A bar for the set-point, and one for what the controller reports."""
     asked = np.where(run.soft_setpoint, "soft", "rigid")
-    for row, states in ((1.0, asked), (0.0, run.stiffness)):
-        for low, high, state in _spans(run.time_s, states):
-            ax.barh(row, high - low, 0.62, low, **BARS[state])
+    reported = np.where(run.stiffness == "changing", "melting", run.stiffness)
+    draw_stiffness(ax, [intervals_of(run.time_s, states) for states in (asked, reported)], 0.62)
     ax.set(ylim=(-0.5, 1.5), yticks=(0, 1), yticklabels=("reported", "set-point"))
     ax.tick_params(axis="y", length=0)
     ax.spines[:].set_visible(False)
     ax.tick_params(axis="x", length=0)
-    ax.legend(handles=[Patch(label=state, **look) for state, look in BARS.items()], **BESIDE)
-
-
-def _spans(time_s: NDArray[np.float64], states: NDArray[np.str_]) -> list[tuple[float, float, str]]:
-    """(from, to, state) of every run of equal states [s]."""
-    changes = np.flatnonzero(states[1:] != states[:-1]) + 1
-    edges = [0, *changes.tolist(), len(states) - 1]
-    return [(float(time_s[i]), float(time_s[j]), str(states[i])) for i, j in pairwise(edges)]
+    looks = {"soft": "soft", "changing": "melting", "rigid": "rigid"}
+    handles = [Patch(label=name, **STATES[look]) for name, look in looks.items()]
+    ax.legend(handles=handles, **BESIDE)
 
 
 def _draw_temperature(ax: Axes, run: HeaterRun, controller: StiffnessController) -> None:

@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.identification.path_fitting import (
     CARDIOID_BEND_RAD,
     SPIRAL_BENDS_RAD,
     Case,
     PathCurves,
-    exact_path,
     path_curves,
 )
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plotting import plane
 from twosra_mpc.plotting.figure_file import styled_figure
 from twosra_mpc.plotting.style import METAL_COLOUR, RIGID_COLOUR, SOFT_COLOUR, UNIT_COLOUR
 from twosra_mpc.robot.description import Robot
@@ -50,22 +50,10 @@ CURVES: dict[str, dict[str, Any]] = {
     "cardioid": {"c": "#e07b00", "lw": 2.6, "ls": (0, (0.1, 1.6)), "zorder": 6},
 }
 CURVES["cardioid"]["dash_capstyle"] = "round"
-UNIT: dict[str, Any] = {
-    "ls": "",
-    "marker": "s",
-    "ms": 8.0,
-    "mfc": UNIT_COLOUR,
-    "mec": METAL_COLOUR,
-    "zorder": 7,
-}
-HELD: dict[str, Any] = {
-    "ls": "",
-    "marker": "o",
-    "ms": 5.0,
-    "mfc": "white",
-    "mec": "#222222",
-    "zorder": 8,
-}
+UNIT: dict[str, Any] = {"ls": "", "marker": "s", "ms": 8.0, "mfc": UNIT_COLOUR, "zorder": 7}
+UNIT["mec"] = METAL_COLOUR
+HELD: dict[str, Any] = {"ls": "", "marker": "o", "ms": 5.0, "mfc": "white", "zorder": 8}
+HELD["mec"] = "#222222"
 CENTRE: dict[str, Any] = {"ls": "", "marker": "+", "ms": 7.0, "mew": 1.6, "zorder": 9}
 
 
@@ -80,9 +68,12 @@ def plot_paths(
         alpha_max: Largest bending angle the cardioids are fitted to [rad].
 
     Raises:
-        InputError: If a fit fails, matplotlib cannot write such a file, or the folder cannot be
-            written.
+        InputError: If the robot has not two segments, a fit fails, matplotlib cannot write such a
+            file, or the folder cannot be written.
     """
+    if robot.geometry.segments != 2:
+        allowed = "2: spirals and cardioids are the paths of units with two segments between them"
+        raise InputError("segments", robot.geometry.segments, allowed)
     with styled_figure(SIZE_IN, path) as figure:
         curves = path_curves(robot.geometry, alpha_max)
         figure.suptitle(_title(robot), wrap=True)
@@ -142,14 +133,11 @@ def held_pose(geometry: Geometry, case: Case, alpha: float) -> Array:
     LU1 moves; the soft segments bend by ``alpha`` [rad]. In case I the middle link is held, with
     segment 1's root at the origin; in II and III the end of segment 2 is, heading along x.
     """
-    length, half_link = geometry.lengths_m[0], geometry.middle_link_m / 2
-    kappa = np.array(MODES[case]) * alpha / length
-    if case == "I":
-        return np.array([half_link, 0.0, 0.0, *kappa])
-    reach, rise = exact_path("I", geometry, alpha)[0] * (-1, 1)
-    c, s = np.cos(alpha), np.sin(alpha)  # b0 is turned by -alpha
-    x, y = c * (half_link + reach) + s * rise, c * rise - s * (half_link + reach)
-    return np.array([-x, -y, -alpha, *kappa])
+    kappa = np.array(MODES[case]) * alpha / geometry.lengths_m[0]
+    held = robot_shape(geometry, [0.0, 0.0, 0.0, *kappa], 2).ends[1]
+    x, y, angle = (-geometry.half_link_m, 0.0, 0.0) if case == "I" else held
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([-c * x - s * y, s * x - c * y, -angle, *kappa])
 
 
 def _draw_fibre(ax: Axes, geometry: Geometry, case: Case, alpha: float) -> Array:
@@ -165,23 +153,21 @@ def _draw_fibre(ax: Axes, geometry: Geometry, case: Case, alpha: float) -> Array
     return end
 
 
-def _pale(colour: str) -> tuple[float, ...]:
+def _pale(colour: str) -> str:
     """Mix with white, so that fibres that cross do not darken each other."""
-    return tuple(PALE + (1 - PALE) * part for part in to_rgb(colour))
+    red, green, blue = (PALE + (1 - PALE) * part for part in to_rgb(colour))
+    return to_hex((red, green, blue))
 
 
 def _legend(figure: Figure, alpha_max: float) -> None:
     ranges = {"cardioid": rf"cardioid, $\alpha \leq {np.degrees(alpha_max):.3g}°$"}
     entries = {ranges.get(name, name): Line2D([], [], **look) for name, look in CURVES.items()}
     entries |= {
-        "soft segment": Line2D([], [], c=_pale(SOFT_COLOUR), lw=3.2),
-        "rigid segment": Line2D([], [], c=_pale(RIGID_COLOUR), lw=3.2),
+        "soft segment": plane.line(_pale(SOFT_COLOUR), 3.2),
+        "rigid segment": plane.line(_pale(RIGID_COLOUR), 3.2),
         "moving LU": Line2D([], [], **UNIT | {"ms": 6}),
         "held end": Line2D([], [], **HELD),
     }
     colours = [CURVES[name]["c"] for name in ("logarithmic spiral", "cardioid")]
     centres = tuple(Line2D([], [], **CENTRE, mec=colour) for colour in colours)
-    handles: list[Any] = [*entries.values(), centres]
-    names = [*entries, "centre of spiral, cusp of cardioid"]
-    style: dict[str, Any] = {"ncols": 4, "handler_map": {tuple: HandlerTuple(ndivide=None)}}
-    figure.legend(handles, names, loc="outside lower center", **style)
+    plane.legend_below(figure, {**entries, "centre of spiral, cusp of cardioid": centres}, 4)

@@ -13,7 +13,7 @@ from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stif
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
 from twosra_mpc.plotting.time_axis import TimeStretch
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import is_rigid, mode_name, named_segments
+from twosra_mpc.robot.modes import is_rigid, mode_name, named
 
 Array = NDArray[np.float64]
 
@@ -63,14 +63,14 @@ class Playback:
                 return f"{verb} in mode {mode_name(phase.mode)}"
         states = self.states(row)
         changing = [
-            f"{_named('segment', [state == what for state in states])} {what}"
+            _all("segment", [state == what for state in states], what)
             for what in dict.fromkeys(states)
             if what in CHANGING
         ]
         if changing:
             return " and ".join(changing)
         if self.heated[row].any():
-            return f"{_named('heater', self.heated[row].tolist())} on"
+            return _all("heater", self.heated[row].tolist(), "on")
         return "cooling" if "soft" in states else "waiting"
 
 
@@ -103,7 +103,7 @@ def places_s(stretch: TimeStretch) -> Array:
     return stretch.inverse(np.linspace(0.0, 1.0, PLACES))
 
 
-def _named(what: str, chosen: Sequence[bool]) -> str:
-    """For example: segment 2 is, both segments are, heaters 1 and 3 are."""
-    verb = "is" if sum(chosen) == 1 else "are"
-    return f"{named_segments(tuple(map(int, chosen)), what)} {verb}"
+def _all(what: str, flags: Sequence[bool], state: str) -> str:
+    """Say of those whose flag is set what they are."""
+    chosen = [number for number, flag in enumerate(flags, start=1) if flag]
+    return f"{named(what, chosen, len(flags))} {'is' if len(chosen) == 1 else 'are'} {state}"

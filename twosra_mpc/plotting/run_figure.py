@@ -6,7 +6,6 @@ Needs no display and leaves ``rcParams`` alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from twosra_mpc.execution.run import CHANGING, Run, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.stiffness import Interval, State
+from twosra_mpc.plans.stiffness import Interval
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import plane
 from twosra_mpc.plotting.figure_file import styled_figure
@@ -38,6 +37,7 @@ from twosra_mpc.plotting.time_axis import TimeStretch
 from twosra_mpc.plotting.timeline import (
     draw_stiffness,
     finished,
+    intervals_of,
     mark_melting,
     name_phases,
     state_handles,
@@ -199,16 +199,7 @@ def reported_states(run: Run) -> tuple[tuple[Interval, ...], ...]:
     asked = np.where(log.setpoint_C >= heater.soft_setpoint_C, "melting", "freezing")
     still = np.where(log.stiffness > CHANGING, "soft", "rigid")
     states = np.where(log.stiffness == CHANGING, asked, still)
-    return tuple(_intervals(log.time_s.tolist(), column.tolist()) for column in states.T)
-
-
-def _intervals(time_s: Sequence[float], states: Sequence[State]) -> tuple[Interval, ...]:
-    """Runs of one state; the last row only says when the run ended."""
-    begins = [0, *(i for i in range(1, len(states) - 1) if states[i] != states[i - 1])]
-    ends = [*begins[1:], len(states) - 1]
-    return tuple(
-        Interval(time_s[i], time_s[j], states[i]) for i, j in zip(begins, ends, strict=True)
-    )
+    return tuple(intervals_of(log.time_s, column) for column in states.T)
 
 
 def _draw_states(ax: Axes, run: Run) -> None:

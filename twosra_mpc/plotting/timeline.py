@@ -7,6 +7,7 @@ take a plan raise NoPlanError if there is none.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -65,6 +66,13 @@ def draw_stiffness(ax: Axes, intervals: Sequence[Sequence[Interval]], height: fl
     names = [f"segment {number}" for number in range(len(intervals), 0, -1)]
     ax.set_yticks(range(len(intervals)), names)
     return ax
+
+
+def intervals_of(time_s: Array, states: NDArray[Any]) -> tuple[Interval, ...]:
+    """Intervals in which a row's state is that of the rows before; the last row only ends one."""
+    changes = np.flatnonzero(states[1:-1] != states[:-2]) + 1
+    edges, times, names = [0, *changes.tolist(), len(states) - 1], time_s.tolist(), states.tolist()
+    return tuple(Interval(times[i], times[j], names[i]) for i, j in pairwise(edges))
 
 
 def draw_motion(ax: Axes, plan: Plan) -> Axes:

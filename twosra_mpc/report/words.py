@@ -11,25 +11,9 @@ from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.schema import describe
 from twosra_mpc.timing import transition_model
 
-_UNITS = {  # ending of a limit's name -> unit, longest first
-    "_rad_s": "rad/s",
-    "_m_s": "m/s",
-    "_per_m": "1/m",
-    "_m": "m",
-    "_C": "°C",
-    "_A": "A",
-}
-_LIMITS = {  # name of a limit in a plan file -> what it is
-    "wheel_speed_rad_s": "wheel speed",
-    "unit_speed_m_s": "speed of a unit while bending",
-    "curvature_per_m": "curvature",
-    "temperature_max_C": "temperature",
-    "heater_current_A": "heater current",
-    "unit_gap_m": "gap between the units",
-    "wheel_independence": "independence of the wheels",
-}
 _NONE = "\N{EN DASH}"
 _COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
@@ -172,9 +156,7 @@ def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
     }
     rows = []
     for name, margin in check.limits.items():
-        unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
-        bound = f"{limits[name]:g} {unit}".strip() if name in limits else _NONE
-        least = "at least" if name in ("unit_gap_m", "wheel_independence") else "at most"
-        left = f"{margin:.3g} {unit}".strip() if margin else "0: used in full"
-        rows.append(LimitRow(_LIMITS.get(name, name), f"{least} {bound}", left))
+        bound = f"{limits[name]:g}" if name in limits else _NONE
+        left = f"{margin:.3g}" if margin else "0: used in full"
+        rows.append(LimitRow(describe(name), bound, left))
     return rows

@@ -6,6 +6,7 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -151,6 +152,7 @@ def _listed_segments(listed: list[Any], geometry: dict[str, Any]) -> dict[str, A
     return {"geometry": lengthened, "segment": None, "segments": own}
 
 
+@lru_cache(maxsize=64)
 def segment_model(robot: Robot, ambient_C: float, segment: int) -> SegmentModel:
     """Build the thermal model of a segment (from 0) of a robot.
 

@@ -37,16 +37,6 @@ def soft_segments(mode: Mode) -> tuple[int, ...]:
     return tuple(j for j, soft in enumerate(mode) if soft)
 
 
-def named_segments(mode: Mode, what: str = "segment") -> str:
-    """Name the segments that are 1: "segment 2", "both segments", "segments 1 and 3"."""
-    numbers = [str(j + 1) for j in soft_segments(mode)]
-    if len(numbers) == 1:
-        return f"{what} {numbers[0]}"
-    if len(numbers) == len(mode):
-        return f"{'both' if len(mode) == 2 else 'all'} {what}s"
-    return f"{what}s {', '.join(numbers[:-1])} and {numbers[-1]}"
-
-
 # The modes of the two-segment agent, for what knows no other robot: the paper and its greedy rule.
 MODES: tuple[Mode, ...] = all_modes(2)
 RIGID, SOFT_2, SOFT_1, SOFT_BOTH = MODES
@@ -60,3 +50,13 @@ def mode_name(mode: Mode) -> str:
 def sequence_name(sequence: Sequence[Mode]) -> str:
     """Name a mode sequence, e.g. ``[0,0] > [1,0]``."""
     return " > ".join(mode_name(mode) for mode in sequence) or "(no phase)"
+
+
+def named(what: str, chosen: Sequence[int], of: int) -> str:
+    """Name one or several of so many, counted from 1: segment 2, both segments, heaters 1 and 3."""
+    numbers = [str(number) for number in chosen]
+    if len(numbers) == 1:
+        return f"{what} {numbers[0]}"
+    if len(numbers) == of:
+        return f"{'both' if of == 2 else 'all'} {what}s"
+    return f"{what}s {', '.join(numbers[:-1])} and {numbers[-1]}"

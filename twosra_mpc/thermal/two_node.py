@@ -117,8 +117,14 @@ class TwoNode:
         if away == 0.0:
             return 0.0
 
+        fast, slow = self._eigenvalues()
+        core, body = self._steady(current_A)
+        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
+        side = math.copysign(1, away)
+
         def excess(duration: float) -> float:
-            return (self.propagate(state, current_A, duration)[0] - level) * math.copysign(1, away)
+            left = c_fast * math.exp(fast * duration) + c_slow * math.exp(slow * duration)
+            return (core + left - level) * side
 
         turn = self._turning_time(state, current_A)
         for low, high in ((0.0, turn), (turn, _HORIZON_S)):

@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.thermal.model import SegmentModel, reference_times
@@ -38,7 +39,6 @@ class Windows(NamedTuple):
 EXACT = Windows(1.0, 1.0, 1.0, 1.0)
 
 
-@lru_cache(maxsize=32)
 def windows(
     model: SegmentModel,
     ranges: tuple[tuple[str, tuple[float, float]], ...],
@@ -60,12 +60,7 @@ def windows(
     """
     if quantile is None:
         return EXACT
-    rng = np.random.default_rng(_SEED)
-    reference, *times = (
-        reference_times(one, melt_current_A, soft_setpoint_C)
-        for one in (model, *(drawn(model, dict(ranges), rng) for _ in range(_DRAWS)))
-    )
-    ratios = np.array(times) / np.array(reference)
+    ratios = _ratios(model, ranges, melt_current_A, soft_setpoint_C)
     early = np.quantile(ratios, 1 - quantile, axis=0, method="lower")
     late = np.quantile(ratios, quantile, axis=0, method="higher")
     if not np.isfinite(late).all():
@@ -78,6 +73,23 @@ def windows(
         freeze_early=min(1.0, float(early[2])),
         freeze_late=max(1.0, float(late[3])),
     )
+
+
+@lru_cache(maxsize=32)
+def _ratios(
+    model: SegmentModel,
+    ranges: tuple[tuple[str, tuple[float, float]], ...],
+    melt_current_A: float,
+    soft_setpoint_C: float,
+) -> NDArray[np.float64]:
+    """Reference times of drawn models over those of the nominal one, (draws, 4)."""
+    rng = np.random.default_rng(_SEED)
+    reference, *times = (
+        reference_times(one, melt_current_A, soft_setpoint_C)
+        for one in (model, *(drawn(model, dict(ranges), rng) for _ in range(_DRAWS)))
+    )
+    ratios: NDArray[np.float64] = np.array(times) / np.array(reference)
+    return ratios
 
 
 def drawn(nominal: SegmentModel, ranges: Ranges, rng: np.random.Generator) -> SegmentModel:

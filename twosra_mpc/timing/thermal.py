@@ -72,7 +72,8 @@ class Thermal(TransitionModel):
         model = segment_model(problem.robot, problem.ambient, segment)
         solid_below_C, _ = problem.segment_thresholds_C[segment]
         warm = KeepWarm(solid_below_C - _KEEP_WARM_BELOW_C, problem.cost_weights.energy_s_per_J)
-        may_keep_warm = problem.heaters_at_once > 1  # a single heater may be needed elsewhere
+        # A heater that the segments share may be needed elsewhere.
+        may_keep_warm = problem.heaters_at_once == len(self.first)
         return HeatingPlan(
             model=model,
             melt_current_A=heater.melt_current_A,

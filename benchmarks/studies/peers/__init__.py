@@ -14,14 +14,13 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 from pydantic import TypeAdapter
 
-from benchmarks.measurement import PlanRecord, Timing
+from benchmarks.measurement import PlanRecord, Timing, facts
 from benchmarks.studies.peers.enumeration import Enumeration
 from benchmarks.studies.peers.integral_approximation import IntegralApproximation
 from benchmarks.studies.peers.minlp import TimeGridMinlp
-from benchmarks.studies.peers.motions import MISSED, Answer, Solve, judged
+from benchmarks.studies.peers.motions import Answer, Solve, judged
 from benchmarks.study import Measured, PlanStudy
-from twosra_mpc import Problem
-from twosra_mpc.planning.outcome import Verified
+from twosra_mpc import Plan, Problem
 
 OURS = "this package"
 _ROUNDING = 1e-6  # relative; costs closer than this are equal
@@ -149,18 +148,16 @@ def attempt(problem: Problem, peer: Peer) -> PlanRecord:
     return _record(answer, found, wall, cpu)
 
 
-def _record(answer: Answer, found: Verified | None, wall_s: float, cpu_s: float) -> PlanRecord:
-    """Write down an answer under the rules of our own plans; our sequence may rest in a phase."""
-    failure = MISSED if answer.motion else "no motion"
-    problems = found.verification.problems if found else (failure,)
+def _record(answer: Answer, plan: Plan | None, wall_s: float, cpu_s: float) -> PlanRecord:
+    """Write down an answer under the rules of our own plans."""
+    message = "; ".join(plan.verification.problems) if plan else "no motion"
+    if answer.motion and not plan:
+        message = "the motion misses the goal, takes a forbidden shape, or has no schedule"
     return PlanRecord(
         status=answer.status,
-        message="; ".join(problems),
+        message=message,
         success=answer.motion is not None,
-        verified=found is not None and found.verification.ok,
         stopped_early=False,
         timing=Timing(wall_s, (wall_s,), (cpu_s,)),
-        cost=found.cost.total if found else None,
-        sequence=answer.motion.sequence if answer.motion else (),
-        goal_error=max(map(abs, found.verification.goal_error)) if found else None,
+        **(facts(plan) if plan else {}),
     )

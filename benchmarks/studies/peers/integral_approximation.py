@@ -63,7 +63,7 @@ class IntegralApproximation(Value):
     stages: Count = 24
     max_switches: int = 3
     dwell_stages: Count = 2
-    milp_time_limit_s: Positive = 10.0
+    milp_time_limit_s: Positive = 60.0
 
     def prepared(self, problem: Problem) -> Solve:
         """Compile the programs; the answer is the polished motion of the one sequence found."""

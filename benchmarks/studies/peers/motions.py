@@ -10,19 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc import Problem
+from twosra_mpc import Plan, Problem
 from twosra_mpc.model.motion import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, improve, timed
 from twosra_mpc.planning.nlp.landing import available_inputs
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE
-from twosra_mpc.planning.outcome import Verified, verified
+from twosra_mpc.planning.outcome import verified
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
 
-MISSED = "the motion misses the goal, takes a forbidden shape, or has no schedule"
 INTERVALS = 5  # a phase; our planner's 10 take twice the time and gain nothing measurable here
 _FIRST_INPUT = 0.03  # scaled input displacement of every interval of a cold guess
 
@@ -42,7 +41,7 @@ def network_of(problem: Problem, sequence: ModeSequence) -> TemporalNetwork:
     return transition_model(problem).network(sequence, problem.goal.mode, [0.0] * len(sequence))
 
 
-def judged(problem: Problem, motion: Motion) -> Verified | None:
+def judged(problem: Problem, motion: Motion) -> Plan | None:
     """Schedule a motion as well as its sequence allows, sample it and verify the result.
 
     None if it misses the goal, takes a forbidden shape, or has no schedule.

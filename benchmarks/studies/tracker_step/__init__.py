@@ -153,7 +153,6 @@ class TrackerSteps(Study):
 
 def _record_steps(of: Plan, phase: int, setup: Setup, runs: int) -> list[Recorded]:
     """Drive the model in closed loop and keep what every step was given."""
-    assert of.samples is not None
     path, samples, h = of.phases[phase], of.samples, setup.period_s
     program = ProgramInPlace(tracking_program(setup), SolverSettings())
     selection = setup.outputs.selection

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -24,7 +25,6 @@ from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial.clock import Clock
 from twosra_mpc.execution.serial.firmware_lines import (
     HIGHEST_RATE_HZ,
-    Report,
     command,
     parse_report,
     stop_command,
@@ -44,6 +44,7 @@ STOPS, STOP_PAUSE_S = 5, 0.05  # a stop is sent so often: a line can lose a byte
 
 _STILL = np.zeros(WHEELS)
 _LONGEST_NAP_S = 0.1  # an interrupt waits no longer than this
+_LONGEST_REST_S = 0.2  # the follow-up robot reports once a second
 _SAME_TIME_S = 1e-6
 _MEDIAN_OF = 3  # reports: single ones can be far off
 
@@ -85,15 +86,16 @@ def connected(
         patience: How long to wait for what.
 
     Raises:
-        InputError: If the line does not carry the rate.
+        InputError: If the line does not carry the rate, or it is less than one a second.
         RobotError: If the line does not work any more.
     """
     camera = Camera(rate_Hz=rate_Hz) if poses is None else poses.camera
-    check_command_rate(camera.rate_Hz)
+    if not 1 <= camera.rate_Hz <= HIGHEST_RATE_HZ:
+        allowed = f"from 1 to {HIGHEST_RATE_HZ:g} Hz, which the line carries"
+        raise InputError("rate", camera.rate_Hz, allowed)
     with deferred_interrupts() as interrupts:
-        robot = SerialRobot(
-            problem, port, clock, interrupts, camera, robot_id, poses, patience or Patience()
-        )
+        connection = port, clock, interrupts, robot_id, poses, patience or Patience()
+        robot = SerialRobot(problem.robot, camera, problem.ambient, *connection)
         failure = ""
         try:
             yield robot
@@ -107,41 +109,34 @@ def connected(
             raise PortError(f"{failure}the robot was told to stop")
 
 
-def check_command_rate(rate_Hz: float) -> None:
-    """Check a rate of commands.
-
-    Raises:
-        InputError: If the line does not carry it, or it is less than one a second.
-    """
-    if not 1 <= rate_Hz <= HIGHEST_RATE_HZ:
-        allowed = f"from 1 to {HIGHEST_RATE_HZ:g} Hz, which the line carries"
-        raise InputError("rate", rate_Hz, allowed)
-
-
+@dataclass(eq=False)
 class SerialRobot:
     """A robot on a serial line; made by ``connected``, which also stops it.
 
     Attributes:
         robot: The robot as described.
         camera: What sees it, or the rate of commands alone.
+        air_C: Temperature of the air.
+        port: The line to it.
+        clock: Time.
+        interrupts: Whether to interrupt it.
+        robot_id: Its number, if the firmware expects one.
+        poses: What sees it.
+        patience: How long to wait for what.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        port: Port,
-        clock: Clock,
-        interrupts: Interrupts,
-        camera: Camera,
-        robot_id: int | None,
-        poses: PoseSource | None,
-        patience: Patience,
-    ) -> None:
-        self.robot: Robot = problem.robot
-        self.camera = camera
-        self._problem, self._port, self._clock, self._interrupts = problem, port, clock, interrupts
-        self._robot_id, self._poses, self._patience = robot_id, poses, patience
-        self._segments: tuple[_ReportedSegment, ...] = ()
+    robot: Robot
+    camera: Camera
+    air_C: float
+    port: Port
+    clock: Clock
+    interrupts: Interrupts
+    robot_id: int | None
+    poses: PoseSource | None
+    patience: Patience
+
+    def __post_init__(self) -> None:
+        self._segments: list[_ReportedSegment] = []
         self._heated: Mode = rigid_mode(self._count)
         self._sent, self._sent_s = b"", -math.inf
         self._turns, self._due_s = False, 0.0
@@ -157,29 +152,25 @@ class SerialRobot:
         Raises:
             RobotError: If only some segments report, or the line does not work any more.
         """
-        heard: list[Report] = []
-        counts = [0] * self._count
-        until_s = self._clock.now_s() + self._patience.listen_s
+        heard: list[list[float]] = [[] for _ in range(self._count)]
+        until_s = self.clock.now_s() + self.patience.listen_s
         off_C = np.full(self._count, self.robot.heater.rigid_setpoint_C)
         while (
-            self._clock.now_s() < until_s - _SAME_TIME_S
-            and min(counts) < self._patience.enough_reports
+            self.clock.now_s() < until_s - _SAME_TIME_S
+            and min(map(len, heard)) < self.patience.enough_reports
         ):
             self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
-            heard += self._heard()
-            counts = [sum(report.segment == j for report in heard) for j in range(self._count)]
-        if any(counts) and not all(counts):
-            raise RobotError(f"segment {counts.index(0) + 1} does not report its temperature")
-        if all(counts):
-            self._segments = tuple(
+            heard = [before + new for before, new in zip(heard, self._heard(), strict=True)]
+        if any(heard) and not all(heard):
+            raise RobotError(f"segment {heard.index([]) + 1} does not report its temperature")
+        if all(heard):
+            self._segments = [
                 _ReportedSegment(
-                    stiffness_controller(self.robot, self._problem.ambient, j),
-                    _readings(heard, j),
-                    self._clock.now_s(),
+                    stiffness_controller(self.robot, self.air_C, j), first_C, self.clock.now_s()
                 )
-                for j in range(self._count)
-            )
+                for j, first_C in enumerate(heard)
+            ]
 
     def read(self) -> Reading:
         """Return what is known now.
@@ -187,23 +178,19 @@ class SerialRobot:
         Raises:
             RobotError: If a segment is silent or too hot, or the line does not work any more.
         """
-        now_s, heard = self._clock.now_s(), self._heard()
+        now_s, heard = self.clock.now_s(), self._heard()
         for j, segment in enumerate(self._segments):
-            segment.take(_readings(heard, j), bool(self._heated[j]), now_s)
-            if (trouble := segment.trouble(now_s, self._patience.silent_s)) is not None:
+            segment.take(heard[j], bool(self._heated[j]), now_s)
+            if (trouble := segment.trouble(now_s, self.patience.silent_s)) is not None:
                 raise RobotError(f"segment {j + 1}: {trouble}")
         taken_s, frames = np.empty(0), np.empty((0, self.robot.coordinates.size))
-        if self._poses is not None:
-            taken_s, frames = self._poses.frames(now_s)
-        known = self._segments or [None] * self._count
-        return Reading(
-            time_s=now_s,
-            taken_s=taken_s,
-            frames=frames,
-            temperature_C=tuple(item.temperature_C if item else math.nan for item in known),
-            stiffness=tuple(item.stiffness if item else None for item in known),
-            faulty=tuple(item is not None and item.faulty for item in known),
-        )
+        if self.poses is not None:
+            taken_s, frames = self.poses.frames(now_s)
+        if not self._segments:
+            n = self._count
+            return Reading(now_s, taken_s, frames, (math.nan,) * n, (None,) * n, (False,) * n)
+        known = [(item.temperature_C, item.stiffness, item.faulty) for item in self._segments]
+        return Reading(now_s, taken_s, frames, *zip(*known, strict=True))
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Send a command, unless the robot stands and has just been told the same.
@@ -212,18 +199,18 @@ class SerialRobot:
         """
         soft_C = self.robot.heater.soft_setpoint_C
         self._heated = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
-        line = command(wheel_rad_s.tolist(), self._heated, self._robot_id)
-        now_s, turned = self._clock.now_s(), self._turns
+        line = command(wheel_rad_s.tolist(), self._heated, self.robot_id)
+        now_s, turned = self.clock.now_s(), self._turns
         self._turns = bool(wheel_rad_s.any())
         if not (self._turns and turned):
             self._due_s = now_s
         again = line == self._sent and now_s < self._sent_s + REPEAT_S - _SAME_TIME_S
         if self._turns or not again:
-            self._port.write(line)
+            self.port.write(line)
             self._sent, self._sent_s = line, now_s
 
     def wait(self, at_most_s: float) -> None:
-        """Let time pass; at rest no longer than a period, in which there may be reports.
+        """Let time pass; at rest not for long, since a segment may be reported to have changed.
 
         While the wheels turn, times are counted from when they began to: lateness does not add up
         to a longer way.
@@ -232,12 +219,12 @@ class SerialRobot:
             KeyboardInterrupt: If that was asked for.
             RobotError: If the wheels have turned for much longer than they should.
         """
-        self._due_s += at_most_s if self._turns else min(at_most_s, self.camera.period_s)
-        self._interrupts.check()
-        while (left_s := self._due_s - self._clock.now_s()) > _SAME_TIME_S:
-            self._clock.sleep(min(left_s, _LONGEST_NAP_S))
-            self._interrupts.check()
-        if self._turns and -left_s > self._patience.held_up_s:
+        self._due_s += at_most_s if self._turns else min(at_most_s, _LONGEST_REST_S)
+        self.interrupts.check()
+        while (left_s := self._due_s - self.clock.now_s()) > _SAME_TIME_S:
+            self.clock.sleep(min(left_s, _LONGEST_NAP_S))
+            self.interrupts.check()
+        if self._turns and -left_s > self.patience.held_up_s:
             raise RobotError(f"the computer was held up for {-left_s:.1f} s with turning wheels")
 
     def stop(self) -> PortError | None:
@@ -246,25 +233,24 @@ class SerialRobot:
         sent = 0
         for _ in range(STOPS):
             try:
-                self._port.write(stop_command(self._count, self._robot_id))
+                self.port.write(stop_command(self._count, self.robot_id))
                 sent += 1
             except PortError as error:
                 failure = error
-            self._clock.sleep(STOP_PAUSE_S)
+            self.clock.sleep(STOP_PAUSE_S)
         return None if sent else failure
 
     @property
     def _count(self) -> int:
         return self.robot.coordinates.segments
 
-    def _heard(self) -> list[Report]:
-        """Reports since the last time."""
-        reports = (parse_report(line, self._count) for line in self._port.read_lines())
-        return [report for report in reports if report is not None]
-
-
-def _readings(heard: Sequence[Report], segment: int) -> list[float]:
-    return [report.temperature_C for report in heard if report.segment == segment]
+    def _heard(self) -> list[list[float]]:
+        """Readings of each segment that have been reported since the last time."""
+        heard: list[list[float]] = [[] for _ in range(self._count)]
+        for line in self.port.read_lines():
+            if (report := parse_report(line, self._count)) is not None:
+                heard[report.segment].append(report.temperature_C)
+        return heard
 
 
 class _ReportedSegment:

@@ -39,7 +39,7 @@ from twosra_mpc.planning.search.pose_bound import (
 )
 from twosra_mpc.planning.search.schedule import cost_coefficients, with_durations
 from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named, soft_segments
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 Array = NDArray[np.float64]
@@ -157,7 +157,7 @@ def _tied(soft: Sequence[Mode], pair: tuple[int, int], task: BendingTask) -> str
     (low_i, high_i), (low_j, high_j) = task.change[i], task.change[j]
     apart = math.copysign(max(low_i - high_j, low_j - high_i), low_i - high_j)
     name, unit, factor = task.conserved
-    both = "both segments" if len(task.change) == 2 else f"segments {i + 1} and {j + 1}"
+    both = named("segment", (i + 1, j + 1), len(task.change))
     alone = len(soft) == 1
     modes = f"mode {mode_name(soft[0])} alone bends" if alone else f"{_names(soft)} bend"
     return (
