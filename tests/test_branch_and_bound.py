@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twosra_mpc.planning.search.branch_and_bound import Ending, SearchResult, branch_and_bound
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
+from twosra_mpc.plans.ending import Ending
 
 Path = tuple[int, ...]
 

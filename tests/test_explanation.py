@@ -19,7 +19,7 @@ from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
 from twosra_mpc.analysis.transition_speed import reference_s, slowed
 from twosra_mpc.planning.planner import plan_without
-from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.robot.segment import LumpedSegment
 

@@ -38,7 +38,7 @@ from twosra_mpc import (
 )
 from twosra_mpc.files import atomic_path, write_text
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.trajectory import SAME_TIME_S

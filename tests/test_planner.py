@@ -13,7 +13,7 @@ import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.planning.planner import Progress, SequenceSolver, bending_task
 from twosra_mpc.planning.search.bounds import unreachable_reason
-from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 PAPER = [f"paper-{n}" for n in range(1, 6)]

@@ -50,6 +50,7 @@ STAGES = [
     ("identification/",),
     ("problem/",),
     ("timing/",),
+    ("plans/ending.py",),
     ("planning/search/",),
     ("planning/nlp/",),
     ("plans/",),

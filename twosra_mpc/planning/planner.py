@@ -20,11 +20,12 @@ from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, improve
 from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
-from twosra_mpc.planning.search.branch_and_bound import Ending, SearchResult, branch_and_bound
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import (

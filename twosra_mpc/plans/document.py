@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import read_text
-from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import FORMAT, FORMAT_VERSION, Result, Stats
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory

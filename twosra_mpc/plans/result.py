@@ -10,7 +10,7 @@ from typing import Any
 
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_text
-from twosra_mpc.planning.search.branch_and_bound import Ending
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.version import __version__

@@ -7,13 +7,14 @@ depth limit keeps from being opened.
 
 from __future__ import annotations
 
-import enum
 import heapq
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
+
+from twosra_mpc.plans.ending import Ending
 
 Node = TypeVar("Node")
 Solution = TypeVar("Solution")
@@ -43,15 +44,6 @@ class Tree(Protocol[Node, Solution_co]):
 
     def solve(self, node: Node) -> Iterable[tuple[float, Solution_co] | None]:
         """Yield (cost, solution) of one attempt at the leaf ``node`` after the other."""
-
-
-class Ending(enum.StrEnum):
-    """Why a search ended."""
-
-    CLOSED = "closed"  # the incumbent is within the gap of the lower bound
-    EXHAUSTED = "exhausted"  # nothing left to open can beat the incumbent
-    LIMIT = "limit"  # of time
-    INTERRUPTED = "interrupted"  # by Ctrl-C
 
 
 @dataclass(frozen=True)
