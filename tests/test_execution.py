@@ -30,7 +30,6 @@ from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, soft_segments
 from twosra_mpc.thermal.lumped import Lumped
 
@@ -524,8 +523,8 @@ def test_a_deviation_of_three_segments_ends_where_the_kinematics_takes_it(
     mode: Mode, lengths_m: tuple[float, ...]
 ) -> None:
     robot = load_problem("three-segments").robot
-    geometry = Geometry(**{**dict(robot.geometry), "segment_length_m": lengths_m})
-    robot = Robot(**{**dict(robot), "geometry": geometry})
+    geometry = robot.geometry.with_values(segment_length_m=lengths_m)
+    robot = robot.with_values(geometry=geometry)
     start, soft = np.array([0.0, 0.0, 0.0, 5.0, -10.0, 20.0]), [3 + j for j in soft_segments(mode)]
     end = bent_to(robot, mode, start, float(start[soft].mean()) + 8.0)
     deviated = start + np.array([0.0, 0.0, 0.0, 3.0, -2.0, 1.0])

@@ -155,7 +155,7 @@ def test_a_process_that_takes_too_long_or_crashes_is_told_and_the_next_call_answ
 
 def test_rows_of_other_settings_are_not_mixed(tmp_path: Path) -> None:
     open_log("peers", TINY, tmp_path)
-    other = TINY.model_copy(update={"minlp": TimeGridMinlp(stages=4)})
+    other = TINY.with_values(minlp=TimeGridMinlp(stages=4))
     with pytest.raises(InputError, match=r"settings\.minlp\.stages = 4"):
         open_log("peers", other, tmp_path)
 
@@ -196,7 +196,7 @@ def test_a_sequence_on_which_linear_algebra_gives_up_is_not_solved(
 
 
 def test_the_waits_are_those_of_the_network(easy: Problem) -> None:
-    least = waits(easy.model_copy(update={"timing": "constant"}))
+    least = waits(easy.with_values(timing="constant"))
     assert least == pytest.approx(np.array([[63.0, 37.0, 235.0]] * 2))
 
 

@@ -913,3 +913,15 @@ def test_the_error_leaves_its_argument_alone() -> None:
     before = q.copy()
     load_problem("paper-1").goal.error(q)
     assert np.array_equal(q, before)
+
+
+# --- other values --------------------------------------------------------------------------------
+
+
+def test_a_record_with_other_values_is_validated_anew() -> None:
+    problem = load_problem("paper-1")
+    changed_one = problem.with_values(gap=0.05, robot=problem.robot.with_values(name="mine"))
+    assert (changed_one.gap, changed_one.robot.name, problem.gap) == (0.05, "mine", 0.01)
+    assert changed_one.with_values(gap=problem.gap, robot=problem.robot) == problem
+    for wrong, field in (({"timing": "nope"}, "timing"), ({"gapp": 0.1}, "gapp")):
+        assert refusal(lambda wrong=wrong: problem.with_values(**wrong)).field == field

@@ -291,9 +291,10 @@ def test_the_verification_is_told_with_its_numbers(paper: Result) -> None:
     check = made.verification
     rows = {row.name: row for row in words.limit_rows(made, check)}
     assert len(rows) == len(check.limits)
-    assert rows["wheel speed"] == ("wheel speed", "at most 10 rad/s", "0: used in full")
-    assert rows["curvature"].margin == "40.5 1/m"
-    assert rows["gap between the units"].limit == "at least 0 m"
+    assert rows["wheel speed [rad/s]"].limit == "10"
+    assert rows["wheel speed [rad/s]"].margin == "0: used in full"
+    assert rows["curvature [1/m]"].margin == "40.5"
+    assert rows["unit gap [m]"].limit == "0"
     free = paper.problem.with_values(goal=Goal(x_m=0.2, tolerance={"x_m": 0.01}))  # type: ignore[arg-type]
     goal = words.goal_rows(free, replace(check, goal_error=(-0.5, 0, 0, 0, float("nan"))))
     assert goal[0] == ("x", "m", "0.2 ± 0.01", "5.0e-01")

@@ -12,7 +12,7 @@ from typing import Any, get_args
 import pytest
 from conftest import Solved
 from jsonschema import Draft7Validator
-from test_problem import ROBOT, SCENARIO, changed
+from test_problem import ROBOT, SCENARIO, changed, without
 
 from twosra_mpc import (
     InputError,
@@ -118,9 +118,33 @@ def test_a_wrong_scenario_does_not_fit(key: str, value: object) -> None:
     assert not VALIDATORS["scenario"].is_valid(document)
 
 
+BARE = without(ROBOT, "geometry.segment_length_m")
+THERMAL = ROBOT["segment"]
+LISTED = [{"length_m": 0.03}, {"length_m": 0.05}]
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        changed(ROBOT, "segments", 3),
+        changed(ROBOT, "geometry.segment_length_m", [0.03, 0.05]),
+        changed(BARE, "segment", [one | THERMAL for one in LISTED]),
+    ],
+)
+def test_segments_may_be_counted_or_listed(document: Schema) -> None:
+    Robot.parse(document, "test")
+    VALIDATORS["robot"].validate(document)
+    VALIDATORS["scenario"].validate({**SCENARIO, "robot": document})
+
+
 WRONG_ROBOTS: list[tuple[str, object]] = [
     ("name", ""),
     ("geometry.segment_length_m", -0.04),
+    ("geometry.segment_length_m", []),
+    ("geometry.segments", 5),
+    ("segments", 0),
+    ("segment", [{"length_m": 0.03}, {"length_m": -0.05}]),
+    ("segment", [{"length_m": 0.03}, {"core_diameter_m": 0.005}]),
     ("geometry.length_m", 0.04),
     ("path.model", "spline"),
     ("path.scale", [1.0, 2.0]),

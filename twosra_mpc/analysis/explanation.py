@@ -184,9 +184,9 @@ def _why(made: Plan) -> Iterator[str]:
     if not made.transitions:
         yield "no segment has to bend, so nothing is melted"
     for item in critical_path(made):
-        if item.kind in ("melt", "freeze") and (count := len(item.segments)) > 1:
-            often = "twice" if count == 2 else f"{count} times"
-            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {often}"
+        if item.kind in ("melt", "freeze") and len(item.segments) > 1:
+            times = ("twice", "three times", "four times")[len(item.segments) - 2]
+            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {times}"
     yield f"the robot moves for {made.moving_s:.1f} s of {made.cost.time_s:.1f} s"
     if made.lower_bound is not None:
         yield f"proved: no plan whatever costs less than {made.lower_bound:.2f} s"
