@@ -341,7 +341,7 @@ def test_every_command_teaches_by_example(name: str) -> None:
 
 @pytest.fixture
 def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
-    """Put a simulated robot, and its clock, at the end of a line: commands have so many numbers."""
+    """Put a simulated robot, and its clock, at the end of a line: commands end with so many more numbers."""
     with ExitStack() as stack:
 
         def connect_once(numbers: int) -> None:
@@ -367,7 +367,7 @@ def test_every_example_runs(
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]
         if "--port" in words:
-            connect(7 if "--robot-id" in words else 6)
+            connect(1 if "--robot-id" in words else 0)
         code, out, err = run(*words)
         assert (code, err) == (0, ""), example
         assert (out == "") == ("--quiet" in words), example
