@@ -284,7 +284,11 @@ def test_a_folder_without_permission_is_refused_before_planning(
 
 def test_units_that_would_overlap_are_refused(run: Run, tmp_path: Path) -> None:
     write(changed(SCENARIO, "goal.kappa_per_m", [60.0, 60.0]), tmp_path / "knot.toml")
-    assert_bad_input(run("plan", "knot.toml"), "goal.kappa_per_m = (60.0, 60.0)", "mm short: locomotion units overlap")
+    assert_bad_input(
+        run("plan", "knot.toml"),
+        "goal.kappa_per_m = (60.0, 60.0)",
+        "mm short: locomotion units overlap",
+    )
 
 
 # --- infeasible: 3, no plan: 4 -------------------------------------------------------------------

@@ -341,7 +341,7 @@ def test_every_command_teaches_by_example(name: str) -> None:
 
 @pytest.fixture
 def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
-    """Put a simulated robot, and its clock, at the end of a line: commands end with so many more numbers."""
+    """Put a simulated robot and its clock at the end of a line: so many numbers end a command."""
     with ExitStack() as stack:
 
         def connect_once(numbers: int) -> None:

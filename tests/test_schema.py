@@ -118,16 +118,17 @@ def test_a_wrong_scenario_does_not_fit(key: str, value: object) -> None:
     assert not VALIDATORS["scenario"].is_valid(document)
 
 
-BARE = without(ROBOT, "geometry.segment_length_m")
-THERMAL = ROBOT["segment"]
+ARCS = built_in("robots", "2sra-v1-arc")  # spirals know two equal segments only
+BARE = without(ARCS, "geometry.segment_length_m")
+THERMAL = ARCS["segment"]
 LISTED = [{"length_m": 0.03}, {"length_m": 0.05}]
 
 
 @pytest.mark.parametrize(
     "document",
     [
-        changed(ROBOT, "segments", 3),
-        changed(ROBOT, "geometry.segment_length_m", [0.03, 0.05]),
+        changed(ARCS, "segments", 3),
+        changed(ARCS, "geometry.segment_length_m", [0.03, 0.05]),
         changed(BARE, "segment", [one | THERMAL for one in LISTED]),
     ],
 )
