@@ -11,7 +11,7 @@ import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 from twosra_mpc import Goal, Problem, plan
-from twosra_mpc.planning.nlp.fixed_sequence import improve, timed
+from twosra_mpc.planning.nlp.fixed_sequence import scheduled, solve
 from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.planner import bending_task
@@ -56,7 +56,7 @@ def test_no_plan_of_a_sequence_costs_less_than_its_bound(seed: int, factor: floa
             bound.bends,
             intervals=8,
         )
-        for candidate in (timed(guess, network, problem, 0), improve(guess, network, problem)):
+        for candidate in (scheduled(guess, network, problem, 0), solve(guess, network, problem)):
             if candidate is not None:
                 found += 1
                 cost = verified(problem, candidate, network).cost

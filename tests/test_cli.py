@@ -354,7 +354,7 @@ def assert_best_so_far(outcome: Outcome, words: str, folder: Path) -> None:
 
 
 class Solving:
-    """Replaces ``planner.improve``: some sequences keep their guess, the next meets a surprise."""
+    """Replaces ``planner.solve``: some sequences keep their guess, the next meets a surprise."""
 
     def __init__(self, surprise: Callable[[], None], before: int) -> None:
         self.before = before
@@ -372,7 +372,7 @@ def test_an_interrupt_returns_the_best_plan_so_far(
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "improve", Solving(interrupt, before=1))
+    monkeypatch.setattr(planner, "solve", Solving(interrupt, before=1))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; interrupted: run again to continue the search", tmp_path)
 
@@ -386,7 +386,7 @@ def test_a_time_limit_returns_the_best_plan_so_far(
         clock.now += 3600.0
 
     monkeypatch.setattr(planner, "time", SimpleNamespace(perf_counter=lambda: clock.now))
-    monkeypatch.setattr(planner, "improve", Solving(an_hour_later, before=0))
+    monkeypatch.setattr(planner, "solve", Solving(an_hour_later, before=0))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; a limit was reached: raise time_limit_s or gap", tmp_path)
 
@@ -397,7 +397,7 @@ def test_an_interrupt_before_the_first_plan_has_none(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "timed", interrupt)
+    monkeypatch.setattr(planner, "scheduled", interrupt)
     code, out, err = run("plan", "paper-1", "--out", "a.json")
     assert (code, err) == (4, "")
     assert "no plan found (interrupted): run again to continue the search" in out
@@ -429,7 +429,7 @@ def test_an_interrupt_keeps_a_plan_that_was_about_to_be_improved(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "improve", interrupt)
+    monkeypatch.setattr(planner, "solve", interrupt)
     assert run(*LONG_SEARCH, "--out", "a.json").code == 4
     assert load_plan(tmp_path / "a.json").found
 

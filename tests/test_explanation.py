@@ -364,7 +364,7 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "improve", interrupted)
+    monkeypatch.setattr(planner_module, "solve", interrupted)
     told = explain(made)
     assert not told.complete
     last = told.alternatives[-1]
@@ -378,7 +378,7 @@ def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "improve", interrupted)
+    monkeypatch.setattr(planner_module, "solve", interrupted)
     told = explain(load_problem("rigid-move", gap=0.0))
     assert told.result.found
     assert (told.alternatives, told.complete) == ((), False)
@@ -396,7 +396,7 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(planner_module, "time", SimpleNamespace(perf_counter=lambda: now))
-    monkeypatch.setattr(planner_module, "improve", interrupted)
+    monkeypatch.setattr(planner_module, "solve", interrupted)
     told = explain(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED
     assert not told.complete

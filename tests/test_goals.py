@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from twosra_mpc import Goal, GoalSet, Problem, Start, Tolerance, load_robot, plan
-from twosra_mpc.planning.nlp.fixed_sequence import improve
+from twosra_mpc.planning.nlp.fixed_sequence import solve
 from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.timing import transition_model
 
@@ -69,7 +69,7 @@ def test_the_nlp_ends_on_the_set() -> None:
     network = transition_model(problem).network(sequence, ARC.rigid, [0.0])
     start = problem.start.configuration
     guess = guess_motion(ARC, start, problem.goal, sequence, np.zeros(1), 10)
-    better = improve(guess, network, problem)
+    better = solve(guess, network, problem)
     assert better is not None
     assert math.hypot(*better.motion.end[:2]) == pytest.approx(0.2, abs=1e-8)
 

@@ -1,4 +1,4 @@
-"""Guess, multiple shooting and landing of a fixed sequence."""
+"""Guess, multiple shooting and terminal correction of a fixed sequence."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from twosra_mpc.planning.nlp.fixed_sequence import (
     IPOPT_STATUS,
     Candidate,
     SolveStatus,
-    improve,
+    scheduled,
+    solve,
     solve_status,
-    timed,
 )
 from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.nlp.landing import LANDED, land
 from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.nlp.terminal_correction import TERMINAL_TOLERANCE, correct_end
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
@@ -97,26 +97,26 @@ def test_the_roll_out_agrees_with_an_adaptive_integrator() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 6])
-def test_landing_closes_a_disturbed_motion_and_changes_it_little(seed: int) -> None:
+def test_terminal_correction_closes_a_disturbed_motion_and_changes_it_little(seed: int) -> None:
     problem = random_problem(seed)
     _, guess, _ = set_up(problem, (RIGID, SOFT_1, SOFT_2, RIGID))
     rng = np.random.default_rng(seed)
     disturbed = guess.inputs * (1 + 1e-3 * rng.standard_normal(guess.inputs.shape))
     motion = roll_out(ROBOT, problem.start.configuration, guess.sequence, disturbed)
     assert np.abs(problem.goal.error(motion.end.copy())).max() > 1e-5
-    landed = land(motion, problem.goal)
-    assert landed is not None
-    assert np.abs(problem.goal.error(landed.end.copy())).max() <= LANDED
-    assert np.abs(landed.inputs - disturbed).max() < 1e-2 * np.abs(disturbed).max()
+    corrected = correct_end(motion, problem.goal)
+    assert corrected is not None
+    assert np.abs(problem.goal.error(corrected.end.copy())).max() <= TERMINAL_TOLERANCE
+    assert np.abs(corrected.inputs - disturbed).max() < 1e-2 * np.abs(disturbed).max()
     soft = np.array([any(mode) for mode in guess.sequence])
-    assert not landed.inputs[soft][:, :, 2:].any()
-    assert not landed.inputs[~soft][:, :, :2].any()
+    assert not corrected.inputs[soft][:, :, 2:].any()
+    assert not corrected.inputs[~soft][:, :, :2].any()
 
 
-def test_landing_gives_up_on_a_goal_its_modes_cannot_reach() -> None:
+def test_terminal_correction_gives_up_on_a_goal_its_modes_cannot_reach() -> None:
     problem = load_problem("paper-1")
     still = roll_out(ROBOT, problem.start.configuration, (RIGID,), np.full((1, 4, 5), 1e-3))
-    assert land(still, problem.goal) is None
+    assert correct_end(still, problem.goal) is None
 
 
 def test_intervals_run_at_the_limit_of_a_wheel_or_a_unit() -> None:
@@ -142,19 +142,19 @@ def test_multiple_shooting_confirms_that_the_guess_is_locally_optimal(name: str)
     problem = load_problem(name)
     sequence = SEQUENCE if name != "paper-5" else (RIGID, SOFT_2, SOFT_BOTH, RIGID)
     network, guess, bound = set_up(problem, sequence)
-    first, polished = timed(guess, network, problem, 0), improve(guess, network, problem)
+    first, polished = scheduled(guess, network, problem, 0), solve(guess, network, problem)
     assert first is not None
     assert polished is not None
     assert polished.iterations > 0
     costs = [cost_of(problem, candidate, network) for candidate in (polished, first)]
     assert bound <= costs[0] <= costs[1] + 1e-3
-    assert np.abs(problem.goal.error(polished.motion.end.copy())).max() <= LANDED
+    assert np.abs(problem.goal.error(polished.motion.end.copy())).max() <= TERMINAL_TOLERANCE
 
 
 def test_multiple_shooting_improves_a_motion_that_is_not_optimal() -> None:
     problem = load_problem("rigid-move")
     network, guess, _ = set_up(problem, (RIGID,))
-    first, polished = timed(guess, network, problem, 0), improve(guess, network, problem)
+    first, polished = scheduled(guess, network, problem, 0), solve(guess, network, problem)
     assert first is not None
     assert polished is not None
     assert cost_of(problem, polished, network) < 0.95 * cost_of(problem, first, network)
@@ -164,7 +164,7 @@ def test_a_goal_out_of_reach_of_the_modes_is_reported_as_no_motion() -> None:
     problem = load_problem("paper-1")
     network = network_of(problem, (RIGID,))
     guess = roll_out(ROBOT, problem.start.configuration, (RIGID,), np.full((1, 10, 5), 1e-3))
-    assert improve(guess, network, problem) is None
+    assert solve(guess, network, problem) is None
 
 
 def test_the_decision_vector_packs_and_unpacks() -> None:

@@ -189,7 +189,7 @@ def test_a_sequence_on_which_linear_algebra_gives_up_is_not_solved(
     def give_up(*_: object) -> None:
         raise np.linalg.LinAlgError("SVD did not converge")
 
-    monkeypatch.setattr("benchmarks.studies.peers.motions.improve", give_up)
+    monkeypatch.setattr("benchmarks.studies.peers.motions.solve", give_up)
     answer = Enumeration(max_phases=2).prepared(easy)()
     assert answer.status.startswith("IPOPT: solved 0 of ")
     assert answer.motion is None

@@ -197,7 +197,7 @@ def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPat
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "improve", interrupted)
+    monkeypatch.setattr(planner_module, "solve", interrupted)
     result = plan(load_problem("rigid-move", gap=0.0))
     assert result.ending is Ending.INTERRUPTED
     assert result.status is Status.FEASIBLE
@@ -302,7 +302,7 @@ def test_a_goal_that_just_touches_is_not_called_impossible() -> None:
 
 
 def test_a_deadline_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(planner_module, "improve", lambda *_: pytest.fail("begun too late"))
+    monkeypatch.setattr(planner_module, "solve", lambda *_: pytest.fail("begun too late"))
     problem = load_problem("rigid-move", gap=0.0)
     network, bound = network_of(problem, (RIGID,)), bound_of(problem, (RIGID,))
     assert bound is not None

@@ -19,7 +19,7 @@ from benchmarks.study import Count, Counts, Measured, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Problem
 from twosra_mpc.model.motion import roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import Candidate, improve
+from twosra_mpc.planning.nlp.fixed_sequence import Candidate, solve
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, ModeSequence
 from twosra_mpc.timing import transition_model
 from twosra_mpc.validation import NonNegative, plain
@@ -163,4 +163,4 @@ def _solve_at_rest(problem: Problem, phases: int, intervals: int) -> Callable[[]
     network = transition_model(problem).network(sequence, problem.goal.mode, [0.0] * phases)
     rest = np.zeros((phases, intervals, 5))
     guess = roll_out(problem.robot, problem.start.configuration, sequence, rest)
-    return partial(improve, guess, network, problem)
+    return partial(solve, guess, network, problem)

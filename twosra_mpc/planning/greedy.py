@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.motion import roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import timed
+from twosra_mpc.planning.nlp.fixed_sequence import scheduled
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
@@ -115,7 +115,7 @@ def plan_greedily(problem: Problem) -> Result:
             inputs[i, : len(steps)] = steps
         motion = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
         network = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
-        candidate = timed(motion, network, problem, iterations=0)
+        candidate = scheduled(motion, network, problem, iterations=0)
         made = verified(problem, candidate, network, "greedy") if candidate else None
     stats = Stats(time.perf_counter() - started, 0, 0, 0)
     if made is None:

@@ -16,7 +16,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.motion import roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.greedy import plan_greedily
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, improve, timed
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
@@ -127,7 +127,7 @@ def _rest(problem: Problem) -> Result | None:
     sequence = (problem.start_mode,)
     network = transition_model(problem).network(sequence, problem.goal.mode, [0.0])
     motion = roll_out(problem.robot, start, sequence, np.zeros((1, 1, 5)))
-    candidate = timed(motion, network, problem, iterations=0)
+    candidate = scheduled(motion, network, problem, iterations=0)
     assert candidate is not None, "a robot that rests is where it should be"
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
     message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0)
@@ -156,10 +156,10 @@ class SequenceSolver:
             INTERVALS,
             may_drive(problem, network.sequence),
         )
-        yield self._checked(timed(guess, network, problem, iterations=0), network)
+        yield self._checked(scheduled(guess, network, problem, iterations=0), network)
         if time.perf_counter() > self.deadline:
             return
-        candidate = improve(guess, network, problem)
+        candidate = solve(guess, network, problem)
         self.iterations += candidate.iterations if candidate else 0
         yield self._checked(candidate, network)
 

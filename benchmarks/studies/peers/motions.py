@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem
 from twosra_mpc.model.motion import Motion
-from twosra_mpc.planning.nlp.fixed_sequence import Candidate, improve, timed
-from twosra_mpc.planning.nlp.landing import available_inputs
+from twosra_mpc.planning.nlp.fixed_sequence import Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE
+from twosra_mpc.planning.nlp.terminal_correction import available_inputs
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence
@@ -47,7 +47,7 @@ def judged(problem: Problem, motion: Motion) -> Plan | None:
     None if it misses the goal, takes a forbidden shape, or has no schedule.
     """
     network = network_of(problem, motion.sequence)
-    candidate = timed(motion, network, problem, iterations=0)
+    candidate = scheduled(motion, network, problem, iterations=0)
     return verified(problem, candidate, network) if candidate else None
 
 
@@ -57,7 +57,7 @@ def solved(guess: Motion, problem: Problem) -> Candidate | None:
     None if there is no plan, be it that linear algebra gives up on a wild solution.
     """
     with contextlib.suppress(np.linalg.LinAlgError):
-        return improve(guess, network_of(problem, guess.sequence), problem)
+        return solve(guess, network_of(problem, guess.sequence), problem)
     return None
 
 

@@ -1,4 +1,4 @@
-"""Solve one mode sequence: guess, multiple shooting if the guess is not good enough, landing."""
+"""Solve one mode sequence: guess, multiple shooting if that is not enough, terminal correction."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.motion import Motion, roll_out
-from twosra_mpc.planning.nlp.landing import available_inputs, land
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
+from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correct_end
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.problem.limits import interval_durations, may_drive, shapes_allowed
 from twosra_mpc.problem.problem import Problem
@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 INTERVALS = 10
 _STEPS = 2
-_SETTLING_ROUNDS = 60
-_STILL = 1e-9  # m or rad an interval; landing may leave a resting phase with as little
+_SCHEDULE_ROUNDS = 60
+_STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase with as little
 _MAX_ITERATIONS = 150
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
@@ -61,7 +61,7 @@ class Candidate:
     """A motion of a sequence with its schedule: a feasible plan, hence an upper bound.
 
     Attributes:
-        motion: The landed motion.
+        motion: The corrected motion.
         durations: Least time of each interval, (phases, intervals) [s].
         times: Event times of the temporal network [s].
         iterations: Iterations of the nonlinear program spent on it.
@@ -73,39 +73,41 @@ class Candidate:
     iterations: int
 
 
-def timed(
+def scheduled(
     motion: Motion, network: TemporalNetwork, problem: Problem, iterations: int
 ) -> Candidate | None:
-    """Land a motion, run it as fast as the limits allow and schedule its transitions.
+    """Correct a motion's end, run it as fast as the limits allow and schedule its transitions.
 
-    Returns None if it cannot be landed or takes a shape that the limits forbid.
+    Returns None if it cannot be corrected or takes a shape that the limits forbid.
     """
-    landed = land(motion, problem.goal)
-    if landed is None or not shapes_allowed(landed, _STILL):
+    corrected = correct_end(motion, problem.goal)
+    if corrected is None or not shapes_allowed(corrected, _STILL):
         return None
-    durations = interval_durations(landed)
-    times = _settled_schedule(network, durations.sum(axis=1), problem)
+    durations = interval_durations(corrected)
+    times = _feasible_schedule(network, durations.sum(axis=1), problem)
     if times is None:
         return None
-    return Candidate(landed, durations, times, iterations)
+    return Candidate(corrected, durations, times, iterations)
 
 
-def _settled_schedule(network: TemporalNetwork, durations: Array, problem: Problem) -> Array | None:
+def _feasible_schedule(
+    network: TemporalNetwork, durations: Array, problem: Problem
+) -> Array | None:
     """Event times that what happens before each transition allows; None if none are found."""
     model = transition_model(problem)
-    for _ in range(_SETTLING_ROUNDS):
+    for _ in range(_SCHEDULE_ROUNDS):
         times = schedule(network, durations, problem.cost_weights)
         if times is None:
             return None
-        settled = model.settle(network, times.tolist())
-        if settled is None:
+        raised = model.settle(network, times.tolist())
+        if raised is None:
             return times
-        network = settled
+        network = raised
     return None
 
 
-def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
-    """Solve the multiple-shooting program of the sequence from ``guess`` and land the result."""
+def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
+    """Solve the multiple-shooting program of the sequence from ``guess`` and correct its end."""
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     curved = None if problem.goal.is_box else problem.goal
     program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS)
@@ -130,7 +132,7 @@ def improve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candid
         return None
     _, inputs, _ = program.unpack(ca.DM(solution["x"]).full().ravel())
     motion = roll_out(robot, guess.states[0, 0], guess.sequence, inputs)
-    return timed(motion, network, problem, int(stats["iter_count"]))
+    return scheduled(motion, network, problem, int(stats["iter_count"]))
 
 
 def _decision_bounds(

@@ -1,4 +1,4 @@
-"""Landing: close the small error that the transcription's steps leave at the goal.
+"""Terminal correction: close the small error that the transcription's steps leave at the goal.
 
 Simplified Newton: the residual comes from the fine roll-out, the derivative from the coarse flow of
 the transcription, and among all corrections the least one, in each interval's own scale, is taken.
@@ -21,12 +21,12 @@ from twosra_mpc.robot.modes import ModeSequence
 
 Array = NDArray[np.float64]
 
-LANDED = 1e-9  # largest error at the goal left by landing, in m, rad and 1/m
+TERMINAL_TOLERANCE = 1e-9  # largest error at the goal that is left, in m, rad and 1/m
 _ITERATIONS = 12
 _COARSE_STEPS = 2
 
 
-def land(motion: Motion, goal: GoalSet) -> Motion | None:
+def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
     """Correct a motion until it ends in the goal box to within 1e-9, or return None.
 
     Raises nothing: a motion that cannot be corrected is an outcome, not an error.
@@ -34,7 +34,7 @@ def land(motion: Motion, goal: GoalSet) -> Motion | None:
     start = motion.states[0, 0]
     for _ in range(_ITERATIONS):
         error = goal.error(motion.end.copy())
-        if np.abs(error).max() <= LANDED:
+        if np.abs(error).max() <= TERMINAL_TOLERANCE:
             return motion
         if not np.isfinite(error).all():
             return None
