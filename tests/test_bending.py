@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 L = 0.04  # m, length of a segment of the paper's robot
 CURVATURE = 78.5  # 1/m, limit of the robot
 
-SPIRAL = load_robot("2sra-v1")
+SPIRAL = load_robot("2sra-v1-paper")
 SLOW_WHEELS = SPIRAL.with_values(limits=SPIRAL.limits.with_values(wheel_speed_rad_s=1.0))
 ARCS = {
     "fibre_end": SPIRAL.with_values(path=ArcPath(model="arc", speed_reference="fibre_end")),

@@ -36,7 +36,7 @@ from twosra_mpc.thermal.lumped import Lumped
 Array = NDArray[np.float64]
 Planned = Callable[..., Plan]
 
-ARC = "2sra-v1-arc"
+ARC = "2sra-v1"
 ACCURACY = Accuracy()
 
 
@@ -64,7 +64,12 @@ def disturbed() -> Callable[..., Simulation]:
 @pytest.mark.parametrize(
     ("scenario", "robot"),
     [
-        *(("paper-1", ARC), ("paper-4", ARC), ("paper-1", "2sra-v1"), ("paper-4", "2sra-v1")),
+        *(
+            ("paper-1", ARC),
+            ("paper-4", ARC),
+            ("paper-1", "2sra-v1-paper"),
+            ("paper-4", "2sra-v1-paper"),
+        ),
         ("three-segments", "3sra"),
     ],
 )
@@ -88,7 +93,12 @@ def test_without_disturbance_what_is_executed_is_what_was_planned(
 # --- disturbed -----------------------------------------------------------------------------------
 
 RUNS = [
-    *(("paper-1", 1, ARC), ("paper-2", 2, ARC), ("paper-2", 3, "2sra-v1"), ("paper-1", 4, ARC)),
+    *(
+        ("paper-1", 1, ARC),
+        ("paper-2", 2, ARC),
+        ("paper-2", 3, "2sra-v1-paper"),
+        ("paper-1", 4, ARC),
+    ),
     ("three-segments", 1, "3sra"),
 ]
 
@@ -147,7 +157,7 @@ def test_a_seed_is_a_run(disturbed: Callable[..., Simulation]) -> None:
     assert (first.truth.q == second.truth.q).all()
     assert first.run.events == second.run.events
     assert first.metrics == second.metrics
-    other = disturbed("paper-2", 3, "2sra-v1")
+    other = disturbed("paper-2", 3, "2sra-v1-paper")
     assert other.metrics != first.metrics
 
 
@@ -315,7 +325,7 @@ def test_every_ending_says_why() -> None:
 
 def test_a_plan_for_another_robot_is_refused_by_name(planned: Planned) -> None:
     robot = SimulatedRobot(problem())
-    with pytest.raises(InputError, match=r"plan.robot = '2sra-v1'.*2sra-v1-arc"):
+    with pytest.raises(InputError, match=r"plan.robot = '2sra-v1-paper'.*2sra-v1"):
         Executor(robot).run(planned("paper-2"))
 
 
@@ -503,7 +513,7 @@ def bent_to(robot: Robot, mode: Mode, q: Array, mean_per_m: float) -> Array:
 
 @pytest.mark.parametrize("deviation", [(4.0, 0.0), (0.0, 4.0), (-4.0, 0.0), (2.0, -3.0)])
 @pytest.mark.parametrize("kappa", [(5.0, 5.0), (20.0, -10.0), (-30.0, 8.0)])
-@pytest.mark.parametrize("name", ["2sra-v1", ARC])
+@pytest.mark.parametrize("name", ["2sra-v1-paper", ARC])
 def test_a_deviation_ends_where_the_kinematics_takes_it(
     name: str, kappa: tuple[float, float], deviation: tuple[float, float]
 ) -> None:
@@ -534,7 +544,7 @@ def test_a_deviation_of_three_segments_ends_where_the_kinematics_takes_it(
 
 
 def test_a_segment_that_bends_alone_loses_its_deviation_and_the_others_keep_theirs() -> None:
-    robot, at = load_problem("paper-1", robot="2sra-v1").robot, np.zeros(3)
+    robot, at = load_problem("paper-1", robot="2sra-v1-paper").robot, np.zeros(3)
     path = [np.array([*at, *kappa]) for kappa in ((10.0, 5.0), (20.0, 5.0), (20.0, 5.0))]
     deviated = np.array([*at, 14.0, 4.0])
     alone = predicted_curvatures(robot, deviated, path, [(1, 0), (0, 0)])

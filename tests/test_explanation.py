@@ -280,7 +280,7 @@ def test_the_greedy_rule_is_not_explained() -> None:
 
 
 @pytest.mark.parametrize("kind", ["freeze", "melt"])
-@pytest.mark.parametrize("robot", ["2sra-v1", "2sra-v1-arc", "2sr-v2"])
+@pytest.mark.parametrize("robot", ["2sra-v1-paper", "2sra-v1", "2sr-v2"])
 def test_slower_is_exactly_so_much_slower(robot: str, kind: Any) -> None:
     goal = {"kappa_per_m": (5.0, 5.0)}
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}

@@ -19,7 +19,7 @@ from twosra_mpc.timing import transition_model
 
 Array = NDArray[np.float64]
 
-ARC = load_robot("2sra-v1-arc")
+ARC = load_robot("2sra-v1")
 
 
 class OnCircle(GoalSet):

@@ -19,7 +19,7 @@ from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.timing import transition_model
 
 ROBOT = load_robot("2sra-v1")
-ARC = load_robot("2sra-v1-arc")
+ARC = load_robot("2sra-v1")
 
 
 def problem(

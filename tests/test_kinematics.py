@@ -39,7 +39,7 @@ L, LINK, H1, H2, H3, WHEEL = 0.04, 0.03, 0.0825, 0.054, 0.0285, 0.01  # m, of th
 CURVATURE = 78.5  # 1/m, limit of the robot: a half circle
 SCALE = np.array([1 / L, 1 / L, 1.0, L, L])  # brings the rows of q to rad
 
-SPIRAL = load_robot("2sra-v1")
+SPIRAL = load_robot("2sra-v1-paper")
 assert isinstance(SPIRAL.path, LogSpiralPath)
 TABLE_1 = SPIRAL.path
 KINKED = SPIRAL.with_values(path=TABLE_1.with_values(smoothing_rad=1e-9))

@@ -31,7 +31,7 @@ from twosra_mpc.problem.limits import (
     verified_margins,
 )
 
-ARC = load_robot("2sra-v1-arc")
+ARC = load_robot("2sra-v1")
 
 
 @pytest.mark.parametrize("robot", ROBOTS[1::2], ids=lambda r: str(r.coordinates.segments))
@@ -145,14 +145,14 @@ def narrow(monkeypatch: pytest.MonkeyPatch) -> ShapeLimit:
 
 
 def test_a_further_limit_is_kept_by_plans_and_named_by_messages(narrow: ShapeLimit) -> None:
-    problem = load_problem("paper-1", robot="2sra-v1-arc")  # from a difference of 14 1/m to 10
+    problem = load_problem("paper-1", robot="2sra-v1")  # from a difference of 14 1/m to 10
     margins = shape_margins(problem.robot, (20.0, -20.0))
     assert margins[narrow.name][0] == pytest.approx(-10.0)
     found = plan(problem).require()
     assert found.verification.limits[narrow.name] >= 0
     rows = transcribe.__wrapped__(ARC.body, None, 2, 3, 1).rows["shape"]
     assert rows.stop - rows.start == 2 * (2 * 4)  # it and the gap, at every node
-    apart = load_problem("paper-4", robot="2sra-v1-arc")  # starts at a difference of 44 1/m
+    apart = load_problem("paper-4", robot="2sra-v1")  # starts at a difference of 44 1/m
     with pytest.raises(ValueError, match=r"start\.kappa_per_m .* curvatures differ by over 30"):
         plan(apart)
 

@@ -66,7 +66,7 @@ def test_compare_models_prints_both_tables(capsys: pytest.CaptureFixture[str]) -
 def test_compare_models_says_where_there_is_no_plan(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = "robot = '2sra-v1'\nmodes = [[0,0]]\n"
+    text = "robot = '2sra-v1-paper'\nmodes = [[0,0]]\n"
     text += "[start]\nx_m=0.0\ny_m=0.0\nphi_rad=0.0\nkappa_per_m=[0.0,0.0]\n"
     text += "[goal]\nkappa_per_m=[10.0,0.0]\n"
     (tmp_path / "stuck.toml").write_text(text)
@@ -79,9 +79,9 @@ def test_compare_models_says_where_there_is_no_plan(
 @pytest.mark.parametrize("model", ["log_spiral", "log_spiral_corrected", "cardioid"])
 def test_fit_paths_writes_a_robot_that_keeps_its_comments(model: str, tmp_path: Path) -> None:
     target, figure = tmp_path / "fitted.toml", tmp_path / "paths.png"
-    arguments = ["fit-paths", "2sra-v1", "--out", str(target), "--model", model]
+    arguments = ["fit-paths", "2sra-v1-paper", "--out", str(target), "--model", model]
     assert run(*arguments, "--plot", str(figure)) == 0
-    robot, original = load_robot(target), load_robot("2sra-v1")
+    robot, original = load_robot(target), load_robot("2sra-v1-paper")
     assert robot.path.model == model
     assert robot.geometry == original.geometry
     assert robot.limits == original.limits
@@ -92,9 +92,9 @@ def test_fit_paths_writes_a_robot_that_keeps_its_comments(model: str, tmp_path: 
 def test_fit_paths_prints_fits_beside_the_built_in_numbers(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run("fit-paths", "2sra-v1") == 0
+    assert run("fit-paths", "2sra-v1-paper") == 0
     out = capsys.readouterr().out
-    for fit in fit_spirals(load_robot("2sra-v1").geometry):
+    for fit in fit_spirals(load_robot("2sra-v1-paper").geometry):
         assert f"{fit.scale:.4f}, {fit.growth:.4f}" in out
     assert "2.3250, 0.3165" in out
     assert run("fit-paths", "2sr-v2") == 0
@@ -102,16 +102,16 @@ def test_fit_paths_prints_fits_beside_the_built_in_numbers(
 
 
 def test_fit_paths_refuses_json_and_unwritable_targets(tmp_path: Path) -> None:
-    robot = load_robot("2sra-v1")
+    robot = load_robot("2sra-v1-paper")
     source = tmp_path / "robot.json"
     source.write_text(robot.model_dump_json())
     with pytest.raises(InputError, match="a TOML file"):
         write_fitted_robot(source, tmp_path / "out.toml", robot, "cardioid")
-    assert run("fit-paths", "2sra-v1", "--out", str(tmp_path / "no" / "out.toml")) == 2
+    assert run("fit-paths", "2sra-v1-paper", "--out", str(tmp_path / "no" / "out.toml")) == 2
 
 
 def test_path_models_are_kept_swapped_or_fitted() -> None:
-    robot = load_robot("2sra-v1")
+    robot = load_robot("2sra-v1-paper")
     assert with_path_model(robot, "log_spiral") is robot
     swapped = with_path_model(robot, "log_spiral_corrected")
     assert isinstance(swapped.path, LogSpiralPath)
@@ -124,7 +124,7 @@ def test_path_models_are_kept_swapped_or_fitted() -> None:
     np.testing.assert_allclose(spiral_again.path.scale, robot.path.scale, rtol=2e-3)
 
 
-@pytest.mark.parametrize("name", ["2sra-v1", "2sra-v1-arc", "2sr-v2"])
+@pytest.mark.parametrize("name", ["2sra-v1-paper", "2sra-v1", "2sr-v2"])
 def test_check_robot_reports_singular_shapes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("check-robot", name) == 0
     out = " ".join(capsys.readouterr().out.split())

@@ -17,7 +17,7 @@ THREE = load_problem("three-segments")
 
 
 def robot_of(*lengths: float) -> Robot:
-    document = load_robot("2sra-v1-arc").model_dump()
+    document = load_robot("2sra-v1").model_dump()
     document["geometry"] |= {"segments": len(lengths), "segment_length_m": lengths}
     document["limits"]["curvature_per_m"] = 60.0
     return Robot(**document)

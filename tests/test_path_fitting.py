@@ -36,7 +36,7 @@ from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode, soft_segment
 
 Array = NDArray[np.float64]
 
-ROBOT = load_robot("2sra-v1")
+ROBOT = load_robot("2sra-v1-paper")
 PAPER = ROBOT.geometry
 TABLE_I = [  # a / l, b, c_x / l, c_y / l as printed; c_x of II in the frame of I and III
     (2.325, 0.3165, -0.1223, 0.1782),

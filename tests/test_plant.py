@@ -23,7 +23,7 @@ from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 from twosra_mpc.thermal.lumped import Lumped
 
-ARC = "2sra-v1-arc"
+ARC = "2sra-v1"
 COLD = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [10.0, -5.0]}
 HOT = {
     "x_m": 0.0,
@@ -50,7 +50,7 @@ def set_point(first_C: float, second_C: float | None = None) -> np.ndarray:
 # --- motion --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [ARC, "2sra-v1", "2sr-v2"])
+@pytest.mark.parametrize("name", [ARC, "2sra-v1-paper", "2sr-v2"])
 @pytest.mark.parametrize("mode", [RIGID, SOFT_1, SOFT_2, SOFT_BOTH])
 def test_wheels_that_agree_move_the_robot_as_the_model_says(
     name: str, mode: tuple[int, int]

@@ -29,7 +29,7 @@ ROBOTS = {
     "log_spiral": V1,
     "log_spiral_corrected": with_path_model(V1, "log_spiral_corrected"),
     "cardioid": with_path_model(V1, "cardioid"),
-    "side_wheel": load_robot("2sra-v1-arc"),
+    "side_wheel": load_robot("2sra-v1"),
     "2sr-v2": load_robot("2sr-v2"),
 }
 SOFT_MODES = (SOFT_1, SOFT_2, SOFT_BOTH)

@@ -118,7 +118,7 @@ def test_a_wrong_scenario_does_not_fit(key: str, value: object) -> None:
     assert not VALIDATORS["scenario"].is_valid(document)
 
 
-ARCS = built_in("robots", "2sra-v1-arc")  # spirals know two equal segments only
+ARCS = built_in("robots", "2sra-v1")  # spirals know two equal segments only
 BARE = without(ARCS, "geometry.segment_length_m")
 THERMAL = ARCS["segment"]
 LISTED = [{"length_m": 0.03}, {"length_m": 0.05}]

@@ -21,7 +21,7 @@ from twosra_mpc.robot.modes import Mode, all_modes, is_rigid, mode_name, rigid_m
 
 Array = NDArray[np.float64]
 
-ARC = load_robot("2sra-v1-arc")
+ARC = load_robot("2sra-v1")
 
 
 def robot_of(lengths: tuple[float, ...], **path: str) -> Robot:
@@ -277,7 +277,7 @@ def test_wrong_segments_are_named(changes: dict[str, object], field: str, allowe
 
 
 def test_fitted_curves_know_two_equal_segments_only() -> None:
-    document = load_robot("2sra-v1").model_dump()
+    document = load_robot("2sra-v1-paper").model_dump()
     for geometry in ({"segments": 3}, {"segment_length_m": [0.03, 0.05]}):
         changed = {**document, "geometry": {**document["geometry"], **geometry}}
         with pytest.raises(InputError, match=r"path\.model = 'log_spiral'.*two of equal length"):

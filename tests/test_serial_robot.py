@@ -19,7 +19,7 @@ from twosra_mpc.model.rolling import NO_DRIFT, rolling
 
 Array = NDArray[np.float64]
 
-ARC = "2sra-v1-arc"
+ARC = "2sra-v1"
 
 
 class SeenFirmware(SimulatedFirmware):

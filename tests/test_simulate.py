@@ -25,7 +25,7 @@ from twosra_mpc.plotting.run_figure import (
 )
 from twosra_mpc.plotting.scene import Scene
 
-ARC = "2sra-v1-arc"
+ARC = "2sra-v1"
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from twosra_mpc.timing.network import events_of
 from twosra_mpc.timing.thermal import Thermal
 from twosra_mpc.timing.transitions import own_transitions
 
-V1, V2, ARC = (load_robot(name) for name in ("2sra-v1", "2sr-v2", "2sra-v1-arc"))
+V1, V2, ARC = (load_robot(name) for name in ("2sra-v1", "2sr-v2", "2sra-v1"))
 
 
 def robot_of(robot: Robot, *lengths_m: float) -> Robot:

@@ -39,7 +39,7 @@ Plan the first published experiment, and keep plan, figure and set-points at 20 
 What the greedy rule of the paper would do:
   twosra plan paper-1 --planner greedy
 Another robot, and how good the plan is proved to be, for a program to read:
-  twosra plan shape-change --robot 2sra-v1-arc --json
+  twosra plan shape-change --robot 2sra-v1-paper --json
 
 Ctrl-C and --time-limit end the search; the best plan so far is written, with its true gap.
 """
