@@ -73,7 +73,7 @@ def _replay_problems(
     level = np.array([model.level(state) for state in states])
     span = model.liquid_level - model.solid_level
     lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
-    moving = samples.v[:-1].any(axis=1)
+    moving = samples.moves[:-1]
     soft = samples.mode[:-1, segment] == 1
     wrong = moving & np.where(
         soft,

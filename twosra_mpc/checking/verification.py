@@ -18,8 +18,13 @@ from scipy.integrate import solve_ivp
 from twosra_mpc.checking.transitions import transition_problems
 from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Phase, Samples
-from twosra_mpc.problem.limits import RELATIVE_ROUNDING, WHEEL_SPEED, verified_margins
+from twosra_mpc.plans.trajectory import Phase, Samples, flown
+from twosra_mpc.problem.limits import (
+    RELATIVE_ROUNDING,
+    WHEEL_ACCELERATION,
+    WHEEL_SPEED,
+    verified_margins,
+)
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.modes import mode_name
@@ -32,6 +37,7 @@ GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
+_ROUNDING = 1e-9  # of a product of two inputs
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
 
 
@@ -76,6 +82,7 @@ def examine(
     limits = _margins(problem, samples)
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(problem, samples, transitions)),
+        "steady speeds": tuple(_speed_problems(problem, samples)),
         "samples and phases": tuple(_coverage_problems(samples, phases, transitions)),
         "wheels and heaters": tuple(_command_problems(problem, samples, transitions)),
         "transitions": tuple(transition_problems(problem, samples, phases, transitions)),
@@ -141,16 +148,18 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
 
 
 def _paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
-    """Runs of samples with one mode and one direction of v: (first, last, direction, lengths).
+    """Runs of samples with one mode and one direction: (first, last, direction, lengths).
 
-    Lengths are |v| dt of each sample, direction is v / |v|, zero at rest.
+    Lengths are those of the input displacements s = (v + a dt / 2) dt, direction is s / |s|, zero
+    at rest.
     """
-    speed = np.linalg.norm(samples.v, axis=1)
-    direction = samples.v / np.where(speed > 0, speed, 1.0)[:, None]
-    lengths = speed[:-1] * np.diff(samples.t_s)
+    dt = np.diff(samples.t_s)[:, None]
+    moved = (samples.v[:-1] + samples.a[:-1] * dt / 2) * dt
+    lengths = np.linalg.norm(moved, axis=1)
+    direction = moved / np.where(lengths > 0, lengths, 1.0)[:, None]
     turned = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION
-    turned |= np.diff(samples.mode, axis=0).any(axis=1)
-    starts = [0, *(np.flatnonzero(turned[:-1]) + 1).tolist(), len(lengths)]
+    turned |= np.diff(samples.mode[:-1], axis=0).any(axis=1)
+    starts = [0, *(np.flatnonzero(turned) + 1).tolist(), len(lengths)]
     for first, last in itertools.pairwise(starts):
         if last > first:
             yield first, last, direction[first], lengths[first:last]
@@ -173,7 +182,7 @@ def _coverage_problems(
     if samples.t_s[-1] < last - TIME_TOLERANCE_S:
         yield f"the samples end at {samples.t_s[-1]:.3f} s, before the plan does at {last:.3f} s"
     middle = (samples.t_s[1:] + samples.t_s[:-1]) / 2
-    moving = samples.v[:-1].any(axis=1)
+    moving = samples.moves[:-1]
     inside = np.zeros(len(middle), dtype=bool)
     for phase in phases:
         here = (middle > phase.start_s) & (middle < phase.end_s)
@@ -189,10 +198,8 @@ def _command_problems(
     problem: Problem, samples: Samples, transitions: Sequence[Transition]
 ) -> Iterator[str]:
     """Wheels turn as v asks, heaters are on from heater time to heater time and off otherwise."""
-    rolls = wheel_travels(problem.robot, len(samples))
-    wheels = rolls(samples.q.T, samples.v.T, samples.mode.T).full().T
-    moving = np.abs(samples.v).max(axis=1, keepdims=True) > 0
-    apart = np.abs(samples.wheel_rad_s - moving * wheels).max(axis=1)
+    wheels = _wheel_speeds(problem, samples.q, samples.v, samples.mode)
+    apart = np.abs(samples.wheel_rad_s - wheels).max(axis=1)
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
         yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
@@ -217,6 +224,39 @@ def _command_problems(
         yield f"at {samples.t_s[many][0]:.3f} s {hot} heaters are on"
 
 
+def _speed_problems(problem: Problem, samples: Samples) -> Iterator[str]:
+    """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps."""
+    dt = np.diff(samples.t_s)[:, None]
+    end = samples.v[:-1] + samples.a[:-1] * dt
+    size = np.abs(samples.v[:-1]).max(axis=1) + np.abs(end).max(axis=1)
+    aside = [
+        np.abs(samples.v[:-1, i] * end[:, j] - samples.v[:-1, j] * end[:, i])
+        for i, j in itertools.combinations(range(samples.v.shape[1]), 2)
+    ]
+    back = (samples.v[:-1] * end).sum(axis=1) < -_ROUNDING * size**2
+    wrong = back | (np.max(aside, axis=0) > _ROUNDING * size**2)
+    if wrong.any():
+        yield f"at {samples.t_s[:-1][wrong][0]:.3f} s the input changes its direction on the way"
+    most = problem.robot.limits.wheel_acceleration_rad_s2
+    if most is None:
+        return
+    before, after = (
+        _wheel_speeds(problem, samples.q[1:], end, samples.mode[:-1]),
+        samples.wheel_rad_s,
+    )
+    jump = np.abs(after[1:] - before).max(axis=1)
+    if jump.max(initial=0.0) > WHEEL_TOLERANCE_RAD_S:
+        yield f"at {samples.t_s[1:][int(jump.argmax())]:.3f} s a wheel's speed jumps by {jump.max():.3g} rad/s"
+    if np.abs(after[0]).max() > WHEEL_TOLERANCE_RAD_S:
+        yield "the plan begins in motion"
+
+
+def _wheel_speeds(problem: Problem, q: Array, v: Array, mode: NDArray[np.int64]) -> Array:
+    """Wheel speeds that inputs ask for, zero at rest, (m, 4) [rad/s]."""
+    wheels: Array = wheel_travels(problem.robot, len(q))(q.T, v.T, mode.T).full().T
+    return wheels * v.any(axis=1, keepdims=True)
+
+
 def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:
     if not defect <= DEFECT_TOLERANCE:
         yield f"re-integration departs from the samples by {defect:.3g} (m, rad or 1/m)"
@@ -232,20 +272,47 @@ def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     turned = float(np.abs(samples.wheel_rad_s).max())  # what is sent, whatever the model says
     sent = WHEEL_SPEED.settled(problem.robot, WHEEL_SPEED.most(problem.robot) - turned)
     margins[WHEEL_SPEED.name] = min(sent, margins[WHEEL_SPEED.name])
+    if (most := problem.robot.limits.wheel_acceleration_rad_s2) is not None:
+        rates = _wheel_accelerations(problem, samples)
+        margins[WHEEL_ACCELERATION] = _settled(most - float(rates.max(initial=0.0)), most)
     for name, used, limit in (
         ("temperature_max_C", samples.temperature_C.max(), heater.temperature_max_C),
         ("heater_current_A", samples.heater_current_A.max(), heater.current_max_A),
     ):
-        margin = float(limit - used)
-        margins[name] = 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
+        margins[name] = _settled(float(limit - used), limit)
     return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
+
+
+def _settled(margin: float, limit: float) -> float:
+    """A margin, zero within rounding of an active limit."""
+    return 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
+
+
+def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
+    """Largest acceleration of a wheel near the ends of each interval, (m - 1,) [rad/s2].
+
+    By differences over a thousandth of the interval: as the shape changes the wheels' acceleration
+    does, and between a plan's samples it is monotone for all that can be seen.
+    """
+    dt = np.diff(samples.t_s)[:, None]
+    q, v, a, mode = samples.q[:-1], samples.v[:-1], samples.a[:-1], samples.mode[:-1]
+    q_end, v_end, rates = samples.q[1:], v + a * dt, []
+    for q_at, v_at, sign in ((q, v, 1.0), (q_end, v_end, -1.0)):
+        step = sign * dt / 1000
+        s = (v_at + a * step / 2) * step
+        moved = flown(problem.robot, q_at, s, mode)
+        change = _wheel_speeds(problem, moved, v_at + a * step, mode)
+        change -= _wheel_speeds(problem, q_at, v_at, mode)
+        rates.append(np.abs(change / step).max(axis=1))
+    worst: Array = np.max(rates, axis=0)
+    return worst
 
 
 def _stiffness_problems(
     problem: Problem, samples: Samples, transitions: Sequence[Transition]
 ) -> Iterator[str]:
     """Moving needs every segment to be what the mode says, and none to be changing."""
-    moving = np.flatnonzero(np.abs(samples.v).max(axis=1) > 0)
+    moving = np.flatnonzero(samples.moves)
     if len(moving) and moving[-1] == len(samples) - 1:
         yield "the last sample still moves"
         return
@@ -268,5 +335,6 @@ def _stiffness_problems(
             when = f"at {samples.t_s[row]:.3f} s"
             yield f"{when} the mode is {mode} but segment {j + 1} is not so yet"
     rigid = samples.mode[moving].max(axis=1, initial=0) == 0
-    if samples.v[moving][rigid][:, :2].any() or samples.v[moving][~rigid][:, 2:].any():
+    acting = (samples.v[moving] != 0) | (samples.a[moving] != 0)
+    if acting[rigid][:, :2].any() or acting[~rigid][:, 2:].any():
         yield "an input acts that the mode does not have"

@@ -8,6 +8,7 @@ amount, so their differences are conserved, and the W of rigid segments rest.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,14 +23,16 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import Body, Robot
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, soft_segments
 
 Array = NDArray[np.float64]
+Intervals = Sequence[tuple[float, float]]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
+_INVERSE_RAD = 1e-8  # more than the error of the inverse of W
 _PIECES = 40  # pieces of a bend whose least time is proved
 
 
@@ -65,14 +68,29 @@ class Bending:
         """
         return _fastest(self.body, mode, kappa)
 
-    def least_time(self, mode: Mode, origin: tuple[float, ...], bend: float) -> float:
-        """Lower bound on the time in which ``mode`` changes W by ``bend``, from these W on.
+    def least_time(self, mode: Mode, origin: Intervals, bend: float) -> float:
+        """Lower bound on the time in which ``mode`` changes W by ``bend`` or more, from rest to rest.
 
         Whatever the path, W passes every value in between, each at no more than the fastest rate
-        there; so the sum over pieces of abs(dW) / (enclosed rate) is a lower bound.
+        there; so the sum over pieces of abs(dW) / (enclosed rate) is a lower bound, which the ramps
+        up to full speed and down to rest raise. No segment bends faster than its limit either.
+
+        Args:
+            mode: A soft mode.
+            origin: Bounds of the W of every segment before.
+            bend: Least change of W, with its sign.
         """
-        rates = _largest_rate(self.body, mode, *self._boxes(_along(mode, origin, bend)))
-        return float(np.sum(abs(bend) / _PIECES / rates))
+        low, high = zip(*origin, strict=True)
+        boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
+        rates = _largest_rate(self.body, mode, *boxes)
+        at_speed = float(np.sum(abs(bend) / _PIECES / rates))
+        limits, turned = self.body.limits, [0.0]
+        for j in soft_segments(mode):
+            ends = (low[j] + bend, high[j]) if bend > 0 else (low[j], high[j] + bend)
+            least = float(np.subtract(*self.curvature(np.array(ends), j)))
+            turned.append(least * self.body.geometry.lengths_m[j] - _INVERSE_RAD)
+        steady = max(turned) / (limits.bend_rate_rad_s or math.inf)
+        return max(from_rest_to_rest(at_speed, _unit_ramp_s(self.body)), steady)
 
     def shapes_on_the_way(self, mode: Mode, origin: tuple[float, ...], bend: float) -> Array:
         """Shapes that every such bend passes, (m, n) [1/m]."""
@@ -93,7 +111,8 @@ class Bending:
             Lower and upper bounds in each box, each (2, 4, m): for LU1 and LU2 b0's twist
             (u, v, r) [m/s, m/s, rad/s] and dW/dt.
         """
-        boxes = self._boxes([w + soft * along for w, soft in zip(origin, mode, strict=True)])
+        passed = [w + soft * along for w, soft in zip(origin, mode, strict=True)]
+        boxes = self._boxes(passed, passed)
         twists = enclose(_twists(self.body, mode), *boxes)
         rates = enclose(_rates(self.body, mode), *boxes)
         speed = _unit_speed(self.body)
@@ -103,11 +122,17 @@ class Bending:
         )
         return low, high
 
-    def _boxes(self, along: list[Array]) -> tuple[Array, Array]:
-        """Lower and upper corners of boxes of curvatures between neighbouring W, each (n, m)."""
-        edges = [self._neighbours(j, values) for j, values in enumerate(along)]
-        lower = np.array([np.minimum(edge[:-1, 0], edge[1:, 0]) for edge in edges])
-        upper = np.array([np.maximum(edge[:-1, 1], edge[1:, 1]) for edge in edges])
+    def _boxes(self, low: list[Array], high: list[Array]) -> tuple[Array, Array]:
+        """Lower and upper corners of boxes of curvatures between neighbouring W, each (n, m).
+
+        Args:
+            low: Least W of each segment at the ends of the boxes, (m + 1,).
+            high: Largest W there.
+        """
+        least = [self._neighbours(j, values)[:, 0] for j, values in enumerate(low)]
+        most = [self._neighbours(j, values)[:, 1] for j, values in enumerate(high)]
+        lower = np.array([np.minimum(edge[:-1], edge[1:]) for edge in least])
+        upper = np.array([np.maximum(edge[:-1], edge[1:]) for edge in most])
         return lower, upper
 
     def _neighbours(self, segment: int, coordinates: Array) -> Array:
@@ -115,6 +140,16 @@ class Bending:
         kappa, table = _inverse_table(self.body, segment)
         above = np.clip(np.searchsorted(table, coordinates), 1, _TABLE - 1)
         return np.column_stack([kappa[above - 1], kappa[above]])
+
+
+def from_rest_to_rest(at_speed_s: float, ramp_s: float) -> float:
+    """Least time of what takes ``at_speed_s`` at full speed, if full speed takes ``ramp_s`` to reach.
+
+    The speed is at most min(1, t / ramp, (T - t) / ramp) of full speed; its integral is at_speed_s.
+    """
+    if at_speed_s >= ramp_s:
+        return at_speed_s + ramp_s
+    return 2 * math.sqrt(at_speed_s * ramp_s)
 
 
 def _along(mode: Mode, origin: tuple[float, ...], bend: float) -> list[Array]:
@@ -201,6 +236,17 @@ def _unit_speed(body: Body) -> float:
     if path_model(body).wheel_map == "paper":  # there a side wheel rolls as far as its unit goes
         return min(speed, body.limits.wheel_speed_rad_s * body.geometry.wheel_radius_m)
     return speed
+
+
+def _unit_ramp_s(body: Body) -> float:
+    """Least time in which a locomotion unit gets from rest to full speed; 0 if it is not known.
+
+    It is where v_j is what the side wheel of unit j rolls.
+    """
+    most = body.limits.wheel_acceleration_rad_s2
+    if most is None or not path_model(body).rolls_v:
+        return 0.0
+    return _unit_speed(body) / (body.geometry.wheel_radius_m * most)
 
 
 @per_body(512)

@@ -67,6 +67,10 @@ class PathModel(Protocol):
         """Which wheel speeds belong to the model."""
 
     @property
+    def rolls_v(self) -> bool:
+        """Whether v_j is the speed at which a wheel of unit j rolls."""
+
+    @property
     def conserved(self) -> tuple[str, str, float]:
         """What two soft segments keep while they bend together: name, unit, factor to W_i - W_j."""
 
@@ -97,6 +101,10 @@ class FittedCurves(ABC):
     @property
     def wheel_map(self) -> Literal["paper", "exact"]:
         return "paper"
+
+    @property
+    def rolls_v(self) -> bool:
+        return True  # so says the paper's map
 
     @property
     def conserved(self) -> tuple[str, str, float]:
@@ -209,6 +217,10 @@ class Arc:
     @property
     def wheel_map(self) -> Literal["paper", "exact"]:
         return "exact"
+
+    @property
+    def rolls_v(self) -> bool:
+        return self.at_wheel
 
     @property
     def conserved(self) -> tuple[str, str, float]:

@@ -21,16 +21,16 @@ def verified(
     Nothing is known of other plans here: the lower bound is left to the search.
     """
     layout, times = network.layout, [float(t) for t in candidate.times]
-    sequence, durations = network.sequence, candidate.durations
+    sequence, profiles = network.sequence, candidate.profiles
     transitions = tuple(transition_model(problem).transitions(network, times))
     starts = [times[layout.start(i)] for i in range(layout.phases)]
     phases = tuple(
-        Phase(mode, start, start + float(length))
-        for mode, start, length in zip(sequence, starts, durations.sum(axis=1), strict=True)
-        if length > SAME_TIME_S
+        Phase(mode, start, start + profile.duration_s)
+        for mode, start, profile in zip(sequence, starts, profiles, strict=True)
+        if profile.duration_s > SAME_TIME_S
     )
     finish = times[layout.finish]
-    samples = sample(problem, candidate.motion, durations, starts, finish, transitions)
+    samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)
     return Plan(
         planner=planner,
         trajectory=Trajectory(problem, samples, phases, transitions),

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.bending import bending
+from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.motion import roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.greedy import plan_greedily
@@ -33,6 +33,7 @@ from twosra_mpc.problem.limits import (
     check_shapes,
     interval_durations,
     may_drive,
+    rigid_ramp_s,
     rigid_rows,
     surely_broken,
 )
@@ -250,7 +251,7 @@ def rigid_time(problem: Problem) -> float:
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
         rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return least_time(
+    at_speed = least_time(
         speed_rows=rows,
         shift=shift,
         shift_box=box[:2],
@@ -258,6 +259,7 @@ def rigid_time(problem: Problem) -> float:
         modulo=problem.goal.phi_modulo,
         known_s=float(interval_durations(guess).sum()),
     )
+    return from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
 
 
 def _conclude(

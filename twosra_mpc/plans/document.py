@@ -45,6 +45,7 @@ class _VerificationDocument(BaseModel):
 class PlanDocument(BaseModel):
     """The types of a plan file, for reading one back.
 
+    In version 1 inputs hold from a sample to the next: there is no ``samples.a``.
     ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
     limit (an interrupt was written the same way), and otherwise nothing is known of it.
     """
@@ -52,7 +53,7 @@ class PlanDocument(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
     format: Literal["twosra-plan"]
-    version: Literal[1]
+    version: Literal[1, 2]
     package: str
     robot: dict[str, Any]
     scenario: dict[str, Any]
@@ -86,9 +87,9 @@ def load_plan(path: str | Path) -> Result:
         raise InputError("file", source, f"a plan in JSON ({error})", source) from error
     if not isinstance(head, dict):
         raise InputError("file", source, "a table of keys at the top level", source)
-    if head.get("format") != FORMAT or head.get("version") != FORMAT_VERSION:
+    if head.get("format") != FORMAT or head.get("version") not in (1, FORMAT_VERSION):
         found = (head.get("format"), head.get("version"))
-        raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", source)
+        raise InputError("format", found, f"{FORMAT!r} version 1 or {FORMAT_VERSION}", source)
     try:
         return _result(PlanDocument.model_validate_json(text), source)
     except ValidationError as error:
@@ -122,7 +123,7 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
         raise InputError(f"plan.{missing}", None, "a table of keys, as there are samples")
     trajectory = Trajectory(
         problem=problem,
-        samples=_samples(samples),
+        samples=_samples(samples if data.version > 1 else {**samples, "a": _no_rates(samples)}),
         phases=tuple(Phase(*phase) for phase in data.phases),
         transitions=data.transitions,
     )
@@ -135,6 +136,11 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
         problems=found.problems,
     )
     return Plan(data.planner, trajectory, data.cost, verification, data.lower_bound_s)
+
+
+def _no_rates(samples: dict[str, Any]) -> list[list[float]]:
+    """What ``samples.a`` would have been in version 1."""
+    return [[0.0] * len(v) for v in samples["v"]]
 
 
 def _samples(samples: dict[str, Any]) -> Samples:

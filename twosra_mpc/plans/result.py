@@ -15,7 +15,7 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.version import __version__
 
-FORMAT, FORMAT_VERSION = "twosra-plan", 1
+FORMAT, FORMAT_VERSION = "twosra-plan", 2
 
 _NO_PLAN: dict[str, Any] = {
     **dict.fromkeys(("duration_s", "gap", "cost", "samples", "verification")),

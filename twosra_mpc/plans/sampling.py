@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.motion import Motion
+from twosra_mpc.plans.speed_profile import SpeedProfile
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, wheel_speeds
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS
@@ -24,17 +25,17 @@ HOLD_SAMPLE_S = 5.0  # while the robot waits, temperatures are sampled at least 
 def sample(
     problem: Problem,
     motion: Motion,
-    durations: Array,
+    profiles: Sequence[SpeedProfile],
     phase_starts: Sequence[float],
     finish_s: float,
     transitions: Sequence[Transition],
 ) -> Samples:
-    """Put a motion on the clock: every interval, every heater event, and regular hold samples.
+    """Put a motion on the clock: every change of speed, heater event, and regular hold samples.
 
     Args:
         problem: The problem.
         motion: Path of the phases.
-        durations: Duration of each interval, (phases, intervals) [s]; empty intervals are left out.
+        profiles: How fast each phase is travelled.
         phase_starts: Start of each phase [s].
         finish_s: End of the plan [s].
         transitions: Melts and freezes.
@@ -42,9 +43,9 @@ def sample(
     heating = transition_model(problem).heating(transitions)
     events = [time for item in heating for time in item.event_times() if time <= finish_s]
     times = np.unique([0.0, finish_s, *np.arange(0.0, finish_s, HOLD_SAMPLE_S), *events])
-    t, q, v, mode = _on_path(_knots(motion, durations, phase_starts), times, problem.robot)
+    t, q, v, a, mode = _on_path(_knots(motion, profiles, phase_starts), times, problem.robot)
     just_after = t + 2 * SAME_TIME_S
-    resting = ~v.any(axis=1)
+    resting = ~(v.any(axis=1) | a.any(axis=1))
     soft = np.column_stack([item.soft(just_after) for item in heating])
     mode[resting] = soft[resting]
     metal = [item.temperature_and_melt_fraction(t) for item in heating]
@@ -52,6 +53,7 @@ def sample(
         t_s=t,
         q=q,
         v=v,
+        a=a,
         mode=mode,
         wheel_rad_s=wheel_speeds(problem.robot, q, v, mode),
         temperature_C=np.column_stack([temperature for temperature, _ in metal]),
@@ -62,42 +64,48 @@ def sample(
 
 
 class _Knot(NamedTuple):
-    """From ``t`` to the next knot the robot moves with input ``v`` in ``mode``, or rests."""
+    """From ``t`` on the robot moves with input v + a (t' - t) in ``mode``, or rests."""
 
     t: float
     q: Array
     v: Array
+    a: Array
     mode: Mode
 
 
-def _knots(motion: Motion, durations: Array, phase_starts: Sequence[float]) -> list[_Knot]:
-    """The motion alone: the start of every interval, and a stop after every phase."""
+def _knots(
+    motion: Motion, profiles: Sequence[SpeedProfile], phase_starts: Sequence[float]
+) -> list[_Knot]:
+    """The motion alone: the start of every piece of its profiles, and a stop after every phase."""
     still = np.zeros(INPUTS)
-    knots = [_Knot(0.0, motion.states[0, 0], still, motion.sequence[0])]
-    for i, mode in enumerate(motion.sequence):
+    knots = [_Knot(0.0, motion.states[0, 0], still, still, motion.sequence[0])]
+    for i, (mode, profile) in enumerate(zip(motion.sequence, profiles, strict=True)):
         t = phase_starts[i]
-        if durations[i].sum() <= SAME_TIME_S:
+        if profile.duration_s <= SAME_TIME_S:
             continue
         if t <= knots[-1].t + SAME_TIME_S:
             t = knots.pop().t
-        for k, duration in enumerate(durations[i]):
-            if duration > 0.0:
-                velocity = motion.inputs[i, k] / duration
-                knots.append(_Knot(t, motion.states[i, k], velocity, mode))
-                t += float(duration)
-        knots.append(_Knot(t, motion.states[i, -1], still, mode))
+        k = np.minimum(profile.x[:-1].astype(int), len(motion.inputs[i]) - 1)
+        s = motion.inputs[i, k]
+        v, a = s * profile.speed[:, None], s * profile.acceleration[:, None]
+        modes = np.tile(np.array(mode), (len(k), 1))
+        q = flown(motion.robot, motion.states[i, k], s * (profile.x[:-1] - k)[:, None], modes)
+        knots += [_Knot(t + profile.time_s[j], q[j], v[j], a[j], mode) for j in range(len(k))]
+        knots.append(_Knot(t + profile.duration_s, motion.states[i, -1], still, still, mode))
     return knots
 
 
 def _on_path(
     knots: list[_Knot], times: Array, robot: Robot
-) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """Times, configurations, inputs and modes of the knots, and at further times between them."""
-    known, q, v, mode = (np.array(column) for column in zip(*knots, strict=True))
+) -> tuple[Array, Array, Array, Array, NDArray[np.int64]]:
+    """Times, configurations, inputs, their rates and modes of the knots, and at further times."""
+    known, q, v, a, mode = (np.array(column) for column in zip(*knots, strict=True))
     further = new_times(times, known)
     at = np.searchsorted(known, further, side="right") - 1
-    between = flown(robot, q[at], v[at] * (further - known[at])[:, None], mode[at])
+    elapsed = (further - known[at])[:, None]
+    between = flown(robot, q[at], (v[at] + a[at] * elapsed / 2) * elapsed, mode[at])
     t = np.concatenate([known, further])
     order = np.argsort(t, kind="stable")
     rows = np.concatenate([np.arange(len(known)), at])[order]
-    return t[order], np.concatenate([q, between])[order], v[rows], mode[rows]
+    later = np.concatenate([v, v[at] + a[at] * elapsed])[order]
+    return t[order], np.concatenate([q, between])[order], later, a[rows], mode[rows]

@@ -39,12 +39,15 @@ class Phase(NamedTuple):
 class Samples:
     """A plan at some times, for a robot of n segments; arrays are read-only.
 
-    On a plan's own grid inputs, wheel speeds, modes and heater commands hold to the next sample.
+    On a plan's own grid modes, heater commands and the inputs' rate of change hold to the next
+    sample: from t_k on the input is v_k + a_k (t - t_k). A change of speed alone does not change
+    the path, and a_k is along v_k and v_(k+1).
 
     Attributes:
         t_s: Time [s], (rows,).
         q: Configuration [m, m, rad, 1/m ...], (rows, 3 + n).
         v: Input [v1, v2, u0, v0, r0] [m/s, m/s, m/s, m/s, rad/s], (rows, 5).
+        a: Its rate of change, per s, (rows, 5).
         mode: 1 where a segment is liquid, (rows, n).
         wheel_rad_s: Wheel speeds, (rows, 4).
         temperature_C: Expected temperature of the segments, (rows, n).
@@ -56,6 +59,7 @@ class Samples:
     t_s: Array
     q: Array
     v: Array
+    a: Array
     mode: NDArray[np.int64]
     wheel_rad_s: Array
     temperature_C: Array
@@ -65,7 +69,8 @@ class Samples:
 
     def __post_init__(self) -> None:
         segments = self.mode.shape[-1]
-        width = {"t_s": (), "q": (POSE + segments,), "v": (INPUTS,), "wheel_rad_s": (WHEELS,)}
+        width = {"t_s": (), "q": (POSE + segments,), "wheel_rad_s": (WHEELS,)}
+        width |= {"v": (INPUTS,), "a": (INPUTS,)}
         for item in fields(self):
             array = getattr(self, item.name)
             shape = (len(self.t_s), *width.get(item.name, (segments,)))
@@ -75,6 +80,11 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """Whether the robot moves from each sample to the next, (rows,)."""
+        return self.v.any(axis=1) | self.a.any(axis=1)
 
     def to_dict(self) -> dict[str, Any]:
         """The samples as plain data."""
@@ -123,12 +133,13 @@ class Trajectory:
         """Everything at these times [s], (n,): one row each."""
         times, at, elapsed = self._in_force(t)
         held, q = self.samples, self._flown(at, elapsed)
-        v, mode = held.v[at], held.mode[at]
+        v, mode = self._input(at, elapsed), held.mode[at]
         metal = [item.temperature_and_melt_fraction(times) for item in self._heating]
         return Samples(
             t_s=times,
             q=q,
             v=v,
+            a=held.a[at],
             mode=mode,
             wheel_rad_s=wheel_speeds(self.problem.robot, q, v, mode),
             temperature_C=np.column_stack([temperature for temperature, _ in metal]),
@@ -182,19 +193,26 @@ class Trajectory:
         at = np.where((known[after] - times <= SAME_TIME_S) & (known[at] < times), after, at)
         return times, at, np.maximum(times - known[at], 0.0)
 
+    def _input(self, at: NDArray[np.intp], elapsed: Array) -> Array:
+        """Input ``elapsed`` [s] after the samples ``at``."""
+        v: Array = self.samples.v[at] + self.samples.a[at] * elapsed[:, None]
+        return v
+
     def _flown(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Configuration ``elapsed`` [s] after the samples ``at``."""
         held = self.samples
-        s = held.v[at] * elapsed[:, None]
+        s = self._input(at, elapsed / 2) * elapsed[:, None]
         return flown(self.problem.robot, held.q[at], s, held.mode[at])
 
     def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """How far the wheels turn within ``elapsed`` [s] after the samples ``at``, by Simpson."""
-        held, robot = self.samples, self.problem.robot
-        v, mode = held.v[at], held.mode[at]
-        first, last = wheel_speeds(robot, held.q[at], v, mode), self._flown(at, elapsed)
-        middle = wheel_speeds(robot, self._flown(at, elapsed / 2), v, mode)
-        mean = (first + 4 * middle + wheel_speeds(robot, last, v, mode)) / 6
+
+        def speeds(share: float) -> Array:
+            t = share * elapsed
+            q, mode = self._flown(at, t), self.samples.mode[at]
+            return wheel_speeds(self.problem.robot, q, self._input(at, t), mode)
+
+        mean = (speeds(0.0) + 4 * speeds(0.5) + speeds(1.0)) / 6
         return mean * elapsed[:, None]
 
 

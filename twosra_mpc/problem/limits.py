@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.kinematics import unit_gap, wheel_independence, wheel_travel
+from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
 from twosra_mpc.model.motion import Motion
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 TOUCHING_M = 1e-9  # rounding allowed in a gap
 RELATIVE_ROUNDING = 1e-7  # of a limit
+_ANGLES = np.arange(8) * np.pi / 8
+# Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
+_SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / np.cos(np.pi / 16)
 _CERTAIN = 1e-3  # of a limit's scale: beyond what interpolating a shape can feign
 
 
@@ -60,7 +63,7 @@ class SpeedLimit:
     """A limit of how fast something may travel.
 
     Attributes:
-        name: Of its number in ``robot.limits``, unit included.
+        name: Of its number in ``robot.limits``, unit included; a robot without it is not limited.
         unit: Unit of the margin.
         travel: (body, q, s, sigma) -> what an input displacement s moves, (m,); linear in s.
         words: What is wrong with a motion that is too fast, to complete "a motion in which ...".
@@ -74,6 +77,10 @@ class SpeedLimit:
     def most(self, robot: Robot | Body) -> float:
         """The limit itself."""
         return float(getattr(robot.body.limits, self.name))
+
+    def limits(self, robot: Robot | Body) -> bool:
+        """Whether the robot has this limit."""
+        return getattr(robot.body.limits, self.name) is not None
 
     def settled(self, robot: Robot | Body, margin: float) -> float:
         """A margin, zero within rounding of an active limit."""
@@ -131,9 +138,31 @@ UNIT_SPEED = SpeedLimit(
     travel=lambda body, q, s, sigma: s[:2],
     words=lambda limits: f"locomotion units move faster than {limits.unit_speed_m_s:g} m/s",
 )
-SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED)
+BEND_RATE = SpeedLimit(
+    name="bend_rate_rad_s",
+    unit="rad/s",
+    travel=lambda body, q, s, sigma: (
+        (kinematics(body).jacobian(q, sigma) @ s)[POSE:] * ca.DM(body.geometry.lengths_m)
+    ),
+    words=lambda limits: f"segments bend faster than {limits.bend_rate_rad_s:g} rad/s",
+)
+SPEED = SpeedLimit(
+    name="speed_m_s",
+    unit="m/s",
+    travel=lambda body, q, s, sigma: ca.DM(_SPEED_AXES) @ s[2:4],
+    words=lambda limits: f"the middle link drives faster than {limits.speed_m_s:g} m/s",
+)
+TURN_RATE = SpeedLimit(
+    name="turn_rate_rad_s",
+    unit="rad/s",
+    travel=lambda body, q, s, sigma: s[4],
+    words=lambda limits: f"the robot turns faster than {limits.turn_rate_rad_s:g} rad/s",
+)
+WHEEL_ACCELERATION = "wheel_acceleration_rad_s2"  # with it, every phase goes from rest to rest
+SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED, BEND_RATE, SPEED, TURN_RATE)
 
 UNITS = {limit.name: limit.unit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
+UNITS |= {WHEEL_ACCELERATION: "rad/s2"}
 
 
 # Shapes.
@@ -241,6 +270,11 @@ def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
 # Motions.
 
 
+def speed_limits(robot: Robot | Body) -> tuple[SpeedLimit, ...]:
+    """The speed limits that a robot has."""
+    return tuple(limit for limit in SPEED_LIMITS if limit.limits(robot))
+
+
 @per_body(32)
 def speed_function(body: Body) -> ca.Function:
     """(q, s, sigma) -> for each speed limit the least time [s] that it leaves to a displacement.
@@ -250,13 +284,20 @@ def speed_function(body: Body) -> ca.Function:
     segments = body.geometry.segments
     q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
     sigma = ca.SX.sym("sigma", segments)
-    times = [limit.travel(body, q, s, sigma) / limit.most(body) for limit in SPEED_LIMITS]
+    times = [limit.travel(body, q, s, sigma) / limit.most(body) for limit in speed_limits(body)]
     return ca.Function("least_times", [q, s, sigma], [ca.densify(time) for time in times])
 
 
 @per_body(256)
 def _speed_functions(body: Body, count: int) -> ca.Function:
     return speed_function(body).map(count)
+
+
+def least_times(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
+    """Least time of input displacements within the speed limits, row by row at q, (m,) [s]."""
+    signed = _speed_functions(robot, len(q))(q.T, s.T, mode.T)
+    times: Array = np.abs(np.vstack([time.full() for time in signed])).max(axis=0)
+    return times
 
 
 def interval_durations(motion: Motion) -> Array:
@@ -266,15 +307,13 @@ def interval_durations(motion: Motion) -> Array:
     """
     phases, intervals, _ = motion.inputs.shape
     size = motion.states.shape[2]
-    before = motion.states[:, :-1].reshape(-1, size).T
-    after = motion.states[:, 1:].reshape(-1, size).T
-    s = motion.inputs.reshape(-1, INPUTS).T
-    modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0).T
-    times = _speed_functions(motion.robot, phases * intervals)
+    before = motion.states[:, :-1].reshape(-1, size)
+    after = motion.states[:, 1:].reshape(-1, size)
+    s = motion.inputs.reshape(-1, INPUTS)
+    modes = np.repeat(np.array(motion.sequence), intervals, axis=0)
     places = (before, (before + after) / 2, after)
-    signed = [time.full() for q in places for time in times(q, s, modes)]
-    durations: Array = np.abs(np.vstack(signed)).max(axis=0).reshape(phases, intervals)
-    return durations
+    times = np.max([least_times(motion.robot, q, s, modes) for q in places], axis=0)
+    return np.asarray(times).reshape(phases, intervals)
 
 
 def shapes_allowed(motion: Motion, still: float) -> bool:
@@ -313,6 +352,23 @@ def _rigid_rows(body: Body) -> ca.Function:
     return ca.Function("rigid_rows", [q], [ca.densify(ca.jacobian(times, twist))])
 
 
+def rigid_ramp_s(robot: Robot, kappa: ArrayLike) -> float:
+    """Least time in which a rigid drive gets from rest to full speed, 0 without such a limit [s].
+
+    Wheel speeds omega = V xi grow at most by a, so a row m = c V of ``rigid_rows`` by |c|_1 a. V
+    has one row more than columns: the c of a row are a line, and |c|_1 is least where one is zero.
+    """
+    most = robot.limits.wheel_acceleration_rad_s2
+    if most is None:
+        return 0.0
+    q = np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)])
+    wheels = kinematics(robot).wheel_matrix(q, robot.rigid).full()[:, 2:]
+    some, kept = rigid_rows(robot, kappa) @ np.linalg.pinv(wheels), np.linalg.svd(wheels)[0][:, 3]
+    without = [some - np.outer(some[:, i] / kept[i], kept) for i in np.flatnonzero(kept)]
+    growth = np.min([np.abs(c).sum(axis=1) for c in (some, *without)], axis=0)
+    return float(1 / (most * growth.max()))
+
+
 def verified_margins(
     robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]
 ) -> Iterator[tuple[str, float]]:
@@ -327,10 +383,9 @@ def verified_margins(
     kappa = q[:, POSE:]
     shapes = shape_margins(robot, np.concatenate([kappa, (kappa[1:] + kappa[:-1]) / 2]))
     moving = v.any(axis=1)
-    for limit, used in zip(
-        SPEED_LIMITS, _used(robot, q[moving], v[moving], mode[moving]), strict=True
-    ):
-        yield limit.name, limit.settled(robot, limit.most(robot) * (1 - used))
+    used = _used(robot, q[moving], v[moving], mode[moving])
+    for limit, share in zip(speed_limits(robot), used, strict=True):
+        yield limit.name, limit.settled(robot, limit.most(robot) * (1 - share))
     driving = v[:, 2:].any(axis=1)
     for shape in SHAPE_LIMITS:
         margins = shapes[shape.name]
@@ -341,7 +396,7 @@ def verified_margins(
 def _used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[float]:
     """Largest share of each speed limit that is used at samples that move."""
     if not len(q):
-        return [0.0] * len(SPEED_LIMITS)
+        return [0.0] * len(speed_limits(robot))
     return [
         float(np.abs(t.full()).max()) for t in _speed_functions(robot, len(q))(q.T, v.T, mode.T)
     ]

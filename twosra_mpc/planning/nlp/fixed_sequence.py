@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
+from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correct_end
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.problem.limits import interval_durations, may_drive, shapes_allowed
@@ -62,13 +63,13 @@ class Candidate:
 
     Attributes:
         motion: The corrected motion.
-        durations: Least time of each interval, (phases, intervals) [s].
+        profiles: How fast each phase is travelled.
         times: Event times of the temporal network [s].
         iterations: Iterations of the nonlinear program spent on it.
     """
 
     motion: Motion
-    durations: Array
+    profiles: tuple[SpeedProfile, ...]
     times: Array
     iterations: int
 
@@ -83,17 +84,19 @@ def scheduled(
     corrected = correct_end(motion, problem.goal)
     if corrected is None or not shapes_allowed(corrected, _STILL):
         return None
-    durations = interval_durations(corrected)
-    times = _feasible_schedule(network, durations.sum(axis=1), problem)
-    if times is None:
-        return None
-    return Candidate(corrected, durations, times, iterations)
+    profiles = fastest(corrected)
+    durations = np.array([profile.duration_s for profile in profiles])
+    found = feasible_schedule(network, durations, problem)
+    return None if found is None else Candidate(corrected, profiles, found[0], iterations)
 
 
-def _feasible_schedule(
+def feasible_schedule(
     network: TemporalNetwork, durations: Array, problem: Problem
-) -> Array | None:
-    """Event times that what happens before each transition allows; None if none are found."""
+) -> tuple[Array, TemporalNetwork] | None:
+    """Event times that what happens before each transition allows, and the network they fulfil.
+
+    None if none are found.
+    """
     model = transition_model(problem)
     for _ in range(_SCHEDULE_ROUNDS):
         times = schedule(network, durations, problem.cost_weights)
@@ -101,7 +104,7 @@ def _feasible_schedule(
             return None
         raised = model.settle(network, times.tolist())
         if raised is None:
-            return times
+            return times, network
         network = raised
     return None
 

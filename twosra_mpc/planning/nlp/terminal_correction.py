@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 TERMINAL_TOLERANCE = 1e-9  # largest error at the goal that is left, in m, rad and 1/m
 _ITERATIONS = 12
 _COARSE_STEPS = 2
+_REMOVED = 1e-6  # share of the error that may be left
 
 
 def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
@@ -44,22 +45,39 @@ def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
 
 
 def _least_correction(motion: Motion, error: Array) -> Array:
-    """Input change of least weighted norm that removes ``error`` to first order."""
+    """Input change of least weighted norm that removes ``error`` to first order.
+
+    All intervals of a phase change alike where that is enough: then a phase that goes straight
+    still does, and nothing makes its wheel speeds jump.
+    """
     phases, intervals, _ = motion.inputs.shape
     modes = np.repeat(np.array(motion.sequence, dtype=float), intervals, axis=0)
-    flat = motion.inputs.reshape(-1, 5).T
+    flat = motion.inputs.reshape(-1, INPUTS).T
     derivative = _terminal_jacobian(motion.robot, phases * intervals)
     scale = state_scale(motion.robot)
     gradient = derivative(motion.states[0, 0], flat, modes.T).full() / scale[:, None]
     size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=2)
     resting = size.sum(axis=1) == 0.0  # used only as far as the moving phases cannot help
     size[resting] = 1e-9 * max(float(size.max()), 1e-6)
-    weight = np.repeat(size.ravel(), 5)
+    weight = np.repeat(size.ravel(), INPUTS)
     weight *= np.tile(INPUT_SCALE, phases * intervals) * available_inputs(
         motion.sequence, intervals
     )
-    step, *_ = np.linalg.lstsq(gradient * weight, error / scale, rcond=1e-12)
+    weighted, wanted = gradient * weight, error / scale
+    alike = weighted.reshape(-1, phases, intervals, INPUTS).sum(axis=2)
+    step = _least_squares(alike.reshape(len(scale), -1), wanted)
+    if step is not None:
+        step = np.repeat(step.reshape(phases, 1, INPUTS), intervals, axis=1).ravel()
+    else:
+        step, *_ = np.linalg.lstsq(weighted, wanted, rcond=1e-12)
     return np.asarray(weight * step).reshape(motion.inputs.shape)
+
+
+def _least_squares(matrix: Array, wanted: Array) -> Array | None:
+    """The least x with ``matrix`` x = ``wanted``; None if there is none."""
+    x, *_ = np.linalg.lstsq(matrix, wanted, rcond=1e-12)
+    left = float(np.abs(matrix @ x - wanted).max())
+    return x if left <= _REMOVED * float(np.abs(wanted).max()) else None
 
 
 def available_inputs(sequence: ModeSequence, intervals: int) -> Array:

@@ -69,9 +69,9 @@ class BendingTask:
         rate: (mode, known curvatures) -> upper bound of abs(dW/dt), valid for every curvature
             given as None.
         origin: W of each segment at t = 0.
-        least_time: (mode, W before, change of W of the soft segments) -> lower bound on the
-            time it takes.
-        forbidden: The same arguments -> what is wrong with a shape that every such bend passes, in
+        least_time: (mode, bounds of W before, least change of W of the soft segments) -> lower
+            bound on the time it takes.
+        forbidden: (mode, W before, change of W) -> what is wrong with a shape that every such bend passes, in
             words; None if nothing is.
         beyond: Where ``room`` ends, in words.
         shape: The required curvature changes in words, for messages.
@@ -86,7 +86,7 @@ class BendingTask:
     goal: tuple[float | None, ...]
     rate: Callable[[Mode, tuple[float | None, ...]], float]
     origin: tuple[float, ...]
-    least_time: Callable[[Mode, tuple[float, ...], float], float]
+    least_time: Callable[[Mode, Intervals, float], float]
     forbidden: Callable[[Mode, tuple[float, ...], float], str | None]
     beyond: str
     shape: str
@@ -339,39 +339,57 @@ def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
     With independent soft modes and a given shape at the end, the bends are the unique solution of
     one linear equation for each segment. None also where they are no solution.
     """
-    soft = [i for i, mode in enumerate(sequence) if any(mode)]
-    bends = np.zeros(len(sequence))
     if any(low != high for low, high in task.change):
         return None
+    found = bend_ranges(sequence, task)
+    if found is None:
+        return None
+    bends, wanted = found[0], np.array([low for low, _ in task.change])
+    incidence = np.array(sequence, dtype=float).reshape(len(sequence), len(wanted)).T
+    return bends if np.abs(incidence @ bends - wanted).max() <= task.slack else None
+
+
+def bend_ranges(sequence: ModeSequence, task: BendingTask) -> tuple[Array, Array] | None:
+    """Least and largest change of W in each phase; None if the soft modes are not independent.
+
+    Then the bends d solve A d = w for some w in the box that is asked for, so d = A^+ w.
+    """
+    soft = [i for i, mode in enumerate(sequence) if any(mode)]
+    low, high = np.zeros(len(sequence)), np.zeros(len(sequence))
     if soft:
         incidence = np.array([[sequence[i][j] for i in soft] for j in task.segments], dtype=float)
         if np.linalg.matrix_rank(incidence) < len(soft):
             return None
-        wanted = np.array([low for low, _ in task.change])
-        bends[soft], *_ = np.linalg.lstsq(incidence, wanted, rcond=None)
-        if np.abs(incidence @ bends[soft] - wanted).max() > task.slack:
-            return None
-    return bends
+        inverse, change = np.linalg.pinv(incidence), np.array(task.change).T
+        rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
+        low[soft] = rise @ change[0] + fall @ change[1]
+        high[soft] = rise @ change[1] + fall @ change[0]
+    return low, high
 
 
 def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
-    """Least durations of the phases where the task leaves no choice of bends, else zeros [s].
+    """Least durations of the phases, as far as the task says how far they bend [s].
 
     Infinite where a bend must pass a shape that is forbidden.
     """
-    bends = determined_bends(sequence, task)
     durations = [0.0] * len(sequence)
-    if bends is None:
+    ranges = bend_ranges(sequence, task)
+    if ranges is None:
         return durations
-    here = np.array(task.origin)
+    exact = determined_bends(sequence, task)
+    here = np.array([task.origin, task.origin])
     for i, mode in enumerate(sequence):
-        if any(mode):
-            before, bend = tuple(here.tolist()), float(bends[i])
-            forbidden = task.forbidden(mode, before, bend) is not None
-            durations[i] = np.inf if forbidden else task.least_time(mode, before, bend)
-            here = here + bends[i] * np.array(mode)
-            if not all(task.within(j, float(here[j])) for j in task.segments):
+        least, most = float(ranges[0][i]), float(ranges[1][i])
+        if least * most > 0:
+            bend = min(least, most, key=abs)
+            durations[i] = task.least_time(mode, [*zip(*here.tolist(), strict=True)], bend)
+        if exact is not None and any(mode):
+            before = tuple(here[0].tolist())
+            if task.forbidden(mode, before, float(exact[i])) is not None:
                 durations[i] = np.inf
+        here = here + np.outer((least, most), mode)
+        if exact is not None and not all(task.within(j, float(here[0, j])) for j in task.segments):
+            durations[i] = np.inf
     return durations
 
 

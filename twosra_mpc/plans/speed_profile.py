@@ -1,0 +1,203 @@
+r"""How fast a path is travelled: the quickest way from rest to rest, or a slower one.
+
+Let l be the length of a phase's path in its inputs, :math:`v = \dot l\, s_k / |s_k|` in interval k,
+:math:`b = \dot l^2` and :math:`\ddot l = b' / 2`. For w(l) the wheels' turn per length the limits are
+
+.. math:: r(l) \sqrt b \le 1, \qquad |w'(l)\, b + w(l)\, b' / 2| \le a,
+
+which a forward and a backward pass over a grid of l solve (time-optimal path parameterisation).
+Between grid points the acceleration along the path is constant, so v is linear in time. Without a
+limit on acceleration every interval takes its least time at constant speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.motion import Motion
+from twosra_mpc.plans.trajectory import flown, wheel_speeds
+from twosra_mpc.problem.limits import interval_durations, least_times
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode, is_rigid
+
+Array = NDArray[np.float64]
+
+_PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
+_CORNER = 1e-6  # relative change of a wheel's turn per x that counts as a corner
+_APART = 1e-3  # least length of a piece, in intervals
+_LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own
+_LEAST_PERIODS = 3  # control periods of the shortest phase that moves
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedProfile:
+    """How one phase is travelled; m pieces of constant acceleration of x.
+
+    Attributes:
+        x: Where pieces begin, and the end, in intervals, (m + 1,).
+        time_s: When, since the phase began, (m + 1,).
+        speed: dx/dt as each piece begins, (m,) [1/s].
+        acceleration: Of x in each piece, (m,) [1/s2].
+        effort_s: Integral of the sum of (wheel speed / largest wheel speed)^2 [s].
+        peak_rad_s: Largest speed of a wheel.
+    """
+
+    x: Array
+    time_s: Array
+    speed: Array
+    acceleration: Array
+    effort_s: float
+    peak_rad_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """Time from start to end."""
+        return float(self.time_s[-1])
+
+    def lasting(self, duration_s: float) -> SpeedProfile:
+        """Return the same profile, slower or faster."""
+        factor = duration_s / self.duration_s if self.duration_s else 1.0
+        return SpeedProfile(
+            x=self.x,
+            time_s=self.time_s * factor,
+            speed=self.speed / factor,
+            acceleration=self.acceleration / factor**2,
+            effort_s=self.effort_s / factor,
+            peak_rad_s=self.peak_rad_s / factor,
+        )
+
+
+def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
+    """The quickest speed profile of each phase within the robot's limits."""
+    if motion.robot.limits.wheel_acceleration_rad_s2 is None:
+        return tuple(map(_at_constant_speed, interval_durations(motion)))
+    return tuple(_phase(motion, i) for i in range(len(motion.sequence)))
+
+
+def _at_constant_speed(durations: Array) -> SpeedProfile:
+    """Each interval in its least time; empty ones are left out."""
+    used = durations > 0
+    x = np.append(np.flatnonzero(used), len(durations)).astype(float)
+    time = np.append(0.0, np.cumsum(durations[used]))
+    return SpeedProfile(x, time, 1 / durations[used], np.zeros(int(used.sum())), 0.0, 0.0)
+
+
+_RESTING = SpeedProfile(np.zeros(1), np.zeros(1), np.zeros(0), np.zeros(0), 0.0, 0.0)
+
+
+def _phase(motion: Motion, phase: int) -> SpeedProfile:
+    """From rest to rest, and to rest where the path has a corner."""
+    inputs, mode = motion.inputs[phase], motion.sequence[phase]
+    moving = np.flatnonzero(inputs.any(axis=1))
+    if not len(moving):
+        return _RESTING
+    parts = [
+        _between_corners(motion.robot, motion.states[phase], inputs, mode, part)
+        for part in _smooth_parts(motion, phase, moving)
+    ]
+    start = np.append(0.0, np.cumsum([part.duration_s for part in parts]))
+    made = SpeedProfile(
+        x=np.concatenate([*(part.x[:-1] for part in parts), parts[-1].x[-1:]]),
+        time_s=np.concatenate(
+            [*(at + part.time_s[:-1] for at, part in zip(start, parts, strict=False)), start[-1:]]
+        ),
+        speed=np.concatenate([part.speed for part in parts]),
+        acceleration=np.concatenate([part.acceleration for part in parts]),
+        effort_s=sum(part.effort_s for part in parts),
+        peak_rad_s=max(part.peak_rad_s for part in parts),
+    )
+    least = max(_LEAST_S, _LEAST_PERIODS * (motion.robot.limits.control_period_s or 0.0))
+    return made if made.duration_s >= least else made.lasting(least)
+
+
+def _smooth_parts(
+    motion: Motion, phase: int, moving: NDArray[np.intp]
+) -> Iterator[NDArray[np.intp]]:
+    """Runs of intervals between which the wheels' turn per length does not jump."""
+    states, inputs = motion.states[phase], _directions(motion.inputs[phase][moving])
+    mode = np.array([motion.sequence[phase]] * len(moving))
+    begin = wheel_speeds(motion.robot, states[moving], inputs, mode)
+    end = wheel_speeds(motion.robot, states[moving + 1], inputs, mode)
+    jump = np.abs(begin[1:] - end[:-1]).max(axis=1) > _CORNER * np.abs(begin).max()
+    yield from np.split(moving, np.flatnonzero(jump | (np.diff(moving) > 1)) + 1)
+
+
+def _directions(inputs: Array) -> Array:
+    """Input displacements (m, 5) by their length."""
+    unit: Array = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
+    return unit
+
+
+def _between_corners(
+    robot: Robot, states: Array, inputs: Array, mode: Mode, part: NDArray[np.intp]
+) -> SpeedProfile:
+    """From rest to rest over some intervals of a phase."""
+    lengths = np.linalg.norm(inputs[part], axis=1)
+    nodes = np.append(0.0, np.cumsum(lengths))
+    most = robot.limits.wheel_acceleration_rad_s2 or np.inf
+
+    def along(path: Array) -> tuple[Array, Array, Array]:
+        """Place in intervals, least time per length, and the wheels' turn per length, (m, 4)."""
+        k = np.clip(np.searchsorted(nodes, path, side="right") - 1, 0, len(part) - 1)
+        share = (path - nodes[k]) / lengths[k]
+        modes, s = np.tile(np.array(mode), (len(path), 1)), inputs[part[k]]
+        q = flown(robot, states[part[k]], s * share[:, None], modes)
+        unit = _directions(s)
+        r = least_times(robot, q, unit, modes)
+        return part[k] + share, r, wheel_speeds(robot, q, unit, modes)
+
+    pieces = len(part) * (1 if is_rigid(mode) else _PIECES)
+    path = np.interp(np.linspace(0, len(part), pieces + 1), np.arange(len(nodes)), nodes)
+    _, r, w = along(path[[0, -1]])
+    ramps = (0.5 / r**2) * np.abs(w).max(axis=1) / most  # where full speed may be reached
+    further = (ramps[0], nodes[-1] / 2, nodes[-1] - ramps[1])
+    path = np.unique([*path, *(at for at in further if 0 < at < nodes[-1])])
+    path = path[np.append(True, np.diff(path) > _APART * lengths.min())]
+    path[-1] = nodes[-1]
+    x, r, w = along(path)
+    b = _squared_speeds(path, r, w, most)
+    speed = np.sqrt(b)
+    time = 2 * np.diff(path) / (speed[1:] + speed[:-1])
+    turned = w * speed[:, None]
+    middle = (turned[1:] ** 2 + turned[1:] * turned[:-1] + turned[:-1] ** 2).sum(axis=1) / 3
+    length = lengths[np.minimum(x[:-1].astype(int) - part[0], len(part) - 1)]
+    return SpeedProfile(
+        x=x,
+        time_s=np.append(0.0, np.cumsum(time)),
+        speed=speed[:-1] / length,
+        acceleration=np.diff(b) / (2 * np.diff(path)) / length,
+        effort_s=float(middle @ time) / robot.limits.wheel_speed_rad_s**2,
+        peak_rad_s=float(np.abs(turned).max()),
+    )
+
+
+def _squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
+    """Largest b on the grid from rest to rest, (m,).
+
+    On a piece of length d, with W the larger turn per x of a wheel and D the change of it per x,
+    D b + W abs(b') / 2 <= a is asked for b the larger of its ends: at most a little slower than
+    need be. It gives b_next <= (b + 2 a d / W) / (1 + 2 D d / W), in both directions alike.
+    """
+    length = np.diff(path)[:, None]
+    change = np.abs(np.diff(w, axis=0)) / length
+    largest = np.maximum(np.maximum(np.abs(w[1:]), np.abs(w[:-1])), 1e-12)
+    gain = (2 * most * length / largest).tolist()
+    shrink = (1 + 2 * change * length / largest).tolist()
+    with np.errstate(divide="ignore"):
+        cap = 1 / r**2
+        curved = (most / change).min(axis=1)
+    cap[1:] = np.minimum(cap[1:], curved)
+    cap[:-1] = np.minimum(cap[:-1], curved)
+    cap[[0, -1]] = 0.0
+    b = cap.tolist()
+    for order in (range(len(b) - 1), range(len(b) - 2, -1, -1)):
+        step = order.step
+        for i in order:
+            here, there = (i, i + 1) if step > 0 else (i + 1, i)
+            reach = min((b[here] + g) / k for g, k in zip(gain[i], shrink[i], strict=True))
+            b[there] = min(b[there], reach)
+    return np.array(b)
