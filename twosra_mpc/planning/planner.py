@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.motion import roll_out
 from twosra_mpc.model.path_models import path_model
+from twosra_mpc.planning.gentle import gentle
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import guess_motion
@@ -44,6 +45,14 @@ from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Array = NDArray[np.float64]
 Solution = TypeVar("Solution")
+
+
+class Solved(NamedTuple):
+    """A verified plan, and what it was made of."""
+
+    plan: Plan
+    candidate: Candidate
+    network: TemporalNetwork
 
 
 class Progress(NamedTuple):
@@ -145,7 +154,7 @@ class SequenceSolver:
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound
-    ) -> Iterator[tuple[float, Plan] | None]:
+    ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
         problem = self.problem
         guess = guess_motion(
@@ -166,11 +175,13 @@ class SequenceSolver:
 
     def _checked(
         self, candidate: Candidate | None, network: TemporalNetwork
-    ) -> tuple[float, Plan] | None:
+    ) -> tuple[float, Solved] | None:
         if candidate is None:
             return None
         checked = verified(self.problem, candidate, network)
-        return (checked.cost.total, checked) if checked.verification.ok else None
+        if not checked.verification.ok:
+            return None
+        return checked.cost.total, Solved(checked, candidate, network)
 
 
 def bending_task(problem: Problem) -> BendingTask:
@@ -263,13 +274,13 @@ def rigid_time(problem: Problem) -> float:
 
 
 def _conclude(
-    problem: Problem, search: SearchResult[Plan], tree: ModeTree[Plan], stats: Stats
+    problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved], stats: Stats
 ) -> Result:
     """Turn the outcome of the search into a result with a true status and a useful message."""
     lower = search.lower_bound if math.isfinite(search.lower_bound) else None
     ending, made = search.ending, None
     if search.solution is not None:
-        made = replace(search.solution, lower_bound=lower)
+        made = replace(_as_asked(problem, search.solution, lower), lower_bound=lower)
         status, message = made.status, _quality(made, ending)
     elif (proof := _proof(problem, search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
@@ -277,6 +288,19 @@ def _conclude(
     else:
         status, message = Status.FAILED, _failure(problem, search, tree)
     return Result(problem, "optimal", status, message, lower, ending, stats, made)
+
+
+def _as_asked(problem: Problem, found: Solved, lower: float | None) -> Plan:
+    """The plan that was found, or a gentler one of its sequence that costs no more than asked."""
+    if problem.motion != "gentle" or problem.robot.limits.wheel_acceleration_rad_s2 is None:
+        return found.plan
+    cost = found.plan.cost.total
+    most = max(cost, (lower or 0.0) / (1 - problem.gap))
+    candidate = gentle(problem, found.candidate, found.network, most)
+    if candidate is None:
+        return found.plan
+    made = verified(problem, candidate, found.network)
+    return made if made.verification.ok else found.plan
 
 
 def _quality(made: Plan, ending: Ending) -> str:
@@ -289,7 +313,7 @@ def _quality(made: Plan, ending: Ending) -> str:
     return f"{made}; {_STOPPED[ending]}: {_ADVICE[ending]}"
 
 
-def _proof(problem: Problem, search: SearchResult[Plan], tree: ModeTree[Plan]) -> str | None:
+def _proof(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str | None:
     """Why there is no plan at all; None where that is not proved."""
     proof = impossibility(tree)
     if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
@@ -297,7 +321,7 @@ def _proof(problem: Problem, search: SearchResult[Plan], tree: ModeTree[Plan]) -
     return proof
 
 
-def _failure(problem: Problem, search: SearchResult[Plan], tree: ModeTree[Plan]) -> str:
+def _failure(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str:
     """Why no plan was found although one may exist, and what to change."""
     if (ending := search.ending) is not Ending.EXHAUSTED:
         effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"

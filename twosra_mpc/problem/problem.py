@@ -77,7 +77,8 @@ class Problem(Value):
     fastest, and solid segments are kept warm between soft phases where that costs less. At most
     ``heaters_at_once`` heaters are on at a time: one, or all. ``transition_quantile`` reserves
     windows that hold this share of early and of late transitions, given the ranges of the robot's
-    parameters.
+    parameters. ``motion`` says what is done with time to spare, and with the ``gap`` that is asked
+    for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can.
     """
 
     description: str = ""
@@ -89,6 +90,7 @@ class Problem(Value):
     timing: str = "nominal"
     ambient_C: Number | None = None
     heating: Literal["fastest", "least_energy", "keep_warm"] = "fastest"
+    motion: Literal["gentle", "fastest"] = "gentle"
     heaters_at_once: Annotated[
         int,
         Field(ge=1, le=MOST_SEGMENTS),
