@@ -48,3 +48,7 @@ class Heater(Value):
             allowed = f"at most melt_current_A ({self.melt_current_A:g} A)"
             raise InputError("hold_current_A", self.hold_current_A, allowed)
         return self
+
+    def power_W(self, current_A: float) -> float:
+        """Heat of a coil whose resistance is kept."""
+        return current_A**2 * self.resistance_ohm

@@ -16,6 +16,7 @@ a solid or liquid segment follows ``C dT/dt = A - b (T - T_a)``; on the plateau 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 State = tuple[float, ...]
@@ -114,22 +115,11 @@ class Lumped:
         loss = self.loss_W_per_K * (self.temperature_C(state) - self.ambient_C)
         return max(0.0, loss) * duration_s
 
-    def net_power_W(self, current_A: float, temperature_C: float) -> float:
-        """Heater power less loss."""
-        loss = self.loss_W_per_K * (temperature_C - self.ambient_C)
-        return self.power_W(current_A, temperature_C) - loss
-
     def propagate(self, state: State, current_A: float, duration_s: float) -> State:
         """State after a constant current, exactly, through however many regimes."""
         (h,) = state
-        left = duration_s
-        while left > 0:
-            edge = self._next_edge(h, current_A)
-            after = self._within_regime(h, current_A, left, edge)
-            if edge is None or (after < edge) == (h < edge):
-                return (after,)
-            left -= self._time_within_regime(h, edge, current_A)
-            h = edge
+        for _, h, _ in self._passed(h, current_A, duration_s):
+            pass
         return (h,)
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
@@ -150,20 +140,27 @@ class Lumped:
 
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:
         """Heat the coil gives off at constant current."""
-        (h,) = state
-        left, total = duration_s, 0.0
+        passed = self._passed(state[0], current_A, duration_s)
+        return sum(self._energy_within_regime(h, after, current_A, t) for h, after, t in passed)
+
+    def _passed(
+        self, h: float, current_A: float, duration_s: float
+    ) -> Iterator[tuple[float, float, float]]:
+        """Yield (H before, H after, duration) of each regime passed through."""
+        left = duration_s
         while left > 0:
-            edge = self._next_edge(h, current_A)
-            needed = self._time_within_regime(h, edge, current_A) if edge is not None else math.inf
-            spent = min(needed, left)
-            end = edge if needed <= left and edge is not None else None
-            after = end if end is not None else self._within_regime(h, current_A, spent, edge)
-            total += self._energy_within_regime(h, after, current_A, spent)
+            edge, spent = self._next_edge(h, current_A), left
+            after = self._within_regime(h, current_A, left, edge)
+            if edge is not None and (after < edge) != (h < edge):
+                after, spent = edge, self._time_within_regime(h, edge, current_A)
+            yield h, after, spent
             h, left = after, left - spent
-        return total
 
     def _rate(self, h: float, current_A: float) -> float:
-        return self.net_power_W(current_A, self.temperature_C((h,)))
+        """Heater power less loss."""
+        temperature = self.temperature_C((h,))
+        loss = self.loss_W_per_K * (temperature - self.ambient_C)
+        return self.power_W(current_A, temperature) - loss
 
     def _next_edge(self, h: float, current_A: float) -> float | None:
         """Regime boundary that H runs into, or None."""
