@@ -21,12 +21,12 @@ from thermal_problems import (
     thermal_problems,
     transitions_of,
 )
+from twosra_mpc.thermal.trajectory import Heating, TemperatureTrajectory
 
 from twosra_mpc import Problem, Robot
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, Stiffness
 from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm, SegmentTransition
 from twosra_mpc.thermal.model import State
-from twosra_mpc.thermal.trajectory import Heating, TemperatureTrajectory
 
 TWO_SOFT_PHASES = (RIGID, SOFT_1, RIGID, SOFT_1, RIGID)
 robots = pytest.mark.parametrize("robot", [V1, V2], ids=lambda robot: robot.name)

@@ -20,10 +20,10 @@ from twosra_mpc import InputError, load_robot
 from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
 from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, read_heating_log, resample
-from twosra_mpc.identification.identified_robot import write_identified_robot
 from twosra_mpc.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
 from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
 from twosra_mpc.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
+from twosra_mpc.identification.robot_files import write_identified_robot
 from twosra_mpc.identification.thermal import (
     SEGMENT_FIELDS,
     Parameters,

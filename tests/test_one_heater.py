@@ -18,11 +18,11 @@ from thermal_problems import (
     thermal_problem,
     thermal_problems,
 )
+from twosra_mpc.thermal.trajectory import Heating, TemperatureTrajectory
 
 from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.least_times import LeastTimes
-from twosra_mpc.thermal.trajectory import Heating, TemperatureTrajectory
 from twosra_mpc.timing import transition_model
 
 robots = pytest.mark.parametrize("robot", [V1, V2], ids=lambda robot: robot.name)

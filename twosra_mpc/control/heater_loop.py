@@ -175,17 +175,15 @@ def save_run(run: HeaterRun, path: str | Path) -> None:
     for event in run.events:
         time = round(event.time_s, 6)
         told[time] = f"{told[time]} {event.kind}" if time in told else event.kind
+    times = [round(time, 6) for time in run.time_s.tolist()]
+    as_they_are = (
+        *("temperature_C", "measured_C", "melt_fraction", "estimated_melt_fraction"),
+        *("current_A", "integrator", "heat_J", "stiffness"),
+    )
     columns: dict[str, Sequence[object]] = {
-        "time_s": (times := [round(time, 6) for time in run.time_s.tolist()]),
+        "time_s": times,
         "setpoint": ["soft" if soft else "rigid" for soft in run.soft_setpoint],
-        "temperature_C": run.temperature_C.tolist(),
-        "measured_C": run.measured_C.tolist(),
-        "melt_fraction": run.melt_fraction.tolist(),
-        "estimated_melt_fraction": run.estimated_melt_fraction.tolist(),
-        "current_A": run.current_A.tolist(),
-        "integrator": run.integrator.tolist(),
-        "heat_J": run.heat_J.tolist(),
-        "stiffness": run.stiffness.tolist(),
+        **{name: getattr(run, name).tolist() for name in as_they_are},
         "event": [told.get(time, "") for time in times],
     }
     text = io.StringIO()

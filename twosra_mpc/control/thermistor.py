@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import Protocol
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.description import Robot
 
-Wiring = Literal["sound", "open", "short"]
 Lag = tuple[float, float]
 
 _ZERO_C_K = 273.15
@@ -39,9 +38,6 @@ class Characteristic(Protocol):
 
     def voltage_V(self, temperature_C: float) -> float:
         """Voltage at a temperature."""
-
-    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
-        """Voltage when the sensor has come off, or is shorted."""
 
     def temperature_C(self, voltage_V: float) -> float:
         """Temperature at a voltage strictly between 0 and the supply."""
@@ -77,10 +73,6 @@ class NtcDivider:
         ntc = self.resistance_ohm(temperature_C)
         lower = ntc if self.ntc_to_ground else self.fixed_ohm
         return self.supply_V * lower / (ntc + self.fixed_ohm)
-
-    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
-        """Return one rail or the other."""
-        return self.supply_V if (wiring == "open") == self.ntc_to_ground else 0.0
 
     def temperature_C(self, voltage_V: float) -> float:
         """Invert the divider and the thermistor's law."""
@@ -118,10 +110,6 @@ class LinearMap:
         """Voltage on the line, or its extension."""
         (cold, hot), (low, high) = self.range_C, self.range_V
         return low + (high - low) * (temperature_C - cold) / (hot - cold)
-
-    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
-        """Return one rail or the other, as a thermistor at the supply would."""
-        return 0.0 if wiring == "open" else self.supply_V
 
     def temperature_C(self, voltage_V: float) -> float:
         """Temperature on the line, or its extension."""
@@ -165,22 +153,18 @@ class TemperatureSensor:
         before, after = self.touched_C(before_C), self.touched_C(after_C)
         return follow(lag, self.lags_s, before, after, duration_s)
 
-    def read_C(self, lag: Lag, error_C: float = 0.0, wiring: Wiring = "sound") -> float:
+    def read_C(self, lag: Lag, error_C: float = 0.0) -> float:
         """What the firmware makes of the sensor.
 
         Args:
             lag: Where the sensor is.
             error_C: Noise of this reading.
-            wiring: Whether the sensor has come off or is shorted.
 
         Returns:
-            Temperature [C]; NaN, a fault, from a converter at its end or outside the range that
-            the circuit is made for.
+            Temperature [C]; NaN, a fault, from a converter at its end (as a sensor that has come
+            off or is shorted makes it), or outside the range that the circuit is made for.
         """
-        if wiring == "sound":
-            voltage = self.part.voltage_V(lag[1] + error_C)
-        else:
-            voltage = self.part.broken_voltage_V(wiring)
+        voltage = self.part.voltage_V(lag[1] + error_C)
         top = 2**self.bits - 1
         code = min(top, max(0, round(voltage / self.part.supply_V * top)))
         if code in (0, top):

@@ -12,6 +12,7 @@ differ from one day to another: that takes a second log.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
 from twosra_mpc.identification.log_response import HeaterLaw, Response, SensorLag, respond
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
+from twosra_mpc.thermal.two_node import TwoNode
 
 OnProgress = Callable[[int, int], None]
 
@@ -58,6 +60,8 @@ _ONE_NODE = (
     _LAG,
     *_LAW,
 )
+# Further fields of a ``TwoNode``: full current is 1 A, the air has 0 C, and the rest is not asked.
+UNIT = (1.0, 1.0, 0.0, 1.0, 0.0)
 
 
 class Parameters(NamedTuple):
@@ -253,7 +257,7 @@ def two_nodes(sensor_gain: float) -> Family:
 
     def answer(values: Sequence[float], log: EvenLog) -> Response:
         found = Parameters(*values)
-        plant = TwoNodePlant.of(*found[:4], log.step_s)
+        plant = TwoNodePlant(TwoNode(*found[:4], *UNIT), log.step_s)
         lag = max(found.sensor_lag_s, 1e-3)  # a robot file may have none
         return respond(log, plant, SensorLag(sensor_gain, lag, log.step_s), found.law)
 
@@ -329,13 +333,11 @@ def _rounded(value: float) -> float:
 
 def _counted(on_progress: OnProgress | None, total: int) -> Callable[[Fitted], Fitted]:
     """Function that passes fits on, and counts them."""
-    count = 0
+    numbers = itertools.count(1)
 
     def done(fitted: Fitted) -> Fitted:
-        nonlocal count
-        count += 1
         if on_progress is not None:
-            on_progress(count, total)
+            on_progress(next(numbers), total)
         return fitted
 
     return done

@@ -117,10 +117,8 @@ class Lumped:
 
     def propagate(self, state: State, current_A: float, duration_s: float) -> State:
         """State after a constant current, exactly, through however many regimes."""
-        (h,) = state
-        for _, h, _ in self._passed(h, current_A, duration_s):
-            pass
-        return (h,)
+        ends = [after for _, after, _ in self._passed(state[0], current_A, duration_s)]
+        return (ends[-1],) if ends else state
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until H reaches ``level`` [s]; inf if it never does."""
@@ -141,7 +139,8 @@ class Lumped:
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:
         """Heat the coil gives off at constant current."""
         passed = self._passed(state[0], current_A, duration_s)
-        return sum(self._energy_within_regime(h, after, current_A, t) for h, after, t in passed)
+        spent = (self._energy_within_regime(h, end, current_A, time) for h, end, time in passed)
+        return sum(spent, start=0.0)
 
     def _passed(
         self, h: float, current_A: float, duration_s: float

@@ -83,8 +83,11 @@ class TwoNode:
     def propagate(self, state: State, current_A: float, duration_s: float) -> State:
         """State after a constant current, exactly."""
         core, body = self._steady(current_A)
-        c, b = self._decayed(state[0] - core, state[1] - body, duration_s)
-        return (core + c, body + b)
+        (fast, slow), a = self._eigenvalues(), self.coupling_per_s
+        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
+        c_fast, c_slow = c_fast * math.exp(fast * duration_s), c_slow * math.exp(slow * duration_s)
+        c, b = c_fast + c_slow, c_fast * (1 + fast / a) + c_slow * (1 + slow / a)
+        return core + c, body + b
 
     def hold(self, state: State, duration_s: float) -> State:
         """State after the core has been held at its temperature by an ideal controller."""
@@ -126,7 +129,9 @@ class TwoNode:
             left = c_fast * math.exp(fast * duration) + c_slow * math.exp(slow * duration)
             return (core + left - level) * side
 
-        turn = self._turning_time(state, current_A)
+        # The core turns round where fast c_fast e^(fast t) + slow c_slow e^(slow t) is 0.
+        ratio = -fast * c_fast / (slow * c_slow) if c_slow else 0.0
+        turn = max(0.0, math.log(ratio) / (slow - fast)) if ratio > 0 else 0.0
         for low, high in ((0.0, turn), (turn, _HORIZON_S)):
             if excess(low) <= 0:  # by rounding
                 return low
@@ -162,21 +167,3 @@ class TwoNode:
         a = self.coupling_per_s
         rate = -a * core + a * body
         return (rate - slow * core) / (fast - slow), (fast * core - rate) / (fast - slow)
-
-    def _decayed(self, core: float, body: float, duration_s: float) -> tuple[float, float]:
-        fast, slow = self._eigenvalues()
-        c_fast, c_slow = self._modes(core, body)
-        c_fast *= math.exp(fast * duration_s)
-        c_slow *= math.exp(slow * duration_s)
-        a = self.coupling_per_s
-        return c_fast + c_slow, c_fast * (1 + fast / a) + c_slow * (1 + slow / a)
-
-    def _turning_time(self, state: State, current_A: float) -> float:
-        """When the core temperature turns round, 0 if it never does."""
-        fast, slow = self._eigenvalues()
-        core, body = self._steady(current_A)
-        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
-        if c_slow == 0 or -fast * c_fast / (slow * c_slow) <= 0:
-            return 0.0
-        when = math.log(-fast * c_fast / (slow * c_slow)) / (slow - fast)
-        return max(0.0, when)
