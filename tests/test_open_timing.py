@@ -24,7 +24,7 @@ from twosra_mpc.robot.timing import Kind, Timing
 from twosra_mpc.thermal.lumped import Lumped, State
 from twosra_mpc.timing import EventLayout, TemporalNetwork, Transition, TransitionModel, model_of
 from twosra_mpc.timing.constant_heating import ConstantHeating
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, by_heater_time
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
 from twosra_mpc.validation import Positive
 
 MOVE: dict[str, Any] = {
@@ -144,16 +144,14 @@ def robot_that_pauses(pause_s: float) -> Robot:
         ) -> TemporalNetwork | None:
             return None
 
-        def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
-            found = []
+        def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
             for gap, before, after in self._changes(network.sequence, network.last):
                 begin = times[network.layout.end(gap - 1)]
-                found += [
+                yield from (
                     Transition(j + 1, "soft" if after[j] else "rigid", begin, begin, begin + span)
                     for j, span in enumerate([self.times.pause_s] * len(after))
                     if before[j] != after[j]
-                ]
-            return by_heater_time(found)
+                )
 
         def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
             soft, now = bool(self.first[segment]), self.problem.temperatures[segment]

@@ -13,7 +13,7 @@ temperature. Part and firmware are separate values, so a part can be off by its 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from twosra_mpc.errors import InputError
@@ -91,6 +91,9 @@ class NtcDivider:
         )
 
 
+STANDARD = NtcDivider()
+
+
 @dataclass(frozen=True)
 class LinearMap:
     """The paper's idealised sensor: voltage rises in a straight line with temperature.
@@ -132,8 +135,8 @@ class TemperatureSensor:
     """
 
     ambient_C: float
-    part: Characteristic = field(default_factory=NtcDivider)
-    assumed: Characteristic = field(default_factory=NtcDivider)
+    part: Characteristic = STANDARD
+    assumed: Characteristic = STANDARD
     gain: float = 1.0
     lags_s: tuple[float, float] = (4.0, 4.0)
     noise_C: float = 0.02
@@ -215,7 +218,7 @@ def _passed_on(tau_1: float, tau_2: float, duration_s: float) -> float:
 
 
 def temperature_sensor(
-    robot: Robot, ambient_C: float, segment: int, part: Characteristic | None = None
+    robot: Robot, ambient_C: float, segment: int, part: Characteristic = STANDARD
 ) -> TemperatureSensor:
     """Build the sensor of a segment; gain and lag are those of the robot's file, if it has any.
 
@@ -229,10 +232,9 @@ def temperature_sensor(
         InputError: If the robot file has no ``[segment]``, or the air is not within the circuit's
             range.
     """
-    circuit: Characteristic = NtcDivider() if part is None else part
-    coldest, hottest = circuit.range_C
+    coldest, hottest = part.range_C
     if not coldest <= ambient_C <= hottest:
         allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
         raise InputError("ambient_C", ambient_C, allowed)
     gain, lags_s = robot.thermal_segment(segment).sensor_gain_and_lags_s
-    return TemperatureSensor(ambient_C, circuit, circuit, gain, lags_s)
+    return TemperatureSensor(ambient_C, part, part, gain, lags_s)

@@ -21,16 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.identification import log_fit
 from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, resample
-from twosra_mpc.identification.log_fit import (
-    Bounded,
-    Family,
-    Fitted,
-    Residuals,
-    fit,
-    pooled_rms_C,
-    residuals,
-)
+from twosra_mpc.identification.log_fit import Bounded, Family, Fitted, Residuals
 from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
 from twosra_mpc.identification.log_response import HeaterLaw, Response, SensorLag, respond
 from twosra_mpc.robot.description import Robot
@@ -235,9 +228,9 @@ def score(log: HeatingLog, segment: TwoNodeSegment, law: HeaterLaw | None = None
     whole = two_nodes(segment.sensor_gain)
     if law is None:
         part = Family(_LAW, lambda values, log: whole.respond((*fixed, *values), log))
-        law = HeaterLaw(*fit(part, even).values)
+        law = HeaterLaw(*log_fit.fit(part, even).values)
     response = whole.respond((*fixed, *law), even)
-    return Score(residuals(even, response), law, response, even)
+    return Score(log_fit.residuals(even, response), law, response, even)
 
 
 def two_node_segment(robot: Robot) -> TwoNodeSegment:
@@ -295,7 +288,7 @@ class _Study(NamedTuple):
 
     def row(self, model: str) -> Row:
         """Sum it up."""
-        unseen = pooled_rms_C([part[2] for part in self.parts])
+        unseen = log_fit.pooled_rms_C([part[2] for part in self.parts])
         return Row(model, len(self.best.values), self.residuals, unseen)
 
 
@@ -303,14 +296,14 @@ def _study(
     family: Family, log: EvenLog, cycles: list[int], done: Callable[[Fitted], Fitted]
 ) -> _Study:
     """Fit a family to a log, and to all of it but each of some cycles."""
-    best = done(fit(family, log))
+    best = done(log_fit.fit(family, log))
     response, parts = family.respond(best.values, log), []
     for cycle in cycles:
         here = log.cycle == cycle
-        part = done(fit(family, log.scoring(~here), best.values))
-        unseen = residuals(log.scoring(here), family.respond(part.values, log))
+        part = done(log_fit.fit(family, log.scoring(~here), best.values))
+        unseen = log_fit.residuals(log.scoring(here), family.respond(part.values, log))
         parts.append((cycle, part, unseen))
-    return _Study(best, response, residuals(log, response), parts)
+    return _Study(best, response, log_fit.residuals(log, response), parts)
 
 
 def _described(

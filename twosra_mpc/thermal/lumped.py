@@ -106,14 +106,12 @@ class Lumped:
 
     def holding_current_A(self, state: State) -> float:
         """Current whose heat makes up for the loss."""
-        temperature = self.temperature_C(state)
-        loss = self.loss_W_per_K * (temperature - self.ambient_C)
-        return math.sqrt(max(0.0, loss) / self.power_W(1.0, temperature))
+        lost = max(0.0, -self._rate(state[0], 0.0))
+        return math.sqrt(lost / self.power_W(1.0, self.temperature_C(state)))
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heat that holding the state takes."""
-        loss = self.loss_W_per_K * (self.temperature_C(state) - self.ambient_C)
-        return max(0.0, loss) * duration_s
+        return max(0.0, -self._rate(state[0], 0.0)) * duration_s
 
     def propagate(self, state: State, current_A: float, duration_s: float) -> State:
         """State after a constant current, exactly, through however many regimes."""
@@ -179,17 +177,16 @@ class Lumped:
             return self.heat_liquid_J_per_K
         return 0.0
 
-    def _linear(self, current_A: float) -> tuple[float, float]:
-        """(A, b) of C dT/dt = A - b (T - T_a)."""
-        cold = self.power_W(current_A, self.ambient_C)
-        slope = self.temperature_coefficient_per_K * current_A**2 * self.resistance_ohm
-        return cold, self.loss_W_per_K - slope
+    def _slope(self, current_A: float) -> float:
+        """Return b of C dT/dt = A - b (T - T_a)."""
+        warmer = self.temperature_coefficient_per_K * current_A**2 * self.resistance_ohm
+        return self.loss_W_per_K - warmer
 
     def _time_within_regime(self, h: float, to: float, current_A: float) -> float:
         capacity, rate = self._regime(h, to, current_A), self._rate(h, current_A)
         if capacity == 0.0:
             return (to - h) / rate
-        _, b = self._linear(current_A)
+        b = self._slope(current_A)
         ratio = b * (to - h) / (capacity * rate)
         if ratio == 0.0:
             return (to - h) / rate
@@ -202,7 +199,7 @@ class Lumped:
         rate = self._rate(h, current_A)
         if capacity == 0.0:
             return h + rate * duration_s
-        _, b = self._linear(current_A)
+        b = self._slope(current_A)
         slow = -b * duration_s / capacity
         grown = math.expm1(slow) / slow if slow else 1.0
         return h + rate * duration_s * grown
@@ -215,7 +212,7 @@ class Lumped:
         here = self.temperature_C((h,))
         if capacity == 0.0:
             return self.power_W(current_A, here) * duration_s
-        a, b = self._linear(current_A)
+        a, b = self.power_W(current_A, self.ambient_C), self._slope(current_A)
         if abs(b) * duration_s < 1e-9 * capacity:
             middle = (here + self.temperature_C((after,))) / 2
             return self.power_W(current_A, middle) * duration_s

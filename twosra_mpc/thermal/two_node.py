@@ -82,9 +82,8 @@ class TwoNode:
 
     def propagate(self, state: State, current_A: float, duration_s: float) -> State:
         """State after a constant current, exactly."""
-        core, body = self._steady(current_A)
-        (fast, slow), a = self._eigenvalues(), self.coupling_per_s
-        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
+        a = self.coupling_per_s
+        core, body, fast, slow, c_fast, c_slow = self._course(state, current_A)
         c_fast, c_slow = c_fast * math.exp(fast * duration_s), c_slow * math.exp(slow * duration_s)
         c, b = c_fast + c_slow, c_fast * (1 + fast / a) + c_slow * (1 + slow / a)
         return core + c, body + b
@@ -120,9 +119,7 @@ class TwoNode:
         if away == 0.0:
             return 0.0
 
-        fast, slow = self._eigenvalues()
-        core, body = self._steady(current_A)
-        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
+        core, _, fast, slow, c_fast, c_slow = self._course(state, current_A)
         side = math.copysign(1, away)
 
         def excess(duration: float) -> float:
@@ -148,22 +145,20 @@ class TwoNode:
     def _heating(self, current_A: float) -> float:
         return self.power_K_per_s * (current_A / self.full_current_A) ** 2
 
-    def _steady(self, current_A: float) -> State:
-        """Where a constant current leads to in the end."""
+    def _course(self, state: State, current_A: float) -> tuple[float, ...]:
+        """Course of the core at constant current, core + c_fast e^(fast t) + c_slow e^(slow t).
+
+        Returns:
+            Core and body in the end, fast and slow (both negative), c_fast and c_slow.
+        """
+        a, b, beta = self.coupling_per_s, self.body_loss_per_s, self.body_ratio
         heating = self._heating(current_A)
-        body = self.ambient_C + heating / (self.body_ratio * self.body_loss_per_s)
-        return (body + heating / self.coupling_per_s, body)
-
-    def _eigenvalues(self) -> tuple[float, float]:
-        """Fast and slow rate (both negative) of the free system."""
-        a, leave = self.coupling_per_s, self.coupling_per_s / self.body_ratio
-        middle = -(a + leave + self.body_loss_per_s) / 2
-        root = math.sqrt(middle**2 - a * self.body_loss_per_s)
-        return middle - root, middle + root
-
-    def _modes(self, core: float, body: float) -> tuple[float, float]:
-        """(fast, slow) parts of the core's deviation from the steady state."""
-        fast, slow = self._eigenvalues()
-        a = self.coupling_per_s
-        rate = -a * core + a * body
-        return (rate - slow * core) / (fast - slow), (fast * core - rate) / (fast - slow)
+        body = self.ambient_C + heating / (beta * b)
+        core = body + heating / a
+        middle = -(a + a / beta + b) / 2
+        root = math.sqrt(middle**2 - a * b)
+        fast, slow = middle - root, middle + root
+        c = state[0] - core
+        rate = -a * c + a * (state[1] - body)
+        c_fast, c_slow = (rate - slow * c) / (fast - slow), (fast * c - rate) / (fast - slow)
+        return core, body, fast, slow, c_fast, c_slow

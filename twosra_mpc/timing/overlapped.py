@@ -18,13 +18,7 @@ from twosra_mpc.timing.network import (
     overlaps,
     refused,
 )
-from twosra_mpc.timing.transitions import (
-    TIME_TOLERANCE_S,
-    Transition,
-    TransitionModel,
-    by_heater_time,
-    model_of,
-)
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, Transition, TransitionModel, model_of
 
 
 @model_of.register(OverlappedTiming)
@@ -113,7 +107,7 @@ class Overlapped(TransitionModel):
         if self.problem.heaters_at_once > 1:
             return None
         layout, raised = network.layout, dict(network.least)
-        heater_s = {(t.segment, t.onset_s): t.heater_s for t in self.transitions(network, times)}
+        heater_s = {(t.segment, t.onset_s): t.heater_s for t in self.made(network, times)}
         for _, off, on in handovers(network.sequence, self.first, network.last):
             events = layout.onset_of(off), layout.onset_of(on)
             off_s, on_s = (times[event] for event in events)
@@ -123,8 +117,7 @@ class Overlapped(TransitionModel):
                 raised[events] = needed
         return None if raised == network.least else replace(network, least=raised)
 
-    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
-        found: list[Transition] = []
+    def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
         molten: dict[int, float] = {}
         for event in network.events:
             onset = times[network.layout.onset_of(event)]
@@ -138,8 +131,7 @@ class Overlapped(TransitionModel):
                 since = molten.get(event.segment)
                 if since is not None:  # a short liquid period: the metal must store enough heat
                     heater = max(heater, since + self.times.superheat_share * (onset - since))
-            found.append(Transition(event.segment + 1, event.to, heater, onset, done))
-        return by_heater_time(found)
+            yield Transition(event.segment + 1, event.to, heater, onset, done)
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
         soft, now = bool(self.first[segment]), self.problem.temperatures[segment]

@@ -9,13 +9,7 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, sof
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
-from twosra_mpc.timing.transitions import (
-    TIME_TOLERANCE_S,
-    Transition,
-    TransitionModel,
-    by_heater_time,
-    model_of,
-)
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, Transition, TransitionModel, model_of
 
 
 @model_of.register(SequentialTiming)
@@ -71,9 +65,8 @@ class Sequential(TransitionModel):
         del network, times
         return None
 
-    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
+    def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
         layout = network.layout
-        found: list[Transition] = []
         for gap, (before, after) in enumerate(self._gaps(network.sequence, network.last)):
             begin, wait = times[layout.end(gap - 1)], self._wait(before, after)
             if wait == 0.0:
@@ -81,9 +74,8 @@ class Sequential(TransitionModel):
             cooled = begin + (wait if is_rigid(after) else self.times.reconfigure_cool_s)
             heat_from = begin if is_rigid(before) else cooled
             freeze, melt = (begin, begin, cooled), (heat_from, heat_from, begin + wait)
-            found += [Transition(j + 1, "rigid", *freeze) for j in soft_segments(before)]
-            found += [Transition(j + 1, "soft", *melt) for j in soft_segments(after)]
-        return by_heater_time(found)
+            yield from (Transition(j + 1, "rigid", *freeze) for j in soft_segments(before))
+            yield from (Transition(j + 1, "soft", *melt) for j in soft_segments(after))
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
         soft, now = bool(self.first[segment]), self.problem.temperatures[segment]

@@ -7,7 +7,7 @@ a given schedule needs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -33,13 +33,7 @@ from twosra_mpc.timing.network import (
     overlaps,
     refused,
 )
-from twosra_mpc.timing.transitions import (
-    SegmentHeating,
-    Transition,
-    TransitionModel,
-    by_heater_time,
-    model_of,
-)
+from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
 
 _KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
 _SETTLED_S = 1e-9
@@ -184,9 +178,9 @@ class Thermal(TransitionModel):
                     raised[events] = times[events[1]] - times[events[0]] + late
         return None if raised == network.least else replace(network, least=raised)
 
-    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
-        made = self._made(network, times).items()
-        return by_heater_time([Transition(event.segment + 1, *item) for event, item in made])
+    def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
+        for event, item in self._made(network, times).items():
+            yield Transition(event.segment + 1, *item)
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ThermalHeating:
         made, _ = self._heated(segment, [(item.to, item.onset_s) for item in own])
