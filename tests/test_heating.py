@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem, load_problem, load_robot, plan
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming
+from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 from twosra_mpc.timing.constant_heating import ConstantHeating
-from twosra_mpc.timing.overlapped import OverlappedHeating
-from twosra_mpc.timing.sequential import SequentialHeating
 from twosra_mpc.timing.thermal import ThermalHeating
 
 Array = NDArray[np.float64]
@@ -273,8 +271,8 @@ def cycles(waits: Sequence[Cycle], *, last_freeze: bool = True) -> tuple[Transit
 
 def overlapped(transitions: tuple[Transition, ...], start_C: float = AMBIENT) -> ConstantHeating:
     """A segment with constant times that starts at a temperature."""
-    assert isinstance(TIMES, OverlappedTiming)
-    return OverlappedHeating(start_C > MELTING, transitions, HEATER, AMBIENT, start_C, TIMES)
+    soft, times = start_C > MELTING, (SUPERHEAT_S, FREEZE_LEAD_S)
+    return ConstantHeating(soft, transitions, HEATER, AMBIENT, start_C, *times)
 
 
 def grid(transitions: Sequence[Transition], step_s: float = 0.25) -> Array:
@@ -436,7 +434,7 @@ def test_sleeping_heats_on_a_line_and_cools_on_an_exponential(
         t = off + SLEEPS.freeze_s
         transitions.append(Transition(1, "soft", on, on, on + SLEEPS.heat_s))
         transitions.append(Transition(1, "rigid", off, off, t))
-    segment = SequentialHeating(False, tuple(transitions), HEATER, AMBIENT, AMBIENT)
+    segment = ConstantHeating(False, tuple(transitions), HEATER, AMBIENT, AMBIENT)
     fine = grid(transitions)
     temperature = temperature_of(segment, fine)
     steepest = (SOFT - AMBIENT) / SLEEPS.heat_s

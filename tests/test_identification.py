@@ -20,12 +20,13 @@ from twosra_mpc import InputError, load_robot
 from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
 from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, read_heating_log, resample
-from twosra_mpc.identification.identified_robot import write_identified_robot
 from twosra_mpc.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
 from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
 from twosra_mpc.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
+from twosra_mpc.identification.robot_files import write_identified_robot
 from twosra_mpc.identification.thermal import (
     SEGMENT_FIELDS,
+    UNIT,
     Parameters,
     ThermalFit,
     identify,
@@ -34,6 +35,7 @@ from twosra_mpc.identification.thermal import (
 )
 from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
 from twosra_mpc.robot.segment import TwoNodeSegment
+from twosra_mpc.thermal.two_node import TwoNode
 
 Array = NDArray[np.float64]
 
@@ -84,7 +86,7 @@ def fitted(path: Path) -> ThermalFit:
 
 def test_two_nodes_take_the_steps_of_the_differential_equation() -> None:
     p, a, beta, b = TRUE[:4]
-    plant = TwoNodePlant.of(p, a, beta, b, 0.5)
+    plant = TwoNodePlant(TwoNode(p, a, beta, b, *UNIT), 0.5)
     duty = np.random.default_rng(0).random(60)
     states = plant.driven((10.0, 4.0), duty)
     x = np.array([10.0, 4.0])
@@ -104,7 +106,7 @@ def test_two_nodes_take_the_steps_of_the_differential_equation() -> None:
 
 
 def test_the_body_of_a_led_core_is_the_body_of_a_driven_one() -> None:
-    plant = TwoNodePlant.of(*TRUE[:4], 0.5)
+    plant = TwoNodePlant(TwoNode(*TRUE[:4], *UNIT), 0.5)
     driven = plant.driven((30.0, 10.0), np.linspace(0.0, 0.4, 200))
     led = plant.led(10.0, driven[:, 0])
     assert led[:, 0].tolist() == driven[:, 0].tolist()
@@ -112,7 +114,7 @@ def test_the_body_of_a_led_core_is_the_body_of_a_driven_one() -> None:
 
 
 def test_a_long_cooled_segment_keeps_its_shape_while_it_cools() -> None:
-    plant = TwoNodePlant.of(*TRUE[:4], 0.5)
+    plant = TwoNodePlant(TwoNode(*TRUE[:4], *UNIT), 0.5)
     start = plant.resting(10.0)
     states = plant.driven(start, np.zeros(600))
     assert start[0] == 10.0

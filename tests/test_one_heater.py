@@ -21,8 +21,8 @@ from thermal_problems import (
 
 from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
+from twosra_mpc.thermal.heating import TemperatureTrajectory
 from twosra_mpc.thermal.least_times import LeastTimes
-from twosra_mpc.thermal.trajectory import Heating, TemperatureTrajectory
 from twosra_mpc.timing import transition_model
 
 robots = pytest.mark.parametrize("robot", [V1, V2], ids=lambda robot: robot.name)
@@ -94,7 +94,7 @@ def dwells(trajectory: TemperatureTrajectory, until_s: float) -> list[tuple[floa
     return [
         (piece.start_s, end)
         for piece, end in zip(trajectory.pieces, ends, strict=True)
-        if piece.heating is not Heating.OFF and piece.start_s < end - 1e-6
+        if piece.current_A != 0.0 and piece.start_s < end - 1e-6
     ]
 
 

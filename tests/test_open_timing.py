@@ -23,9 +23,8 @@ from twosra_mpc.robot.segment import LumpedSegment, Segment
 from twosra_mpc.robot.timing import Kind, Timing
 from twosra_mpc.thermal.lumped import Lumped, State
 from twosra_mpc.timing import EventLayout, TemporalNetwork, Transition, TransitionModel, model_of
-from twosra_mpc.timing.network import phase_order
-from twosra_mpc.timing.sequential import SequentialHeating
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, by_heater_time
+from twosra_mpc.timing.constant_heating import ConstantHeating
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
 from twosra_mpc.validation import Positive
 
 MOVE: dict[str, Any] = {
@@ -134,32 +133,30 @@ def robot_that_pauses(pause_s: float) -> Robot:
             self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
         ) -> TemporalNetwork:
             layout = EventLayout(len(sequence), len(last))
-            least, count = phase_order(layout), 0
+            least, count = layout.phase_order(), 0
             for gap, before, after in self._changes(sequence, last):
                 least[layout.end(gap - 1), layout.start(gap)] = self.times.pause_s
                 count += sum(old != new for old, new in zip(before, after, strict=True))
-            return TemporalNetwork(sequence, last, layout, least, (), (), (), count, 0.0)
+            return TemporalNetwork(sequence, last, least, count, 0.0)
 
         def settle(
             self, network: TemporalNetwork, times: Sequence[float]
         ) -> TemporalNetwork | None:
             return None
 
-        def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
-            found = []
+        def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
             for gap, before, after in self._changes(network.sequence, network.last):
                 begin = times[network.layout.end(gap - 1)]
-                found += [
+                yield from (
                     Transition(j + 1, "soft" if after[j] else "rigid", begin, begin, begin + span)
                     for j, span in enumerate([self.times.pause_s] * len(after))
                     if before[j] != after[j]
-                ]
-            return by_heater_time(found)
+                )
 
-        def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SequentialHeating:
+        def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
             soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
             heater, air = self.problem.robot.heater, self.problem.ambient
-            return SequentialHeating(soft, own, heater, air, now)
+            return ConstantHeating(soft, own, heater, air, now)
 
         def violations(
             self, item: Transition, before: Transition | None, others: Sequence[Transition]

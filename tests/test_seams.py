@@ -23,7 +23,7 @@ ALLOWED = {
         "execution/tracking/",
     ),
     "matplotlib": ("plotting/",),
-    "tomlkit": ("robot/document.py", "identification/", "report/"),
+    "tomlkit": ("identification/", "report/"),
     "jinja2": ("report/",),
     "osqp": ("execution/tracking/",),
     "serial": ("execution/serial/port.py",),

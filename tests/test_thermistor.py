@@ -16,7 +16,6 @@ from twosra_mpc.control.thermistor import (
     LinearMap,
     NtcDivider,
     TemperatureSensor,
-    Wiring,
     follow,
     temperature_sensor,
 )
@@ -127,10 +126,11 @@ def test_the_papers_line_misreads_a_divider(temperature_C: float, off_K: float) 
 
 
 @CIRCUITS
-@pytest.mark.parametrize("wiring", ["open", "short"])
-def test_a_broken_wire_reads_as_a_fault(circuit: Characteristic, wiring: Wiring) -> None:
+@pytest.mark.parametrize("resistance_ohm", [1e12, 0.0], ids=["open", "short"])
+def test_a_broken_wire_reads_as_a_fault(circuit: Characteristic, resistance_ohm: float) -> None:
     sensor = quiet(circuit)
-    assert math.isnan(sensor.read_C(sensor.settled(40.0), wiring=wiring))
+    broken = replace(FALLING, resistance_25_ohm=resistance_ohm, supply_V=circuit.supply_V)
+    assert math.isnan(replace(sensor, part=broken).read_C(sensor.settled(40.0)))
     assert math.isfinite(sensor.read_C(sensor.settled(40.0)))
 
 

@@ -19,7 +19,7 @@ from twosra_mpc.robot.modes import (
     ModeSequence,
     all_modes,
 )
-from twosra_mpc.thermal.trajectory import TemperatureTrajectory
+from twosra_mpc.thermal.heating import TemperatureTrajectory
 from twosra_mpc.timing import TemporalNetwork, Transition, earliest_times, transition_model
 from twosra_mpc.timing.network import events_of
 from twosra_mpc.timing.thermal import Thermal
@@ -221,7 +221,7 @@ def trajectory_of(
     problem: Problem, segment: int, transitions: Sequence[Transition]
 ) -> TemperatureTrajectory:
     """How a segment (from 0) is heated."""
-    return thermal_model(problem).trajectory(segment, own_transitions(transitions, segment))
+    return thermal_model(problem).segment_heating(segment, own_transitions(transitions, segment))
 
 
 def phases_of(found: History) -> Iterator[tuple[Mode, float, float]]:

@@ -19,7 +19,7 @@ from twosra_mpc.cli.options import (
     scenario_options,
 )
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
-from twosra_mpc.identification.path_choice import parameters_in_words, write_fitted_robot
+from twosra_mpc.identification.path_choice import parameters_in_words
 from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
 from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import sequence_name
@@ -55,6 +55,8 @@ def fit_paths_command(
     described = load_robot(robot)
     with output.progress("fitting"):
         if out is not None:
+            from twosra_mpc.identification.robot_files import write_fitted_robot  # takes 0.5 s
+
             write_fitted_robot(robot, out, described, model)
         if plot is not None:
             from twosra_mpc.plotting.path_figure import plot_paths  # importing matplotlib is slow

@@ -11,8 +11,8 @@ import click
 from twosra_mpc.cli.options import ROBOT, file_option, output_options, plot_option
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
 from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
-from twosra_mpc.identification.identified_robot import write_identified_robot
 from twosra_mpc.identification.log_response import CORRECTED_S
+from twosra_mpc.identification.robot_files import write_identified_robot
 from twosra_mpc.identification.thermal import (
     SEGMENT_FIELDS,
     HeldOut,

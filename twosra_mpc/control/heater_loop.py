@@ -134,7 +134,8 @@ def simulate_heater(
         raise InputError("start_temperature_C", start_C, allowed)
     steps = math.ceil(round(duration_s / step_s, 9))
     times = np.arange(steps + 1, dtype=np.float64) * np.float64(step_s)
-    setpoints = [setpoint_at(profile, time) for time in times.tolist()]
+    since, asked = zip(*profile, strict=True)
+    setpoints = [asked[i] for i in np.searchsorted(since, times + 1e-9, side="right") - 1]
     noise = np.random.default_rng(seed).normal(0.0, sensor.noise_C, steps + 1).tolist()
     state, lag, heat_J = plant.initial(start_C), sensor.settled(start_C), 0.0
     reading = sensor.read_C(lag, noise[0])
@@ -175,17 +176,15 @@ def save_run(run: HeaterRun, path: str | Path) -> None:
     for event in run.events:
         time = round(event.time_s, 6)
         told[time] = f"{told[time]} {event.kind}" if time in told else event.kind
+    times = [round(time, 6) for time in run.time_s.tolist()]
+    as_they_are = (
+        *("temperature_C", "measured_C", "melt_fraction", "estimated_melt_fraction"),
+        *("current_A", "integrator", "heat_J", "stiffness"),
+    )
     columns: dict[str, Sequence[object]] = {
-        "time_s": (times := [round(time, 6) for time in run.time_s.tolist()]),
+        "time_s": times,
         "setpoint": ["soft" if soft else "rigid" for soft in run.soft_setpoint],
-        "temperature_C": run.temperature_C.tolist(),
-        "measured_C": run.measured_C.tolist(),
-        "melt_fraction": run.melt_fraction.tolist(),
-        "estimated_melt_fraction": run.estimated_melt_fraction.tolist(),
-        "current_A": run.current_A.tolist(),
-        "integrator": run.integrator.tolist(),
-        "heat_J": run.heat_J.tolist(),
-        "stiffness": run.stiffness.tolist(),
+        **{name: getattr(run, name).tolist() for name in as_they_are},
         "event": [told.get(time, "") for time in times],
     }
     text = io.StringIO()
@@ -207,11 +206,6 @@ def check_profile(profile: Profile, duration_s: float) -> None:
     for entry, ((here, _), (then, _)) in enumerate(pairwise((*profile, (duration_s, "")))):
         if not here < then < math.inf:
             raise InputError(f"profile.{entry + 1}", then, f"a time after {here:g} s")
-
-
-def setpoint_at(profile: Profile, time_s: float) -> Stiffness:
-    """Set-point of a profile at a time; at a change, the new one."""
-    return next(what for when, what in reversed(profile) if when <= time_s + 1e-9)
 
 
 def stretches(run: HeaterRun, soft_setpoint_C: float) -> tuple[Stretch, ...]:

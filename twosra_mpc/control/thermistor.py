@@ -13,13 +13,12 @@ temperature. Part and firmware are separate values, so a part can be off by its 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.description import Robot
 
-Wiring = Literal["sound", "open", "short"]
 Lag = tuple[float, float]
 
 _ZERO_C_K = 273.15
@@ -39,9 +38,6 @@ class Characteristic(Protocol):
 
     def voltage_V(self, temperature_C: float) -> float:
         """Voltage at a temperature."""
-
-    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
-        """Voltage when the sensor has come off, or is shorted."""
 
     def temperature_C(self, voltage_V: float) -> float:
         """Temperature at a voltage strictly between 0 and the supply."""
@@ -78,10 +74,6 @@ class NtcDivider:
         lower = ntc if self.ntc_to_ground else self.fixed_ohm
         return self.supply_V * lower / (ntc + self.fixed_ohm)
 
-    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
-        """Return one rail or the other."""
-        return self.supply_V if (wiring == "open") == self.ntc_to_ground else 0.0
-
     def temperature_C(self, voltage_V: float) -> float:
         """Invert the divider and the thermistor's law."""
         lower_share = voltage_V / self.supply_V
@@ -97,6 +89,9 @@ class NtcDivider:
             beta_K=self.beta_K * (1 + beta),
             fixed_ohm=self.fixed_ohm * (1 + fixed),
         )
+
+
+STANDARD = NtcDivider()
 
 
 @dataclass(frozen=True)
@@ -119,10 +114,6 @@ class LinearMap:
         (cold, hot), (low, high) = self.range_C, self.range_V
         return low + (high - low) * (temperature_C - cold) / (hot - cold)
 
-    def broken_voltage_V(self, wiring: Literal["open", "short"]) -> float:
-        """Return one rail or the other, as a thermistor at the supply would."""
-        return 0.0 if wiring == "open" else self.supply_V
-
     def temperature_C(self, voltage_V: float) -> float:
         """Temperature on the line, or its extension."""
         (cold, hot), (low, high) = self.range_C, self.range_V
@@ -144,8 +135,8 @@ class TemperatureSensor:
     """
 
     ambient_C: float
-    part: Characteristic = field(default_factory=NtcDivider)
-    assumed: Characteristic = field(default_factory=NtcDivider)
+    part: Characteristic = STANDARD
+    assumed: Characteristic = STANDARD
     gain: float = 1.0
     lags_s: tuple[float, float] = (4.0, 4.0)
     noise_C: float = 0.02
@@ -165,22 +156,18 @@ class TemperatureSensor:
         before, after = self.touched_C(before_C), self.touched_C(after_C)
         return follow(lag, self.lags_s, before, after, duration_s)
 
-    def read_C(self, lag: Lag, error_C: float = 0.0, wiring: Wiring = "sound") -> float:
+    def read_C(self, lag: Lag, error_C: float = 0.0) -> float:
         """What the firmware makes of the sensor.
 
         Args:
             lag: Where the sensor is.
             error_C: Noise of this reading.
-            wiring: Whether the sensor has come off or is shorted.
 
         Returns:
-            Temperature [C]; NaN, a fault, from a converter at its end or outside the range that
-            the circuit is made for.
+            Temperature [C]; NaN, a fault, from a converter at its end (as a sensor that has come
+            off or is shorted makes it), or outside the range that the circuit is made for.
         """
-        if wiring == "sound":
-            voltage = self.part.voltage_V(lag[1] + error_C)
-        else:
-            voltage = self.part.broken_voltage_V(wiring)
+        voltage = self.part.voltage_V(lag[1] + error_C)
         top = 2**self.bits - 1
         code = min(top, max(0, round(voltage / self.part.supply_V * top)))
         if code in (0, top):
@@ -231,7 +218,7 @@ def _passed_on(tau_1: float, tau_2: float, duration_s: float) -> float:
 
 
 def temperature_sensor(
-    robot: Robot, ambient_C: float, segment: int, part: Characteristic | None = None
+    robot: Robot, ambient_C: float, segment: int, part: Characteristic = STANDARD
 ) -> TemperatureSensor:
     """Build the sensor of a segment; gain and lag are those of the robot's file, if it has any.
 
@@ -245,10 +232,9 @@ def temperature_sensor(
         InputError: If the robot file has no ``[segment]``, or the air is not within the circuit's
             range.
     """
-    circuit: Characteristic = NtcDivider() if part is None else part
-    coldest, hottest = circuit.range_C
+    coldest, hottest = part.range_C
     if not coldest <= ambient_C <= hottest:
         allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
         raise InputError("ambient_C", ambient_C, allowed)
     gain, lags_s = robot.thermal_segment(segment).sensor_gain_and_lags_s
-    return TemperatureSensor(ambient_C, circuit, circuit, gain, lags_s)
+    return TemperatureSensor(ambient_C, part, part, gain, lags_s)

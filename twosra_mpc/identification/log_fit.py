@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,14 +31,6 @@ class Bounded(NamedTuple):
     high: float
     positive: bool = True
 
-    def coordinate(self, value: float) -> float:
-        """Return what the search sees of a value."""
-        return math.log(value) if self.positive else value
-
-    def value(self, coordinate: float) -> float:
-        """Return the value that the search calls ``coordinate``."""
-        return math.exp(coordinate) if self.positive else coordinate
-
 
 class Family(NamedTuple):
     """Models that differ in parameters.
@@ -55,17 +46,18 @@ class Family(NamedTuple):
     starts: tuple[dict[int, float], ...] = ()
 
 
-@dataclass(frozen=True)
-class Fitted:
+class Fitted(NamedTuple):
     """A member of a family.
 
     Attributes:
         values: Its parameters.
         standard_errors: Of these; infinite where the log does not tell.
+        cost: Half the sum of squares.
     """
 
     values: tuple[float, ...]
     standard_errors: tuple[float, ...]
+    cost: float
 
 
 class Residuals(NamedTuple):
@@ -107,20 +99,23 @@ def fit(family: Family, log: EvenLog, near: Sequence[float] | None = None) -> Fi
     nominal = [each.start for each in family.parameters]
     starts = [[v * factors.get(i, 1.0) for i, v in enumerate(nominal)] for factors in family.starts]
     results = [_search(family, log, start) for start in ([near] if near else [nominal, *starts])]
-    return min(results, key=lambda result: result[0])[1]
+    return min(results, key=lambda result: result.cost)
 
 
-def _search(family: Family, log: EvenLog, start: Sequence[float]) -> tuple[float, Fitted]:
-    """Sum of squares and the parameters of a local minimum."""
-    bounded = family.parameters
+def _search(family: Family, log: EvenLog, start: Sequence[float]) -> Fitted:
+    """Find a local minimum, positive parameters in their logarithm."""
+    positive = np.array([each.positive for each in family.parameters])
+    bounds = [each[1:3] for each in family.parameters]
+    given = np.column_stack([bounds, start])
+    low, high, first = np.log(given, out=given, where=positive[:, None]).T
+
+    def values(coordinates: Array) -> Array:
+        return np.exp(coordinates, out=coordinates.copy(), where=positive)
 
     def off(coordinates: Array) -> Array:
-        found = [p.value(x) for p, x in zip(bounded, coordinates.tolist(), strict=True)]
-        return (family.respond(found, log).sensor_C - log.sensor_C)[log.scored]
+        found = family.respond(values(coordinates).tolist(), log)
+        return (found.sensor_C - log.sensor_C)[log.scored]
 
-    low = np.array([p.coordinate(p.low) for p in bounded])
-    high = np.array([p.coordinate(p.high) for p in bounded])
-    first = [p.coordinate(value) for p, value in zip(bounded, start, strict=True)]
     result = least_squares(
         off,
         np.clip(first, low + 1e-9, high - 1e-9),
@@ -129,10 +124,10 @@ def _search(family: Family, log: EvenLog, start: Sequence[float]) -> tuple[float
         ftol=1e-6,  # of the sum of squares: a fiftieth of a standard error
         max_nfev=60,
     )
-    values = tuple(p.value(x) for p, x in zip(bounded, result.x.tolist(), strict=True))
+    best = values(result.x)
     errors = _standard_errors(np.asarray(result.jac), result.fun, log)
-    scales = [value if p.positive else 1.0 for p, value in zip(bounded, values, strict=True)]
-    return float(result.cost), Fitted(values, tuple((errors * scales).tolist()))
+    errors *= np.where(positive, best, 1.0)
+    return Fitted(tuple(best.tolist()), tuple(errors.tolist()), float(result.cost))
 
 
 def _standard_errors(jacobian: Array, off: Array, log: EvenLog) -> Array:

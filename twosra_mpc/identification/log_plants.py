@@ -43,23 +43,6 @@ class TwoNodePlant:
     model: TwoNode
     step_s: float
 
-    @classmethod
-    def of(
-        cls, power_K_per_s: float, coupling_per_s: float, ratio: float, loss: float, step_s: float
-    ) -> TwoNodePlant:
-        """Build it from the fields of a ``TwoNodeSegment``."""
-        unused = {"core_heat_J_per_K": 1.0, "solid_level": 0.0, "liquid_level": 1.0}
-        model = TwoNode(
-            power_K_per_s,
-            coupling_per_s,
-            ratio,
-            loss,
-            full_current_A=1.0,
-            ambient_C=0.0,
-            **unused,
-        )
-        return cls(model, step_s)
-
     def resting(self, core_K: float) -> State:
         """Take what is left of any state after long cooling: the slow mode."""
         core, body = self.model.propagate((1.0, 1.0), 0.0, 20 / self.model.coupling_per_s)

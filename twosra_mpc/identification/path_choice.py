@@ -1,19 +1,13 @@
-"""The same robot with another path model, and robot files with fitted paths."""
+"""The same robot with another path model."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import tomlkit
-
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import write_text
 from twosra_mpc.identification.path_fitting import CASES, fitted_path_tables
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.document import robot_document
-from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
-from twosra_mpc.robot.paths import Path as PathRecord
+from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath, Path
 
 PATH_MODELS = ("log_spiral", "log_spiral_corrected", "arc", "cardioid")
 SPIRALS = ("log_spiral", "log_spiral_corrected")
@@ -42,25 +36,7 @@ def with_path_model(robot: Robot, model: str) -> Robot:
     return robot.with_values(path=table)
 
 
-def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, model: str) -> None:
-    """Write a copy of a robot file whose ``[path]`` table is fitted to its lengths.
-
-    Everything else, comments included, stays as it is.
-
-    Raises:
-        InputError: If ``source`` is not TOML, or ``target`` cannot be written.
-    """
-    document = robot_document(source)
-    table = tomlkit.table()
-    for key, value in fitted_path_tables(robot)[model].items():
-        table.add(key, value)
-    table.comment("fitted to the exact paths of this robot's lengths")
-    table.add(tomlkit.nl())
-    document["path"] = table
-    write_text(target, tomlkit.dumps(document))
-
-
-def parameters_in_words(path: PathRecord) -> tuple[list[str], list[str]]:
+def parameters_in_words(path: Path) -> tuple[list[str], list[str]]:
     """Return the two parameters of each spiral and of each cardioid; "-" where it has none."""
     spirals = zip(path.scale, path.growth, strict=True) if isinstance(path, LogSpiralPath) else ()
     cardioids = (

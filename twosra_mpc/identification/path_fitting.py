@@ -19,7 +19,7 @@ the table the sign of c_x of row II is that of the mirrored frame.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -206,53 +206,38 @@ def fitted_path_tables(
     """
     spirals = fit_spirals(robot.geometry)
     cardioids = fit_cardioids(robot.geometry, alpha_max)
-    from_pi, in_phase = [fit.scale_from_pi for fit in spirals], [fit.scale for fit in spirals]
-    return {
-        "log_spiral": _spiral_table("log_spiral", from_pi, spirals),
-        "log_spiral_corrected": _spiral_table("log_spiral_corrected", in_phase, spirals),
-        "cardioid": {
-            "model": "cardioid",
-            "radius_m": [_written(fit.radius_m) for fit in cardioids],
-            "phi_per_alpha": [_written(fit.phi_per_alpha) for fit in cardioids],
-        },
-    }
-
-
-def _spiral_table(
-    model: str, scale: Sequence[float], spirals: Sequence[SpiralFit]
-) -> dict[str, Any]:
-    return {
-        "model": model,
-        "scale": [_written(value) for value in scale],
-        "growth": [_written(fit.growth) for fit in spirals],
+    shared = {
+        "growth": _written(fit.growth for fit in spirals),
         "angle_ratio": list(ANGLE_RATIO),
         "smoothing_rad": SMOOTHING_RAD,
     }
+    scales = {
+        "log_spiral": _written(fit.scale_from_pi for fit in spirals),
+        "log_spiral_corrected": _written(fit.scale for fit in spirals),
+    }
+    cardioid = {
+        "model": "cardioid",
+        "radius_m": _written(fit.radius_m for fit in cardioids),
+        "phi_per_alpha": _written(fit.phi_per_alpha for fit in cardioids),
+    }
+    tables = {model: {"model": model, "scale": scale, **shared} for model, scale in scales.items()}
+    return {**tables, "cardioid": cardioid}
 
 
 def path_curves(
     geometry: Geometry, alpha_max: float = CARDIOID_BEND_RAD, points: int = 241
 ) -> tuple[PathCurves, PathCurves, PathCurves]:
     """Exact path and fitted curves of the three cases, as points to draw, in units of l."""
+    length, curves = geometry.lengths_m[0], []
     fits = zip(CASES, fit_spirals(geometry), fit_cardioids(geometry, alpha_max), strict=True)
-    one, two, three = (_curves(geometry, *fit, alpha_max, points) for fit in fits)
+    for case, spiral, cardioid in fits:
+        bends = np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points)
+        exact = exact_path(case, geometry, bends) / length
+        drawn = spiral.points(_polar(exact, *spiral.centre)[1])
+        successor = cardioid.points(np.linspace(0.0, alpha_max, points)) / length
+        curves.append(PathCurves(case, exact, drawn, successor, spiral, cardioid))
+    one, two, three = curves
     return one, two, three
-
-
-def _curves(
-    geometry: Geometry,
-    case: Case,
-    spiral: SpiralFit,
-    cardioid: CardioidFit,
-    alpha_max: float,
-    points: int,
-) -> PathCurves:
-    length = geometry.lengths_m[0]
-    exact = exact_path(case, geometry, np.linspace(0.0, SPIRAL_BENDS_RAD[case][-1], points))
-    exact /= length
-    drawn = spiral.points(_polar(exact, *spiral.centre)[1])
-    successor = cardioid.points(np.linspace(0.0, alpha_max, points)) / length
-    return PathCurves(case, exact, drawn, successor, spiral, cardioid)
 
 
 def _fit_spiral(case: Case, geometry: Geometry) -> SpiralFit:
@@ -344,22 +329,6 @@ def _largest(residual: Array) -> float:
     return float(np.max(np.abs(residual)))
 
 
-def _written(value: float) -> float:
+def _written(values: Iterable[float]) -> list[float]:
     """Round to what is worth writing in a file: seven significant digits."""
-    return float(f"{value:.7g}")
-
-
-__all__ = [
-    "ANGLE_RATIO",
-    "CARDIOID_BEND_RAD",
-    "CASES",
-    "CardioidFit",
-    "Case",
-    "PathCurves",
-    "SpiralFit",
-    "exact_path",
-    "fit_cardioids",
-    "fit_spirals",
-    "fitted_path_tables",
-    "path_curves",
-]
+    return [float(f"{value:.7g}") for value in values]

@@ -12,6 +12,7 @@ differ from one day to another: that takes a second log.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,20 +21,14 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.identification import log_fit
 from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, resample
-from twosra_mpc.identification.log_fit import (
-    Bounded,
-    Family,
-    Fitted,
-    Residuals,
-    fit,
-    pooled_rms_C,
-    residuals,
-)
+from twosra_mpc.identification.log_fit import Bounded, Family, Fitted, Residuals
 from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
 from twosra_mpc.identification.log_response import HeaterLaw, Response, SensorLag, respond
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.segment import TwoNodeSegment
+from twosra_mpc.thermal.two_node import TwoNode
 
 OnProgress = Callable[[int, int], None]
 
@@ -58,6 +53,8 @@ _ONE_NODE = (
     _LAG,
     *_LAW,
 )
+# Further fields of a ``TwoNode``: full current is 1 A, the air has 0 C, and the rest is not asked.
+UNIT = (1.0, 1.0, 0.0, 1.0, 0.0)
 
 
 class Parameters(NamedTuple):
@@ -231,9 +228,9 @@ def score(log: HeatingLog, segment: TwoNodeSegment, law: HeaterLaw | None = None
     whole = two_nodes(segment.sensor_gain)
     if law is None:
         part = Family(_LAW, lambda values, log: whole.respond((*fixed, *values), log))
-        law = HeaterLaw(*fit(part, even).values)
+        law = HeaterLaw(*log_fit.fit(part, even).values)
     response = whole.respond((*fixed, *law), even)
-    return Score(residuals(even, response), law, response, even)
+    return Score(log_fit.residuals(even, response), law, response, even)
 
 
 def two_node_segment(robot: Robot) -> TwoNodeSegment:
@@ -253,7 +250,7 @@ def two_nodes(sensor_gain: float) -> Family:
 
     def answer(values: Sequence[float], log: EvenLog) -> Response:
         found = Parameters(*values)
-        plant = TwoNodePlant.of(*found[:4], log.step_s)
+        plant = TwoNodePlant(TwoNode(*found[:4], *UNIT), log.step_s)
         lag = max(found.sensor_lag_s, 1e-3)  # a robot file may have none
         return respond(log, plant, SensorLag(sensor_gain, lag, log.step_s), found.law)
 
@@ -291,7 +288,7 @@ class _Study(NamedTuple):
 
     def row(self, model: str) -> Row:
         """Sum it up."""
-        unseen = pooled_rms_C([part[2] for part in self.parts])
+        unseen = log_fit.pooled_rms_C([part[2] for part in self.parts])
         return Row(model, len(self.best.values), self.residuals, unseen)
 
 
@@ -299,14 +296,14 @@ def _study(
     family: Family, log: EvenLog, cycles: list[int], done: Callable[[Fitted], Fitted]
 ) -> _Study:
     """Fit a family to a log, and to all of it but each of some cycles."""
-    best = done(fit(family, log))
+    best = done(log_fit.fit(family, log))
     response, parts = family.respond(best.values, log), []
     for cycle in cycles:
         here = log.cycle == cycle
-        part = done(fit(family, log.scoring(~here), best.values))
-        unseen = residuals(log.scoring(here), family.respond(part.values, log))
+        part = done(log_fit.fit(family, log.scoring(~here), best.values))
+        unseen = log_fit.residuals(log.scoring(here), family.respond(part.values, log))
         parts.append((cycle, part, unseen))
-    return _Study(best, response, residuals(log, response), parts)
+    return _Study(best, response, log_fit.residuals(log, response), parts)
 
 
 def _described(
@@ -329,13 +326,11 @@ def _rounded(value: float) -> float:
 
 def _counted(on_progress: OnProgress | None, total: int) -> Callable[[Fitted], Fitted]:
     """Function that passes fits on, and counts them."""
-    count = 0
+    numbers = itertools.count(1)
 
     def done(fitted: Fitted) -> Fitted:
-        nonlocal count
-        count += 1
         if on_progress is not None:
-            on_progress(count, total)
+            on_progress(next(numbers), total)
         return fitted
 
     return done

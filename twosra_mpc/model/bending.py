@@ -52,10 +52,9 @@ class Bending:
 
     def curvature(self, coordinates: Array | float, segment: int = 0) -> Array:
         """Inverse of ``coordinate``, interpolated to 1e-9 rad; clipped just beyond the limits."""
-        _, table = _inverse_table(self.body, segment)
-        clipped = np.clip(coordinates, table[0], table[-1])
-        inverse: Array = _inverse(self.body, segment)(clipped)
-        return inverse
+        inverse = _inverse(self.body, segment)
+        found: Array = inverse(np.clip(coordinates, inverse.x[0], inverse.x[-1]))
+        return found
 
     def curvatures(self, coordinates: Sequence[float]) -> tuple[float, ...]:
         """Curvatures of all segments [1/m] from their W."""

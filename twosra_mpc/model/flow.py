@@ -7,6 +7,7 @@ The kinematics is driftless, so an interval is described by its input displaceme
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -22,21 +23,23 @@ from twosra_mpc.robot.description import Body
 Array = NDArray[np.float64]
 
 
+def runge_kutta(rate: Callable[[ca.SX], ca.SX], start: ca.SX) -> ca.SX:
+    """State after a classical Runge-Kutta 4 step of length 1."""
+    k1 = rate(start)
+    k2 = rate(start + k1 / 2)
+    k3 = rate(start + k2 / 2)
+    k4 = rate(start + k3)
+    return start + (k1 + 2 * k2 + 2 * k3 + k4) / 6
+
+
 @per_body(64)
 def interval_flow(body: Body, steps: int) -> ca.Function:
     """(q, s, sigma) -> q at the end of the interval, with ``steps`` Runge-Kutta 4 steps."""
     jacobian = kinematics(body).jacobian
     q, s, sigma = _arguments(ca.SX, body)
 
-    def rate(at: ca.SX) -> ca.SX:
-        moved: ca.SX = jacobian(at, sigma) @ s / steps
-        return moved
-
-    k1 = rate(q)
-    k2 = rate(q + k1 / 2)
-    k3 = rate(q + k2 / 2)
-    k4 = rate(q + k3)
-    step = ca.Function("step", [q, s, sigma], [q + (k1 + 2 * k2 + 2 * k3 + k4) / 6])
+    after = runge_kutta(lambda at: jacobian(at, sigma) @ s / steps, q)
+    step = ca.Function("step", [q, s, sigma], [after])
     if steps == 1:
         return step
     sym_q, sym_s, sym_sigma = _arguments(ca.MX, body)
@@ -72,22 +75,16 @@ def bending_flow(body: Body, steps: int) -> ca.Function:
     """
     jacobian, path, lengths = kinematics(body).jacobian, path_model(body), body.geometry.lengths_m
     q, _, sigma = _arguments(ca.SX, body)
-    bend, stiffness = ca.SX.sym("dW"), [sigma[j] for j in range(len(lengths))]
+    bend, stiffness, size = ca.SX.sym("dW"), ca.vertsplit(sigma), q.numel()
+    travelled = ca.vertcat(q, ca.SX.sym("travelled"))
 
     def rate(at: ca.SX) -> ca.SX:
-        moved = jacobian(at, sigma)[:, 0] + jacobian(at, sigma)[:, 1]
-        first, second = path.bends(at[POSE:] * ca.DM(lengths), stiffness)
-        return ca.vertcat(moved, 1) / (first.pace + second.pace) * bend / steps
+        matrix = jacobian(at[:size], sigma)
+        first, second = path.bends(at[POSE:size] * ca.DM(lengths), stiffness)
+        moved = ca.vertcat(matrix[:, 0] + matrix[:, 1], 1)
+        return moved / (first.pace + second.pace) * bend / steps
 
-    size = POSE + len(lengths)
-    k1 = rate(q)
-    k2 = rate(q + k1[:size] / 2)
-    k3 = rate(q + k2[:size] / 2)
-    k4 = rate(q + k3[:size])
-    change = (k1 + 2 * k2 + 2 * k3 + k4) / 6
-    travelled = ca.SX.sym("travelled")
-    after = ca.vertcat(q, travelled) + change
-    step = ca.Function("step", [ca.vertcat(q, travelled), bend, sigma], [after])
+    step = ca.Function("step", [travelled, bend, sigma], [runge_kutta(rate, travelled)])
     sym_q, _, sym_sigma = _arguments(ca.MX, body)
     sym_bend = ca.MX.sym("dW")
     chain = step.fold(steps) if steps > 1 else step

@@ -58,17 +58,13 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> Interval:
 @lru_cache(maxsize=64)
 def _tape(function: ca.Function) -> list[tuple[int, list[int], list[int], float]]:
     """(operation, operands, results, constant) of every instruction."""
-    return [
-        (
-            function.instruction_id(k),
-            function.instruction_input(k),
-            function.instruction_output(k),
-            function.instruction_constant(k)
-            if function.instruction_id(k) == ca.OP_CONST
-            else math.nan,
-        )
-        for k in range(function.n_instructions())
-    ]
+    tape = []
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        constant = function.instruction_constant(k) if operation == ca.OP_CONST else math.nan
+        operands, results = function.instruction_input(k), function.instruction_output(k)
+        tape.append((operation, operands, results, constant))
+    return tape
 
 
 def _add(a: Interval, b: Interval) -> Interval:

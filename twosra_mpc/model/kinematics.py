@@ -122,14 +122,16 @@ def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX)
 def wheel_configuration(geometry: Geometry, q: ca.SX, sigma: ca.SX) -> ca.SX:
     """V(q, sigma), 4x5, eq. config_matrix, with psi in the body frame (erratum 12)."""
     rigid = math.prod((1 - sigma[j] for j in range(geometry.segments)), start=ca.SX(1))
-    poses = wheel_pose_matrix(geometry, q)
-    rows = []
-    for wheel, (from_v1, from_v2) in enumerate(((1, 0), (0, 0), (0, -1), (0, 0))):
-        x, y, psi = poses[0, wheel], poses[1, wheel], poses[2, wheel]
-        c, s = ca.cos(psi), ca.sin(psi)
-        soft = (1 - rigid) * ca.horzcat(from_v1, from_v2)
-        rows.append(ca.horzcat(soft, rigid * ca.horzcat(c, s, x * s - y * c)))
-    return ca.vertcat(*rows) / geometry.wheel_radius_m
+    rolled = rigid * _rolled_rigidly(wheel_pose_matrix(geometry, q))
+    soft = (1 - rigid) * ca.DM([(1, 0), (0, 0), (0, -1), (0, 0)])
+    return ca.horzcat(soft, rolled) / geometry.wheel_radius_m
+
+
+def _rolled_rigidly(poses: ca.SX) -> ca.SX:
+    """How far wheels at these poses in b0 roll per body twist (u, v, r), 4x3."""
+    x, y, psi = ca.vertsplit(poses)
+    c, s = ca.cos(psi), ca.sin(psi)
+    return ca.vertcat(c, s, x * s - y * c).T
 
 
 def exact_wheel_map(geometry: Geometry, q: ca.SX) -> ca.SX:
@@ -139,13 +141,9 @@ def exact_wheel_map(geometry: Geometry, q: ca.SX) -> ca.SX:
     wheel how far it moves along its drive direction, seen from b0, when a segment bends.
     """
     poses = wheel_pose_matrix(geometry, q)
-    rows = []
-    for wheel in range(WHEELS):
-        x, y, psi = poses[0, wheel], poses[1, wheel], poses[2, wheel]
-        c, s = ca.cos(psi), ca.sin(psi)
-        bend = ca.horzcat(c, s) @ ca.jacobian(poses[:2, wheel], q[POSE:])
-        rows.append(ca.horzcat(c, s, x * s - y * c, bend))
-    return ca.vertcat(*rows) / geometry.wheel_radius_m
+    rigid = _rolled_rigidly(poses)
+    bent = [rigid[wheel, :2] @ ca.jacobian(poses[:2, wheel], q[POSE:]) for wheel in range(WHEELS)]
+    return ca.horzcat(rigid, ca.vertcat(*bent)) / geometry.wheel_radius_m
 
 
 def _body_rates(q: ca.SX, jacobian: ca.SX) -> ca.SX:

@@ -18,21 +18,17 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import ClassVar, Literal, NamedTuple, Protocol
 
 import casadi as ca
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.series import (
-    sagitta_ratio,
-    sinc,
-    versine_ratio,
-    versine_ratio_squared,
-)
+from twosra_mpc.model import series
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
 
+WheelMap = Literal["paper", "exact"]
 Stiffnesses = Sequence[ca.SX | float]  # of the segments, 1 soft: symbols, or the numbers of a mode
 
 _BOTH = 2  # case III among I, II, III
@@ -63,7 +59,7 @@ class PathModel(Protocol):
         """Which point's speed v_j is, in words."""
 
     @property
-    def wheel_map(self) -> Literal["paper", "exact"]:
+    def wheel_map(self) -> WheelMap:
         """Which wheel speeds belong to the model."""
 
     @property
@@ -88,6 +84,10 @@ class FittedCurves(ABC):
     Each segment bends at a rate of its own curvature alone, whatever the other one does.
     """
 
+    wheel_map: ClassVar[WheelMap] = "paper"
+    rolls_v: ClassVar[bool] = True  # so says the paper's map
+    conserved = "W{0} - W{1} (W: travel that bends a segment from straight)", "m", 1.0
+
     link_m: float
 
     @abstractmethod
@@ -97,18 +97,6 @@ class FittedCurves(ABC):
     @abstractmethod
     def displacement(self, alpha: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Displacement of b0 along and across its x axis per bending angle [m/rad]."""
-
-    @property
-    def wheel_map(self) -> Literal["paper", "exact"]:
-        return "paper"
-
-    @property
-    def rolls_v(self) -> bool:
-        return True  # so says the paper's map
-
-    @property
-    def conserved(self) -> tuple[str, str, float]:
-        return "W{0} - W{1} (W: travel that bends a segment from straight)", "m", 1.0
 
     def share(self, segment: int, alpha: ca.SX) -> ca.SX:
         return self.rate(_BOTH, alpha)
@@ -142,13 +130,11 @@ class LogSpiral(FittedCurves):
     derivative of rho is left out of the displacement, as published.
     """
 
+    speed = "fibre end along its spiral (eq. kappa), taken as a side wheel's rolling speed"
+
     length_m: float
     link_m: float
     path: LogSpiralPath
-
-    @property
-    def speed(self) -> str:
-        return "fibre end along its spiral (eq. kappa), taken as a side wheel's rolling speed"
 
     def _radius(self, k: int, alpha: ca.SX) -> ca.SX:
         eps = self.path.smoothing_rad
@@ -175,12 +161,10 @@ class Cardioid(FittedCurves):
     is that of a point on cardioid I, derivative of r included.
     """
 
+    speed = "fibre end about the cusp of its cardioid, taken as a side wheel's rolling speed"
+
     link_m: float
     path: CardioidPath
-
-    @property
-    def speed(self) -> str:
-        return "fibre end about the cusp of its cardioid, taken as a side wheel's rolling speed"
 
     def _angle(self, k: int, alpha: ca.SX) -> ca.SX:
         return math.pi + self.path.phi_per_alpha[k] * alpha
@@ -205,6 +189,8 @@ class Arc:
     across its own outward axis and its turn, per W = kappa l_1.
     """
 
+    wheel_map: ClassVar[WheelMap] = "exact"
+
     geometry: Geometry
     at_wheel: bool
 
@@ -213,10 +199,6 @@ class Arc:
         if self.at_wheel:
             return "rolling speed of the side wheel, exact"
         return "fibre end along its exact path"
-
-    @property
-    def wheel_map(self) -> Literal["paper", "exact"]:
-        return "exact"
 
     @property
     def rolls_v(self) -> bool:
@@ -242,8 +224,9 @@ class Arc:
     def _passed(self, segment: int, alpha: ca.SX, turn: ca.SX | float) -> Callable[..., Twist]:
         """(t, n, r) beyond a segment from that before it; the segment turns by ``turn`` per W."""
         length, c, s = self.geometry.lengths_m[segment], ca.cos(alpha), ca.sin(alpha)
-        across, along = length * versine_ratio(alpha), length * sinc(alpha)
-        a, b = length * sagitta_ratio(alpha), length * versine_ratio_squared(alpha)
+        across, along = length * series.versine_ratio(alpha), length * series.sinc(alpha)
+        a = length * series.sagitta_ratio(alpha)
+        b = length * series.versine_ratio_squared(alpha)
 
         def beyond(t: ca.SX, n: ca.SX, r: ca.SX) -> Twist:
             moved = c * t + s * n + r * across + turn * a, c * n - s * t + r * along + turn * b

@@ -17,6 +17,7 @@ import casadi as ca
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import fibre_end_pose
+from twosra_mpc.model.flow import runge_kutta
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.coordinates import POSE, WHEELS
 from twosra_mpc.robot.description import Body
@@ -52,11 +53,8 @@ def rolling(body: Body, mode: Mode) -> ca.Function:
     """
     q, turned, drift = _arguments(body)
     rate = _rate(body, mode)
-    k1 = rate(q, turned, drift)
-    k2 = rate(q + k1 / 2, turned, drift)
-    k3 = rate(q + k2 / 2, turned, drift)
-    k4 = rate(q + k3, turned, drift)
-    return ca.Function("rolling", [q, turned, drift], [q + (k1 + 2 * k2 + 2 * k3 + k4) / 6])
+    after = runge_kutta(lambda at: rate(at, turned, drift), q)
+    return ca.Function("rolling", [q, turned, drift], [after])
 
 
 def _arguments(body: Body) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -87,7 +85,7 @@ def _rate(body: Body, mode: Mode) -> ca.Function:
 def _slipped(geometry: Geometry, q: ca.SX, v: ca.SX, bending: ca.SX, drift: ca.SX) -> ca.SX:
     """Rate of the pose (3,) by which the whole robot follows the unit that does not hold still."""
     bend = ca.dot(ca.DM(geometry.lengths_m), bending)
-    first, second = _unit_centre(geometry, q, 0), _unit_centre(geometry, q, 1)
+    first, second = (_unit_centre(geometry, q, unit) for unit in (0, 1))
     centre = ca.if_else(ca.fabs(v[0]) < ca.fabs(v[1]), first, second)  # the slower unit holds
     turn = drift[0] * bend
     in_body = ca.vertcat(turn * centre[1], -turn * centre[0] + drift[1] * bend)

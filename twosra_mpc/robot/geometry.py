@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.validation import MOST_SEGMENTS, NonNegative, Number, Positive, Value, plain
@@ -54,14 +55,14 @@ class Geometry(Value):
                 raise InputError(f"wheels.{first + 1}", (b.x_m, b.y_m), allowed)
         return self
 
-    @field_validator("segment_length_m", mode="before")
+    @field_validator("segment_length_m", mode="wrap")
     @classmethod
-    def _number_or_list(cls, value: object) -> object:
-        given = plain(value)
-        numbers = given if isinstance(given, tuple) else (given,)
-        if not all(_is_length(number) for number in numbers):
-            raise InputError("", value, "a positive number, or a list of one for each segment")
-        return given
+    def _number_or_list(cls, value: object, valid: Callable[[object], object]) -> object:
+        try:
+            return valid(plain(value))
+        except ValidationError:
+            allowed = "a positive number, or a list of one for each segment"
+            raise InputError("", value, allowed) from None
 
     @model_validator(mode="after")
     def _as_many_lengths_as_segments(self) -> Geometry:
@@ -108,9 +109,3 @@ class Geometry(Value):
             self.end_link_m + self.unit_side_m / 2,
             (self.unit_side_m + self.wheel_thickness_m) / 2,
         )
-
-
-def _is_length(value: object) -> bool:
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return False
-    return math.isfinite(value) and value > 0

@@ -27,24 +27,27 @@ class Heater(Value):
 
     @model_validator(mode="after")
     def _ordered(self) -> Heater:
-        ordered = [
-            ("temperature_min_C", self.temperature_min_C),
-            ("ambient_C", self.ambient_C),
-            ("melting_point_C", self.melting_point_C),
-            ("soft_setpoint_C", self.soft_setpoint_C),
-            ("temperature_max_C", self.temperature_max_C),
-        ]
-        for (low_name, low), (name, value) in itertools.pairwise(ordered):
+        names = (
+            *("temperature_min_C", "ambient_C", "melting_point_C"),
+            *("soft_setpoint_C", "temperature_max_C"),
+        )
+        for least, name in itertools.pairwise(names):
+            low, value = getattr(self, least), getattr(self, name)
             if not low < value:
-                raise InputError(name, value, f"more than {low_name} ({low:g} C)")
+                raise InputError(name, value, f"more than {least} ({low:g} C)")
         if not self.temperature_min_C <= self.rigid_setpoint_C < self.melting_point_C:
             allowed = f"from {self.temperature_min_C:g} to below {self.melting_point_C:g} C"
             raise InputError("rigid_setpoint_C", self.rigid_setpoint_C, allowed)
-        for name in ("melt_current_A", "hold_current_A"):
-            current = float(getattr(self, name))
-            if current > self.current_max_A:
-                raise InputError(name, current, f"at most current_max_A ({self.current_max_A:g} A)")
-        if self.hold_current_A > self.melt_current_A:
-            allowed = f"at most melt_current_A ({self.melt_current_A:g} A)"
-            raise InputError("hold_current_A", self.hold_current_A, allowed)
+        for name, most in (
+            ("melt_current_A", "current_max_A"),
+            ("hold_current_A", "current_max_A"),
+            ("hold_current_A", "melt_current_A"),
+        ):
+            current, limit = getattr(self, name), getattr(self, most)
+            if current > limit:
+                raise InputError(name, current, f"at most {most} ({limit:g} A)")
         return self
+
+    def power_W(self, current_A: float) -> float:
+        """Heat of a coil whose resistance is kept."""
+        return current_A**2 * self.resistance_ohm

@@ -29,13 +29,10 @@ class OfPath(Tagged):
             InputError: If the model knows two segments of equal length only, and these are others.
         """
         if len(lengths_m) != 2 or lengths_m[0] != lengths_m[1]:
-            allowed = f"'arc' for {len(lengths_m)} segments of {_listed(lengths_m)} m"
+            listed = ", ".join(f"{length:g}" for length in lengths_m)
+            allowed = f"'arc' for {len(lengths_m)} segments of {listed} m"
             allowed += ": it knows two of equal length only"
             raise InputError("path.model", self.model, allowed)
-
-
-def _listed(lengths_m: tuple[float, ...]) -> str:
-    return ", ".join(f"{length:g}" for length in lengths_m)
 
 
 class LogSpiralPath(OfPath):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
@@ -18,22 +18,18 @@ class Timing(Tagged):
 
     Times that come from the segments are checked by replaying the heater currents, and become
     slower as the segments do.
+
+    Attributes:
+        needs_segment: Whether the times come from the thermal description of the segments.
     """
 
     tag_key = "overlap"
+    needs_segment: ClassVar[bool] = False
     overlap: str
-
-    @property
-    def needs_segment(self) -> bool:
-        """Whether the times come from the thermal description of the segments."""
-        return False
 
     @abstractmethod
     def slowed(self, kind: Kind, factor: float) -> Self:
         """The same with freezes, or melts, that take so much longer."""
-
-    def _with(self, values: dict[str, float]) -> Self:
-        return self.with_values(**values)
 
 
 class OverlappedTiming(Timing):
@@ -54,7 +50,7 @@ class OverlappedTiming(Timing):
     def slowed(self, kind: Kind, factor: float) -> Self:
         """Multiply the whole transition and its plateau."""
         keys = (f"{kind}_s", f"{kind}_changing_s")
-        return self._with({key: factor * getattr(self, key) for key in keys})
+        return self.with_values(**{key: factor * getattr(self, key) for key in keys})
 
     @property
     def superheat_share(self) -> float:
@@ -64,10 +60,9 @@ class OverlappedTiming(Timing):
     @model_validator(mode="after")
     def _plateau_within(self) -> OverlappedTiming:
         for kind in ("melt", "freeze"):
-            whole = float(getattr(self, f"{kind}_s"))
-            changing = float(getattr(self, f"{kind}_changing_s"))
+            name = f"{kind}_changing_s"
+            whole, changing = getattr(self, f"{kind}_s"), getattr(self, name)
             if changing > whole:
-                name = f"{kind}_changing_s"
                 raise InputError(name, changing, f"at most {kind}_s ({whole:g} s)")
         return self
 
@@ -85,11 +80,12 @@ class SequentialTiming(Timing):
         """Multiply what happens in a wait."""
         cool, heat = self.reconfigure_cool_s, self.reconfigure_s - self.reconfigure_cool_s
         if kind == "melt":
-            return self._with(
-                {"heat_s": factor * self.heat_s, "reconfigure_s": cool + factor * heat}
-            )
-        cooling = {"freeze_s": factor * self.freeze_s, "reconfigure_cool_s": factor * cool}
-        return self._with({**cooling, "reconfigure_s": factor * cool + heat})
+            heat *= factor
+            return self.with_values(heat_s=factor * self.heat_s, reconfigure_s=cool + heat)
+        cool *= factor
+        return self.with_values(
+            freeze_s=factor * self.freeze_s, reconfigure_cool_s=cool, reconfigure_s=cool + heat
+        )
 
     @model_validator(mode="after")
     def _cooling_within(self) -> SequentialTiming:
@@ -102,12 +98,9 @@ class SequentialTiming(Timing):
 class ThermalTiming(Timing):
     """Times from the thermal model of the segments; transitions may overlap, as in "full"."""
 
-    overlap: Literal["thermal"]
+    needs_segment = True
 
-    @property
-    def needs_segment(self) -> bool:
-        """They do."""
-        return True
+    overlap: Literal["thermal"]
 
     def slowed(self, kind: Kind, factor: float) -> Self:
         """Return the same: the segments become slower."""

@@ -8,18 +8,110 @@ as early as the metal still stays liquid until its onset.
 
 from __future__ import annotations
 
+import itertools
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from twosra_mpc.thermal.model import SegmentModel, State
-from twosra_mpc.thermal.trajectory import Heating, Piece, TemperatureTrajectory
 from twosra_mpc.thermal.uncertainty import Windows
 
+Array = NDArray[np.float64]
+Stiffness = Literal["soft", "rigid"]
+
 _ROUNDING_S = 1e-6  # what is saved must be more
+
+
+class Piece(NamedTuple):
+    """From ``start_s`` on: state then, heater current (None: what holds it), set-point [C]."""
+
+    start_s: float
+    state: State
+    current_A: float | None
+    setpoint_C: float
+
+
+@dataclass(frozen=True)
+class TemperatureTrajectory:
+    """One segment's heater and state over time; the last of its pieces has no end.
+
+    Attributes:
+        model: The segment model.
+        pieces: At least one, the first from t = 0.
+    """
+
+    model: SegmentModel
+    pieces: tuple[Piece, ...]
+
+    def switched(self, time_s: float, *pieces: Piece) -> TemperatureTrajectory:
+        """Return the same trajectory with other pieces from a time on."""
+        kept = (piece for piece in self.pieces if piece.start_s < time_s)
+        return replace(self, pieces=(*kept, *pieces))
+
+    def state_at(self, time_s: float) -> State:
+        """State of the segment."""
+        start_s, state, current_A, _ = self._piece(time_s)
+        duration = max(0.0, time_s - start_s)
+        if current_A is None:
+            return self.model.hold(state, duration)
+        return self.model.propagate(state, current_A, duration)
+
+    def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
+        """Temperature [C] and melt fraction at each time."""
+        states = [self.state_at(time) for time in t.tolist()]
+        temperature = [self.model.temperature_C(state) for state in states]
+        return np.array(temperature), np.array([self.model.melt_fraction(s) for s in states])
+
+    def setpoint_C(self, t: Array) -> Array:
+        """Temperature set-point from each time to the next [C]."""
+        return np.array([self._piece(time).setpoint_C for time in t.tolist()])
+
+    def current_A(self, t: Array) -> Array:
+        """Heater current from each time to the next, of the right energy where it varies [A]."""
+        pairs = itertools.pairwise([*t.tolist(), np.inf])
+        return np.array([self._mean_current(a, b) for a, b in pairs])
+
+    def event_times(self) -> list[float]:
+        """Times at which set-point or current change [s]."""
+        return self._starts
+
+    def energy_J(self, until_s: float) -> float:
+        """Heater energy from t = 0."""
+        total = 0.0
+        for piece, end in zip(self.pieces, [*self._starts[1:], until_s], strict=True):
+            duration = min(end, until_s) - piece.start_s
+            if duration <= 0 or piece.current_A == 0.0:
+                continue
+            if piece.current_A is None:
+                total += self.model.holding_energy_J(piece.state, duration)
+            else:
+                total += self.model.energy_J(piece.state, piece.current_A, duration)
+        return total
+
+    @cached_property
+    def _starts(self) -> list[float]:
+        return [piece.start_s for piece in self.pieces]
+
+    def _piece(self, time_s: float) -> Piece:
+        return self.pieces[max(0, bisect_right(self._starts, time_s) - 1)]
+
+    def _mean_current(self, start_s: float, end_s: float) -> float:
+        piece = self._piece(start_s)
+        if piece.current_A is not None:
+            return piece.current_A
+        state, duration = self.state_at(start_s), end_s - start_s
+        steady = self.model.holding_current_A(state)
+        if not 0 < duration < np.inf or steady == 0:
+            return steady
+        mean_W = self.model.holding_energy_J(state, duration) / duration
+        return float(np.sqrt(mean_W / self.model.power_W(1.0, self.model.temperature_C(state))))
 
 
 class KeepWarm(NamedTuple):
@@ -30,16 +122,12 @@ class KeepWarm(NamedTuple):
 
 
 class SegmentTransition(NamedTuple):
-    """One transition as a heating makes it [s].
+    """One transition as a heating makes it [s]."""
 
-    ``earliest_s`` is the earliest onset that the state before it allows.
-    """
-
-    to: Literal["soft", "rigid"]
+    to: Stiffness
     heater_s: float
     onset_s: float
     done_s: float
-    earliest_s: float
 
 
 @dataclass(frozen=True)
@@ -63,10 +151,7 @@ class HeatingPlan:
     keep_warm: KeepWarm | None
 
     def heated(
-        self,
-        temperature_C: float,
-        soft: bool,
-        onsets: Sequence[tuple[Literal["soft", "rigid"], float]],
+        self, temperature_C: float, soft: bool, onsets: Sequence[tuple[Stiffness, float]]
     ) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
         """Heat a segment so that it melts and freezes at these onsets, or as soon as it can.
 
@@ -76,32 +161,16 @@ class HeatingPlan:
             onsets: (soft or rigid, onset [s]) in order.
         """
         state = self.model.initial(temperature_C)
-        pieces = self.held_soft(0.0, state) if soft else (self._off(0.0, state),)
-        trajectory = TemperatureTrajectory(self.model, self.melt_current_A, pieces)
-        done, all_made = 0.0, []
+        trajectory = TemperatureTrajectory(
+            self.model, self._from("soft" if soft else "rigid", 0.0, state)
+        )
+        done, made = 0.0, []
         for to, onset in onsets:
-            trajectory, made = (
-                self._melted(trajectory, done, onset)
-                if to == "soft"
-                else self._frozen(trajectory, done, onset)
-            )
-            all_made.append(made)
-            done = made.done_s
-        return trajectory, all_made
-
-    def held_soft(self, start_s: float, state: State) -> tuple[Piece, ...]:
-        """Bring a segment to the soft set-point and hold it there."""
-        level = self.model.level_at(self.soft_setpoint_C)
-        hotter = self.model.level(state) > level
-        current = 0.0 if hotter else self.melt_current_A
-        needed = self.model.time_until(state, current, level)
-        way = Heating.OFF if hotter else Heating.MELT
-        pieces = (Piece(start_s, state, way, self.soft_setpoint_C),)
-        if needed == math.inf:
-            return pieces
-        there = self.model.propagate(state, current, needed)
-        held = Piece(start_s + needed, there, Heating.HOLD, self.soft_setpoint_C)
-        return (held,) if needed == 0.0 else (*pieces, held)
+            changed = self._melted if to == "soft" else self._switched
+            trajectory, item = changed(trajectory, to, done, onset)
+            made.append(item)
+            done = item.done_s
+        return trajectory, made
 
     def lead_s(self, state: State) -> float:
         """Earliest onset of melting after heater on."""
@@ -119,25 +188,53 @@ class HeatingPlan:
         """Earliest onset of freezing after heater off."""
         if self.model.level(state) <= self.model.liquid_level:  # by rounding, after a melt
             return 0.0
-        return self.windows.freeze_early * self.model.time_until(
-            state, 0.0, self.model.liquid_level
-        )
+        until = self.model.time_until(state, 0.0, self.model.liquid_level)
+        return self.windows.freeze_early * until
 
     def freezing_s(self, state: State) -> float:
         """Latest end of freezing after heater off."""
         return self.windows.freeze_late * self.model.time_until(state, 0.0, self.model.solid_level)
 
-    def _off(self, start_s: float, state: State) -> Piece:
-        return Piece(start_s, state, Heating.OFF, self.rigid_setpoint_C)
+    def _from(self, to: Stiffness, start_s: float, state: State) -> tuple[Piece, ...]:
+        """Bring a segment to the soft set-point and hold it there, or switch its heater off."""
+        if to == "rigid":
+            return (Piece(start_s, state, 0.0, self.rigid_setpoint_C),)
+        level = self.model.level_at(self.soft_setpoint_C)
+        current = 0.0 if self.model.level(state) > level else self.melt_current_A
+        needed = self.model.time_until(state, current, level)
+        pieces = (Piece(start_s, state, current, self.soft_setpoint_C),)
+        if needed == math.inf:
+            return pieces
+        there = self.model.propagate(state, current, needed)
+        held = Piece(start_s + needed, there, None, self.soft_setpoint_C)
+        return (held,) if needed == 0.0 else (*pieces, held)
+
+    def _switched(
+        self, trajectory: TemperatureTrajectory, to: Stiffness, since: float, onset: float
+    ) -> tuple[TemperatureTrajectory, SegmentTransition]:
+        """Switch the heater as late (on) or as early (off) as the onset allows, after ``since``."""
+        soft = to == "soft"
+        early_s, late_s = (
+            (self.lead_s, self.melting_s) if soft else (self.coasting_s, self.freezing_s)
+        )
+
+        def late(switch: float) -> float:
+            return switch + early_s(trajectory.state_at(switch)) - onset
+
+        heater = since if late(since) >= 0 else float(brentq(late, since, onset, xtol=1e-12))
+        state = trajectory.state_at(heater)
+        made = SegmentTransition(to, heater, heater + early_s(state), heater + late_s(state))
+        return trajectory.switched(heater, *self._from(to, heater, state)), made
 
     def _melted(
-        self, trajectory: TemperatureTrajectory, since: float, onset: float
+        self, trajectory: TemperatureTrajectory, to: Stiffness, since: float, onset: float
     ) -> tuple[TemperatureTrajectory, SegmentTransition]:
-        passive, made = self._heated_late(trajectory, since, onset)
+        """Heat late, after the segment was kept warm if that pays."""
+        passive, made = self._switched(trajectory, to, since, onset)
         if self.keep_warm is None:
             return passive, made
         kept_warm = self._kept_warm(trajectory, self.keep_warm.temperature_C)
-        warm, sooner = self._heated_late(kept_warm, since, onset)
+        warm, sooner = self._switched(kept_warm, to, since, onset)
         saved = min(
             made.done_s - sooner.done_s,
             self._refrozen_s(passive, made.done_s) - self._refrozen_s(warm, sooner.done_s),
@@ -150,43 +247,11 @@ class HeatingPlan:
         """End of a freeze with the heater off from then on: what is warmer may freeze later."""
         return off + self.freezing_s(trajectory.state_at(off))
 
-    def _heated_late(
-        self, trajectory: TemperatureTrajectory, since: float, onset: float
-    ) -> tuple[TemperatureTrajectory, SegmentTransition]:
-        def late(heater: float) -> float:
-            return heater + self.lead_s(trajectory.state_at(heater)) - onset
-
-        earliest = late(since) + onset
-        heater = since if late(since) >= 0 else float(brentq(late, since, onset, xtol=1e-12))
-        state = trajectory.state_at(heater)
-        onset = heater + self.lead_s(state)
-        done = heater + self.melting_s(state)
-        kept = [piece for piece in trajectory.pieces if piece.start_s < heater]
-        pieces = (*kept, *self.held_soft(heater, state))
-        made = SegmentTransition("soft", heater, onset, done, earliest)
-        return TemperatureTrajectory(self.model, self.melt_current_A, pieces), made
-
     def _kept_warm(self, trajectory: TemperatureTrajectory, warm_C: float) -> TemperatureTrajectory:
         """Let a segment whose heater is off cool to ``warm_C``, then hold it there."""
-        off = trajectory.pieces[-1]
-        needed = self.model.time_until(off.state, 0.0, self.model.level_at(warm_C))
+        start_s, state, *_ = trajectory.pieces[-1]
+        needed = self.model.time_until(state, 0.0, self.model.level_at(warm_C))
         if needed == math.inf:
             return trajectory
-        there = self.model.propagate(off.state, 0.0, needed)
-        return trajectory.extended(Piece(off.start_s + needed, there, Heating.HOLD, warm_C))
-
-    def _frozen(
-        self, trajectory: TemperatureTrajectory, since: float, onset: float
-    ) -> tuple[TemperatureTrajectory, SegmentTransition]:
-        def late(off: float) -> float:
-            return off + self.coasting_s(trajectory.state_at(off)) - onset
-
-        earliest = late(since) + onset
-        off = since if late(since) >= 0 else float(brentq(late, since, onset, xtol=1e-12))
-        state = trajectory.state_at(off)
-        made = SegmentTransition(
-            "rigid", off, off + self.coasting_s(state), off + self.freezing_s(state), earliest
-        )
-        kept = tuple(piece for piece in trajectory.pieces if piece.start_s < off)
-        pieces = (*kept, self._off(off, state))
-        return TemperatureTrajectory(self.model, self.melt_current_A, pieces), made
+        held = Piece(start_s + needed, self.model.propagate(state, 0.0, needed), None, warm_C)
+        return trajectory.switched(held.start_s, held)

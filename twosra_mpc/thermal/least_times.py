@@ -25,8 +25,9 @@ warmer of its start temperature and ambient.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 from twosra_mpc.thermal.heating import HeatingPlan
 from twosra_mpc.thermal.model import SegmentModel, State
@@ -161,19 +162,13 @@ class LeastTimes:
         return self.heating.coasting_s(self._hottest)
 
     @cached_property
-    def _known(self) -> dict[tuple[int, float], float]:
-        return {}
+    def freezing_s(self) -> Callable[[int, float], float]:
+        """Onset to end of a freeze, of its number and ``held_s``; asked over and over.
 
-    def freezing_s(self, number: int, held_s: float) -> float:
-        """Onset to end of a freeze, after the segment was liquid for ``held_s`` at least.
-
-        Args:
-            number: How many transitions the segment made before.
-            held_s: Least time since the melt before it was done; 0 if it was liquid at t = 0.
+        The number is that of the transitions the segment made before, ``held_s`` the least time
+        since the melt before it was done; 0 if it was liquid at t = 0.
         """
-        if (number, held_s) not in self._known:
-            self._known[number, held_s] = self._freezing_s(number, held_s)
-        return self._known[number, held_s]
+        return cache(self._freezing_s)
 
     def _freezing_s(self, number: int, held_s: float) -> float:
         windows = self.heating.windows

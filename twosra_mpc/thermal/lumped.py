@@ -16,6 +16,7 @@ a solid or liquid segment follows ``C dT/dt = A - b (T - T_a)``; on the plateau 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 State = tuple[float, ...]
@@ -105,32 +106,17 @@ class Lumped:
 
     def holding_current_A(self, state: State) -> float:
         """Current whose heat makes up for the loss."""
-        temperature = self.temperature_C(state)
-        loss = self.loss_W_per_K * (temperature - self.ambient_C)
-        return math.sqrt(max(0.0, loss) / self.power_W(1.0, temperature))
+        lost = max(0.0, -self._rate(state[0], 0.0))
+        return math.sqrt(lost / self.power_W(1.0, self.temperature_C(state)))
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heat that holding the state takes."""
-        loss = self.loss_W_per_K * (self.temperature_C(state) - self.ambient_C)
-        return max(0.0, loss) * duration_s
-
-    def net_power_W(self, current_A: float, temperature_C: float) -> float:
-        """Heater power less loss."""
-        loss = self.loss_W_per_K * (temperature_C - self.ambient_C)
-        return self.power_W(current_A, temperature_C) - loss
+        return max(0.0, -self._rate(state[0], 0.0)) * duration_s
 
     def propagate(self, state: State, current_A: float, duration_s: float) -> State:
         """State after a constant current, exactly, through however many regimes."""
-        (h,) = state
-        left = duration_s
-        while left > 0:
-            edge = self._next_edge(h, current_A)
-            after = self._within_regime(h, current_A, left, edge)
-            if edge is None or (after < edge) == (h < edge):
-                return (after,)
-            left -= self._time_within_regime(h, edge, current_A)
-            h = edge
-        return (h,)
+        ends = [after for _, after, _ in self._passed(state[0], current_A, duration_s)]
+        return (ends[-1],) if ends else state
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until H reaches ``level`` [s]; inf if it never does."""
@@ -150,20 +136,28 @@ class Lumped:
 
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:
         """Heat the coil gives off at constant current."""
-        (h,) = state
-        left, total = duration_s, 0.0
+        passed = self._passed(state[0], current_A, duration_s)
+        spent = (self._energy_within_regime(h, end, current_A, time) for h, end, time in passed)
+        return sum(spent, start=0.0)
+
+    def _passed(
+        self, h: float, current_A: float, duration_s: float
+    ) -> Iterator[tuple[float, float, float]]:
+        """Yield (H before, H after, duration) of each regime passed through."""
+        left = duration_s
         while left > 0:
-            edge = self._next_edge(h, current_A)
-            needed = self._time_within_regime(h, edge, current_A) if edge is not None else math.inf
-            spent = min(needed, left)
-            end = edge if needed <= left and edge is not None else None
-            after = end if end is not None else self._within_regime(h, current_A, spent, edge)
-            total += self._energy_within_regime(h, after, current_A, spent)
+            edge, spent = self._next_edge(h, current_A), left
+            after = self._within_regime(h, current_A, left, edge)
+            if edge is not None and (after < edge) != (h < edge):
+                after, spent = edge, self._time_within_regime(h, edge, current_A)
+            yield h, after, spent
             h, left = after, left - spent
-        return total
 
     def _rate(self, h: float, current_A: float) -> float:
-        return self.net_power_W(current_A, self.temperature_C((h,)))
+        """Heater power less loss."""
+        temperature = self.temperature_C((h,))
+        loss = self.loss_W_per_K * (temperature - self.ambient_C)
+        return self.power_W(current_A, temperature) - loss
 
     def _next_edge(self, h: float, current_A: float) -> float | None:
         """Regime boundary that H runs into, or None."""
@@ -183,17 +177,16 @@ class Lumped:
             return self.heat_liquid_J_per_K
         return 0.0
 
-    def _linear(self, current_A: float) -> tuple[float, float]:
-        """(A, b) of C dT/dt = A - b (T - T_a)."""
-        cold = self.power_W(current_A, self.ambient_C)
-        slope = self.temperature_coefficient_per_K * current_A**2 * self.resistance_ohm
-        return cold, self.loss_W_per_K - slope
+    def _slope(self, current_A: float) -> float:
+        """Return b of C dT/dt = A - b (T - T_a)."""
+        warmer = self.temperature_coefficient_per_K * current_A**2 * self.resistance_ohm
+        return self.loss_W_per_K - warmer
 
     def _time_within_regime(self, h: float, to: float, current_A: float) -> float:
         capacity, rate = self._regime(h, to, current_A), self._rate(h, current_A)
         if capacity == 0.0:
             return (to - h) / rate
-        _, b = self._linear(current_A)
+        b = self._slope(current_A)
         ratio = b * (to - h) / (capacity * rate)
         if ratio == 0.0:
             return (to - h) / rate
@@ -206,7 +199,7 @@ class Lumped:
         rate = self._rate(h, current_A)
         if capacity == 0.0:
             return h + rate * duration_s
-        _, b = self._linear(current_A)
+        b = self._slope(current_A)
         slow = -b * duration_s / capacity
         grown = math.expm1(slow) / slow if slow else 1.0
         return h + rate * duration_s * grown
@@ -219,7 +212,7 @@ class Lumped:
         here = self.temperature_C((h,))
         if capacity == 0.0:
             return self.power_W(current_A, here) * duration_s
-        a, b = self._linear(current_A)
+        a, b = self.power_W(current_A, self.ambient_C), self._slope(current_A)
         if abs(b) * duration_s < 1e-9 * capacity:
             middle = (here + self.temperature_C((after,))) / 2
             return self.power_W(current_A, middle) * duration_s

@@ -82,9 +82,11 @@ class TwoNode:
 
     def propagate(self, state: State, current_A: float, duration_s: float) -> State:
         """State after a constant current, exactly."""
-        core, body = self._steady(current_A)
-        c, b = self._decayed(state[0] - core, state[1] - body, duration_s)
-        return (core + c, body + b)
+        a = self.coupling_per_s
+        core, body, fast, slow, c_fast, c_slow = self._course(state, current_A)
+        c_fast, c_slow = c_fast * math.exp(fast * duration_s), c_slow * math.exp(slow * duration_s)
+        c, b = c_fast + c_slow, c_fast * (1 + fast / a) + c_slow * (1 + slow / a)
+        return core + c, body + b
 
     def hold(self, state: State, duration_s: float) -> State:
         """State after the core has been held at its temperature by an ideal controller."""
@@ -117,16 +119,16 @@ class TwoNode:
         if away == 0.0:
             return 0.0
 
-        fast, slow = self._eigenvalues()
-        core, body = self._steady(current_A)
-        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
+        core, _, fast, slow, c_fast, c_slow = self._course(state, current_A)
         side = math.copysign(1, away)
 
         def excess(duration: float) -> float:
             left = c_fast * math.exp(fast * duration) + c_slow * math.exp(slow * duration)
             return (core + left - level) * side
 
-        turn = self._turning_time(state, current_A)
+        # The core turns round where fast c_fast e^(fast t) + slow c_slow e^(slow t) is 0.
+        ratio = -fast * c_fast / (slow * c_slow) if c_slow else 0.0
+        turn = max(0.0, math.log(ratio) / (slow - fast)) if ratio > 0 else 0.0
         for low, high in ((0.0, turn), (turn, _HORIZON_S)):
             if excess(low) <= 0:  # by rounding
                 return low
@@ -143,40 +145,20 @@ class TwoNode:
     def _heating(self, current_A: float) -> float:
         return self.power_K_per_s * (current_A / self.full_current_A) ** 2
 
-    def _steady(self, current_A: float) -> State:
-        """Where a constant current leads to in the end."""
+    def _course(self, state: State, current_A: float) -> tuple[float, ...]:
+        """Course of the core at constant current, core + c_fast e^(fast t) + c_slow e^(slow t).
+
+        Returns:
+            Core and body in the end, fast and slow (both negative), c_fast and c_slow.
+        """
+        a, b, beta = self.coupling_per_s, self.body_loss_per_s, self.body_ratio
         heating = self._heating(current_A)
-        body = self.ambient_C + heating / (self.body_ratio * self.body_loss_per_s)
-        return (body + heating / self.coupling_per_s, body)
-
-    def _eigenvalues(self) -> tuple[float, float]:
-        """Fast and slow rate (both negative) of the free system."""
-        a, leave = self.coupling_per_s, self.coupling_per_s / self.body_ratio
-        middle = -(a + leave + self.body_loss_per_s) / 2
-        root = math.sqrt(middle**2 - a * self.body_loss_per_s)
-        return middle - root, middle + root
-
-    def _modes(self, core: float, body: float) -> tuple[float, float]:
-        """(fast, slow) parts of the core's deviation from the steady state."""
-        fast, slow = self._eigenvalues()
-        a = self.coupling_per_s
-        rate = -a * core + a * body
-        return (rate - slow * core) / (fast - slow), (fast * core - rate) / (fast - slow)
-
-    def _decayed(self, core: float, body: float, duration_s: float) -> tuple[float, float]:
-        fast, slow = self._eigenvalues()
-        c_fast, c_slow = self._modes(core, body)
-        c_fast *= math.exp(fast * duration_s)
-        c_slow *= math.exp(slow * duration_s)
-        a = self.coupling_per_s
-        return c_fast + c_slow, c_fast * (1 + fast / a) + c_slow * (1 + slow / a)
-
-    def _turning_time(self, state: State, current_A: float) -> float:
-        """When the core temperature turns round, 0 if it never does."""
-        fast, slow = self._eigenvalues()
-        core, body = self._steady(current_A)
-        c_fast, c_slow = self._modes(state[0] - core, state[1] - body)
-        if c_slow == 0 or -fast * c_fast / (slow * c_slow) <= 0:
-            return 0.0
-        when = math.log(-fast * c_fast / (slow * c_slow)) / (slow - fast)
-        return max(0.0, when)
+        body = self.ambient_C + heating / (beta * b)
+        core = body + heating / a
+        middle = -(a + a / beta + b) / 2
+        root = math.sqrt(middle**2 - a * b)
+        fast, slow = middle - root, middle + root
+        c = state[0] - core
+        rate = -a * c + a * (state[1] - body)
+        c_fast, c_slow = (rate - slow * c) / (fast - slow), (fast * c - rate) / (fast - slow)
+        return core, body, fast, slow, c_fast, c_slow

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -24,32 +22,20 @@ class ConstantHeating(SegmentHeating):
         heater: Heater description.
         ambient_C: Temperature of the air.
         temperature_C: Temperature at t = 0.
+        superheat_s: Full current after a melt, up to the set-point.
+        coasting_s: Cooling from the set-point to the plateau on which the metal changes; None: a
+            melt ends at the set-point, and a freeze is nothing but cooling.
     """
 
     heater: Heater
     ambient_C: float
     temperature_C: float
-
-    @property
-    @abstractmethod
-    def _superheat_s(self) -> float:
-        """Full current after a melt [s]."""
-
-    @abstractmethod
-    def _melt_knots(self, item: Transition) -> list[Knot]:
-        """The temperature curve from heater on to molten."""
-
-    @abstractmethod
-    def _freeze_knots(self, item: Transition, since: float, before: float) -> list[Knot]:
-        """The curve to solid, of metal that is liquid and ``before`` C warm ``since`` some time."""
-
-    @abstractmethod
-    def _cools_from(self, item: Transition, knots: list[Knot]) -> Knot:
-        """When, and how warm, a segment begins to relax to the temperature of the air."""
+    superheat_s: float = 0.0
+    coasting_s: float | None = None
 
     def event_times(self) -> list[float]:
         changes = [t for item in self.transitions for t in item[2:]]
-        return changes + [molten + self._superheat_s for _, molten, _ in self._heated()]
+        return changes + [molten + self.superheat_s for _, molten, _ in self._heated()]
 
     def _heated(self) -> list[tuple[float, float, float]]:
         """(heater on, molten, heater off) of every dwell [s]."""
@@ -73,18 +59,18 @@ class ConstantHeating(SegmentHeating):
     def current_A(self, t: Array) -> Array:
         value = np.zeros(t.shape)
         for on, molten, off in self._heated():
-            hot = molten + self._superheat_s if molten > on else molten
+            hot = molten + self.superheat_s if molten > on else molten
             value[(t >= on) & (t < min(hot, off))] = self.heater.melt_current_A
             value[(t >= hot) & (t < off)] = self.heater.hold_current_A
         return value
 
     def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
         """Temperature through the events of the transitions, relaxing in between; linear melts."""
-        knots = self._knots()
+        knots, cooling = self._curve()
         temperature: Array = np.interp(t, *np.array(knots).T)
-        for start, end, initial in self._cooling(knots):
-            inside = (t >= start) & (t < end)
-            temperature[inside] = self._relaxed(initial, t[inside] - start)
+        for since, until in cooling:
+            inside = (t >= since[0]) & (t < until)
+            temperature[inside] = self._relaxed(since, t[inside])
         melts = [(0.0, float(self.soft_at_start))]
         for item in self.transitions:
             soft = float(item.to == "soft")
@@ -96,54 +82,54 @@ class ConstantHeating(SegmentHeating):
         squared = self.current_A(times[:-1]) ** 2
         return float(self.heater.resistance_ohm * (squared @ np.diff(times)))
 
-    def _relaxed(self, initial: float, elapsed: Array) -> Array:
-        ambient = self.ambient_C
-        decay: Array = np.exp(-elapsed / self.heater.cooling_time_constant_s)
-        return ambient + (initial - ambient) * decay
-
-    def _knots(self) -> list[Knot]:
-        knots = [(0.0, self.temperature_C)]
+    def _curve(self) -> tuple[list[Knot], list[tuple[Knot, float]]]:
+        """Knots of the temperature, and from which of them it relaxes to the air until when."""
+        knots, cooling = [(0.0, self.temperature_C)], []
         liquid = self.soft_at_start
         for item in self.transitions:
-            since, before = knots[-1]
             liquid = item.to == "soft"
             if liquid:
-                warm = float(self._relaxed(before, np.array(item.heater_s - since)))
-                knots += [(item.heater_s, warm), *self._melt_knots(item)]
+                cooling.append((knots[-1], item.heater_s))
+                warm = self._relaxed(knots[-1], np.array(item.heater_s))
+                knots.append((item.heater_s, float(warm)))
             else:
-                knots += self._freeze_knots(item, since, before)
+                knots += self._liquid(knots[-1], self._peak_C(item), until=item.heater_s)
+            knots += self._changing(item)
         if liquid:
-            knots += self._liquid(self.heater.soft_setpoint_C, *knots[-1], until=_NEVER)
-        return knots
+            knots += self._liquid(knots[-1], self.heater.soft_setpoint_C, until=_NEVER)
+        else:
+            cooling.append((knots[-1], _NEVER))
+        return knots, cooling
 
-    def _liquid(self, target: float, since: float, before: float, until: float) -> list[Knot]:
+    def _relaxed(self, since: Knot, t: Array) -> Array:
+        decay: Array = np.exp((since[0] - t) / self.heater.cooling_time_constant_s)
+        return self.ambient_C + (since[1] - self.ambient_C) * decay
+
+    def _changing(self, item: Transition) -> list[Knot]:
+        """The curve while the metal melts or freezes."""
+        if self.coasting_s is None:
+            return [(item.done_s, self.heater.soft_setpoint_C)] if item.to == "soft" else []
+        melting_C = self.heater.melting_point_C
+        return [(item.onset_s, melting_C), (item.done_s, melting_C)]
+
+    def _peak_C(self, freeze: Transition) -> float:
+        """From where cooling to the plateau takes as long as a freeze says."""
+        melting_C, setpoint_C = self.heater.melting_point_C, self.heater.soft_setpoint_C
+        if not self.coasting_s:
+            return setpoint_C
+        share = min(1.0, (freeze.onset_s - freeze.heater_s) / self.coasting_s)
+        return melting_C + (setpoint_C - melting_C) * share
+
+    def _liquid(self, since: Knot, target: float, until: float) -> list[Knot]:
         """Heat or cool liquid metal to ``target`` and hold it there until its heater is off."""
+        start, before = since
         if before <= target:
-            reached = min(since + self._superheat_s, until)
-            knots = [(reached, target)]
+            knots = [(min(start + self.superheat_s, until), target)]
         else:
             above, over = before - self.ambient_C, target - self.ambient_C
-            cooling = self.heater.cooling_time_constant_s * float(np.log(above / over))
-            times = np.linspace(0.0, min(cooling, until - since), 9)
-            knots = [(since + float(t), float(self._relaxed(before, t))) for t in times[1:]]
+            cooling = self.heater.cooling_time_constant_s * np.log(above / over)
+            times = np.linspace(start, min(start + cooling, until), 9)[1:]
+            knots = list(zip(times.tolist(), self._relaxed(since, times).tolist(), strict=True))
         if np.isfinite(until):
             knots.append((until, knots[-1][1]))
         return knots
-
-    def _cooling(self, knots: list[Knot]) -> list[tuple[float, float, float]]:
-        """(start, end, initial temperature) of the periods without heater."""
-        periods: list[tuple[float, float, float]] = []
-        start, initial = (_NEVER, 0.0) if self.soft_at_start else (0.0, self.temperature_C)
-        for item in self.transitions:
-            if item.to == "soft":
-                periods.append((start, item.heater_s, initial))
-                start = _NEVER
-            else:
-                start, initial = self._cools_from(item, knots)
-        return [*periods, (start, _NEVER, initial)]
-
-
-def power_W(heater: Heater, what: Literal["melt", "hold"]) -> float:
-    """Heater power at full current, or at that which holds, of a coil whose resistance is kept."""
-    current = heater.melt_current_A if what == "melt" else heater.hold_current_A
-    return current**2 * heater.resistance_ohm

@@ -7,16 +7,26 @@ onset of a melt the segment is still solid, before the onset of a freeze still l
 may drive or bend. All rules are difference constraints t[v] - t[u] >= w between event times, so the
 earliest finish of a sequence is a longest path, and any relaxation of the motion gives a valid
 lower bound.
+
+A *dwell* is the time from heater on to heater off around one soft period. With at most one heater
+at a time, the dwells of different segments must follow each other, those whose soft phases do not
+overlap in the order of the phases. A segment that is liquid at t = 0 has its heater on already, so
+its first dwell comes first. Two melted segments that are soft in the same phase need the first
+one's metal to stay liquid without heat for as long as the second one's takes to melt; where that is
+not so they are refused. All this is said of two segments at a time, whatever their number: no two
+heaters are on at once.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
-from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
+from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness, mode_name
 
 
 @dataclass(frozen=True)
@@ -57,6 +67,11 @@ class EventLayout:
         """Onset of a transition."""
         return self.onset(event.gap, event.segment)
 
+    def phase_order(self) -> dict[tuple[int, int], float]:
+        """Phases follow each other and do not run backwards."""
+        least = {(self.start(i), self.end(i)): 0.0 for i in range(self.phases)}
+        return least | {(self.end(g - 1), self.start(g)): 0.0 for g in range(self.phases + 1)}
+
     def pairs(self) -> Iterator[tuple[int, int]]:
         """Yield every pair (u, v) that any network of this many phases may constrain."""
         for i in range(self.phases):
@@ -85,6 +100,15 @@ class Hold(NamedTuple):
     power_W: float
 
 
+class Event(NamedTuple):
+    """A transition of a segment (from 0) in a gap; ``number`` counts those of the segment."""
+
+    segment: int
+    gap: int
+    to: Stiffness
+    number: int
+
+
 @dataclass(frozen=True)
 class TemporalNetwork:
     """The event times of one mode sequence as difference constraints, and what they cost.
@@ -92,24 +116,35 @@ class TemporalNetwork:
     Attributes:
         sequence: The mode sequence.
         last: Stiffness at the end.
-        layout: Numbering of the events.
         least: {(u, v): w} meaning t[v] - t[u] >= w [s].
-        holds: Heater power while segments are liquid.
-        melt_onsets: Events at which melts begin that heaters may delay.
-        freeze_onsets: Events at which freezes begin.
         transitions: Number of melts and freezes.
         melt_energy_J: Least heater energy of all melts.
+        holds: Heater power while segments are liquid.
+        events: The transitions, if heaters may delay them.
     """
 
     sequence: ModeSequence
     last: Mode
-    layout: EventLayout
     least: dict[tuple[int, int], float]
-    holds: tuple[Hold, ...]
-    melt_onsets: tuple[int, ...]
-    freeze_onsets: tuple[int, ...]
     transitions: int
     melt_energy_J: float
+    holds: tuple[Hold, ...] = ()
+    events: tuple[Event, ...] = ()
+
+    @cached_property
+    def layout(self) -> EventLayout:
+        """Numbering of the events."""
+        return EventLayout(len(self.sequence), len(self.last))
+
+    @property
+    def melt_onsets(self) -> list[int]:
+        """Events at which melts begin that heaters may delay."""
+        return [self.layout.onset_of(event) for event in self.events if event.to == "soft"]
+
+    @property
+    def freeze_onsets(self) -> list[int]:
+        """Events at which freezes begin."""
+        return [self.layout.onset_of(event) for event in self.events if event.to == "rigid"]
 
 
 def earliest_times(network: TemporalNetwork) -> list[float] | None:
@@ -117,9 +152,25 @@ def earliest_times(network: TemporalNetwork) -> list[float] | None:
 
     None if the constraints contradict each other.
     """
-    times = [0.0] * network.layout.count
     constraints = [(u, v, least) for (u, v), least in network.least.items()]
-    for _ in range(network.layout.count + 1):
+    return _raised([0.0] * network.layout.count, constraints)
+
+
+def latest_times(network: TemporalNetwork, at_most: Mapping[int, float]) -> list[float]:
+    """Latest time of every event with some events not later than given [s]; inf where free.
+
+    The constraints must not contradict each other, nor the times given.
+    """
+    backwards = [(v, u, least) for (u, v), least in network.least.items()]
+    before = [-at_most.get(event, math.inf) for event in range(network.layout.count)]
+    times = _raised(before, backwards)
+    assert times is not None
+    return [-time for time in times]
+
+
+def _raised(times: list[float], constraints: list[tuple[int, int, float]]) -> list[float] | None:
+    """Least times from these on with t[v] - t[u] >= w for all (u, v, w); None without any."""
+    for _ in range(len(times) + 1):
         changed = False
         for u, v, least in constraints:
             if times[u] + least > times[v]:
@@ -128,41 +179,6 @@ def earliest_times(network: TemporalNetwork) -> list[float] | None:
         if not changed:
             return times
     return None
-
-
-def latest_times(network: TemporalNetwork, at_most: Mapping[int, float]) -> list[float]:
-    """Latest time of every event with some events not later than given [s]; inf where free.
-
-    The constraints must not contradict each other, nor the times given.
-    """
-    times = [math.inf] * network.layout.count
-    for event, time in at_most.items():
-        times[event] = time
-    constraints = [(u, v, least) for (u, v), least in network.least.items()]
-    changed = True
-    while changed:
-        changed = False
-        for u, v, least in constraints:
-            if times[v] - least < times[u]:
-                times[u] = times[v] - least
-                changed = True
-    return times
-
-
-def phase_order(layout: EventLayout) -> dict[tuple[int, int], float]:
-    """Phases follow each other and do not run backwards."""
-    least = {(layout.start(i), layout.end(i)): 0.0 for i in range(layout.phases)}
-    least |= {(layout.end(g - 1), layout.start(g)): 0.0 for g in range(layout.phases + 1)}
-    return least
-
-
-class Event(NamedTuple):
-    """A transition of a segment (from 0) in a gap; ``number`` counts those of the segment."""
-
-    segment: int
-    gap: int
-    to: Stiffness
-    number: int
 
 
 def events_of(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[Event]:
@@ -176,28 +192,54 @@ def events_of(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[Event
                 number += 1
 
 
-def network_of_events(
-    sequence: ModeSequence,
-    last: Mode,
-    events: Sequence[Event],
-    least: dict[tuple[int, int], float],
-    holds: Sequence[Hold],
-    melt_energy_J: float,
-) -> TemporalNetwork:
-    """Put together the network of a sequence whose transitions are these events."""
-    layout = EventLayout(len(sequence), len(last))
-    soft, rigid = (
-        tuple(layout.onset(event.gap, event.segment) for event in events if event.to == to)
-        for to in ("soft", "rigid")
-    )
-    return TemporalNetwork(
-        sequence=sequence,
-        last=last,
-        layout=layout,
-        least=least,
-        holds=tuple(holds),
-        melt_onsets=soft,
-        freeze_onsets=rigid,
-        transitions=len(events),
-        melt_energy_J=melt_energy_J,
-    )
+class Dwell(NamedTuple):
+    """A soft period of a segment: its melt (None: liquid at t = 0) and freeze (None: never)."""
+
+    segment: int
+    melt: Event | None
+    freeze: Event | None
+
+
+def handovers(
+    sequence: ModeSequence, first: Mode, last: Mode
+) -> Iterator[tuple[Event | None, Event, Event]]:
+    """Yield (melt, freeze, melt of another segment) where one heater goes off before another on."""
+    for pair in _pairs(sequence, first, last):
+        for earlier, later in (pair, pair[::-1]):
+            if earlier.freeze and later.melt and _before(earlier, later):
+                yield earlier.melt, earlier.freeze, later.melt
+
+
+def overlaps(
+    sequence: ModeSequence, first: Mode, last: Mode
+) -> Iterator[tuple[Dwell, Dwell, Mode]]:
+    """Yield any two dwells that do not follow each other, and the first mode with both soft."""
+    for one, two in _pairs(sequence, first, last):
+        if not _before(one, two) and not _before(two, one):
+            modes = (first, *sequence, last)
+            both = next(mode for mode in modes if mode[one.segment] and mode[two.segment])
+            yield one, two, both
+
+
+def refused(mode: Mode) -> str:
+    """Say that a mode needs more heaters than one."""
+    count = "both" if sum(mode) == 2 else str(sum(mode))
+    return f"mode {mode_name(mode)} needs {count} heaters at once, but heaters_at_once is 1"
+
+
+def _pairs(sequence: ModeSequence, first: Mode, last: Mode) -> Iterator[tuple[Dwell, Dwell]]:
+    dwells = [[Dwell(j, None, None)] * soft for j, soft in enumerate(first)]
+    for event in events_of(sequence, first, last):
+        mine = dwells[event.segment]
+        if event.to == "soft":
+            mine.append(Dwell(event.segment, event, None))
+        else:
+            mine[-1] = mine[-1]._replace(freeze=event)
+    for ones, twos in itertools.combinations(dwells, 2):
+        yield from itertools.product(ones, twos)
+
+
+def _before(earlier: Dwell, later: Dwell) -> bool:
+    if later.melt is None or earlier.freeze is None:
+        return False
+    return earlier.melt is None or earlier.freeze.gap <= later.melt.gap

@@ -7,23 +7,18 @@ from dataclasses import dataclass, replace
 
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import OverlappedTiming
-from twosra_mpc.timing.constant_heating import ConstantHeating, Knot, power_W
+from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import (
+    Event,
     EventLayout,
     Hold,
     TemporalNetwork,
     events_of,
-    network_of_events,
-    phase_order,
+    handovers,
+    overlaps,
+    refused,
 )
-from twosra_mpc.timing.one_heater import handovers, overlaps, refused
-from twosra_mpc.timing.transitions import (
-    TIME_TOLERANCE_S,
-    Transition,
-    TransitionModel,
-    by_heater_time,
-    model_of,
-)
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, Transition, TransitionModel, model_of
 
 
 @model_of.register(OverlappedTiming)
@@ -59,8 +54,8 @@ class Overlapped(TransitionModel):
         span = heater.melting_point_C - self.problem.ambient
         return self._melt_lead * (heater.melting_point_C - now) / span
 
-    def _lead(self, segment: int, number: int) -> float:
-        return self._first_lead(segment) if number == 0 else self._melt_lead
+    def _lead(self, melt: Event) -> float:
+        return self._melt_lead if melt.number else self._first_lead(melt.segment)
 
     def _plateau(self, to: Stiffness) -> float:
         return self.times.melt_changing_s if to == "soft" else self.times.freeze_changing_s
@@ -76,15 +71,16 @@ class Overlapped(TransitionModel):
     ) -> TemporalNetwork:
         del least_durations  # these times depend on nothing
         layout = EventLayout(len(sequence), len(last))
-        least = phase_order(layout)
-        holds: list[Hold] = []
-        heated = 0.0
+        least, holds, heated = layout.phase_order(), [], 0.0
         previous = layout.origin
-        melt_W = power_W(self.problem.robot.heater, "melt")
-        liquid_W = self._liquid_W
+        heater = self.problem.robot.heater
+        melt_W = heater.power_W(heater.melt_current_A)
+        # Least mean power from molten to the onset of the freeze: the heater is on for a share of a
+        # short liquid period, and afterwards holds.
+        liquid_W = min(heater.power_W(heater.hold_current_A), self.times.superheat_share * melt_W)
         events = tuple(events_of(sequence, self.first, last))
         for event in events:
-            onset = layout.onset(event.gap, event.segment)
+            onset = layout.onset_of(event)
             least[layout.end(event.gap - 1), onset] = 0.0
             least[onset, layout.start(event.gap)] = self._plateau(event.to)
             if event.number == 0:
@@ -94,49 +90,40 @@ class Overlapped(TransitionModel):
             else:
                 least[previous, onset] = self.times.melt_changing_s
             if event.to == "soft":
-                heated += self._lead(event.segment, event.number) + self.times.melt_changing_s
+                heated += self._lead(event) + self.times.melt_changing_s
             elif event.number:
                 heated -= liquid_W * self.times.melt_changing_s / melt_W
                 holds.append(Hold(previous, onset, liquid_W))
             previous = onset
         if self.problem.heaters_at_once == 1:
             for _, off, on in handovers(sequence, self.first, last):
-                lead = self._lead(on.segment, on.number)
+                lead = self._lead(on)
                 least[layout.onset_of(off), layout.onset_of(on)] = lead - self._freeze_lead
-        return network_of_events(sequence, last, events, least, holds, heated * melt_W)
-
-    @property
-    def _liquid_W(self) -> float:
-        """Least mean heater power from molten to the onset of the freeze.
-
-        The heater is on for a share of a short liquid period, and afterwards holds.
-        """
-        heater = self.problem.robot.heater
-        return min(power_W(heater, "hold"), self.times.superheat_share * power_W(heater, "melt"))
+        energy_J = heated * melt_W
+        return TemporalNetwork(sequence, last, least, len(events), energy_J, tuple(holds), events)
 
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         """Constant times need nothing else, but that the metal stores enough heat to coast."""
         if self.problem.heaters_at_once > 1:
             return None
         layout, raised = network.layout, dict(network.least)
-        heater_s = {(t.segment, t.onset_s): t.heater_s for t in self.transitions(network, times)}
+        heater_s = {(t.segment, t.onset_s): t.heater_s for t in self.made(network, times)}
         for _, off, on in handovers(network.sequence, self.first, network.last):
             events = layout.onset_of(off), layout.onset_of(on)
             off_s, on_s = (times[event] for event in events)
             lag = off_s - heater_s[off.segment + 1, off_s]
-            needed = self._lead(on.segment, on.number) - lag
+            needed = self._lead(on) - lag
             if on_s - off_s < needed - 1e-9:
                 raised[events] = needed
         return None if raised == network.least else replace(network, least=raised)
 
-    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
-        found: list[Transition] = []
+    def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
         molten: dict[int, float] = {}
-        for event in events_of(network.sequence, self.first, network.last):
+        for event in network.events:
             onset = times[network.layout.onset_of(event)]
             done = onset + self._plateau(event.to)
             if event.to == "soft":
-                lead = self._lead(event.segment, event.number)
+                lead = self._lead(event)
                 heater = max(0.0, onset - lead)  # not before the start by rounding
                 molten[event.segment] = done
             else:
@@ -144,13 +131,13 @@ class Overlapped(TransitionModel):
                 since = molten.get(event.segment)
                 if since is not None:  # a short liquid period: the metal must store enough heat
                     heater = max(heater, since + self.times.superheat_share * (onset - since))
-            found.append(Transition(event.segment + 1, event.to, heater, onset, done))
-        return by_heater_time(found)
+            yield Transition(event.segment + 1, event.to, heater, onset, done)
 
-    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> OverlappedHeating:
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
         soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
         heater, air = self.problem.robot.heater, self.problem.ambient
-        return OverlappedHeating(soft, own, heater, air, now, self.times)
+        superheat_s, coasting_s = self.times.superheat_s, self._freeze_lead
+        return ConstantHeating(soft, own, heater, air, now, superheat_s, coasting_s)
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
@@ -178,31 +165,3 @@ class Overlapped(TransitionModel):
                 yield f"liquid for {lag:.3f} s after its heater is off: it would freeze earlier"
         if item.done_s - item.onset_s < plateau - TIME_TOLERANCE_S:
             yield f"on the plateau for {item.done_s - item.onset_s:.3f} s instead of {plateau:g} s"
-
-
-@dataclass(frozen=True)
-class OverlappedHeating(ConstantHeating):
-    """Melting and freezing on the plateau, heated and cooled outside of it."""
-
-    times: OverlappedTiming
-
-    @property
-    def _superheat_s(self) -> float:
-        return self.times.superheat_s
-
-    def _melt_knots(self, item: Transition) -> list[Knot]:
-        melting = self.heater.melting_point_C
-        return [(item.onset_s, melting), (item.done_s, melting)]
-
-    def _freeze_knots(self, item: Transition, since: float, before: float) -> list[Knot]:
-        """From where cooling to the plateau takes as long as the freeze says."""
-        melting, setpoint = self.heater.melting_point_C, self.heater.soft_setpoint_C
-        lead = self.times.freeze_s - self.times.freeze_changing_s
-        lag = item.onset_s - item.heater_s
-        peak = melting + (setpoint - melting) * (min(1.0, lag / lead) if lead > 0 else 1.0)
-        liquid = self._liquid(peak, since, before, item.heater_s)
-        return [*liquid, (item.onset_s, melting), (item.done_s, melting)]
-
-    def _cools_from(self, item: Transition, knots: list[Knot]) -> Knot:
-        del knots
-        return item.done_s, self.heater.melting_point_C

@@ -5,20 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
-from twosra_mpc.timing.constant_heating import ConstantHeating, Knot, power_W
-from twosra_mpc.timing.network import EventLayout, TemporalNetwork, phase_order
-from twosra_mpc.timing.one_heater import refused
-from twosra_mpc.timing.transitions import (
-    TIME_TOLERANCE_S,
-    Transition,
-    TransitionModel,
-    by_heater_time,
-    model_of,
-)
+from twosra_mpc.timing.constant_heating import ConstantHeating
+from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, Transition, TransitionModel, model_of
 
 
 @model_of.register(SequentialTiming)
@@ -59,34 +50,23 @@ class Sequential(TransitionModel):
     ) -> TemporalNetwork:
         del least_durations
         layout = EventLayout(len(sequence), len(last))
-        least = phase_order(layout)
-        transitions = 0
-        heated = 0.0
+        least, transitions, heated = layout.phase_order(), 0, 0.0
         reheat = self.times.reconfigure_s - self.times.reconfigure_cool_s
         for gap, (before, after) in enumerate(self._gaps(sequence, last)):
             least[layout.end(gap - 1), layout.start(gap)] = self._wait(before, after)
             if before != after:
                 transitions += sum(before) + sum(after)
                 heated += sum(after) * (self.times.heat_s if is_rigid(before) else reheat)
-        return TemporalNetwork(
-            sequence=sequence,
-            last=last,
-            layout=layout,
-            least=least,
-            holds=(),
-            melt_onsets=(),
-            freeze_onsets=(),
-            transitions=transitions,
-            melt_energy_J=heated * power_W(self.problem.robot.heater, "melt"),
-        )
+        heater = self.problem.robot.heater
+        energy_J = heated * heater.power_W(heater.melt_current_A)
+        return TemporalNetwork(sequence, last, least, transitions, energy_J)
 
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         del network, times
         return None
 
-    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
+    def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
         layout = network.layout
-        found: list[Transition] = []
         for gap, (before, after) in enumerate(self._gaps(network.sequence, network.last)):
             begin, wait = times[layout.end(gap - 1)], self._wait(before, after)
             if wait == 0.0:
@@ -94,14 +74,13 @@ class Sequential(TransitionModel):
             cooled = begin + (wait if is_rigid(after) else self.times.reconfigure_cool_s)
             heat_from = begin if is_rigid(before) else cooled
             freeze, melt = (begin, begin, cooled), (heat_from, heat_from, begin + wait)
-            found += [Transition(j + 1, "rigid", *freeze) for j in soft_segments(before)]
-            found += [Transition(j + 1, "soft", *melt) for j in soft_segments(after)]
-        return by_heater_time(found)
+            yield from (Transition(j + 1, "rigid", *freeze) for j in soft_segments(before))
+            yield from (Transition(j + 1, "soft", *melt) for j in soft_segments(after))
 
-    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> SequentialHeating:
+    def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ConstantHeating:
         soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
         heater, air = self.problem.robot.heater, self.problem.ambient
-        return SequentialHeating(soft, own, heater, air, now)
+        return ConstantHeating(soft, own, heater, air, now)
 
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
@@ -119,23 +98,3 @@ class Sequential(TransitionModel):
             least = min(least, half)
         if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
             yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
-
-
-@dataclass(frozen=True)
-class SequentialHeating(ConstantHeating):
-    """Up to the set-point through the wait of a melt, and cooling through that of a freeze."""
-
-    @property
-    def _superheat_s(self) -> float:
-        return 0.0
-
-    def _melt_knots(self, item: Transition) -> list[Knot]:
-        return [(item.done_s, self.heater.soft_setpoint_C)]
-
-    def _freeze_knots(self, item: Transition, since: float, before: float) -> list[Knot]:
-        liquid = self._liquid(self.heater.soft_setpoint_C, since, before, item.heater_s)
-        elapsed = np.array(item.done_s - item.heater_s)
-        return [*liquid, (item.done_s, float(self._relaxed(liquid[-1][1], elapsed)))]
-
-    def _cools_from(self, item: Transition, knots: list[Knot]) -> Knot:
-        return item.heater_s, float(np.interp(item.heater_s, *np.array(knots).T))

@@ -7,34 +7,33 @@ a given schedule needs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import ThermalTiming
-from twosra_mpc.thermal.heating import HeatingPlan, KeepWarm, SegmentTransition
+from twosra_mpc.thermal.heating import (
+    HeatingPlan,
+    KeepWarm,
+    SegmentTransition,
+    TemperatureTrajectory,
+)
 from twosra_mpc.thermal.least_times import LeastTimes
-from twosra_mpc.thermal.trajectory import TemperatureTrajectory
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing.network import (
+    Dwell,
     Event,
     EventLayout,
     Hold,
     TemporalNetwork,
     events_of,
-    network_of_events,
-    phase_order,
+    handovers,
+    overlaps,
+    refused,
 )
-from twosra_mpc.timing.one_heater import Dwell, handovers, overlaps, refused
-from twosra_mpc.timing.transitions import (
-    SegmentHeating,
-    Transition,
-    TransitionModel,
-    by_heater_time,
-    model_of,
-)
+from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
 
 _KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
 _SETTLED_S = 1e-9
@@ -105,21 +104,15 @@ class Thermal(TransitionModel):
         """Whether a segment might stay liquid without heat while the other one melts."""
         if other.melt is None:
             return False
-        least = self.least[other.segment]
-        needed = (
-            least.warmest_lead_s + least.first_melting_s
-            if other.melt.number == 0
-            else least.melting_s
-        )
+        least, again = self.least[other.segment], other.melt.number > 0
+        needed = least.melting_s if again else least.warmest_lead_s + least.first_melting_s
         return self.least[liquid.segment].longest_coasting_s > needed
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
     ) -> TemporalNetwork:
         layout = EventLayout(len(sequence), len(last))
-        least = phase_order(layout)
-        holds: list[Hold] = []
-        energy, molten = 0.0, 0
+        least, holds, energy, molten = layout.phase_order(), [], 0.0, 0
         previous = layout.origin
         before: float | None = None  # least time from the onset of the transition before
         events = tuple(events_of(sequence, self.first, last))
@@ -145,42 +138,36 @@ class Thermal(TransitionModel):
                 before = history.freezing_s(event.number, held)
             least[onset, begin] = before
             previous, molten = onset, event.gap
+        network = TemporalNetwork(sequence, last, least, len(events), energy, tuple(holds), events)
         if self.problem.heaters_at_once == 1:
-            least |= self._least_handovers(sequence, last, least, layout)
-        return network_of_events(sequence, last, events, least, holds, energy)
+            return replace(network, least=least | self._least_handovers(network))
+        return network
 
-    def _least_handovers(
-        self,
-        sequence: ModeSequence,
-        last: Mode,
-        least: dict[tuple[int, int], float],
-        layout: EventLayout,
-    ) -> dict[tuple[int, int], float]:
+    def _least_handovers(self, network: TemporalNetwork) -> dict[tuple[int, int], float]:
         """The earlier heater goes off when its segment is molten, and can coast only so long."""
-        added = {}
-        for melt, off, on in handovers(sequence, self.first, last):
+        layout, added = network.layout, {}
+        for melt, off, on in handovers(network.sequence, self.first, network.last):
             lead = self.least[on.segment].warmest_lead_s if on.number == 0 else 0.0
             coasting = self.least[off.segment].longest_coasting_s
             added[layout.onset_of(off), layout.onset_of(on)] = lead - coasting
             if melt is not None:
                 onset = layout.onset_of(melt)
-                molten = least[onset, layout.start(melt.gap)]
+                molten = network.least[onset, layout.start(melt.gap)]
                 added[onset, layout.onset_of(on)] = molten + lead
         return added
 
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         layout, raised = network.layout, dict(network.least)
-        made: dict[Event, SegmentTransition] = {}
-        for segment in range(len(self.first)):
-            previous = layout.origin
-            for event, item in self._made(network, times, segment):
-                onset, begin = layout.onset_of(event), layout.start(event.gap)
-                made[event] = item
-                if item.onset_s > times[onset] + _SETTLED_S:
-                    raised[previous, onset] = item.onset_s - times[previous]
-                if item.done_s - item.onset_s > times[begin] - times[onset] + _SETTLED_S:
-                    raised[onset, begin] = item.done_s - item.onset_s
-                previous = onset
+        made, previous = self._made(network, times), layout.origin
+        for event, item in made.items():
+            onset, begin = layout.onset_of(event), layout.start(event.gap)
+            if event.number == 0:
+                previous = layout.origin
+            if item.onset_s > times[onset] + _SETTLED_S:
+                raised[previous, onset] = item.onset_s - times[previous]
+            if item.done_s - item.onset_s > times[begin] - times[onset] + _SETTLED_S:
+                raised[onset, begin] = item.done_s - item.onset_s
+            previous = onset
         if self.problem.heaters_at_once == 1:
             if any(overlaps(network.sequence, self.first, network.last)):
                 raised[layout.finish, layout.origin] = 1.0  # not refused, but not planned either
@@ -191,32 +178,24 @@ class Thermal(TransitionModel):
                     raised[events] = times[events[1]] - times[events[0]] + late
         return None if raised == network.least else replace(network, least=raised)
 
-    def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
-        return by_heater_time(
-            [
-                Transition(segment + 1, *item[:4])
-                for segment in range(len(self.first))
-                for _, item in self._made(network, times, segment)
-            ]
-        )
+    def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
+        for event, item in self._made(network, times).items():
+            yield Transition(event.segment + 1, *item)
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ThermalHeating:
-        made = self.trajectory(segment, own)
-        soft = bool(self.first[segment])
-        return ThermalHeating(soft, own, made.model, made.melt_current_A, made.pieces)
-
-    def trajectory(self, segment: int, own: Sequence[Transition]) -> TemperatureTrajectory:
-        """Heater and state of a segment (from 0) over time, from its transitions in a plan."""
-        return self._heated(segment, [(item.to, item.onset_s) for item in own])[0]
+        made, _ = self._heated(segment, [(item.to, item.onset_s) for item in own])
+        return ThermalHeating(bool(self.first[segment]), own, made.model, made.pieces)
 
     def _made(
-        self, network: TemporalNetwork, times: Sequence[float], segment: int
-    ) -> list[tuple[Event, SegmentTransition]]:
-        """Transitions of a segment, as its heating makes them when they should be at ``times``."""
-        events = events_of(network.sequence, self.first, network.last)
-        own = [event for event in events if event.segment == segment]
-        onsets = [(event.to, float(times[network.layout.onset_of(event)])) for event in own]
-        return list(zip(own, self._heated(segment, onsets)[1], strict=True))
+        self, network: TemporalNetwork, times: Sequence[float]
+    ) -> dict[Event, SegmentTransition]:
+        """Transitions as the segments' heating makes them when they should be at ``times``."""
+        made: dict[Event, SegmentTransition] = {}
+        for segment in range(len(self.first)):
+            own = [event for event in network.events if event.segment == segment]
+            onsets = [(event.to, float(times[network.layout.onset_of(event)])) for event in own]
+            made |= zip(own, self._heated(segment, onsets)[1], strict=True)
+        return made
 
     def _heated(
         self, segment: int, onsets: Sequence[tuple[Stiffness, float]]

@@ -122,9 +122,14 @@ class TransitionModel(ABC):
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         """What a schedule really needs: constraints that ``times`` violate, raised; else None."""
 
-    @abstractmethod
     def transitions(self, network: TemporalNetwork, times: Sequence[float]) -> list[Transition]:
         """Melts and freezes of a sequence with these event times, by heater time."""
+        made = self.made(network, times)
+        return sorted(made, key=lambda item: (item.heater_s, item.segment))
+
+    @abstractmethod
+    def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:
+        """Yield them in any order."""
 
     def heating(self, transitions: Sequence[Transition]) -> tuple[SegmentHeating, ...]:
         """How each segment is heated, given all melts and freezes of a plan."""
@@ -160,11 +165,6 @@ def transition_model(problem: Problem) -> TransitionModel:
 def model_of(times: Timing, problem: Problem) -> TransitionModel:
     """Build the transition model of a set of times; each kind registers its own here."""
     raise NotImplementedError(f"no transition model is registered for {type(times).__name__}")
-
-
-def by_heater_time(transitions: Sequence[Transition]) -> list[Transition]:
-    """Put transitions in the order of their heaters' switching."""
-    return sorted(transitions, key=lambda item: (item.heater_s, item.segment))
 
 
 def own_transitions(transitions: Sequence[Transition], segment: int) -> tuple[Transition, ...]:
