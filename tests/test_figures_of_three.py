@@ -36,7 +36,7 @@ from twosra_mpc.plotting import (
     draw_timeline,
     plot_plan,
 )
-from twosra_mpc.plotting.animation import LEAST
+from twosra_mpc.plotting.film import LEAST
 from twosra_mpc.plotting.playback import PLACES, plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.report.film import film_of

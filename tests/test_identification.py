@@ -32,7 +32,7 @@ from twosra_mpc.identification.thermal import (
     score,
     two_nodes,
 )
-from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
+from twosra_mpc.plotting.heating_figures import plot_thermal_fit
 from twosra_mpc.robot.segment import TwoNodeSegment
 
 Array = NDArray[np.float64]

@@ -14,11 +14,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-import click
 import numpy as np
 
 from twosra_mpc.checking.plan_file import check_plan
-from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.options import command
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 from twosra_mpc.installation import DISTRIBUTION, install_command
@@ -60,8 +59,7 @@ class Requirement(NamedTuple):
     extra: str
 
 
-@click.command("doctor", help=_HELP)
-@output_options
+@command("doctor", _HELP)
 def doctor_command(output: Output) -> int:
     """Check the installation; see ``_HELP``."""
     findings: list[Finding] = []

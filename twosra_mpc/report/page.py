@@ -22,7 +22,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
-from twosra_mpc.plotting.figure_file import picture_address
+from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.report import reproduction, words
 from twosra_mpc.report.film import ARC_POINTS, Pose, film_of, filmed_box

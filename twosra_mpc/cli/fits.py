@@ -1,0 +1,236 @@
+"""Robots from measurements: ``twosra fit-paths``, ``twosra fit-thermal``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.identification import thermal
+from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
+from twosra_mpc.identification.identified_robot import write_identified_robot
+from twosra_mpc.identification.log_response import CORRECTED_S
+from twosra_mpc.identification.path_choice import parameters_in_words, write_fitted_robot
+from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
+from twosra_mpc.robot.description import Robot, load_robot
+
+Scores = list[tuple[HeatingLog, thermal.Score]]
+
+_WARM_K = 1.0  # a first reading this far above the air is worth a word
+_NAMES = {
+    "power_K_per_s": "full power [K/s]",
+    "coupling_per_s": "core to body [1/s]",
+    "body_ratio": "heat of body / of core",
+    "body_loss_per_s": "body to air [1/s]",
+    "sensor_lag_s": "sensor lag, twice [s]",
+    "law_gain_per_K": "heater law: K_p [1/K]",
+    "law_duty_at_54C": "heater law: duty at 54 C",
+}
+
+_HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
+_PATHS_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
+
+The spirals are fitted as Table I of the paper was; the table printed shows both.
+
+\b
+How well do spirals and cardioids follow the exact arcs?
+  twosra fit-paths 2sra-v1 --plot paths.png
+A robot file for your own fibre's lengths, with its comments kept:
+  twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
+"""
+
+
+@command("fit-paths", _PATHS_HELP)
+@click.argument("robot", **ROBOT)
+@file_option("--out", "Write a robot file with the fit.")
+@click.option(
+    "--model",
+    type=click.Choice(["log_spiral", "log_spiral_corrected", "cardioid"]),
+    default="log_spiral_corrected",
+    help="Which fit goes into --out.",
+)
+@plot_option("Draw exact and fitted paths")
+def fit_paths_command(
+    robot: str, out: Path | None, model: str, plot: Path | None, output: Output
+) -> None:
+    """Fit paths; see ``_PATHS_HELP``."""
+    described = load_robot(robot)
+    with output.progress("fitting"):
+        if out is not None:
+            write_fitted_robot(robot, out, described, model)
+        if plot is not None:
+            from twosra_mpc.plotting.path_figure import plot_paths  # importing matplotlib is slow
+
+            plot_paths(described, plot)
+    output.report(lambda: _fits(described), lambda: _print_fits(described))
+
+
+def _fits(robot: Robot) -> dict[str, Any]:
+    """The fits as plain data; what stands in the robot file is in ``path``."""
+    return {
+        "robot": robot.name,
+        "path": robot.path.model_dump(mode="json"),
+        "cases": CASES,
+        "spirals": fit_spirals(robot.geometry),
+        "cardioids": fit_cardioids(robot.geometry),
+    }
+
+
+def _print_fits(robot: Robot) -> None:
+    (given_spirals, given_cardioids), own = parameters_in_words(robot.path), f"in {robot.name}"
+    rows = []
+    for case, spiral, given in zip(CASES, fit_spirals(robot.geometry), given_spirals, strict=True):
+        residual = f"{spiral.rms_l:.4f}, {spiral.max_l:.4f}"
+        rows.append((case, f"{spiral.scale:.4f}, {spiral.growth:.4f}", given, residual))
+    print_table(("spiral", "fitted a / l, b", own, "residual / l: rms, largest"), rows)
+    rows = []
+    for case, fit, given in zip(CASES, fit_cardioids(robot.geometry), given_cardioids, strict=True):
+        residual = f"{1e3 * fit.rms_m:.3f}, {1e3 * fit.max_m:.3f}"
+        rows.append((case, f"{fit.radius_m:.4f}, {fit.phi_per_alpha:.4f}", given, residual))
+    print_table(("cardioid", "fitted a [m], dphi/dalpha", own, "residual [mm]: rms, max"), rows)
+
+
+_THERMAL_HELP = """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
+
+LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
+
+\b
+Fit the robot's segment, and see how well each cycle is told by the others:
+  twosra fit-thermal heating.csv --robot 2sr-v2 --out fitted.toml --plot fit.png
+How well does the robot as it is explain a log?
+  twosra fit-thermal heating.csv --robot 2sr-v2 --score
+"""
+
+
+@command("fit-thermal", _THERMAL_HELP)
+@click.argument("log", type=FILE)
+@click.option(
+    "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
+)
+@click.option("--ambient", "ambient_C", type=float, help="Air [C]; default: the first reading.")
+@file_option("--out", "Write a robot file with the fit.")
+@plot_option("Draw the fit")
+@click.option(
+    "--held-out",
+    "others",
+    multiple=True,
+    type=FILE,
+    help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
+)
+@click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
+def fit_thermal_command(
+    log: Path,
+    robot: str,
+    ambient_C: float | None,
+    out: Path | None,
+    plot: Path | None,
+    others: tuple[Path, ...],
+    only_score: bool,
+    output: Output,
+) -> None:
+    """Identify or score; see ``_THERMAL_HELP``."""
+    described = load_robot(robot)
+    if only_score and (out or plot):
+        raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
+    recorded = read_heating_log(log, ambient_C)
+    unseen = [read_heating_log(path) for path in others]
+    if only_score:
+        own = thermal.two_node_segment(described)
+        scores = [(each, thermal.score(each, own)) for each in (recorded, *unseen)]
+        output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
+        return
+    with output.progress("fitting") as tell:
+        fit = thermal.identify(recorded, described, lambda n, m: tell(f"fitting: {n} of {m} done"))
+        if out is not None:
+            write_identified_robot(robot, out, fit)
+        if plot is not None:
+            from twosra_mpc.plotting.heating_figures import plot_thermal_fit
+
+            plot_thermal_fit(fit, plot)
+    scores = [(each, thermal.score(each, fit.segment, fit.parameters.law)) for each in unseen]
+    output.report(
+        lambda: _document(fit, scores), lambda: _print_fit(recorded, fit, described, scores)
+    )
+
+
+def _document(fit: thermal.ThermalFit, scores: Scores) -> dict[str, Any]:
+    """The fit as plain data; a number that is not known is null."""
+    return {
+        "log": fit.source,
+        "robot": fit.robot,
+        "segment": fit.segment.model_dump(mode="json"),
+        "parameters": fit.parameters,
+        "standard_errors": fit.standard_errors,
+        "residuals": fit.residuals,
+        "held_out": fit.held_out,
+        "models": fit.rows,
+        "scores": _scores(scores),
+    }
+
+
+def _scores(scores: Scores) -> list[dict[str, Any]]:
+    return [
+        {"log": log.source, "residuals": found.residuals, "law": found.law} for log, found in scores
+    ]
+
+
+def _print_fit(log: HeatingLog, fit: thermal.ThermalFit, robot: Robot, scores: Scores) -> None:
+    _print_parameters(fit, robot)
+    rows = [
+        (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
+        for row in fit.rows
+    ]
+    for unseen, found in scores:
+        rows.append((f"two nodes, fitted; on {unseen.source}", "0", *_residuals(found), "-"))
+    print_table(("residual of the model", "fitted", *_HEADER, "cycles left out, RMS [C]"), rows)
+    if fit.held_out:
+        left_out = [(f"cycle {part.cycle + 1}", *_residuals(part)) for part in fit.held_out]
+        print_table(("left out of the fit", *_HEADER), left_out)
+    else:
+        click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
+    warm = log.despiked_C[0] - log.ambient_C
+    start = f" It starts {warm:.1f} K above: taken as cooled for long." if warm > _WARM_K else ""
+    click.echo(
+        f"Scored: {fit.residuals.points} points {fit.log.step_s:g} s apart, heating and cooling; "
+        f"in a hold the power is unknown, and the first {CORRECTED_S:g} s after it help to find "
+        f"its end.\nSpikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:.4g} C.{start}"
+    )
+
+
+def _print_scores(robot: Robot, scores: Scores) -> None:
+    rows = []
+    for log, found in scores:
+        law = f"K_p {found.law.gain_per_K:.4f} 1/K, duty at 54 C {found.law.duty_at_54C:.3f}"
+        rows.append((log.source, *_residuals(found), law))
+    print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
+
+
+def _print_parameters(fit: thermal.ThermalFit, robot: Robot) -> None:
+    own = thermal.two_node_segment(robot)
+    rows = []
+    for name in thermal.Parameters._fields:
+        value, error, low, high = (
+            getattr(each, name)
+            for each in (fit.parameters, fit.standard_errors, fit.smallest, fit.largest)
+        )
+        span = f"{low:.4g} to {high:.4g}" if fit.held_out else "-"
+        known = f"{getattr(own, name):.4g}" if name in thermal.SEGMENT_FIELDS else "-"
+        rows.append((_NAMES[name], f"{value:.4g}", f"{error:.2g}", span, known))
+    fixed = f"{own.sensor_gain:.4g}"
+    rows.append(("sensor gain", fixed, "not identifiable", "-", fixed))
+    header = ("parameter", "identified", "standard error", "without one cycle", f"in {robot.name}")
+    print_table(header, rows)
+
+
+def _residuals(of: thermal.Row | thermal.HeldOut | thermal.Score) -> tuple[str, ...]:
+    found = of.residuals
+    values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
+    return tuple(_digits(value) for value in values)
+
+
+def _digits(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.3f}"
