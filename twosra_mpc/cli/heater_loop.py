@@ -38,12 +38,7 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
 
 
 @command("simulate-heater", _HELP)
-@click.option(
-    "--robot",
-    default="2sra-v1",
-    help="A built-in name or a file.",
-    **ROBOT,
-)
+@click.option("--robot", default="2sra-v1", help="A built-in name or a file.", **ROBOT)
 @click.option(
     "--segment",
     type=click.IntRange(1, 4),
@@ -51,9 +46,7 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
     help="Which, of a robot that describes them one by one.",
 )
 @click.option(
-    "--profile",
-    default="soft:120,rigid:400",
-    help="Set-points and how long each lasts [s].",
+    "--profile", default="soft:120,rigid:400", help="Set-points and how long each lasts [s]."
 )
 @click.option("--ambient", type=float, help="Air [C]; default: the robot's.")
 @click.option("--start-temperature", type=float, help="Segment at the start [C]; default: the air.")

@@ -85,11 +85,9 @@ __all__ = [
     "save_figure",
 ]
 
-_OF_RUNS = {"animate_run": "run_animation", "plot_run": "run_figure"}
-
 
 def __getattr__(name: str) -> Any:
     """Import what draws runs in closed loop when it is asked for: it brings the tracker along."""
-    if name not in _OF_RUNS:
+    if name not in ("animate_run", "plot_run"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_OF_RUNS[name]}"), name)
+    return getattr(importlib.import_module(f"{__name__}.run_figures"), name)

@@ -25,6 +25,14 @@ from twosra_mpc.plotting.figures import BESIDE, SEGMENT_COLOURS, STATES, UNIT_CO
 from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
+Coordinate = Literal["position", "heading", "curvature"]
+
+COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
+    "position": (slice(0, 2), ("x", "y"), "position\n[m]"),
+    "heading": (slice(2, 3), (r"$\phi$",), "heading\n[rad]"),
+    "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
+}
+MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # never too thin to see
 
 
 class TimeStretch(NamedTuple):
@@ -85,16 +93,6 @@ class TimeStretch(NamedTuple):
         ax.set(xlim=(0.0, self.knots_s[-1]))
         ax.set_xticks(list(ticks), list(ticks.values()))
         return ax
-
-
-Coordinate = Literal["position", "heading", "curvature"]
-
-COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
-    "position": (slice(0, 2), ("x", "y"), "position\n[m]"),
-    "heading": (slice(2, 3), (r"$\phi$",), "heading\n[rad]"),
-    "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
-}
-MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # never too thin to see
 
 
 def plan_stretch(plan: Plan) -> TimeStretch:
