@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import InputError, load_robot
+from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
 from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, read_heating_log, resample
 from twosra_mpc.identification.identified_robot import write_identified_robot
@@ -458,7 +459,7 @@ def test_one_cycle_is_fitted_without_cross_validation(
         fits.append(identify(*arguments))
         return fits[-1]
 
-    monkeypatch.setattr(fits.thermal, "identify", spy)
+    monkeypatch.setattr(thermal_fit.thermal, "identify", spy)
     log = write_log(true_history((40.0,)).log(1.0), Path("one.csv"))
     code, out, _ = run("fit-thermal", log, "--robot", "2sr-v2", "--ambient", "20.6")
     assert code == 0

@@ -43,8 +43,8 @@ _COMMANDS = {
         "scenarios": ("robots", "List the built-in scenarios."),
         "robots": ("robots", "List the built-in robots."),
         "check-robot": ("robots", "Check a robot file and its wheels."),
-        "fit-paths": ("fits", "Fit spirals and cardioids to a fibre's lengths."),
-        "fit-thermal": ("fits", "Identify a segment from a heating log."),
+        "fit-paths": ("robots", "Fit spirals and cardioids to a fibre's lengths."),
+        "fit-thermal": ("thermal_fit", "Identify a segment from a heating log."),
         "schema": ("schema", "Print JSON Schemas of the files, for editors."),
     },
     "This installation": {

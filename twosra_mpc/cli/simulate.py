@@ -50,7 +50,11 @@ A heater fails; here the other segment alone cannot reach the goal, and the reas
     help="Follow an optimal plan, or the greedy rule at every measurement.",
 )
 @click.option(
-    "--runs", type=click.IntRange(min=1), default=1, help="Run as many robots, and sum up."
+    "--runs",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=False,
+    help="Run as many robots, and sum up.",
 )
 @click.option("--broken-heater", "broken", type=int, multiple=True, help="Number of a segment.")
 @options.scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")

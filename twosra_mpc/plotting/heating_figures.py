@@ -81,9 +81,8 @@ def _draw_stiffness(ax: Axes, run: HeaterRun) -> None:
 def _draw_temperature(ax: Axes, run: HeaterRun, controller: StiffnessController) -> None:
     rule = controller.rule
     above, below, hold = rule.liquid_above_C, rule.solid_below_C, controller.soft_setpoint_C
-    ax.axhspan(
-        below, above, color=figures.CHANGING_COLOUR, alpha=0.25, lw=0, label="melting, freezing"
-    )
+    changing = figures.CHANGING_COLOUR
+    ax.axhspan(below, above, color=changing, alpha=0.25, lw=0, label="melting, freezing")
     melting, liquid = thresholds_C(rule.observer.model)
     if melting == liquid:
         ax.axhline(melting, c="0.45", lw=0.8, label=f"melting point {melting:.0f} °C")
@@ -109,13 +108,9 @@ def _draw_melt_fraction(ax: Axes, run: HeaterRun) -> None:
 
 
 def _draw_current(ax: Axes, run: HeaterRun, controller: StiffnessController) -> None:
-    limit = controller.full_current_A
-    ax.fill_between(
-        run.time_s, run.current_A, step="post", fc=figures.HEATER_COLOUR, alpha=0.25, lw=0
-    )
-    ax.step(
-        run.time_s, run.current_A, c=figures.HEATER_COLOUR, where="post", lw=1.2, label="current"
-    )
+    limit, colour = controller.full_current_A, figures.HEATER_COLOUR
+    ax.fill_between(run.time_s, run.current_A, step="post", fc=colour, alpha=0.25, lw=0)
+    ax.step(run.time_s, run.current_A, c=colour, where="post", lw=1.2, label="current")
     ax.axhline(limit, c="0.45", lw=1.0, ls=":", label=f"limit {limit:g} A")
     ax.set(ylabel="current\n[A]", ylim=(0.0, 1.12 * limit))
     ax.legend(**figures.BESIDE)

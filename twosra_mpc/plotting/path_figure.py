@@ -106,7 +106,6 @@ def _draw_case(ax: Axes, geometry: Geometry, curves: PathCurves) -> None:
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.15)
     ax.set(xlabel="$x/l$", ylabel="$y/l$")
-    ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
 
 
 def _residuals(curves: PathCurves, geometry: Geometry) -> list[str]:

@@ -1,4 +1,4 @@
-"""Robots from measurements: ``twosra fit-paths``, ``twosra fit-thermal``."""
+"""``twosra fit-thermal``."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from twosra_mpc.identification import thermal
 from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.identification.identified_robot import write_identified_robot
 from twosra_mpc.identification.log_response import CORRECTED_S
-from twosra_mpc.identification.path_choice import parameters_in_words, write_fitted_robot
-from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
 from twosra_mpc.robot.description import Robot, load_robot
 
 Scores = list[tuple[HeatingLog, thermal.Score]]
@@ -32,69 +30,8 @@ _NAMES = {
 }
 
 _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
-_PATHS_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
 
-The spirals are fitted as Table I of the paper was; the table printed shows both.
-
-\b
-How well do spirals and cardioids follow the exact arcs?
-  twosra fit-paths 2sra-v1 --plot paths.png
-A robot file for your own fibre's lengths, with its comments kept:
-  twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
-"""
-
-
-@command("fit-paths", _PATHS_HELP)
-@click.argument("robot", **ROBOT)
-@file_option("--out", "Write a robot file with the fit.")
-@click.option(
-    "--model",
-    type=click.Choice(["log_spiral", "log_spiral_corrected", "cardioid"]),
-    default="log_spiral_corrected",
-    help="Which fit goes into --out.",
-)
-@plot_option("Draw exact and fitted paths")
-def fit_paths_command(
-    robot: str, out: Path | None, model: str, plot: Path | None, output: Output
-) -> None:
-    """Fit paths; see ``_PATHS_HELP``."""
-    described = load_robot(robot)
-    with output.progress("fitting"):
-        if out is not None:
-            write_fitted_robot(robot, out, described, model)
-        if plot is not None:
-            from twosra_mpc.plotting.path_figure import plot_paths  # importing matplotlib is slow
-
-            plot_paths(described, plot)
-    output.report(lambda: _fits(described), lambda: _print_fits(described))
-
-
-def _fits(robot: Robot) -> dict[str, Any]:
-    """The fits as plain data; what stands in the robot file is in ``path``."""
-    return {
-        "robot": robot.name,
-        "path": robot.path.model_dump(mode="json"),
-        "cases": CASES,
-        "spirals": fit_spirals(robot.geometry),
-        "cardioids": fit_cardioids(robot.geometry),
-    }
-
-
-def _print_fits(robot: Robot) -> None:
-    (given_spirals, given_cardioids), own = parameters_in_words(robot.path), f"in {robot.name}"
-    rows = []
-    for case, spiral, given in zip(CASES, fit_spirals(robot.geometry), given_spirals, strict=True):
-        residual = f"{spiral.rms_l:.4f}, {spiral.max_l:.4f}"
-        rows.append((case, f"{spiral.scale:.4f}, {spiral.growth:.4f}", given, residual))
-    print_table(("spiral", "fitted a / l, b", own, "residual / l: rms, largest"), rows)
-    rows = []
-    for case, fit, given in zip(CASES, fit_cardioids(robot.geometry), given_cardioids, strict=True):
-        residual = f"{1e3 * fit.rms_m:.3f}, {1e3 * fit.max_m:.3f}"
-        rows.append((case, f"{fit.radius_m:.4f}, {fit.phi_per_alpha:.4f}", given, residual))
-    print_table(("cardioid", "fitted a [m], dphi/dalpha", own, "residual [mm]: rms, max"), rows)
-
-
-_THERMAL_HELP = """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
+_HELP = """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
 
 LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
 
@@ -106,7 +43,7 @@ How well does the robot as it is explain a log?
 """
 
 
-@command("fit-thermal", _THERMAL_HELP)
+@command("fit-thermal", _HELP)
 @click.argument("log", type=FILE)
 @click.option(
     "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
@@ -132,7 +69,7 @@ def fit_thermal_command(
     only_score: bool,
     output: Output,
 ) -> None:
-    """Identify or score; see ``_THERMAL_HELP``."""
+    """Identify or score; see ``_HELP``."""
     described = load_robot(robot)
     if only_score and (out or plot):
         raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
