@@ -23,8 +23,7 @@ from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from benchmarks.measurement import PlanRecord
 from benchmarks.report import power_law
-from twosra_mpc.plotting.figure_file import styled_figure
-from twosra_mpc.plotting.style import RIGID_COLOUR, SOFT_COLOUR
+from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR, styled_figure
 
 BLACK, BLUE, VERMILLION, GREEN, ORANGE = COLOURS = (
     *("#000000", "#0072B2", "#D55E00", "#009E73", "#E69F00"),

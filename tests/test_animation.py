@@ -21,12 +21,11 @@ from PIL import Image
 from twosra_mpc import InputError, Plan, Result, Status, load_problem, plan
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import animate_plan, check_animation_path, film
-from twosra_mpc.plotting.animation import LEAST
-from twosra_mpc.plotting.film import Film, record
-from twosra_mpc.plotting.plan_figure import plan_title
+from twosra_mpc.plotting.figures import CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR, STYLE
+from twosra_mpc.plotting.film import LEAST, Film
+from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.scene import Scene
-from twosra_mpc.plotting.style import CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR, STYLE
 from twosra_mpc.timing import Transition
 
 COLOURS = {"rigid": RIGID_COLOUR, "soft": SOFT_COLOUR}
@@ -151,7 +150,7 @@ def test_every_frame_of_a_gif_is_the_picture_of_its_moment() -> None:
     here = scene("paper-1")
     rows = [row_at("paper-1", time_s) for time_s in (0.0, 20.0, 62.9, 63.0, 99.5, 99.5, 300.0)]
     with rc_context(STYLE):
-        data = record(here, rows).data
+        data = film.gif(here, rows, lambda *_: None)
         pictures = [here.image(row) for row in rows]
     with Image.open(io.BytesIO(data)) as gif:
         frames, lasting = [], []

@@ -12,7 +12,7 @@ import pytest
 from conftest import Run
 
 import twosra_mpc.analysis.explanation as explanation_module
-import twosra_mpc.cli.explain as command
+import twosra_mpc.cli.comparisons as command
 import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import InputError, Plan, Status, load_problem, plan
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words

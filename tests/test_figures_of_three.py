@@ -36,7 +36,7 @@ from twosra_mpc.plotting import (
     draw_timeline,
     plot_plan,
 )
-from twosra_mpc.plotting.animation import LEAST
+from twosra_mpc.plotting.film import LEAST
 from twosra_mpc.plotting.playback import PLACES, plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.report.film import film_of
@@ -167,9 +167,9 @@ def test_activities_name_every_segment(three: Plan) -> None:
 def test_the_page_has_a_lane_a_state_and_a_tube_for_every_segment(three: Plan) -> None:
     playback = plan_playback(three)
     film = film_of(three, playback)
-    assert {len(state) for state in film.state} == {SEGMENTS}
-    assert len(film.poses[0].segments) == SEGMENTS
-    assert len(film.poses[0].links) == SEGMENTS + 1
+    assert {len(state) for state in film["state"]} == {SEGMENTS}
+    assert len(film["poses"][0]["segments"]) == SEGMENTS
+    assert len(film["poses"][0]["links"]) == SEGMENTS + 1
     names = [lane.name for lane in lanes(three, playback.stretch)]
     assert names[-2:] == [f"segment {SEGMENTS}", f"heater {SEGMENTS}"]
     bending = next(lane for lane in lanes(three, playback.stretch) if lane.name == "motion")

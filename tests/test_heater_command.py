@@ -18,7 +18,7 @@ from twosra_mpc.cli.heater_loop import simulate_heater_command
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.heater_loop import HeaterRun, simulate_heater
 from twosra_mpc.control.thermistor import temperature_sensor
-from twosra_mpc.plotting.heater_figure import plot_heater
+from twosra_mpc.plotting.heating_figures import plot_heater
 from twosra_mpc.robot.description import load_robot, segment_model
 
 # --- the figure ----------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ from twosra_mpc.identification.thermal import (
     score,
     two_nodes,
 )
-from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
+from twosra_mpc.plotting.heating_figures import plot_thermal_fit
 from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 
@@ -461,7 +461,7 @@ def test_one_cycle_is_fitted_without_cross_validation(
         fits.append(identify(*arguments))
         return fits[-1]
 
-    monkeypatch.setattr(thermal_fit, "identify", spy)
+    monkeypatch.setattr(thermal_fit.thermal, "identify", spy)
     log = write_log(true_history((40.0,)).log(1.0), Path("one.csv"))
     code, out, _ = run("fit-thermal", log, "--robot", "2sr-v2", "--ambient", "20.6")
     assert code == 0

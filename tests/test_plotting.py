@@ -50,8 +50,8 @@ from twosra_mpc.plotting import (
     plot_snapshots,
     robot_shape,
 )
-from twosra_mpc.plotting.robot_drawing import robot_artists
-from twosra_mpc.plotting.style import STATES
+from twosra_mpc.plotting.figures import STATES
+from twosra_mpc.plotting.plane import robot_artists
 from twosra_mpc.robot.modes import MODES, Mode
 
 ROBOT = load_robot("2sra-v1")
@@ -104,7 +104,7 @@ def test_a_segment_is_red_blue_or_hatched_as_it_is_soft_rigid_or_changing(
 
 def test_robot_artists_are_all_that_is_drawn() -> None:
     ax = axes_of()
-    artists = robot_artists(ax, ROBOT.geometry, BENT, (1, 0), changing=(0, 1))
+    artists = robot_artists(ax, robot_shape(ROBOT.geometry, BENT), (1, 0), (0, 1), 1.0, 4.0)
     assert set(artists) == {*ax.lines, *ax.patches}
 
 

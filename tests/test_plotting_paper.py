@@ -18,7 +18,7 @@ from twosra_mpc.plotting.paper_figures import (
     PAPER_FIGURES,
     START,
     STEP_S,
-    TASKS,
+    TASK_COLOURS,
     plot_error_decrease,
     plot_forward_kinematics,
     plot_published_tasks,
@@ -73,7 +73,7 @@ def test_the_mode_that_drove_is_planned_first_and_rigid_is_last() -> None:
 
 def test_the_error_of_the_published_loop_is_its_own() -> None:
     left = error_decrease().axes[0]
-    for line, task in zip(left.lines[::2], TASKS, strict=True):
+    for line, task in zip(left.lines[::2], TASK_COLOURS, strict=True):
         problem = load_problem(task)
         step_s = 0.1 if task == "paper-5" else STEP_S
         goal = problem.goal.configuration
@@ -86,7 +86,7 @@ def test_the_error_of_the_published_loop_is_its_own() -> None:
 def test_both_planners_reach_every_target_when_they_say_so() -> None:
     right = error_decrease().axes[1]
     curves, ends = right.lines[::2], right.lines[1::2]
-    assert len(curves) == 2 * len(TASKS)
+    assert len(curves) == 2 * len(TASK_COLOURS)
     for curve, end in zip(curves, ends, strict=True):
         assert curve.get_ydata()[0] == 1.0
         assert curve.get_ydata()[-1] < LEAST_SHARE
@@ -97,7 +97,7 @@ def test_both_planners_reach_every_target_when_they_say_so() -> None:
 
 def test_every_published_task_has_start_target_and_path() -> None:
     figure = plot_published_tasks()
-    for column, task in zip(np.array(figure.axes).reshape(2, -1).T, TASKS, strict=True):
+    for column, task in zip(np.array(figure.axes).reshape(2, -1).T, TASK_COLOURS, strict=True):
         problem = load_problem(task)
         assert column[0].get_title().startswith(f"{task}\n")
         for ax in column:

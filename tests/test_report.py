@@ -35,9 +35,8 @@ from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import Origin, film, report_page, words, write_report
 from twosra_mpc.report import page as page_module
-from twosra_mpc.report.reproduction import scenario_toml
-from twosra_mpc.report.setpoint_table import MOST_ROWS, setpoint_table
-from twosra_mpc.report.timeline import Thermometer, lanes, ticks
+from twosra_mpc.report.timeline import MOST_ROWS, Thermometer, lanes, setpoint_table, ticks
+from twosra_mpc.report.words import scenario_toml
 
 HOSTILE = (
     "</script><script>alert(1)</script><img src=https://example.org/x onerror=alert(2)>'\"&{{7}}"

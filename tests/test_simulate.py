@@ -15,11 +15,12 @@ from PIL import Image
 from twosra_mpc import load_problem
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.plotting import film
-from twosra_mpc.plotting.run_animation import animate_run, run_playback
-from twosra_mpc.plotting.run_figure import (
+from twosra_mpc.plotting.run_figures import (
+    animate_run,
     joined_drives,
     plot_run,
     reported_states,
+    run_playback,
     run_stretch,
     run_title,
 )

@@ -151,11 +151,8 @@ def activities(made: Plan) -> list[Activity]:
 
 
 def _twin(found: Sequence[Activity], kind: Kind, start: float, end: float) -> Activity | None:
-    for item in found:
-        same = abs(item.start_s - start) < _SAME_S and abs(item.end_s - end) < _SAME_S
-        if item.kind == kind and same:
-            return item
-    return None
+    alike = (item for item in found if item.kind == kind and abs(item.start_s - start) < _SAME_S)
+    return next((item for item in alike if abs(item.end_s - end) < _SAME_S), None)
 
 
 def _chain(todo: Sequence[Activity], end_s: float) -> tuple[Activity, ...]:

@@ -22,16 +22,16 @@ from twosra_mpc.version import __version__
 _COMMANDS = {
     "Plan": {
         "plan": ("planning", "Plan a scenario, with a proved gap."),
-        "explain": ("explain", "Say why a plan is what it is, and what others would cost."),
-        "compare": ("compare", "Plan scenarios by both planners, side by side."),
-        "compare-models": ("paths", "Plan under each path model, and run under the others."),
+        "explain": ("comparisons", "Say why a plan is what it is, and what others would cost."),
+        "compare": ("comparisons", "Plan scenarios by both planners, side by side."),
+        "compare-models": ("comparisons", "Plan under each path model, and run under the others."),
     },
     "Use a plan": {
-        "verify": ("verify", "Check plan files independently of what they say."),
-        "resample": ("resample", "Write set-points at a regular rate, or a denser plan."),
-        "export": ("export", "Write a plan in the format of another program."),
-        "report": ("report", "Write a plan as an HTML page."),
-        "animate": ("animate", "Animate a plan."),
+        "verify": ("plan_files", "Check plan files independently of what they say."),
+        "resample": ("plan_files", "Write set-points at a regular rate, or a denser plan."),
+        "export": ("plan_files", "Write a plan in the format of another program."),
+        "report": ("plan_files", "Write a plan as an HTML page."),
+        "animate": ("plan_files", "Animate a plan."),
         "figures": ("figures", "Draw the paper's figures from our own runs."),
         "stream": ("stream", "Send a plan to a robot over a serial line."),
     },
@@ -42,8 +42,8 @@ _COMMANDS = {
     "Describe robots and problems": {
         "scenarios": ("robots", "List the built-in scenarios."),
         "robots": ("robots", "List the built-in robots."),
-        "check-robot": ("check_robot", "Check a robot file and its wheels."),
-        "fit-paths": ("paths", "Fit spirals and cardioids to a fibre's lengths."),
+        "check-robot": ("robots", "Check a robot file and its wheels."),
+        "fit-paths": ("robots", "Fit spirals and cardioids to a fibre's lengths."),
         "fit-thermal": ("thermal_fit", "Identify a segment from a heating log."),
         "schema": ("schema", "Print JSON Schemas of the files, for editors."),
     },
@@ -118,7 +118,10 @@ class _Commands(click.Group):
                 formatter.write_dl(rows)
 
 
-@click.group(cls=_Commands, help=_HELP, context_settings={"help_option_names": ["-h", "--help"]})
+_SETTINGS = {"help_option_names": ["-h", "--help"], "show_default": True}
+
+
+@click.group(cls=_Commands, help=_HELP, context_settings=_SETTINGS)
 @click.version_option(__version__, prog_name="twosra")
 def commands() -> None:
     """Choose a command; see ``_HELP``."""

@@ -9,16 +9,15 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-import click
 import numpy as np
 
 from twosra_mpc.checking.plan_file import check_plan
-from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.options import command
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 from twosra_mpc.installation import DISTRIBUTION, install_command
@@ -28,8 +27,8 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.version import __version__
 
-_NAME, _FLOOR = re.compile(r"([\w.-]+)"), re.compile(r">=\s*([\d.]+)")
-_EXTRA = re.compile(r"extra\s*==\s*['\"]([^'\"]+)['\"]")
+_NAME, _FLOOR, _EXTRA = r"([\w.-]+)", r"[^;]*>=\s*([\d.]+)", r".*extra\s*==\s*['\"]([^'\"]+)"
+_REQUIREMENT = re.compile(f"{_NAME}(?:{_FLOOR})?(?:{_EXTRA})?")
 
 _HELP = """Check this installation: versions, solvers, extras, and a plan made and verified.
 
@@ -42,6 +41,8 @@ Does everything work here?
 For a bug report, or for a program:
   twosra doctor --json
 """
+
+_packages_of_modules = functools.cache(metadata.packages_distributions)  # takes half a second
 
 
 class Finding(NamedTuple):
@@ -60,8 +61,7 @@ class Requirement(NamedTuple):
     extra: str
 
 
-@click.command("doctor", help=_HELP)
-@output_options
+@command("doctor", _HELP)
 def doctor_command(output: Output) -> int:
     """Check the installation; see ``_HELP``."""
     findings: list[Finding] = []
@@ -114,14 +114,8 @@ def _tried(what: str, probe: Callable[[], str]) -> Finding:
 
 def requirements() -> list[Requirement]:
     """What the installed package says it needs."""
-    lines = metadata.requires(DISTRIBUTION) or []
-    return [Requirement(_part(_NAME, x), _part(_FLOOR, x), _part(_EXTRA, x)) for x in lines]
-
-
-def _part(pattern: re.Pattern[str], text: str) -> str:
-    """What a pattern finds in a requirement; empty if nothing."""
-    found = pattern.search(text)
-    return found[1] if found else ""
+    found = map(_REQUIREMENT.match, metadata.requires(DISTRIBUTION) or [])
+    return [Requirement(*each.groups("")) for each in found if each]
 
 
 def python_version() -> str:
@@ -135,16 +129,10 @@ def package(item: Requirement) -> str:
     """Version of a dependency, if it is new enough and can be imported."""
     version = metadata.version(item.name)
     _at_least(version, item.floor)
-    for module, sources in _modules().items():
+    for module, sources in _packages_of_modules().items():
         if item.name in (source.lower() for source in sources):
             importlib.import_module(module)
     return version
-
-
-@functools.cache
-def _modules() -> Mapping[str, list[str]]:
-    """Top-level modules -> the packages they are from; half a second to find out."""
-    return metadata.packages_distributions()
 
 
 def _at_least(version: str, floor: str) -> None:
@@ -157,18 +145,10 @@ def _extras(needed: list[Requirement]) -> Iterator[Finding]:
     """Each extra: complete, or how to install it."""
     for extra in dict.fromkeys(item.extra for item in needed if item.extra):
         names = [item.name for item in needed if item.extra == extra]
-        missing = [name for name in names if not _installed(name)]
+        missing = [name for name in names if not list(metadata.distributions(name=name))]
         how = f"{install_command(extra)} (missing: {', '.join(missing)})"
         complete = Finding(f"extra: {extra}", "PASS", ", ".join(names))
         yield Finding(f"extra: {extra}", "none", how) if missing else complete
-
-
-def _installed(name: str) -> bool:
-    try:
-        metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return False
-    return True
 
 
 def highs() -> str:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import output_options
-from twosra_mpc.cli.output import EXIT_PLANNED, Output, check_writable
+from twosra_mpc.cli.options import command
+from twosra_mpc.cli.output import Output, check_writable
 
 _HELP = """Draw the figures of the paper anew, from our own runs, into FOLDER.
 
@@ -21,18 +21,16 @@ published-tasks     start, target and path of the five tasks, as published and a
 """
 
 
-@click.command("figures", help=_HELP)
+@command("figures", _HELP)
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 @click.option(
     "--format",
     "ending",
     type=click.Choice(["png", "pdf", "svg"]),
     default="png",
-    show_default=True,
     help="Of the files.",
 )
-@output_options
-def figures_command(folder: Path, ending: str, output: Output) -> int:
+def figures_command(folder: Path, ending: str, output: Output) -> None:
     """Draw the paper's figures; see ``_HELP``."""
     from twosra_mpc.plotting.paper_figures import PAPER_FIGURES  # matplotlib takes a second
 
@@ -48,4 +46,3 @@ def figures_command(folder: Path, ending: str, output: Output) -> int:
             PAPER_FIGURES[name](target)
     files = [str(target) for target in targets.values()]
     output.report(lambda: files, lambda: click.echo("\n".join(files)))
-    return EXIT_PLANNED

@@ -7,27 +7,19 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import ROBOT, file_option, output_options, plot_option
-from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.options import ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.control import thermistor
 from twosra_mpc.control.controller import stiffness_controller
-from twosra_mpc.control.heater_loop import (
-    HeaterRun,
-    Stretch,
-    save_run,
-    simulate_heater,
-    stretches,
-)
-from twosra_mpc.control.thermistor import (
-    Characteristic,
-    LinearMap,
-    NtcDivider,
-    temperature_sensor,
-)
+from twosra_mpc.control.heater_loop import HeaterRun, Stretch, save_run, simulate_heater, stretches
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 
-_SENSORS: dict[str, Characteristic] = {"ntc": NtcDivider(), "linear": LinearMap()}
+_SENSORS: dict[str, thermistor.Characteristic] = {
+    "ntc": thermistor.NtcDivider(),
+    "linear": thermistor.LinearMap(),
+}
 
 
 _HELP = """Simulate one segment's heater in closed loop: when does it melt, when is it rigid again?
@@ -45,26 +37,16 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
 """
 
 
-@click.command("simulate-heater", help=_HELP)
-@click.option(
-    "--robot",
-    default="2sra-v1",
-    show_default=True,
-    help="A built-in name or a file.",
-    **ROBOT,
-)
+@command("simulate-heater", _HELP)
+@click.option("--robot", default="2sra-v1", help="A built-in name or a file.", **ROBOT)
 @click.option(
     "--segment",
     type=click.IntRange(1, 4),
     default=1,
-    show_default=True,
     help="Which, of a robot that describes them one by one.",
 )
 @click.option(
-    "--profile",
-    default="soft:120,rigid:400",
-    show_default=True,
-    help="Set-points and how long each lasts [s].",
+    "--profile", default="soft:120,rigid:400", help="Set-points and how long each lasts [s]."
 )
 @click.option("--ambient", type=float, help="Air [C]; default: the robot's.")
 @click.option("--start-temperature", type=float, help="Segment at the start [C]; default: the air.")
@@ -72,13 +54,11 @@ Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or soli
     "--sensor",
     type=click.Choice(list(_SENSORS)),
     default="ntc",
-    show_default=True,
     help="Thermistor in a divider, or the paper's straight line.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the sensor's noise.")
+@click.option("--seed", type=int, default=0, help="Of the sensor's noise.")
 @file_option("--out", "Write every sample as CSV.")
 @plot_option("Draw the run")
-@output_options
 def simulate_heater_command(
     robot: str,
     segment: int,
@@ -90,7 +70,7 @@ def simulate_heater_command(
     out: Path | None,
     plot: Path | None,
     output: Output,
-) -> int:
+) -> None:
     """Run the loop; see ``_HELP``."""
     described = load_robot(robot)
     targets, duration_s = parse_profile(profile)
@@ -101,7 +81,7 @@ def simulate_heater_command(
     with output.progress("running"):
         run = simulate_heater(
             segment_model(described, air_C, segment - 1),
-            temperature_sensor(described, air_C, segment - 1, _SENSORS[sensor]),
+            thermistor.temperature_sensor(described, air_C, segment - 1, _SENSORS[sensor]),
             controller,
             targets,
             duration_s,
@@ -111,7 +91,7 @@ def simulate_heater_command(
         if out is not None:
             save_run(run, out)
         if plot is not None:
-            from twosra_mpc.plotting.heater_figure import plot_heater
+            from twosra_mpc.plotting.heating_figures import plot_heater
 
             plot_heater(run, controller, described.name, plot)
     summed_up = stretches(run, controller.soft_setpoint_C)
@@ -119,7 +99,6 @@ def simulate_heater_command(
         lambda: {"robot": described.name, "stretches": summed_up, "events": run.events},
         lambda: _print_run(run, summed_up),
     )
-    return EXIT_PLANNED
 
 
 def parse_profile(text: str) -> tuple[list[tuple[float, Stiffness]], float]:
@@ -153,13 +132,14 @@ def _seconds(text: str, field: str) -> float:
     return value
 
 
+def _after(time_s: float, at_once: str) -> str:
+    if math.isnan(time_s):
+        return "not reached"
+    return at_once if time_s == 0.0 else f"{time_s:.1f} s"
+
+
 def _print_run(run: HeaterRun, summed_up: tuple[Stretch, ...]) -> None:
-    _print_stretches(summed_up)
-    _print_events(run)
-
-
-def _print_stretches(summed_up: tuple[Stretch, ...]) -> None:
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             each.setpoint,
             f"{each.start_s:.0f} s to {each.end_s:.0f} s",
@@ -173,15 +153,6 @@ def _print_stretches(summed_up: tuple[Stretch, ...]) -> None:
     ]
     header = ("set-point", "time", "liquid or solid after", "reported after")
     print_table((*header, "settled after", "peak", "heat"), rows)
-
-
-def _after(time_s: float, at_once: str) -> str:
-    if math.isnan(time_s):
-        return "not reached"
-    return at_once if time_s == 0.0 else f"{time_s:.1f} s"
-
-
-def _print_events(run: HeaterRun) -> None:
     rows = []
     for event in run.events:
         i = abs(run.time_s - event.time_s).argmin()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,10 @@ def _built_in(folder: str) -> Callable[..., list[CompletionItem]]:
 SCENARIO: dict[str, Any] = {"shell_complete": _built_in("scenarios")}
 ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots")}
 
+FILE = click.Path(path_type=Path)
+
+_JSON = click.Option(["--json", "as_json"], is_flag=True, help="Print JSON instead of tables.")
+_QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; see the exit code.")
 _PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
 _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
@@ -48,16 +53,24 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
 }
 
 
-def output_options(function: Function) -> Function:
-    """Add ``--json`` and ``--quiet``; the command is given what they chose as ``output``."""
+def command(name: str, words: str) -> Callable[[Function], click.Command]:
+    """Make a function a command; as ``output`` it is given what ``--json``, ``--quiet`` chose.
 
-    @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-    @click.option("--quiet", "-q", is_flag=True, help="Print errors only; see the exit code.")
-    @functools.wraps(function)
-    def command(*args: Any, as_json: bool, quiet: bool, **given: Any) -> Any:
-        return function(*args, output=Output(as_json=as_json, quiet=quiet), **given)
+    Args:
+        name: Of the command.
+        words: Its help.
+    """
 
-    return command
+    def decorate(function: Function) -> click.Command:
+        @functools.wraps(function)
+        def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
+            return function(output=Output(as_json=as_json, quiet=quiet), **given)
+
+        made = click.command(name, help=words)(run)
+        made.params += [_JSON, _QUIET]
+        return made
+
+    return decorate
 
 
 def scenario_options(*names: str) -> Decorator:
@@ -91,10 +104,24 @@ def _load(scenario: str, path_model: str | None = None, **overrides: Any) -> Pro
     return problem.with_values(robot=with_path_model(problem.robot, path_model))
 
 
+class NewFile(click.Path):
+    """A file to write; one that cannot be written, or may not be, is refused at once."""
+
+    def __init__(self, *checks: Check) -> None:
+        super().__init__(path_type=Path)
+        self._checks = (check_writable, *checks)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Turn what was given into a path, and check it."""
+        target = Path(os.fsdecode(super().convert(value, param, ctx)))
+        for check in self._checks:
+            check(target)
+        return target
+
+
 def out_argument(check: Check) -> Decorator:
-    """Add OUT, the file to write; one that cannot be written, or may not be, is refused at once."""
-    path = click.Path(path_type=Path)
-    return click.argument("out", type=path, callback=_checked(check_writable, check))
+    """Add OUT, the file to write."""
+    return click.argument("out", type=NewFile(check))
 
 
 def ending(*allowed: str) -> Check:
@@ -108,18 +135,19 @@ def ending(*allowed: str) -> Check:
 
 
 def file_option(name: str, words: str) -> Decorator:
-    """Add an option for a file to write; one that cannot be written is refused at once."""
-    return _path_option(name, words)
+    """Add an option for a file to write."""
+    return click.option(name, type=NewFile(), help=words)
 
 
 def plot_option(words: str) -> Decorator:
     """Add ``--plot`` for a figure."""
-    return _path_option("--plot", f"{words} (png, pdf, svg).", _figure)
+    return click.option("--plot", type=NewFile(_figure), help=f"{words} (png, pdf, svg).")
 
 
 def animate_option(words: str) -> Decorator:
     """Add ``--animate`` for a film."""
-    return _path_option("--animate", f"{words} (gif; mp4 with ffmpeg).", animation)
+    words = f"{words} (gif; mp4 with ffmpeg)."
+    return click.option("--animate", type=NewFile(animation), help=words)
 
 
 def rate_option(words: str, *, required: bool = False) -> Decorator:
@@ -136,23 +164,6 @@ def rate_option(words: str, *, required: bool = False) -> Decorator:
     return click.option("--rate", "rate_Hz", type=float, metavar="HZ", **asked)
 
 
-def _path_option(name: str, words: str, *checks: Check) -> Decorator:
-    path = click.Path(path_type=Path)
-    return click.option(name, type=path, callback=_checked(check_writable, *checks), help=words)
-
-
-def _checked(*checks: Check) -> Callable[..., Path | None]:
-    """What click calls with a path that was given, or with None."""
-
-    def checked(_ctx: click.Context, _param: click.Parameter, target: Path | None) -> Path | None:
-        if target is not None:
-            for check in checks:
-                check(target)
-        return target
-
-    return checked
-
-
 def animation(target: Path) -> None:
     """Check that an animation of this ending can be written here."""
     from twosra_mpc.plotting.film import check_animation_path  # matplotlib takes a second
@@ -161,6 +172,6 @@ def animation(target: Path) -> None:
 
 
 def _figure(target: Path) -> None:
-    from twosra_mpc.plotting.figure_file import check_figure_path  # matplotlib takes a second
+    from twosra_mpc.plotting.figures import check_figure_path  # matplotlib takes a second
 
     check_figure_path(target)

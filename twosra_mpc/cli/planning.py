@@ -8,22 +8,8 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import (
-    SCENARIO,
-    Load,
-    file_option,
-    output_options,
-    plot_option,
-    rate_option,
-    scenario_options,
-)
-from twosra_mpc.cli.output import (
-    EXIT_INFEASIBLE,
-    EXIT_NO_PLAN,
-    EXIT_PLANNED,
-    Output,
-    print_table,
-)
+from twosra_mpc.cli import options
+from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.planning.planner import Progress, plan
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result
@@ -45,21 +31,22 @@ Ctrl-C and --time-limit end the search; the best plan so far is written, with it
 """
 
 
-@click.command("plan", help=_HELP)
-@click.argument("scenario", **SCENARIO)
-@file_option("--out", "Write the plan as JSON.")
-@file_option("--csv", "Write the set-points as CSV.")
-@rate_option("Rows per second of --csv; default: the plan's grid.")
-@plot_option("Draw the plan")
-@scenario_options("planner", "robot", "path_model", "timing", "gap", "time_limit_s", "max_phases")
-@output_options
+@options.command("plan", _HELP)
+@click.argument("scenario", **options.SCENARIO)
+@options.file_option("--out", "Write the plan as JSON.")
+@options.file_option("--csv", "Write the set-points as CSV.")
+@options.rate_option("Rows per second of --csv; default: the plan's grid.")
+@options.plot_option("Draw the plan")
+@options.scenario_options(
+    "planner", "robot", "path_model", "timing", "gap", "time_limit_s", "max_phases"
+)
 def plan_command(
     scenario: str,
     out: Path | None,
     csv: Path | None,
     rate_Hz: float | None,
     plot: Path | None,
-    load: Load,
+    load: options.Load,
     output: Output,
 ) -> int:
     """Plan a scenario; see ``_HELP``."""

@@ -7,8 +7,8 @@ from typing import get_args
 
 import click
 
-from twosra_mpc.cli.options import output_options
-from twosra_mpc.cli.output import EXIT_PLANNED, Output
+from twosra_mpc.cli.options import command
+from twosra_mpc.cli.output import Output
 from twosra_mpc.schema import Subject, json_schema
 
 _HELP = """Print the JSON Schema of scenario, robot or plan files: keys, types, ranges, units.
@@ -27,11 +27,9 @@ For scenarios and plans in JSON, VS Code takes the file in its setting "json.sch
 """
 
 
-@click.command("schema", help=_HELP)
+@command("schema", _HELP)
 @click.argument("subject", type=click.Choice(get_args(Subject)))
-@output_options
-def schema_command(subject: Subject, output: Output) -> int:
+def schema_command(subject: Subject, output: Output) -> None:
     """Print a schema, which is JSON anyway, indented or in one line; see ``_HELP``."""
     schema = json_schema(subject)
     output.report(lambda: schema, lambda: click.echo(json.dumps(schema, indent=2)))
-    return EXIT_PLANNED

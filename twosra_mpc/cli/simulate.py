@@ -8,15 +8,7 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import (
-    SCENARIO,
-    Load,
-    animate_option,
-    file_option,
-    output_options,
-    plot_option,
-    scenario_options,
-)
+from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import save_document, times
@@ -46,27 +38,29 @@ A heater fails; here the other segment alone cannot reach the goal, and the reas
 """
 
 
-@click.command("simulate", help=_HELP)
-@click.argument("scenario", **SCENARIO)
-@click.option("--plant", default="arc", show_default=True, help="True path model of the robot.")
-@click.option("--disturbance", default="moderate", show_default=True, help="Level of disturbance.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is drawn.")
+@options.command("simulate", _HELP)
+@click.argument("scenario", **options.SCENARIO)
+@click.option("--plant", default="arc", help="True path model of the robot.")
+@click.option("--disturbance", default="moderate", help="Level of disturbance.")
+@click.option("--seed", type=int, default=0, help="Of all that is drawn.")
 @click.option(
     "--executor",
     type=click.Choice(EXECUTORS),
     default="optimal",
-    show_default=True,
     help="Follow an optimal plan, or the greedy rule at every measurement.",
 )
 @click.option(
-    "--runs", type=click.IntRange(min=1), default=1, help="Run as many robots, and sum up."
+    "--runs",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=False,
+    help="Run as many robots, and sum up.",
 )
 @click.option("--broken-heater", "broken", type=int, multiple=True, help="Number of a segment.")
-@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
-@file_option("--out", "Write the (first) run as JSON.")
-@plot_option("Draw it")
-@animate_option("Film it")
-@output_options
+@options.scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
+@options.file_option("--out", "Write the (first) run as JSON.")
+@options.plot_option("Draw it")
+@options.animate_option("Film it")
 def simulate_command(
     scenario: str,
     plant: str,
@@ -75,7 +69,7 @@ def simulate_command(
     executor: str,
     runs: int,
     broken: tuple[int, ...],
-    load: Load,
+    load: options.Load,
     out: Path | None,
     plot: Path | None,
     animate: Path | None,
@@ -94,7 +88,15 @@ def simulate_command(
     options |= {"broken_heaters": broken, "plan": result.plan}
     with output.progress(f"running 1 of {runs}") as tell:
         first = simulate(problem, seed=seed, **options)
-        _write(first, out, plot, animate, tell)
+        tell("writing")
+        if out is not None:
+            save_document(first.to_dict(), out)
+        if plot is not None:
+            from twosra_mpc.plotting import plot_run
+
+            plot_run(first.run, first.truth, plot)
+        if animate is not None:
+            _film(first, animate, tell)
         found = [first.metrics]
         for other in range(1, runs):
             tell(f"running {other + 1} of {runs}")
@@ -107,40 +109,26 @@ def simulate_command(
     return EXIT_PLANNED if all(each.reached for each in found) else EXIT_NO_PLAN
 
 
-def _write(
-    simulation: Simulation,
-    out: Path | None,
-    plot: Path | None,
-    animate: Path | None,
-    tell: Tell,
-) -> None:
-    tell("writing")
-    if out is not None:
-        save_document(simulation.to_dict(), out)
-    if plot is not None:
-        from twosra_mpc.plotting.run_figure import plot_run
+def _film(simulation: Simulation, path: Path, tell: Tell) -> None:
+    from twosra_mpc.plotting import animate_run
 
-        plot_run(simulation.run, simulation.truth, plot)
-    if animate is not None:
-        from twosra_mpc.plotting.run_animation import animate_run
+    def show(done: int, total: int) -> None:
+        tell(f"filming: frame {done} of {total}")
 
-        animate_run(
-            simulation.run,
-            animate,
-            simulation.truth,
-            on_progress=lambda done, total: tell(f"filming: frame {done} of {total}"),
-        )
+    animate_run(simulation.run, path, simulation.truth, on_progress=show)
 
 
 def _print_run(simulation: Simulation) -> None:
     run, found = simulation.run, simulation.metrics
     planned = run.plans[0].duration_s if run.plans else None
     against = "" if planned is None else f", planned were {planned:.1f} s"
+    degrees, curvature = math.degrees(found.heading_rad), found.curvature_per_m
+    error = f"{1e3 * found.position_m:.2f} mm, {degrees:.2f} degrees, {curvature:.2f} 1/m"
     again = f"{times(run.replans)}, and the pose was corrected {times(run.corrections)}"
     rows = [
         ("ending", str(run.ending)),
         ("reason", run.reason),
-        ("true error", _error(found)),
+        ("true error", error),
         ("duration", f"{found.time_s:.1f} s{against}"),
         ("energy", f"{found.energy_J:.0f} J in {found.transitions} transitions"),
         ("planned again", again),
@@ -172,10 +160,3 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
     reasons = [(each.ending, each.reason) for each in found if not each.reached]
     if reasons:
         print_table(("not reached", "reason"), reasons)
-
-
-def _error(found: Metrics) -> str:
-    degrees = math.degrees(found.heading_rad)
-    return (
-        f"{1e3 * found.position_m:.2f} mm, {degrees:.2f} degrees, {found.curvature_per_m:.2f} 1/m"
-    )

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import output_options
+from twosra_mpc.cli.options import FILE, command
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.patience import Patience
@@ -50,8 +50,8 @@ One of several robots on the same radio:
 """
 
 
-@click.command("stream", help=_HELP)
-@click.argument("plan", type=click.Path(path_type=Path))
+@command("stream", _HELP)
+@click.argument("plan", type=FILE)
 @click.option("--port", help="Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.")
 @click.option("--dry-run", is_flag=True, help="Print times and lines; needs no port.")
 @click.option(
@@ -60,18 +60,15 @@ One of several robots on the same radio:
     type=float,
     metavar="HZ",
     default=RATE_HZ,
-    show_default=True,
     help="Commands per second while driving; the default is that of the authors' controller.",
 )
 @click.option(
     "--confirm",
     type=click.Choice([choice.value for choice in Confirm]),
     default=Confirm.IF_REPORTED.value,
-    show_default=True,
     help="Whether temperature reports are needed for a phase to begin.",
 )
 @click.option("--robot-id", type=click.IntRange(min=0), help="Sent at the end of each command.")
-@output_options
 def stream_command(
     plan: Path,
     port: str | None,
@@ -88,11 +85,11 @@ def stream_command(
     loaded = load_plan(plan).require()
     check_sendable(loaded)
     if port is None:
-        _show(loaded, rate_Hz, robot_id, output)
+        _show(loaded, output, rate_Hz=rate_Hz, robot_id=robot_id)
         return EXIT_PLANNED
-    opened = open_serial_port(port)
+    opened, asked = open_serial_port(port), Confirm(confirm)
     try:
-        return _send(loaded, opened, rate_Hz, robot_id, Confirm(confirm), output)
+        return _send(loaded, opened, output, rate_Hz=rate_Hz, robot_id=robot_id, confirm=asked)
     finally:
         opened.close()
 
@@ -111,30 +108,17 @@ class _Recorder:
         return []
 
 
-def _show(plan: Plan, rate_Hz: float, robot_id: int | None, output: Output) -> None:
+def _show(plan: Plan, output: Output, **options: Any) -> None:
     """Print what would be sent, and when."""
     clock = SteppedClock()
     line = _Recorder(clock)
-    stream(plan, line, clock, rate_Hz=rate_Hz, robot_id=robot_id, confirm=Confirm.NEVER)
-
-    def table() -> None:
-        for item in line.sent:
-            shown = item["line"].replace("\n", "\\n")
-            click.echo(f"{item['time_s']:10.3f}  {shown}")
-
-    output.report(lambda: line.sent, table)
+    stream(plan, line, clock, confirm=Confirm.NEVER, **options)
+    shown = [f"{item['time_s']:10.3f}  {item['line']}".replace("\n", "\\n") for item in line.sent]
+    output.report(lambda: line.sent, lambda: click.echo("\n".join(shown)))
 
 
-def _send(
-    plan: Plan,
-    port: Port,
-    rate_Hz: float,
-    robot_id: int | None,
-    confirm: Confirm,
-    output: Output,
-) -> int:
+def _send(plan: Plan, port: Port, output: Output, **options: Any) -> int:
     """Send a plan, with its progress on standard error."""
-    options: dict[str, Any] = {"rate_Hz": rate_Hz, "robot_id": robot_id, "confirm": confirm}
     try:
         with output.progress("opening the line") as tell:
             drives = stream(plan, port, SystemClock(), on_state=_Progress(tell), **options)

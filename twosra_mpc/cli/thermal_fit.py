@@ -8,23 +8,15 @@ from typing import Any
 
 import click
 
-from twosra_mpc.cli.options import ROBOT, file_option, output_options, plot_option
-from twosra_mpc.cli.output import EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.identification import thermal
 from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.identification.log_response import CORRECTED_S
 from twosra_mpc.identification.robot_files import write_identified_robot
-from twosra_mpc.identification.thermal import (
-    SEGMENT_FIELDS,
-    HeldOut,
-    Parameters,
-    Row,
-    Score,
-    ThermalFit,
-    identify,
-    score,
-    two_node_segment,
-)
 from twosra_mpc.robot.description import Robot, load_robot
+
+Scores = list[tuple[HeatingLog, thermal.Score]]
 
 _WARM_K = 1.0  # a first reading this far above the air is worth a word
 _NAMES = {
@@ -37,6 +29,7 @@ _NAMES = {
     "law_duty_at_54C": "heater law: duty at 54 C",
 }
 
+_HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
 _HELP = """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
 
@@ -50,8 +43,8 @@ How well does the robot as it is explain a log?
 """
 
 
-@click.command("fit-thermal", help=_HELP)
-@click.argument("log", type=click.Path(path_type=Path))
+@command("fit-thermal", _HELP)
+@click.argument("log", type=FILE)
 @click.option(
     "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
 )
@@ -62,11 +55,10 @@ How well does the robot as it is explain a log?
     "--held-out",
     "others",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
 )
 @click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
-@output_options
 def fit_thermal_command(
     log: Path,
     robot: str,
@@ -76,7 +68,7 @@ def fit_thermal_command(
     others: tuple[Path, ...],
     only_score: bool,
     output: Output,
-) -> int:
+) -> None:
     """Identify or score; see ``_HELP``."""
     described = load_robot(robot)
     if only_score and (out or plot):
@@ -84,29 +76,25 @@ def fit_thermal_command(
     recorded = read_heating_log(log, ambient_C)
     unseen = [read_heating_log(path) for path in others]
     if only_score:
-        own = two_node_segment(described)
-        scores = [(each, score(each, own)) for each in (recorded, *unseen)]
+        own = thermal.two_node_segment(described)
+        scores = [(each, thermal.score(each, own)) for each in (recorded, *unseen)]
         output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
-        return EXIT_PLANNED
+        return
     with output.progress("fitting") as tell:
-        fit = identify(recorded, described, lambda n, all_: tell(f"fitting: {n} of {all_} done"))
+        fit = thermal.identify(recorded, described, lambda n, m: tell(f"fitting: {n} of {m} done"))
         if out is not None:
             write_identified_robot(robot, out, fit)
         if plot is not None:
-            from twosra_mpc.plotting.thermal_figure import plot_thermal_fit
+            from twosra_mpc.plotting.heating_figures import plot_thermal_fit
 
             plot_thermal_fit(fit, plot)
-    scores = [(each, score(each, fit.segment, fit.parameters.law)) for each in unseen]
+    scores = [(each, thermal.score(each, fit.segment, fit.parameters.law)) for each in unseen]
     output.report(
         lambda: _document(fit, scores), lambda: _print_fit(recorded, fit, described, scores)
     )
-    return EXIT_PLANNED
 
 
-Scores = list[tuple[HeatingLog, Score]]
-
-
-def _document(fit: ThermalFit, scores: Scores) -> dict[str, Any]:
+def _document(fit: thermal.ThermalFit, scores: Scores) -> dict[str, Any]:
     """The fit as plain data; a number that is not known is null."""
     return {
         "log": fit.source,
@@ -127,11 +115,27 @@ def _scores(scores: Scores) -> list[dict[str, Any]]:
     ]
 
 
-def _print_fit(log: HeatingLog, fit: ThermalFit, robot: Robot, scores: Scores) -> None:
+def _print_fit(log: HeatingLog, fit: thermal.ThermalFit, robot: Robot, scores: Scores) -> None:
     _print_parameters(fit, robot)
-    _print_models(fit, scores)
-    _print_cycles(fit.held_out)
-    click.echo(_scored(log, fit))
+    rows = [
+        (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
+        for row in fit.rows
+    ]
+    for unseen, found in scores:
+        rows.append((f"two nodes, fitted; on {unseen.source}", "0", *_residuals(found), "-"))
+    print_table(("residual of the model", "fitted", *_HEADER, "cycles left out, RMS [C]"), rows)
+    if fit.held_out:
+        left_out = [(f"cycle {part.cycle + 1}", *_residuals(part)) for part in fit.held_out]
+        print_table(("left out of the fit", *_HEADER), left_out)
+    else:
+        click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
+    warm = log.despiked_C[0] - log.ambient_C
+    start = f" It starts {warm:.1f} K above: taken as cooled for long." if warm > _WARM_K else ""
+    click.echo(
+        f"Scored: {fit.residuals.points} points {fit.log.step_s:g} s apart, heating and cooling; "
+        f"in a hold the power is unknown, and the first {CORRECTED_S:g} s after it help to find "
+        f"its end.\nSpikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:.4g} C.{start}"
+    )
 
 
 def _print_scores(robot: Robot, scores: Scores) -> None:
@@ -142,16 +146,16 @@ def _print_scores(robot: Robot, scores: Scores) -> None:
     print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
 
 
-def _print_parameters(fit: ThermalFit, robot: Robot) -> None:
-    own = two_node_segment(robot)
+def _print_parameters(fit: thermal.ThermalFit, robot: Robot) -> None:
+    own = thermal.two_node_segment(robot)
     rows = []
-    for name in Parameters._fields:
+    for name in thermal.Parameters._fields:
         value, error, low, high = (
             getattr(each, name)
             for each in (fit.parameters, fit.standard_errors, fit.smallest, fit.largest)
         )
         span = f"{low:.4g} to {high:.4g}" if fit.held_out else "-"
-        known = f"{getattr(own, name):.4g}" if name in SEGMENT_FIELDS else "-"
+        known = f"{getattr(own, name):.4g}" if name in thermal.SEGMENT_FIELDS else "-"
         rows.append((_NAMES[name], f"{value:.4g}", f"{error:.2g}", span, known))
     fixed = f"{own.sensor_gain:.4g}"
     rows.append(("sensor gain", fixed, "not identifiable", "-", fixed))
@@ -159,28 +163,7 @@ def _print_parameters(fit: ThermalFit, robot: Robot) -> None:
     print_table(header, rows)
 
 
-_HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
-
-
-def _print_models(fit: ThermalFit, unseen: Scores) -> None:
-    rows = [
-        (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
-        for row in fit.rows
-    ]
-    for log, found in unseen:
-        rows.append((f"two nodes, fitted; on {log.source}", "0", *_residuals(found), "-"))
-    print_table(("residual of the model", "fitted", *_HEADER, "cycles left out, RMS [C]"), rows)
-
-
-def _print_cycles(held_out: tuple[HeldOut, ...]) -> None:
-    if not held_out:
-        click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
-        return
-    rows = [(f"cycle {part.cycle + 1}", *_residuals(part)) for part in held_out]
-    print_table(("left out of the fit", *_HEADER), rows)
-
-
-def _residuals(of: Row | HeldOut | Score) -> tuple[str, ...]:
+def _residuals(of: thermal.Row | thermal.HeldOut | thermal.Score) -> tuple[str, ...]:
     found = of.residuals
     values = (found.heating_rms_C, found.cooling_rms_C, found.rms_C, found.max_C)
     return tuple(_digits(value) for value in values)
@@ -188,14 +171,3 @@ def _residuals(of: Row | HeldOut | Score) -> tuple[str, ...]:
 
 def _digits(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3f}"
-
-
-def _scored(log: HeatingLog, fit: ThermalFit) -> str:
-    points = f"{fit.residuals.points} points {fit.log.step_s:g} s apart"
-    warm = log.despiked_C[0] - log.ambient_C
-    start = f" It starts {warm:.1f} K above: taken as cooled for long." if warm > _WARM_K else ""
-    return (
-        f"Scored: {points}, heating and cooling; in a hold the power is unknown, and the first "
-        f"{CORRECTED_S:g} s after it help to find its end.\n"
-        f"Spikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:.4g} C.{start}"
-    )

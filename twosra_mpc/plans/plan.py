@@ -149,7 +149,7 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """The plan's figure, for notebooks."""
-        from twosra_mpc.plotting.notebook import plan_html  # no one else waits for matplotlib
+        from twosra_mpc.plotting.plan_figures import plan_html  # no one else waits for matplotlib
 
         return plan_html(self)
 

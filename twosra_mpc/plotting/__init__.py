@@ -11,28 +11,32 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
-from twosra_mpc.plotting.animation import animate_plan
-from twosra_mpc.plotting.comparison_figure import plot_comparison
-from twosra_mpc.plotting.figure_file import check_figure_path, save_figure
-from twosra_mpc.plotting.film import Film, check_animation_path
-from twosra_mpc.plotting.paper_figures import (
-    plot_error_decrease,
-    plot_forward_kinematics,
-    plot_published_tasks,
-)
-from twosra_mpc.plotting.plan_figure import plan_title, plot_plan
-from twosra_mpc.plotting.robot_drawing import draw_outline, draw_robot
-from twosra_mpc.plotting.snapshots import draw_snapshot, plot_snapshots
-from twosra_mpc.plotting.style import (
+from twosra_mpc.plotting.figures import (
     CHANGING_COLOUR,
     DPI,
     RIGID_COLOUR,
     SEGMENT_COLOURS,
     SOFT_COLOUR,
     STYLE,
+    check_figure_path,
+    save_figure,
 )
-from twosra_mpc.plotting.time_axis import TimeStretch
+from twosra_mpc.plotting.film import Film, animate_plan, check_animation_path
+from twosra_mpc.plotting.paper_figures import (
+    plot_error_decrease,
+    plot_forward_kinematics,
+    plot_published_tasks,
+)
+from twosra_mpc.plotting.plan_figures import (
+    draw_snapshot,
+    plan_title,
+    plot_comparison,
+    plot_plan,
+    plot_snapshots,
+)
+from twosra_mpc.plotting.plane import draw_outline, draw_robot
 from twosra_mpc.plotting.timeline import (
+    TimeStretch,
     draw_configuration,
     draw_melt_fractions,
     draw_motion,
@@ -43,8 +47,7 @@ from twosra_mpc.plotting.timeline import (
 )
 
 if TYPE_CHECKING:
-    from twosra_mpc.plotting.run_animation import animate_run
-    from twosra_mpc.plotting.run_figure import plot_run
+    from twosra_mpc.plotting.run_figures import animate_run, plot_run
 
 __all__ = [
     "CHANGING_COLOUR",
@@ -82,11 +85,9 @@ __all__ = [
     "save_figure",
 ]
 
-_OF_RUNS = {"animate_run": "run_animation", "plot_run": "run_figure"}
-
 
 def __getattr__(name: str) -> Any:
     """Import what draws runs in closed loop when it is asked for: it brings the tracker along."""
-    if name not in _OF_RUNS:
+    if name not in ("animate_run", "plot_run"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_OF_RUNS[name]}"), name)
+    return getattr(importlib.import_module(f"{__name__}.run_figures"), name)

@@ -1,43 +1,41 @@
-"""Films: which files there are, recording a scene, showing the result in a notebook."""
+"""Films of plans and runs: which files there are, recording, showing one in a notebook.
+
+Time passes at a constant pace along the stretched time axis of the scene: driving takes a few
+seconds, and minutes of waiting a few seconds more; the clock in the corner tells. Needs no display.
+"""
 
 from __future__ import annotations
 
 import base64
 import io
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, writers
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from PIL import Image
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import atomic_path
-from twosra_mpc.plotting.style import PALETTE
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plotting.figures import PALETTE, STYLE
+from twosra_mpc.plotting.plan_figures import plan_title
+from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
+from twosra_mpc.plotting.scene import Scene
 
 FRAMES_PER_S = 12.5  # a GIF counts in hundredths of a second
 LAST_FRAME_S = 2.5  # how long the end is shown
 SHADES = 9  # of each colour in a GIF, towards white
 UNCHANGED = 255  # place in the palette of a GIF for what is as in the frame before
+LEAST = 0.25  # of the length of the unstretched time axis that a motion phase takes
 
 OnProgress = Callable[[int, int], None]  # frames done, frames in all
-
-
-class Filmed(Protocol):
-    """What can be filmed."""
-
-    figure: Figure
-
-    def show(self, row: int) -> None:
-        """Move to a row of what is played."""
-
-    def image(self, row: int) -> Image.Image:
-        """Move to a row, and return a picture of it."""
 
 
 @dataclass(frozen=True)
@@ -76,38 +74,54 @@ def check_animation_path(path: str | Path) -> None:
         raise InputError("output", str(path), allowed)
 
 
-def record(
-    scene: Filmed,
-    rows: Sequence[int],
+def animate_plan(
+    plan: Plan,
     path: str | Path | None = None,
+    *,
+    duration_s: float = 12.0,
     on_progress: OnProgress | None = None,
 ) -> Film:
-    """Film a scene.
+    """Animate a plan; a notebook shows what is returned.
 
     Args:
-        scene: What is filmed.
-        rows: A frame each; the last one is shown longer.
-        path: Where to save the film, atomically; its ending (gif, mp4) is the format.
-        on_progress: Called after each frame.
+        plan: The plan.
+        path: Where to save the animation, atomically; its ending (gif, mp4) is the format.
+        duration_s: Of the animation, without its last frame.
+        on_progress: Called with the frames done and the frames in all, after each of them.
 
     Raises:
         InputError: If such a file cannot be written.
     """
+    titles = plan.robot.name, plan_title(plan)
+    return animate(plan_playback(plan, LEAST), titles, path, duration_s, on_progress)
+
+
+def animate(
+    playback: Playback,
+    titles: tuple[str, str],
+    path: str | Path | None,
+    duration_s: float,
+    on_progress: OnProgress | None,
+) -> Film:
+    """Film a plan or a run, with what is written above it and at its end; as ``animate_plan``."""
+    if path is not None:
+        check_animation_path(path)
+    count = max(2, round(duration_s * FRAMES_PER_S))
+    rows = np.rint(np.linspace(0, PLACES - 1, count)).astype(int).tolist()
     told = on_progress or (lambda done, total: None)
-    width_px = round(scene.figure.get_figwidth() * scene.figure.dpi)
-    if path is None:
-        return Film(_gif(scene, rows, told), "image/gif", width_px)
-    check_animation_path(path)
-    with atomic_path(path) as temporary:
-        if Path(path).suffix.lower() == ".gif":
-            film = Film(_gif(scene, rows, told), "image/gif", width_px)
+    with rc_context(STYLE), nullcontext() if path is None else atomic_path(path) as temporary:
+        scene = Scene(playback, titles, duration_s)
+        width_px = round(scene.figure.bbox.width)
+        if path is None or Path(path).suffix.lower() == ".gif":
+            film = Film(gif(scene, rows, told), "image/gif", width_px)
         else:
             film = Film(_mp4(scene, rows, told), "video/mp4", width_px)
-        temporary.write_bytes(film.data)
+        if temporary is not None:
+            temporary.write_bytes(film.data)
     return film
 
 
-def _gif(scene: Filmed, rows: Sequence[int], told: OnProgress) -> bytes:
+def gif(scene: Scene, rows: Sequence[int], told: OnProgress) -> bytes:
     """All frames in one palette, undithered, with only the changes after the first."""
     palette = _palette()
 
@@ -146,7 +160,7 @@ def _palette() -> Image.Image:
     return image
 
 
-def _mp4(scene: Filmed, rows: Sequence[int], told: OnProgress) -> bytes:
+def _mp4(scene: Scene, rows: Sequence[int], told: OnProgress) -> bytes:
     writer = FFMpegWriter(fps=FRAMES_PER_S)  # type: ignore[arg-type]  # ffmpeg takes any number
     last = [rows[-1]] * round(LAST_FRAME_S * FRAMES_PER_S)
     with TemporaryDirectory() as folder:

@@ -7,9 +7,9 @@ package for the same tasks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,16 +22,8 @@ from numpy.typing import NDArray
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plotting import plane
-from twosra_mpc.plotting.figure_file import styled_figure
-from twosra_mpc.plotting.plan_figure import phase_rows
-from twosra_mpc.plotting.robot_drawing import draw_robot
-from twosra_mpc.plotting.style import (
-    FAINT,
-    RIGID_COLOUR,
-    SEGMENT_COLOURS,
-    SOFT_COLOUR,
-)
+from twosra_mpc.plotting import figures, plane
+from twosra_mpc.plotting.plan_figures import phase_rows
 from twosra_mpc.plotting.timeline import COORDINATES
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
@@ -41,8 +33,13 @@ from twosra_mpc.robot.modes import MODES, RIGID, Mode, mode_name
 
 Array = NDArray[np.float64]
 
-TASKS = ("paper-1", "paper-2", "paper-3", "paper-4", "paper-5")
-TASK_COLOURS = ("#222222", "#12997c", "#e07b00", "#7b5ea7", "#2a6fbb")
+TASK_COLOURS = {
+    "paper-1": "#222222",
+    "paper-2": "#12997c",
+    "paper-3": "#e07b00",
+    "paper-4": "#7b5ea7",
+    "paper-5": "#2a6fbb",
+}
 STEP_S, STEPS = 0.05, 60  # of a published simulation; of forward kinematics
 STEP_OF_TASK_S = {"paper-5": 0.1}  # published with a step of its own
 START = (0.30, 0.2, 0.2, 10.0, -10.0)  # of forward kinematics
@@ -74,7 +71,7 @@ def plot_forward_kinematics(path: str | Path | None = None) -> Figure:
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    with styled_figure((10.0, 7.6), path) as figure:
+    with figures.styled_figure((10.0, 7.6), path) as figure:
         figure.suptitle("Forward kinematics, and the published planner on the way to its end")
         grid = figure.subplots(4, len(MODES), sharex=True)
         for column, mode in zip(grid.T, MODES, strict=True):
@@ -107,9 +104,9 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    with styled_figure((10.0, 4.2), path) as figure:
+    with figures.styled_figure((10.0, 4.2), path) as figure:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.35))
-        for task, colour in zip(TASKS, TASK_COLOURS, strict=True):
+        for task, colour in TASK_COLOURS.items():
             _draw_loop_error(left, task, colour)
             for made, dashes in zip(_plans(task), ("-", "--"), strict=True):
                 samples = made.trajectory.samples
@@ -122,11 +119,8 @@ def plot_error_decrease(path: str | Path | None = None) -> Figure:
         right.set(xlabel="time [s]", title="with melting and freezing")
         for ax in (left, right):
             ax.set_xlim(0.0, None)
-        handles: list[Any] = [
-            Line2D([], [], c=c, lw=1.5, label=task)
-            for task, c in zip(TASKS, TASK_COLOURS, strict=True)
-        ]
-        handles += [
+        handles = [
+            *(Line2D([], [], c=c, lw=1.5, label=task) for task, c in TASK_COLOURS.items()),
             Line2D([], [], c="0.3", marker="o", ms=4, ls="", label="change of mode"),
             Line2D([], [], c="0.3", lw=1.5, marker="^", label="this planner, end"),
             Line2D([], [], c="0.3", lw=1.5, ls="--", marker="^", mfc="white", label="greedy, end"),
@@ -147,12 +141,13 @@ def plot_published_tasks(path: str | Path | None = None) -> Figure:
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    with styled_figure((13.0, 6.6), path) as figure:
-        grid = figure.subplots(2, len(TASKS))
-        for column, task in zip(grid.T, TASKS, strict=True):
+    with figures.styled_figure((13.0, 6.6), path) as figure:
+        grid = figure.subplots(2, len(TASK_COLOURS))
+        for column, task in zip(grid.T, TASK_COLOURS, strict=True):
             made, greedy = _plans(task)
-            geometry, published = made.robot.geometry, list(_published_pieces(task))
-            planned = list(_planned_pieces(made))
+            geometry, published = made.robot.geometry, _published_pieces(_published(task))
+            samples = made.trajectory.samples
+            planned = [_Piece(phase.mode, phase_rows(samples, phase)) for phase in made.phases]
             shown = ((published, greedy, f"{task}\n"), (planned, made, ""))
             for ax, (pieces, timed, above) in zip(column, shown, strict=True):
                 _draw_task(ax, geometry, pieces)
@@ -161,7 +156,14 @@ def plot_published_tasks(path: str | Path | None = None) -> Figure:
             plane.to_one_scale(column, robot_shape(geometry, ends, 2).wheels)
         for row, name in zip(grid, ("as published", "this planner"), strict=True):
             row[0].set_ylabel(name, fontsize=11, fontweight="bold")
-        _task_legend(figure)
+        entries: dict[str, Any] = {
+            "start": plane.FAINT_ROBOT,
+            "target": plane.ROBOT,
+            "path with a soft segment": plane.line(figures.SOFT_COLOUR, 1.4),
+            "path with both rigid": plane.line(figures.RIGID_COLOUR, 1.4),
+            "change of mode": Line2D([], [], c="0.3", marker="o", mfc="white", ms=4, ls=""),
+        }
+        plane.legend_below(figure, entries, 5)
     return figure
 
 
@@ -184,30 +186,25 @@ def _draw_study(
     axes: Sequence[Axes], mode: Mode, driven: Array, planned: PublishedTrajectory
 ) -> None:
     """Position, heading, curvature and distance of one mode's study over its length."""
-    lines = ((np.linspace(0.0, 1.0, len(driven)), driven), (_shares(planned), planned.q))
-    looks: tuple[dict[str, Any], ...] = ({"lw": 1.2, "ls": "--", "alpha": 0.75}, {"lw": 1.8})
-    for (share, q), look in zip(lines, looks, strict=True):
-        for ax, (columns, _, label) in zip(axes, COORDINATES.values(), strict=False):
-            for values, colour in zip(q[:, columns].T, SEGMENT_COLOURS, strict=False):
-                ax.plot(share, values, c=colour, **look)
-            ax.set_ylabel(label)
-        axes[-1].plot(share, _share(q, driven[-1]), c="0.1", **look)
+    done = (planned.iteration + 1) / (planned.iteration[-1] + 1)  # of the loop
+    forward: dict[str, Any] = {"lw": 1.2, "ls": "--", "alpha": 0.75}
+    planner: dict[str, Any] = {"lw": 1.8, "zorder": 2.1}
+    place: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+    for ax, (columns, names, label) in zip(axes, COORDINATES.values(), strict=False):
+        curves = zip(names, driven.T[columns], planned.q.T[columns], strict=False)
+        for (name, far, reached), colour in zip(curves, figures.SEGMENT_COLOURS, strict=False):
+            ax.plot(np.linspace(0.0, 1.0, len(far)), far, c=colour, **forward)
+            ax.plot(done, reached, c=colour, **planner)
+            ax.annotate(name, (1.0, far[-1]), (4, 0), color=colour, **place)
+        ax.set_ylabel(label)
+    share = _share(driven, driven[-1])
+    axes[-1].plot(np.linspace(0.0, 1.0, len(share)), share, c="0.1", **forward)
+    axes[-1].plot(done, _share(planned.q, driven[-1]), c="0.1", **planner)
     axes[-1].set(ylabel="distance\nto target", ylim=(-0.03, 1.03))
-    for ax, (columns, names, _) in zip(axes, COORDINATES.values(), strict=False):
-        for value, name, colour in zip(driven[-1, columns], names, SEGMENT_COLOURS, strict=False):
-            place: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
-            ax.annotate(name, (1.0, value), (4, 0), color=colour, **place)
-    for row in _mode_changes(planned):
-        for ax in axes:
-            ax.axvline(_shares(planned)[row], c="0.6", lw=0.8, ls=":", zorder=0)
-    sequence = _sequence(list(_pieces(planned.mode[1:], planned.q[1:])))
+    for ax, row in product(axes, _mode_changes(planned)):
+        ax.axvline(done[row], c="0.6", lw=0.8, ls=":", zorder=0)
+    sequence = _sequence(_published_pieces(planned))
     axes[0].set_title(f"driven in {mode_name(mode)}, planned\n{sequence}", fontsize=9)
-
-
-def _shares(planned: PublishedTrajectory) -> Array:
-    """How much of its loop a published trajectory has done at every row."""
-    shares: Array = (planned.iteration + 1) / (planned.iteration[-1] + 1)
-    return shares
 
 
 def _share(q: Array, target: Array) -> Array:
@@ -227,12 +224,9 @@ def _plans(task: str) -> tuple[Plan, Plan]:
 
 @cache
 def _published(task: str) -> PublishedTrajectory:
-    problem = load_problem(task)
-    return published_trajectory(
-        problem.start.configuration,
-        problem.goal.configuration,
-        step_s=STEP_OF_TASK_S.get(task, STEP_S),
-    )
+    problem, step_s = load_problem(task), STEP_OF_TASK_S.get(task, STEP_S)
+    ends = problem.start.configuration, problem.goal.configuration
+    return published_trajectory(*ends, step_s=step_s)
 
 
 def _mode_changes(planned: PublishedTrajectory) -> list[int]:
@@ -250,22 +244,10 @@ def _draw_loop_error(ax: Axes, task: str, colour: str) -> None:
     ax.plot(time_s[changes], share[changes - 1], "o", c=colour, ms=4)
 
 
-def _pieces(mode: NDArray[np.int64], q: Array) -> Iterator[_Piece]:
+def _published_pieces(planned: PublishedTrajectory) -> list[_Piece]:
     """Split configurations by mode; a piece begins where the one before ends."""
-    changes = np.flatnonzero(np.any(np.diff(mode, axis=0) != 0, axis=1)) + 1
-    for low, high in pairwise([0, *changes.tolist(), len(mode)]):
-        yield _Piece((int(mode[low, 0]), int(mode[low, 1])), q[max(low - 1, 0) : high])
-
-
-def _published_pieces(task: str) -> Iterator[_Piece]:
-    planned = _published(task)
-    mode = np.concatenate([planned.mode[1:2], planned.mode[1:]])
-    return _pieces(mode, planned.q)
-
-
-def _planned_pieces(made: Plan) -> Iterator[_Piece]:
-    for phase in made.phases:
-        yield _Piece(phase.mode, phase_rows(made.trajectory.samples, phase))
+    edges, modes = [1, *_mode_changes(planned), len(planned.mode)], planned.mode.tolist()
+    return [_Piece(tuple(modes[i]), planned.q[i - 1 : j]) for i, j in pairwise(edges)]
 
 
 def _sequence(pieces: Sequence[_Piece]) -> str:
@@ -274,24 +256,13 @@ def _sequence(pieces: Sequence[_Piece]) -> str:
 
 def _draw_task(ax: Axes, geometry: Geometry, pieces: Sequence[_Piece]) -> None:
     """Start, target, and the paths of middle link (by mode) and units."""
-    draw_robot(ax, geometry, pieces[0].q[0], RIGID, alpha=FAINT, linewidth=3)
-    draw_robot(ax, geometry, pieces[-1].q[-1], RIGID, linewidth=3)
+    start_and_target = np.array([pieces[0].q[0], pieces[-1].q[-1]])
+    plane.draw_ends(ax, geometry, start_and_target, (RIGID, RIGID), 3)
     for piece in reversed(pieces):  # the end of a piece lies over the start of the next
-        colour = SOFT_COLOUR if any(piece.mode) else RIGID_COLOUR
+        colour = figures.SOFT_COLOUR if any(piece.mode) else figures.RIGID_COLOUR
         ends: dict[str, Any] = {"marker": "o", "ms": 3.0, "mfc": "white", "markevery": [-1]}
         ax.plot(*piece.q[:, :2].T, c=colour, lw=1.4, zorder=5, **ends)
         centres = robot_shape(geometry, piece.q, 2).centres
         for unit in (0, 1):
             ax.plot(*centres[:, unit].T, c=colour, lw=0.9, zorder=4)
     plane.frame(ax)
-
-
-def _task_legend(figure: Figure) -> None:
-    entries: dict[str, Any] = {
-        "start": plane.FAINT_ROBOT,
-        "target": plane.ROBOT,
-        "path with a soft segment": plane.line(SOFT_COLOUR, 1.4),
-        "path with both rigid": plane.line(RIGID_COLOUR, 1.4),
-        "change of mode": Line2D([], [], c="0.3", marker="o", mfc="white", ms=4, ls=""),
-    }
-    plane.legend_below(figure, entries, 5)

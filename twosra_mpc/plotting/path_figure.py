@@ -25,16 +25,13 @@ from twosra_mpc.identification.path_fitting import (
     path_curves,
 )
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plotting import plane
-from twosra_mpc.plotting.figure_file import styled_figure
-from twosra_mpc.plotting.style import METAL_COLOUR, RIGID_COLOUR, SOFT_COLOUR, UNIT_COLOUR
+from twosra_mpc.plotting import figures, plane
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
 
 Array = NDArray[np.float64]
 
-SIZE_IN = (10.0, 4.7)
 POSES = 4  # bends the fibre is drawn at, evenly from straight on
 PALE = 0.55  # share of white in the colours of the fibre
 
@@ -50,8 +47,8 @@ CURVES: dict[str, dict[str, Any]] = {
     "cardioid": {"c": "#e07b00", "lw": 2.6, "ls": (0, (0.1, 1.6)), "zorder": 6},
 }
 CURVES["cardioid"]["dash_capstyle"] = "round"
-UNIT: dict[str, Any] = {"ls": "", "marker": "s", "ms": 8.0, "mfc": UNIT_COLOUR, "zorder": 7}
-UNIT["mec"] = METAL_COLOUR
+UNIT: dict[str, Any] = {"ls": "", "marker": "s", "ms": 8.0, "mfc": figures.UNIT_COLOUR, "zorder": 7}
+UNIT["mec"] = figures.METAL_COLOUR
 HELD: dict[str, Any] = {"ls": "", "marker": "o", "ms": 5.0, "mfc": "white", "zorder": 8}
 HELD["mec"] = "#222222"
 CENTRE: dict[str, Any] = {"ls": "", "marker": "+", "ms": 7.0, "mew": 1.6, "zorder": 9}
@@ -74,7 +71,7 @@ def plot_paths(
     if robot.geometry.segments != 2:
         allowed = "2: spirals and cardioids are the paths of units with two segments between them"
         raise InputError("segments", robot.geometry.segments, allowed)
-    with styled_figure(SIZE_IN, path) as figure:
+    with figures.styled_figure((10.0, 4.7), path) as figure:
         curves = path_curves(robot.geometry, alpha_max)
         figure.suptitle(_title(robot), wrap=True)
         for ax, case_curves in zip(figure.subplots(1, 3), curves, strict=True):
@@ -109,7 +106,6 @@ def _draw_case(ax: Axes, geometry: Geometry, curves: PathCurves) -> None:
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.15)
     ax.set(xlabel="$x/l$", ylabel="$y/l$")
-    ax.tick_params(labelsize=8.5)  # not from rcParams: ticks are made when drawn
 
 
 def _residuals(curves: PathCurves, geometry: Geometry) -> list[str]:
@@ -145,9 +141,11 @@ def _draw_fibre(ax: Axes, geometry: Geometry, case: Case, alpha: float) -> Array
     shape = robot_shape(geometry, held_pose(geometry, case, alpha))
     style: dict[str, Any] = {"solid_capstyle": "butt", "zorder": 2}
     length = geometry.lengths_m[0]
-    ax.plot(*shape.links[1].T / length, lw=2.4, c=_pale(METAL_COLOUR), **style)
+    ax.plot(*shape.links[1].T / length, lw=2.4, c=_pale(figures.METAL_COLOUR), **style)
     for arc, soft in zip(shape.segments / length, MODES[case], strict=True):
-        ax.plot(*arc.T, lw=3.2, c=_pale(SOFT_COLOUR if soft else RIGID_COLOUR), **style)
+        ax.plot(
+            *arc.T, lw=3.2, c=_pale(figures.SOFT_COLOUR if soft else figures.RIGID_COLOUR), **style
+        )
     end, heading = shape.ends[0, :2] / length, shape.ends[0, 2]
     ax.plot(*end, **UNIT | {"marker": (4, 0, 45 + np.degrees(heading))})
     return end
@@ -163,8 +161,8 @@ def _legend(figure: Figure, alpha_max: float) -> None:
     ranges = {"cardioid": rf"cardioid, $\alpha \leq {np.degrees(alpha_max):.3g}°$"}
     entries = {ranges.get(name, name): Line2D([], [], **look) for name, look in CURVES.items()}
     entries |= {
-        "soft segment": plane.line(_pale(SOFT_COLOUR), 3.2),
-        "rigid segment": plane.line(_pale(RIGID_COLOUR), 3.2),
+        "soft segment": plane.line(_pale(figures.SOFT_COLOUR), 3.2),
+        "rigid segment": plane.line(_pale(figures.RIGID_COLOUR), 3.2),
         "moving LU": Line2D([], [], **UNIT | {"ms": 6}),
         "held end": Line2D([], [], **HELD),
     }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
-from twosra_mpc.plotting.time_axis import TimeStretch
+from twosra_mpc.plotting.timeline import TimeStretch
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import is_rigid, mode_name, named
 

@@ -20,16 +20,9 @@ from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import soft_and_changing
-from twosra_mpc.plotting.plane import DASHED
+from twosra_mpc.plotting import figures
+from twosra_mpc.plotting.plane import DASHED, draw_outline, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
-from twosra_mpc.plotting.robot_drawing import draw_outline, number_units, robot_artists
-from twosra_mpc.plotting.style import (
-    HEATER_COLOUR,
-    SEGMENT_COLOURS,
-    SOFT_COLOUR,
-    STATES,
-    UNIT_COLOURS,
-)
 from twosra_mpc.plotting.timeline import draw_stiffness
 
 Array = NDArray[np.float64]
@@ -96,14 +89,14 @@ class Scene:
     def _robot(self, row: int) -> list[Artist]:
         q, geometry = self._playback.q[row], self._playback.geometry
         mode, changing = soft_and_changing(self._playback.states(row))
-        drawn = robot_artists(self._plane, geometry, q, mode, changing=changing, linewidth=8)
+        drawn = robot_artists(self._plane, robot_shape(geometry, q), mode, changing, 1.0, 8)
         return [*drawn, *number_units(self._plane, geometry, q, 11)]
 
     def _trails(self, row: int) -> list[Artist]:
         """Where the units' centres and the middle link have been."""
         first, second = self._centres[: row + 1].transpose(1, 0, 2)
         link, artists = self._playback.q[: row + 1, :2], list[Artist]()
-        colours = (*UNIT_COLOURS, SOFT_COLOUR)
+        colours = (*figures.UNIT_COLOURS, figures.SOFT_COLOUR)
         for path, colour in zip((first, second, link), colours, strict=True):
             artists += self._plane.plot(*path.T, c=colour, lw=1.3, zorder=2)
         return artists
@@ -128,14 +121,19 @@ class Scene:
         warm, liquid = playback.temperature_C[row], playback.melt_fraction[row]
         for j, state in enumerate(playback.states(row)):
             height = warm[j] - self._floor_C
-            artists += ax.bar(j, height, 0.5, self._floor_C, zorder=3, **STATES[state])
+            artists += ax.bar(j, height, 0.5, self._floor_C, zorder=3, **figures.STATES[state])
             words = f"{warm[j]:.0f} °C"
             if np.isfinite(liquid[j]):
                 words += f"\n{100 * liquid[j]:.0f} %\nliquid"
             style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8.5, "zorder": 4}
             artists.append(ax.text(j, 1.01, words, transform=ax.get_xaxis_transform(), **style))
             if playback.heated[row, j]:
-                edge: dict[str, Any] = {"fill": False, "ec": HEATER_COLOUR, "lw": 2.5, "zorder": 5}
+                edge: dict[str, Any] = {
+                    "fill": False,
+                    "ec": figures.HEATER_COLOUR,
+                    "lw": 2.5,
+                    "zorder": 5,
+                }
                 height = ax.get_ylim()[1] - self._floor_C
                 artists += ax.bar(j, height, 0.5, self._floor_C, **edge)
         return artists
@@ -144,7 +142,7 @@ class Scene:
         """What is done, over time."""
         playback, artists = self._playback, list[Artist]()
         done = playback.time_s[: row + 1]
-        for warm, colour in zip(playback.temperature_C.T, SEGMENT_COLOURS, strict=False):
+        for warm, colour in zip(playback.temperature_C.T, figures.SEGMENT_COLOURS, strict=False):
             artists += self._curves.plot(done, warm[: row + 1], c=colour, lw=2.0, zorder=5)
         rest: dict[str, Any] = {"fc": "white", "alpha": 0.7, "lw": 0}
         artists.append(self._bars.axvspan(done[-1], float(playback.time_s[-1]), **rest))
@@ -168,9 +166,9 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     ax.set_title(title, loc="left")
     ax.tick_params(labelsize=8.5)
     ax.locator_params(nbins=6)
-    entries: dict[str, Any] = {name: Patch(**look) for name, look in STATES.items()}
+    entries: dict[str, Any] = {name: Patch(**look) for name, look in figures.STATES.items()}
     del entries["heater current"]
-    entries |= {"heater on": Patch(fill=False, ec=HEATER_COLOUR, lw=2.0), "goal": DASHED}
+    entries |= {"heater on": Patch(fill=False, ec=figures.HEATER_COLOUR, lw=2.0), "goal": DASHED}
     place = ax.figure.transFigure
     style: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (0.965, 0.944), "ncols": 6}
     style |= {"columnspacing": 1.0, "handlelength": 1.5, "bbox_transform": place}
@@ -210,8 +208,8 @@ def _set_bars(ax: Axes, playback: Playback) -> None:
 def _set_curves(ax: Axes, playback: Playback, range_C: tuple[float, float]) -> None:
     _mark_melting(ax, playback, zorder=1)
     for j, warm in enumerate(playback.temperature_C.T):
-        ax.plot(playback.time_s, warm, c=SEGMENT_COLOURS[j], lw=1.2, alpha=AHEAD)
-        ax.plot([], [], c=SEGMENT_COLOURS[j], lw=2.0, label=f"segment {j + 1}")
+        ax.plot(playback.time_s, warm, c=figures.SEGMENT_COLOURS[j], lw=1.2, alpha=AHEAD)
+        ax.plot([], [], c=figures.SEGMENT_COLOURS[j], lw=2.0, label=f"segment {j + 1}")
     for phase in playback.phases:
         ax.axvspan(phase.start_s, phase.end_s, color="0.9", lw=0, zorder=0)
     playback.stretch.apply(ax, 0.011)

@@ -1,6 +1,6 @@
 """Reports: one self-contained HTML page about a plan, to read, to send and to plan again from."""
 
 from twosra_mpc.report.page import check_report_path, report_page, write_report
-from twosra_mpc.report.reproduction import Origin
+from twosra_mpc.report.words import Origin
 
 __all__ = ["Origin", "check_report_path", "report_page", "write_report"]

@@ -7,7 +7,6 @@ are in mm with y pointing down, as SVG draws.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stiffness import State
 from twosra_mpc.plotting.playback import PLACES, Playback
 
 Array = NDArray[np.float64]
@@ -27,65 +25,22 @@ _SHORTEST_S, _LONGEST_S = 2.0, 24.0  # of the film at normal speed
 _PHASE_S, _REST_S = 2.5, 4.0  # of the film, for each phase and for all waits together
 
 
-@dataclass(frozen=True)
-class Pose:
-    """Outlines of the robot, each as the value of an SVG ``points`` attribute [mm, y down]."""
+def pose(shape: RobotShape) -> dict[str, Any]:
+    """Outlines of the robot, each as the value of an SVG ``points`` attribute [mm, y down].
 
-    segments: tuple[str, ...]
-    links: tuple[str, ...]
-    units: tuple[str, ...]
-    wheels: tuple[str, ...]
-    centres: tuple[str, ...]  # of the units
-    origin: str  # b0
-
-    @classmethod
-    def of(cls, shape: RobotShape) -> Pose:
-        """Write the outlines of one configuration."""
-        return cls(
-            segments=tuple(map(svg_points, shape.segments)),
-            links=tuple(map(svg_points, shape.links)),
-            units=tuple(map(svg_points, shape.units)),
-            wheels=tuple(map(svg_points, shape.wheels)),
-            centres=tuple(map(svg_points, shape.centres)),
-            origin=svg_points(shape.origin),
-        )
-
-
-@dataclass(frozen=True)
-class Film:
-    """Frames at equal distances along the stretched time axis; lists have one entry a frame.
-
-    Attributes:
-        length_s: How long it plays at normal speed [s].
-        time_s: Time in the plan [s].
-        pose: Index into ``poses``: while the robot waits, its pose is stored once.
-        poses: Poses in order of time.
-        state: "rigid", "melting", "soft" or "freezing" of each segment.
-        temperature_C: Of each segment.
-        melt_fraction: Of each segment, 0 solid, 1 liquid.
-        current_A: Of each heater.
-        doing: What happens, in words.
-        events: Frames at which something begins or ends, in order.
+    Those of segments, links, units and wheels, the centres of the units, and the origin b0.
     """
-
-    length_s: float
-    time_s: list[float]
-    pose: list[int]
-    poses: tuple[Pose, ...]
-    state: list[list[State]]
-    temperature_C: list[list[float]]
-    melt_fraction: list[list[float]]
-    current_A: list[list[float]]
-    doing: list[str]
-    events: list[int]
-
-    def document(self) -> dict[str, Any]:
-        """The film as plain data for the page."""
-        return asdict(self)
+    parts = ("segments", "links", "units", "wheels", "centres")
+    outlines = {part: list(map(svg_points, getattr(shape, part))) for part in parts}
+    return {**outlines, "origin": svg_points(shape.origin)}
 
 
-def film_of(plan: Plan, playback: Playback) -> Film:
-    """Make the film of a plan from its playback.
+def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
+    """Make the film of a plan from its playback, as plain data for the page's script.
+
+    Frames are at equal distances along the stretched time axis; while the robot waits, its pose is
+    stored once, and ``pose`` is the place of each frame's in ``poses``. ``events`` are the frames
+    at which something begins or ends, ``length_s`` is how long the film plays at normal speed.
 
     Raises:
         NoPlanError: If there is no plan.
@@ -94,18 +49,18 @@ def film_of(plan: Plan, playback: Playback) -> Film:
     new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
     shapes = robot_shape(playback.geometry, q[[True, *new]], ARC_POINTS)
     events = {int(np.searchsorted(times, t - _SAME_S)) for t in event_times(plan)}
-    return Film(
-        length_s=film_length_s(plan),
-        time_s=np.round(times, 6).tolist(),
-        pose=[0, *np.cumsum(new).tolist()],
-        poses=tuple(Pose.of(RobotShape(*parts)) for parts in zip(*shapes, strict=True)),
-        state=[playback.states(row) for row in range(PLACES)],
-        temperature_C=np.round(playback.temperature_C, 2).tolist(),
-        melt_fraction=np.round(playback.melt_fraction, 4).tolist(),
-        current_A=np.round(plan.trajectory.at(times).heater_current_A, 4).tolist(),
-        doing=[*(playback.doing(row) for row in range(PLACES - 1)), "the end of the plan"],
-        events=sorted(event for event in events if event < PLACES),
-    )
+    return {
+        "length_s": film_length_s(plan),
+        "time_s": np.round(times, 6).tolist(),
+        "pose": [0, *np.cumsum(new).tolist()],
+        "poses": [pose(RobotShape(*parts)) for parts in zip(*shapes, strict=True)],
+        "state": [playback.states(row) for row in range(PLACES)],
+        "temperature_C": np.round(playback.temperature_C, 2).tolist(),
+        "melt_fraction": np.round(playback.melt_fraction, 4).tolist(),
+        "current_A": np.round(plan.trajectory.at(times).heater_current_A, 4).tolist(),
+        "doing": [*(playback.doing(row) for row in range(PLACES - 1)), "the end of the plan"],
+        "events": sorted(event for event in events if event < PLACES),
+    }
 
 
 def film_length_s(plan: Plan) -> float:

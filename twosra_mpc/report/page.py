@@ -22,12 +22,11 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
-from twosra_mpc.plotting.figure_file import picture_address
+from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.playback import plan_playback
-from twosra_mpc.report import reproduction, words
-from twosra_mpc.report.film import ARC_POINTS, Pose, film_of, filmed_box
-from twosra_mpc.report.setpoint_table import setpoint_table
-from twosra_mpc.report.timeline import Thermometer, curve, lanes, ticks
+from twosra_mpc.report import words
+from twosra_mpc.report.film import ARC_POINTS, film_of, filmed_box, pose
+from twosra_mpc.report.timeline import Thermometer, curve, lanes, setpoint_table, ticks
 from twosra_mpc.robot.modes import mode_name, sequence_name
 
 _ENDINGS = (".html", ".htm")
@@ -44,9 +43,7 @@ def check_report_path(path: str | Path) -> None:
         raise InputError("output", str(path), f"a file ending in {' or '.join(_ENDINGS)}")
 
 
-def write_report(
-    result: Result, path: str | Path, origin: reproduction.Origin | None = None
-) -> None:
+def write_report(result: Result, path: str | Path, origin: words.Origin | None = None) -> None:
     """Write a report, atomically.
 
     Args:
@@ -61,7 +58,7 @@ def write_report(
     write_text(path, report_page(result, origin))
 
 
-def report_page(result: Result, origin: reproduction.Origin | None = None) -> str:
+def report_page(result: Result, origin: words.Origin | None = None) -> str:
     """Return the report as one HTML document that needs nothing else.
 
     Args:
@@ -96,10 +93,10 @@ def report_page(result: Result, origin: reproduction.Origin | None = None) -> st
         hidden=hidden_activities(plan) if plan else (),
         motion=_motion(plan) if plan else None,
         origin=origin,
-        scenario=reproduction.scenario_toml(result.problem),
-        commands=reproduction.commands(origin),
-        versions=reproduction.versions(origin),
-        effort=reproduction.effort(result),
+        scenario=words.scenario_toml(result.problem),
+        commands=words.commands(origin),
+        versions=words.versions(origin),
+        effort=words.effort(result),
     )
 
 
@@ -140,12 +137,12 @@ def _motion(plan: Plan) -> dict[str, Any]:
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
         "data": {
-            "film": film_of(plan, playback).document(),
+            "film": film_of(plan, playback),
             "row_s": table.time_s,
             "temperature_C": [scale.low_C, scale.high_C],
         },
         "moves": plan.trajectory.duration_s > 0.0,
-        "ghosts": {"start": Pose.of(start), "goal": Pose.of(end)},
+        "ghosts": {"start": pose(start), "goal": pose(end)},
         "box": box,
         "grid": _grid(box),
         "fibre_mm": _fibre_mm(plan),

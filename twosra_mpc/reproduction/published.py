@@ -142,37 +142,36 @@ def published_trajectory(
     """
     first = checked_configuration("start", start)
     target = checked_configuration("goal", goal)
-    problem = _problem(first, target, step_s, switch_iterations, max_iterations)
+    if not (math.isfinite(step_s) and step_s > 0.0):
+        raise InputError("step_s", step_s, "a positive, finite time in s")
+    forced = frozenset(switch_iterations or ())
+    problem = _Problem(
+        goal=target,
+        held=held_frames(first),
+        step_s=step_s,
+        forced=forced,
+        last_forced=max(forced, default=-1),
+        distance_limit=_DIVERGENCE_FACTOR * max(distance(first, target), 1.0),
+        max_iterations=max_iterations,
+    )
     step = _Step(first, RIGID, [0.0, 0.0, 0.0, 0.0, 0.0], moved=0.0)
-    recorded = [(-1, step)]
+    iterations, steps = [-1], [step]  # that are recorded
     time_s, iteration = step_s, 0
     while (stop := _stop_reason(step.q, iteration, problem)) is None:
         step = _next_step(step, time_s, iteration, problem)
         if step.moved > _RECORDED_STEP:
-            recorded.append((iteration, step))
+            iterations.append(iteration)
+            steps.append(step)
         time_s += step_s  # by addition, as published: not bit for bit (iteration + 2) * step_s
         iteration += 1
-    return _trajectory(recorded, step.q, stop, iteration)
-
-
-def _problem(
-    start: Vector,
-    goal: Vector,
-    step_s: float,
-    switch_iterations: Sequence[int] | None,
-    max_iterations: int,
-) -> _Problem:
-    if not (math.isfinite(step_s) and step_s > 0.0):
-        raise InputError("step_s", step_s, "a positive, finite time in s")
-    forced = frozenset(switch_iterations or ())
-    return _Problem(
-        goal=goal,
-        held=held_frames(start),
-        step_s=step_s,
-        forced=forced,
-        last_forced=max(forced, default=-1),
-        distance_limit=_DIVERGENCE_FACTOR * max(distance(start, goal), 1.0),
-        max_iterations=max_iterations,
+    return PublishedTrajectory(
+        q=np.array([each.q for each in steps]),
+        mode=np.array([each.mode for each in steps], dtype=np.int64),
+        velocity=np.array([each.velocity for each in steps]),
+        iteration=np.array(iterations, dtype=np.int64),
+        final_q=np.array(step.q),
+        stop=stop,
+        iterations=iteration,
     )
 
 
@@ -217,17 +216,3 @@ def _candidate(q: Vector, mode: Mode, time_s: float, problem: _Problem) -> _Step
     ramp = 1.0 - math.exp(-time_s)
     reached = combination(1.0, q, problem.step_s, [ramp * change for change in rate])
     return _Step(reached, mode, velocity, moved=distance(reached, q))
-
-
-def _trajectory(
-    recorded: list[tuple[int, _Step]], final_q: Vector, stop: StopReason, iterations: int
-) -> PublishedTrajectory:
-    return PublishedTrajectory(
-        q=np.array([step.q for _, step in recorded]),
-        mode=np.array([step.mode for _, step in recorded], dtype=np.int64),
-        velocity=np.array([step.velocity for _, step in recorded]),
-        iteration=np.array([iteration for iteration, _ in recorded], dtype=np.int64),
-        final_q=np.array(final_q),
-        stop=stop,
-        iterations=iterations,
-    )

@@ -1,4 +1,4 @@
-"""Figures and their files: one style, which endings there are, saving atomically."""
+"""What figures have in common: colours, matplotlib's settings, and their files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,7 +15,45 @@ from matplotlib.figure import Figure
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import atomic_path
-from twosra_mpc.plotting.style import DPI, STYLE
+
+RIGID_COLOUR = "#2a6fbb"
+SOFT_COLOUR = "#c8202f"
+CHANGING_COLOUR = "#f6b04e"  # melting or freezing
+SEGMENT_COLOURS = ("#222222", "#12997c", "#7b5ea7", "#e07b00")
+UNIT_COLOURS = SEGMENT_COLOURS[:2]
+UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR = "#eceff1", "#455a64", "#5d4037"
+PLANNED_COLOUR = "0.35"  # what shall be: goals, references
+PALETTE = (
+    *(RIGID_COLOUR, SOFT_COLOUR, CHANGING_COLOUR, *SEGMENT_COLOURS),
+    *(UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR),
+)
+FAINT = 0.33  # opacity of a pose that is left behind
+DPI = 160
+
+STYLE: dict[Any, Any] = {
+    "font.size": 9.5,
+    "axes.titlesize": "medium",
+    "figure.titlesize": 12,
+    "figure.titleweight": "bold",
+    "figure.facecolor": "white",
+    "figure.constrained_layout.h_pad": 0.06,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "hatch.linewidth": 0.7,
+    "pdf.fonttype": 42,
+}
+BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
+BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity
+_HATCHED = {"fc": CHANGING_COLOUR, "ec": "white", "lw": 0}
+STATES: dict[str, dict[str, Any]] = {
+    "rigid": {"fc": RIGID_COLOUR, "lw": 0},
+    "melting": _HATCHED | {"hatch": "////"},
+    "soft": {"fc": SOFT_COLOUR, "lw": 0},
+    "freezing": _HATCHED | {"hatch": r"\\\\"},
+    "heater current": {"fc": HEATER_COLOUR, "lw": 0},
+}
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Figure of a run: planned against executed, in the plane and over time.
+"""Runs drawn and filmed: planned against executed, in the plane and over time.
 
 Needs no display and leaves ``rcParams`` alone.
 """
@@ -16,39 +16,20 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from twosra_mpc.execution.run import CHANGING, Run, times
+from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import Interval
 from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting import plane
-from twosra_mpc.plotting.figure_file import styled_figure
-from twosra_mpc.plotting.robot_drawing import draw_outline, draw_robot
-from twosra_mpc.plotting.style import (
-    BESIDE,
-    FAINT,
-    PLANNED_COLOUR,
-    RIGID_COLOUR,
-    SEGMENT_COLOURS,
-    SOFT_COLOUR,
-    UNIT_COLOURS,
-)
-from twosra_mpc.plotting.time_axis import TimeStretch
-from twosra_mpc.plotting.timeline import (
-    draw_stiffness,
-    finished,
-    intervals_of,
-    mark_melting,
-    name_phases,
-    state_handles,
-    wheel_speeds,
-)
+from twosra_mpc.plotting import figures, plane, timeline
+from twosra_mpc.plotting.film import Film, OnProgress, animate
+from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
 Array = NDArray[np.float64]
+Record = RunLog | Truth
 
-SIZE_IN = (10.0, 10.4)
 ACCURACY_COLOUR = "#12997c"
 JOINED_S = 12.0  # drives of one mode that are less than this apart are shown as one
 
@@ -64,12 +45,12 @@ def plot_run(run: Run, truth: Truth | None = None, path: str | Path | None = Non
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    time_s, q = (run.log.time_s, run.log.q) if truth is None else (truth.time_s, truth.q)
-    with styled_figure(SIZE_IN, path) as figure:
+    record = truth or run.log
+    with figures.styled_figure((10.0, 10.4), path) as figure:
         figure.suptitle(run_title(run), wrap=True)
         rows = figure.add_gridspec(2, 1, height_ratios=(0.8, 1.0))
-        _draw_plane(figure.add_subfigure(rows[0]), run, time_s, q)
-        _draw_timeline(figure.add_subfigure(rows[1]), run, truth, time_s, q)
+        _draw_plane(figure.add_subfigure(rows[0]), run, record)
+        _draw_timeline(figure.add_subfigure(rows[1]), run, record)
     return figure
 
 
@@ -95,28 +76,28 @@ def joined_drives(run: Run) -> list[Phase]:
     return joined
 
 
-def _draw_plane(figure: SubFigure, run: Run, time_s: Array, q: Array) -> None:
+def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     """The whole run on the left; on the right each drive, planned and executed."""
     geometry, drives = run.problem.robot.geometry, joined_drives(run)[:9]
     axes = plane.overview_and_panels(figure, len(drives), 1.15)
-    draw_robot(axes[0], geometry, q[0], run.problem.start_mode, alpha=FAINT, linewidth=5)
-    draw_robot(axes[0], geometry, q[-1], run.problem.goal.mode, linewidth=5)
-    draw_outline(axes[0], geometry, goal_configuration(run))
-    _draw_paths(axes[0], run, time_s, q, 0.0, math.inf)
+    modes = (run.problem.start_mode, run.problem.goal.mode)
+    plane.draw_ends(axes[0], geometry, record.q, modes, 5)
+    plane.draw_outline(axes[0], geometry, goal_configuration(run))
+    _draw_paths(axes[0], run, record, 0.0, math.inf)
     axes[0].margins(0.12, 0.1)
     axes[0].set(xlabel="x [m]", ylabel="y [m]")
     for number, (ax, drive) in enumerate(zip(axes[1:], drives, strict=True), start=1):
-        _draw_drive(ax, run, time_s, q, number, drive)
-    plane.to_one_scale(axes, robot_shape(geometry, q[::20], 2).wheels)
+        _draw_drive(ax, run, record, number, drive)
+    plane.to_one_scale(axes, robot_shape(geometry, record.q[::20], 2).wheels)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,
         "end": plane.ROBOT,
         "planned" if run.plans else "goal": plane.DASHED,
         "rigid": plane.RIGID,
         "soft": plane.SOFT,
-        "path of unit 1": plane.line(UNIT_COLOURS[0]),
-        "of unit 2": plane.line(UNIT_COLOURS[1]),
-        "of the middle link": plane.line(SOFT_COLOUR),
+        "path of unit 1": plane.line(figures.UNIT_COLOURS[0]),
+        "of unit 2": plane.line(figures.UNIT_COLOURS[1]),
+        "of the middle link": plane.line(figures.SOFT_COLOUR),
     }
     plane.legend_below(figure, entries, 8)
 
@@ -128,17 +109,17 @@ def goal_configuration(run: Run) -> Array:
     return np.where(np.isnan(goal), reached[-1], goal)
 
 
-def _draw_drive(ax: Axes, run: Run, time_s: Array, q: Array, number: int, drive: Phase) -> None:
-    geometry, mode = run.problem.robot.geometry, drive.mode
-    first, last = np.searchsorted(time_s, (drive.start_s, drive.end_s))
-    draw_robot(ax, geometry, q[first], mode, alpha=FAINT, linewidth=3)
-    draw_robot(ax, geometry, q[min(last, len(q) - 1)], mode, linewidth=3)
+def _draw_drive(ax: Axes, run: Run, record: Record, number: int, drive: Phase) -> None:
+    geometry = run.problem.robot.geometry
+    first, last = np.searchsorted(record.time_s, (drive.start_s, drive.end_s))
+    driven = record.q[first : last + 1]
+    plane.draw_ends(ax, geometry, driven, (drive.mode, drive.mode), 3)
     planned = _planned(run, 0.0, drive.end_s)
     if len(planned):
-        draw_outline(ax, geometry, planned[-1])
-    _draw_paths(ax, run, time_s, q, drive.start_s, drive.end_s)
+        plane.draw_outline(ax, geometry, planned[-1])
+    _draw_paths(ax, run, record, drive.start_s, drive.end_s)
     took = drive.end_s - drive.start_s
-    ax.set_title(f"{number}: {mode_name(mode)} at {drive.start_s:.0f} s, {took:.1f} s")
+    ax.set_title(f"{number}: {mode_name(drive.mode)} at {drive.start_s:.0f} s, {took:.1f} s")
 
 
 def _planned(run: Run, start_s: float, end_s: float) -> Array:
@@ -151,45 +132,43 @@ def _within(time_s: Array, start_s: float, end_s: float) -> NDArray[np.bool_]:
     return (time_s >= start_s - 1e-6) & (time_s <= end_s + 1e-6)
 
 
-def _draw_paths(ax: Axes, run: Run, time_s: Array, q: Array, start_s: float, end_s: float) -> None:
+def _draw_paths(ax: Axes, run: Run, record: Record, start_s: float, end_s: float) -> None:
     """Paths of the units' centres and of the middle link: executed, and dashed as planned."""
     styles: tuple[tuple[Array, dict[str, Any]], ...] = (
         (_planned(run, start_s, end_s), {"ls": "--", "lw": 1.0, "alpha": 0.8}),
-        (q[_within(time_s, start_s, end_s)], {"ls": "-", "lw": 1.5}),
+        (record.q[_within(record.time_s, start_s, end_s)], {"ls": "-", "lw": 1.5}),
     )
     for rows, style in styles:
         centres = robot_shape(run.problem.robot.geometry, rows, 2).centres
-        for unit, colour in enumerate(UNIT_COLOURS):
+        for unit, colour in enumerate(figures.UNIT_COLOURS):
             ax.plot(*centres[:, unit].T, c=colour, zorder=5, **style)
-        ax.plot(*rows[:, :2].T, c=SOFT_COLOUR, zorder=5, **style)
+        ax.plot(*rows[:, :2].T, c=figures.SOFT_COLOUR, zorder=5, **style)
 
 
-def run_stretch(run: Run) -> TimeStretch:
+def run_stretch(run: Run) -> timeline.TimeStretch:
     """Time axis of a run, stretched where it was driven."""
     drives = joined_drives(run)
     least = min(0.12, 0.6 / max(len(drives), 1))
-    return TimeStretch.of(drives, run.duration_s or 1.0, least)
+    return timeline.TimeStretch.of(drives, run.duration_s or 1.0, least)
 
 
-def _draw_timeline(
-    figure: SubFigure, run: Run, truth: Truth | None, time_s: Array, q: Array
-) -> None:
+def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     heights = (0.5 * run.problem.robot.coordinates.segments, 1.0, 1.0, 0.9, 1.0)
     axes = figure.subplots(5, 1, sharex=True, height_ratios=heights)
     stretch, drives = run_stretch(run), joined_drives(run)
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
     stretch.apply(axes[-1]).set_xlabel(note)
     _draw_states(axes[0], run)
-    name_phases(axes[0], drives, stretch, "{number}: {mode}")
-    _draw_curvatures(axes[1], run, time_s, q)
-    _draw_distances(axes[2], run, time_s, q)
-    wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s)
-    _draw_temperatures(axes[4], run, truth)
+    timeline.name_phases(axes[0], drives, stretch, "{number}: {mode}")
+    _draw_curvatures(axes[1], run, record)
+    _draw_distances(axes[2], run, record)
+    timeline.wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s)
+    _draw_temperatures(axes[4], run, record)
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
     for ax, event in product(axes, run.events):
         if event.kind == "replan":
-            ax.axvline(event.time_s, color=SOFT_COLOUR, lw=1.0, ls=":", zorder=1)
+            ax.axvline(event.time_s, color=figures.SOFT_COLOUR, lw=1.0, ls=":", zorder=1)
     figure.align_ylabels(axes)
 
 
@@ -199,66 +178,114 @@ def reported_states(run: Run) -> tuple[tuple[Interval, ...], ...]:
     asked = np.where(log.setpoint_C >= heater.soft_setpoint_C, "melting", "freezing")
     still = np.where(log.stiffness > CHANGING, "soft", "rigid")
     states = np.where(log.stiffness == CHANGING, asked, still)
-    return tuple(intervals_of(log.time_s, column) for column in states.T)
+    return tuple(timeline.intervals_of(log.time_s, column) for column in states.T)
 
 
 def _draw_states(ax: Axes, run: Run) -> None:
     """A bar a segment, as reported."""
     intervals = reported_states(run)
-    draw_stiffness(ax, intervals, 0.6).set_ylim(-0.5, len(intervals) - 0.5)
+    timeline.draw_stiffness(ax, intervals, 0.6).set_ylim(-0.5, len(intervals) - 0.5)
     ax.tick_params(axis="y", length=0)
-    handles: list[Any] = state_handles("heater current")
+    handles: list[Any] = timeline.state_handles("heater current")
     if run.replans:
-        handles.append(Line2D([], [], c=SOFT_COLOUR, lw=1.0, ls=":", label="planned again"))
-    ax.legend(handles=handles, **BESIDE)
+        handles.append(Line2D([], [], c=figures.SOFT_COLOUR, lw=1.0, ls=":", label="planned again"))
+    ax.legend(handles=handles, **figures.BESIDE)
 
 
-def _draw_curvatures(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
+def _draw_curvatures(ax: Axes, run: Run, record: Record) -> None:
     log = run.log
-    for j, colour in enumerate(SEGMENT_COLOURS[: q.shape[1] - POSE]):
+    for j, colour in enumerate(figures.SEGMENT_COLOURS[: record.q.shape[1] - POSE]):
         seen: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.5, "alpha": 0.35, "mew": 0}
         ax.plot(log.time_s, log.measured[:, POSE + j], c=colour, **seen)
         ax.plot(log.time_s, log.planned[:, POSE + j], c=colour, lw=1.1, ls="--")
-        ax.plot(time_s, q[:, POSE + j], c=colour, lw=1.5, label=rf"$\kappa_{j + 1}$")
+        ax.plot(record.time_s, record.q[:, POSE + j], c=colour, lw=1.5, label=rf"$\kappa_{j + 1}$")
     if run.plans:
-        ax.plot([], [], c=PLANNED_COLOUR, lw=1.1, ls="--", label="planned")
-    ax.plot([], [], c=PLANNED_COLOUR, ls="", marker=".", alpha=0.6, label="camera")
-    finished(ax, "curvature\n[1/m]")
+        ax.plot([], [], c=figures.PLANNED_COLOUR, lw=1.1, ls="--", label="planned")
+    ax.plot([], [], c=figures.PLANNED_COLOUR, ls="", marker=".", alpha=0.6, label="camera")
+    timeline.finished(ax, "curvature\n[1/m]")
 
 
-def _draw_distances(ax: Axes, run: Run, time_s: Array, q: Array) -> None:
+def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     """Distance from the goal in units of the accuracy, on a logarithmic axis."""
-    errors = np.array([run.problem.goal.error(at.copy()) for at in q]) / run.accuracy.scale(
-        run.problem.robot.coordinates
-    )
+    errors = np.array([run.problem.goal.error(at.copy()) for at in record.q])
+    errors /= run.accuracy.scale(run.problem.robot.coordinates)
     parts = {
-        "position": (np.hypot(errors[:, 0], errors[:, 1]), RIGID_COLOUR),
+        "position": (np.hypot(errors[:, 0], errors[:, 1]), figures.RIGID_COLOUR),
         "heading": (np.abs(errors[:, 2]), "#7b5ea7"),
-        "curvatures": (np.abs(errors[:, POSE:]).max(axis=1), SOFT_COLOUR),
+        "curvatures": (np.abs(errors[:, POSE:]).max(axis=1), figures.SOFT_COLOUR),
     }
     for name, (distance, colour) in parts.items():
-        ax.plot(time_s, np.maximum(distance, 1e-3), c=colour, lw=1.3, label=name)
+        ax.plot(record.time_s, np.maximum(distance, 1e-3), c=colour, lw=1.3, label=name)
     position, heading = 1e3 * run.accuracy.position_m, math.degrees(run.accuracy.heading_rad)
     label = f"{position:g} mm, {heading:g}°, {run.accuracy.curvature_per_m:g} 1/m"
     ax.axhline(1.0, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=label)
     most = max(10.0, *(float(np.nanmax(distance)) for distance, _ in parts.values()))
     ax.set_yscale("log")
     ax.set(ylim=(0.02, 2 * most), ylabel="from goal\n/ accuracy")
-    ax.legend(**BESIDE)
+    ax.legend(**figures.BESIDE)
 
 
-def _draw_temperatures(ax: Axes, run: Run, truth: Truth | None) -> None:
+def _draw_temperatures(ax: Axes, run: Run, record: Record) -> None:
     log, problem = run.log, run.problem
-    mark_melting(ax, problem.stiffness_thresholds_C)
-    for j, colour in enumerate(SEGMENT_COLOURS[: log.stiffness.shape[1]]):
-        style: dict[str, Any] = {"c": colour, "label": f"segment {j + 1}"}
-        if truth is None:
-            ax.plot(log.time_s, log.temperature_C[:, j], lw=1.5, **style)
-        else:
-            ax.plot(truth.time_s, truth.temperature_C[:, j], lw=1.5, **style)
+    timeline.mark_melting(ax, problem.stiffness_thresholds_C)
+    for j, colour in enumerate(figures.SEGMENT_COLOURS[: log.stiffness.shape[1]]):
+        warm, label = record.temperature_C[:, j], f"segment {j + 1}"
+        ax.plot(record.time_s, warm, c=colour, lw=1.5, label=label)
+        if record is not log:
             ax.plot(log.time_s, log.temperature_C[:, j], c=colour, lw=0.9, ls=":")
         ax.step(log.time_s, log.setpoint_C[:, j], where="post", c=colour, lw=0.9, ls="--")
-    if truth is not None:
-        ax.plot([], [], c=PLANNED_COLOUR, lw=0.9, ls=":", label="by the sensor")
-    ax.plot([], [], c=PLANNED_COLOUR, lw=0.9, ls="--", label="set-point")
-    finished(ax, "temperature\n[°C]")
+    if record is not log:
+        ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls=":", label="by the sensor")
+    ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls="--", label="set-point")
+    timeline.finished(ax, "temperature\n[°C]")
+
+
+def animate_run(
+    run: Run,
+    path: str | Path | None = None,
+    truth: Truth | None = None,
+    *,
+    duration_s: float = 12.0,
+    on_progress: OnProgress | None = None,
+) -> Film:
+    """Animate a run; a notebook shows what is returned.
+
+    Args:
+        run: The run.
+        path: Where to save the animation, atomically; its ending (gif, mp4) is the format.
+        truth: What really happened, if it was a simulation; otherwise what was believed is shown.
+        duration_s: Of the animation, without its last frame.
+        on_progress: Called with the frames done and the frames in all, after each of them.
+
+    Raises:
+        InputError: If such a file cannot be written.
+    """
+    words = {"optimal": "closed loop", "greedy": "greedy rule"}[run.executor]
+    titles = f"{run.problem.robot.name}: {words}", run_title(run).splitlines()[0]
+    return animate(run_playback(run, truth), titles, path, duration_s, on_progress)
+
+
+def run_playback(run: Run, truth: Truth | None = None) -> Playback:
+    """Play a run; ``truth`` as for ``animate_run``. Between its rows, a log is interpolated."""
+    log, problem, stretch = run.log, run.problem, run_stretch(run)
+    shown_s = np.minimum(places_s(stretch), log.time_s[-1])
+    record = truth or log
+
+    def then(values: Array) -> Array:
+        return np.column_stack([np.interp(shown_s, record.time_s, v) for v in values.T])
+
+    unknown = np.full((len(shown_s), problem.robot.coordinates.segments), np.nan)
+    sent = np.clip(np.searchsorted(log.time_s, shown_s + 1e-9) - 1, 0, None)
+    return Playback(
+        geometry=problem.robot.geometry,
+        goal=goal_configuration(run),
+        melting_C=problem.stiffness_thresholds_C,
+        phases=tuple(joined_drives(run)),
+        intervals=reported_states(run),
+        stretch=stretch,
+        time_s=shown_s,
+        q=then(record.q),
+        temperature_C=then(record.temperature_C),
+        melt_fraction=unknown if truth is None else then(truth.melt_fraction),
+        heated=log.setpoint_C[sent] > problem.robot.heater.rigid_setpoint_C,
+    )

@@ -1,0 +1,119 @@
+r"""Gentle motion: of all schedules of a plan's mode sequence that cost no more, the least effort.
+
+A phase that is travelled in T instead of its least time T_min takes the effort E T_min / T, where E
+is the integral of the sum of (wheel speed / largest wheel speed)^2 of its quickest profile. So
+
+.. math::
+    \min_{t}\; \sum_i E_i T_{min,i} / (t_{end,i} - t_{start,i}) \quad\text{s.t.}\quad
+    t_v - t_u \ge w_{uv}, \quad T_{min,i} \le t_{end,i} - t_{start,i} \le T_{max,i}, \quad c^T t \le C
+
+is a small convex program over the event times of the temporal network: waiting time is used to
+drive slowly, and what the plan may cost more is spent where it helps most. What happens before a
+transition decides how long it takes, so the schedule of the durations found is made anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import LinearConstraint, minimize
+
+from twosra_mpc.planning.nlp.fixed_sequence import Candidate, feasible_schedule
+from twosra_mpc.planning.search.schedule import cost_coefficients
+from twosra_mpc.plans.speed_profile import SpeedProfile
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.timing import TemporalNetwork
+
+Array = NDArray[np.float64]
+Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
+
+_SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to the durations wanted, until a schedule fits
+_SLOWEST = 100.0  # times slower than the limits allow is slow enough
+
+
+def gentle(
+    problem: Problem, candidate: Candidate, network: TemporalNetwork, most: float
+) -> Candidate | None:
+    """Return the candidate at the least effort within a cost; None if nothing can be gained.
+
+    Args:
+        problem: The problem.
+        candidate: A feasible plan at the highest speed.
+        network: The temporal network of its sequence.
+        most: What it may cost [s].
+    """
+    profiles = candidate.profiles
+    quickest = np.array([profile.duration_s for profile in profiles])
+    slowest = np.array([profile.duration_s * _slower(profile, problem) for profile in profiles])
+    made = feasible_schedule(network, quickest, problem)
+    if made is None or (slowest <= quickest).all():
+        return None
+    efforts = np.array([profile.effort_s for profile in profiles]) * quickest
+    wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
+    for share in _SHARES:
+        durations = quickest + share * (wanted - quickest)
+        found = feasible_schedule(network, durations, problem)
+        if found is not None and _cost(found, problem) <= most:
+            slower = zip(profiles, durations.tolist(), strict=True)
+            stretched = tuple(profile.lasting(duration) for profile, duration in slower)
+            return replace(candidate, profiles=stretched, times=found[0])
+    return None
+
+
+def _slower(profile: SpeedProfile, problem: Problem) -> float:
+    """How many times slower a phase may be: its fastest wheel must leave the dead zone."""
+    least = problem.robot.limits.wheel_speed_min_rad_s
+    return min(_SLOWEST, max(1.0, profile.peak_rad_s / least)) if least else _SLOWEST
+
+
+def _cost(found: Schedule, problem: Problem) -> float:
+    times, network = found
+    coefficients, constant = cost_coefficients(network, problem.cost_weights)
+    return float(coefficients @ times) + constant
+
+
+def _least_effort(
+    problem: Problem, made: Schedule, efforts: Array, quickest: Array, slowest: Array, most: float
+) -> Array:
+    """Durations of the convex program, (phases,) [s]; ``efforts`` are E T_min of the phases."""
+    times, network = made
+    layout = network.layout
+    moving = np.flatnonzero(quickest)
+    starts = np.array([layout.start(i) for i in moving])
+    ends = np.array([layout.end(i) for i in moving])
+    pairs = np.array(list(network.least), dtype=int)
+    differences = _differences(pairs[:, 0], pairs[:, 1], layout.count)
+    lasting = _differences(starts, ends, layout.count)
+    cost, constant = cost_coefficients(network, problem.cost_weights)
+    scale = float(times[layout.finish])
+
+    def effort(t: Array) -> tuple[float, Array]:
+        each = efforts[moving] / (lasting @ t)
+        return float(each.sum()), lasting.T @ (-each / (lasting @ t))
+
+    found = minimize(
+        lambda t: effort(t)[0] / efforts.sum(),
+        times / scale,
+        jac=lambda t: effort(t)[1] / efforts.sum(),
+        method="SLSQP",
+        bounds=[(0.0, None if event != layout.origin else 0.0) for event in range(layout.count)],
+        constraints=[
+            LinearConstraint(differences, np.array(list(network.least.values())) / scale, np.inf),
+            LinearConstraint(lasting, quickest[moving] / scale, slowest[moving] / scale),
+            LinearConstraint(cost, -np.inf, (most - constant) / scale),
+        ],
+        options={"maxiter": 200},
+    )
+    durations = quickest.copy()
+    durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
+    return durations
+
+
+def _differences(since: Array, until: Array, events: int) -> Array:
+    """Rows that take t[until] - t[since] from event times, (m, events)."""
+    rows = np.zeros((len(since), events))
+    np.add.at(rows, (np.arange(len(since)), until), 1.0)
+    np.add.at(rows, (np.arange(len(since)), since), -1.0)
+    return rows

@@ -1,0 +1,269 @@
+"""Figures of plans: one with all there is to see, snapshots of the robot, plans side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
+from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.plotting import figures, plane, timeline
+from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
+from twosra_mpc.robot.modes import is_rigid, mode_name
+
+Array = NDArray[np.float64]
+
+WIDTH_IN = 10.0
+HEIGHT_IN, LANE_IN = 9.0, 0.4  # of the figure of a plan, with a lane for each segment
+PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
+HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
+MOTION_COLOUR = "0.35"  # there; phases are too short for an area
+
+
+def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
+    """Draw a plan: start, goal and every phase in the plane; stiffness and motion over time.
+
+    Args:
+        plan: The plan.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+
+    Raises:
+        InputError: If matplotlib cannot write such a file, or the folder cannot be written.
+    """
+    lanes_in = LANE_IN * plan.robot.geometry.segments
+    with figures.styled_figure((WIDTH_IN, HEIGHT_IN + lanes_in), path) as figure:
+        figure.suptitle(plan_title(plan), wrap=True)
+        rows = figure.add_gridspec(2, 1, height_ratios=(4.5, 4.5 + lanes_in))
+        _draw_plane(figure.add_subfigure(rows[0]), plan)
+        _draw_over_time(figure.add_subfigure(rows[1]), plan)
+    return figure
+
+
+def plan_title(plan: Plan) -> str:
+    """Mode sequence, duration and what is known, in one line."""
+    sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
+    planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
+    gap = "no bound proved"
+    if plan.gap is not None:
+        gap = f"proved gap {100 * plan.gap:.2g} %" if plan.gap > 1e-5 else "proved gap < 0.001 %"
+    return f"{sequence} in {plan.duration_s:.1f} s: {planner}{plan.status}, {gap}"
+
+
+def phase_rows(samples: Samples, phase: Phase) -> Array:
+    """Configurations of a phase, both ends included, (rows, 3 + n)."""
+    low, high = np.searchsorted(samples.t_s, (phase.start_s - 1e-9, phase.end_s + 1e-9))
+    return samples.q[low:high]
+
+
+def _draw_plane(figure: SubFigure, plan: Plan) -> None:
+    """Overview on the left; on the right, if there are several phases, a panel each."""
+    phases = plan.phases if len(plan.phases) > 1 else ()
+    axes = plane.overview_and_panels(figure, len(phases), 1.1)
+    _draw_overview(axes[0], plan)
+    for number, (ax, phase) in enumerate(zip(axes[1:], phases, strict=True), start=1):
+        q = phase_rows(plan.trajectory.samples, phase)
+        plane.draw_ends(ax, plan.robot.geometry, q, (phase.mode, phase.mode), 3)
+        _draw_path(ax, q, phase)
+        ax.set_title(f"{number}: {mode_name(phase.mode)}, {timeline.phase_duration(phase)}")
+    seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
+    plane.to_one_scale(axes, robot_shape(plan.robot.geometry, seen, 2).wheels)
+    entries = {
+        "start (of phase)": plane.FAINT_ROBOT,
+        "goal (end of phase)": plane.ROBOT,
+        "rigid segment": plane.RIGID,
+        "soft segment": plane.SOFT,
+        "path of the middle link": tuple(map(plane.line, (RIGID_COLOUR, SOFT_COLOUR))),
+    }
+    plane.legend_below(figure, entries, 5)
+
+
+def _draw_overview(ax: Axes, plan: Plan) -> None:
+    geometry, samples = plan.robot.geometry, plan.trajectory.samples
+    ends, modes = samples.q[[0, -1]], samples.mode[[0, -1]].tolist()
+    plane.draw_ends(ax, geometry, ends, modes, 5)
+    for phase in reversed(plan.phases):  # the end of a phase lies over the start of the next
+        _draw_path(ax, phase_rows(samples, phase), phase)
+    plane.number_units(ax, geometry, ends[1])
+    shapes = robot_shape(geometry, ends, 2)
+    start, goal = shapes.centres
+    apart = np.linalg.norm(start[:, None] - goal, axis=2)
+    i, j = np.argmax(apart.min(axis=1)), np.argmax(apart.min(axis=0))
+    j = 1 - j if apart[i, j] < geometry.unit_side_m else j  # one label a unit
+    labelled = (start[i], goal[j])
+    for name, centre, origin in zip(("start", "goal"), labelled, shapes.origin, strict=True):
+        outward = (centre - origin) / np.linalg.norm(centre - origin)
+        tip, shift = centre + 0.9 * geometry.unit_side_m * outward, (5 * outward).tolist()
+        side = ("center", "left", "right")[round(outward[0])]
+        style: dict[str, Any] = {"ha": side, "va": "center", "fontweight": "bold", "zorder": 7}
+        ax.annotate(name, tip, shift, textcoords="offset points", **style)
+    ax.margins(0.15, 0.1)
+    ax.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:
+    """Path of b0 during a phase: blue while driving, red while bending."""
+    colour = RIGID_COLOUR if is_rigid(phase.mode) else SOFT_COLOUR
+    style: dict[str, Any] = {"marker": "o", "ms": 3.5, "mfc": "white", "markevery": [-1]}
+    ax.plot(*q[:, :2].T, color=colour, lw=1.5, zorder=5, **style)
+
+
+def _draw_over_time(figure: SubFigure, plan: Plan) -> None:
+    heights = (0.25 + 0.5 * plan.robot.geometry.segments, 1.0, 1.0, 1.0, 0.7)
+    axes = figure.subplots(5, 1, sharex=True, height_ratios=heights)
+    stretch = timeline.plan_stretch(plan)
+    timeline.draw_timeline(axes[0], plan)
+    timeline.name_phases(axes[0], plan.phases, stretch, "{number}: {mode}\n{took}")
+    timeline.draw_configuration(axes[1], plan)
+    timeline.draw_wheel_speeds(axes[2], plan)
+    timeline.draw_temperatures(axes[3], plan)
+    timeline.draw_melt_fractions(axes[4], plan)
+    for ax in axes[1:]:
+        timeline.draw_motion(ax, plan)
+    stretch.apply(axes[-1])
+    note = "" if stretch.even else ", stretched inside the motion phases (grey)"
+    axes[-1].set(xlabel=f"time [s]{note}")
+    figure.align_ylabels(axes)
+
+
+def plan_html(plan: Plan) -> str:
+    """Return the figure of a plan as an HTML element that needs no other file."""
+    address = figures.picture_address(plot_plan(plan), "png")
+    return f'<img src="{address}" alt="{escape(plan_title(plan))}" style="max-width: 100%">'
+
+
+def plot_snapshots(
+    plan: Plan, path: str | Path | None = None, times_s: Sequence[float] | None = None
+) -> Figure:
+    """Draw the robot at some moments of a plan, each in its own panel to one scale.
+
+    Args:
+        plan: The plan.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+        times_s: The moments; by default the start, the start and end of every phase, and the end.
+
+    Raises:
+        InputError: If a moment is not in the plan, matplotlib cannot write such a file, or the
+            folder cannot be written.
+    """
+    moments = _telling_times(plan) if times_s is None else times_s
+    columns = min(COLUMNS, len(moments))
+    rows = -(-len(moments) // columns)
+    with figures.styled_figure((WIDTH_IN, PANEL_IN * rows + 0.8), path) as figure:
+        figure.suptitle(plan_title(plan), wrap=True)
+        grid = figure.subplots(rows, columns, squeeze=False).ravel()
+        for ax, time_s in zip(grid, moments, strict=False):
+            plane.frame(draw_snapshot(ax, plan, time_s))
+        for ax in grid[len(moments) :]:
+            ax.remove()
+        shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
+        plane.to_one_scale(figure.axes, shapes.wheels)
+        entries = {
+            "rigid": plane.RIGID,
+            "soft": plane.SOFT,
+            "melting or freezing": plane.line(figures.CHANGING_COLOUR, 4),
+            "target": plane.FAINT_ROBOT,
+            "path of middle link": plane.line("black", 1.0),
+        }
+        plane.legend_below(figure, entries, 5)
+    return figure
+
+
+def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
+    """Draw the robot at one moment: its target ghosted, the path of its middle link behind it.
+
+    Raises:
+        InputError: If the moment is not in the plan.
+    """
+    trajectory, geometry = plan.trajectory, plan.robot.geometry
+    if not 0.0 <= time_s <= trajectory.duration_s:
+        allowed = f"a time in the plan, 0 to {trajectory.duration_s:g} s"
+        raise InputError("time_s", time_s, allowed)
+    states = [state_at(each, time_s) for each in stiffness_intervals(trajectory)]
+    mode, changing = soft_and_changing(states)
+    past = trajectory.samples.t_s[trajectory.samples.t_s < time_s]
+    q = trajectory.configuration([*past, time_s])
+    plane.draw_robot(
+        ax, geometry, trajectory.samples.q[-1], plan.problem.goal.mode, alpha=figures.FAINT
+    )
+    plane.draw_robot(ax, geometry, q[-1], mode, changing=changing)
+    plane.number_units(ax, geometry, q[-1])
+    ax.plot(*q[:, :2].T, c="black", lw=1.0, zorder=5)
+    ax.plot(*q[-1, :2], "o", c="black", mfc="white", ms=3.5, zorder=5)
+    ax.set_title(f"{time_s:.2f} s: {_in_words(states)}")
+    return ax
+
+
+def _in_words(states: Sequence[State]) -> str:
+    if len(states) == 1 or len(set(states)) > 1:
+        return ", ".join(states)
+    return f"{'both' if len(states) == 2 else 'all'} {states[0]}"
+
+
+def _telling_times(plan: Plan) -> list[float]:
+    """Start, starts and ends of phases that are not told by another moment, and end."""
+    end_s = plan.trajectory.duration_s
+    edges = [0.0, *(t for phase in plan.phases for t in phase[1:]), end_s]
+    return [t for t, before in zip(edges, [-np.inf, *edges], strict=False) if t - before > 1e-6]
+
+
+def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None = None) -> Figure:
+    """Draw plans on one time axis: a block a problem, in it a row a plan.
+
+    Args:
+        plans: Name of each problem -> its plans, e.g. one of each planner.
+        path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
+
+    Raises:
+        InputError: If there is nothing to compare, matplotlib cannot write such a file, or the
+            folder cannot be written.
+    """
+    every = list(chain.from_iterable(plans.values()))
+    if not every:
+        raise InputError("plans", dict(plans), "at least one plan")
+    end_s = max(made.trajectory.duration_s for made in every) or 1.0
+    heights = list[float]()
+    for each in plans.values():
+        heights += (HEAD_IN + THIN_LANE_IN * made.robot.geometry.segments for made in each)
+        heights.append(BETWEEN_IN)
+    heights.pop()
+    with figures.styled_figure((WIDTH_IN, sum(heights) + 1.0), path) as figure:
+        grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+        row, axes = 0, list[Axes]()
+        for name, each in plans.items():
+            for made in each:
+                axes.append(figure.add_subplot(grid[row], sharex=axes[0] if axes else None))
+                _draw_row(axes[-1], name, made)
+                axes[-1].tick_params(labelbottom=False)
+                row += 1
+            row += 1
+        axes[-1].tick_params(labelbottom=True)
+        axes[-1].set(xlim=(0.0, 1.005 * end_s), xlabel="time [s]")
+        motion = Patch(fc=MOTION_COLOUR, label="motion")
+        figure.legend(
+            handles=[*timeline.state_handles(), motion], loc="outside lower center", ncols=6
+        )
+    return figure
+
+
+def _draw_row(ax: Axes, name: str, made: Plan) -> None:
+    """Lanes of a plan, named above; its motion as lines that are never too thin to see."""
+    timeline.draw_lanes(ax, made)
+    for phase in made.phases:
+        ax.axvspan(phase.start_s, phase.end_s, color=MOTION_COLOUR, lw=1.2, zorder=4)
+    ax.set_title(f"{name}: {plan_title(made)}", loc="left", fontsize=9)
+    ax.set_yticks(ax.get_yticks(), [tick.get_text()[-1] for tick in ax.get_yticklabels()])
+    ax.set_ylabel("segment", fontsize=8)
+    ax.spines["bottom"].set_visible(False)
+    ax.tick_params(axis="x", length=0)
