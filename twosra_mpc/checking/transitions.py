@@ -6,17 +6,15 @@ import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.thermal.model import SegmentModel, State
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
-
-Array = NDArray[np.float64]
 
 _TEMPERATURE_TOLERANCE_C = 0.02
 _LEVEL_TOLERANCE = 1e-3  # of the way from solid to liquid

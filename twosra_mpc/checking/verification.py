@@ -12,7 +12,6 @@ from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import transition_problems
@@ -21,12 +20,10 @@ from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.problem.limits import RELATIVE_ROUNDING, WHEEL_SPEED, verified_margins
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Coordinates
+from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
-
-Array = NDArray[np.float64]
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m

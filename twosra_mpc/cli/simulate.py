@@ -21,9 +21,14 @@ from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, prin
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import save_document, times
 from twosra_mpc.execution.simulation.disturbance import LEVELS, disturbance_level
-from twosra_mpc.execution.simulation.metrics import Metrics, spread
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot
-from twosra_mpc.execution.simulation.simulate import EXECUTORS, Simulation, simulate
+from twosra_mpc.execution.simulation.simulate import (
+    EXECUTORS,
+    Metrics,
+    Simulation,
+    simulate,
+    spread,
+)
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.execution.settings import Accuracy
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
 from twosra_mpc.version import __version__
 
-Array = NDArray[np.float64]
 EventKind = Literal["plan", "drive", "confirmed", "look", "correct", "replan", "failure", "end"]
 
 FORMAT, FORMAT_VERSION = "twosra-run", 1

@@ -6,10 +6,8 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import KnownStiffness
-from twosra_mpc.execution.accuracy import Accuracy
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
 from twosra_mpc.execution.run import (
@@ -22,13 +20,12 @@ from twosra_mpc.execution.run import (
     RunEvent,
     RunLog,
 )
+from twosra_mpc.execution.settings import Accuracy
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import Mode
-
-Array = NDArray[np.float64]
 
 _STILL = np.zeros(WHEELS)
 _CODES: dict[KnownStiffness | None, float] = {

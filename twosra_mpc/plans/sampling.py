@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from twosra_mpc.model.motion import Motion
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, wheel_speeds
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS
+from twosra_mpc.robot.coordinates import INPUTS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import Transition, transition_model
-
-Array = NDArray[np.float64]
 
 HOLD_SAMPLE_S = 5.0  # while the robot waits, temperatures are sampled at least this often
 

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.robot.coordinates import POSE
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import POSE, Array
 
 
 def rows(samples: Samples) -> tuple[list[str], Array]:

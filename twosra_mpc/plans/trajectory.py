@@ -15,12 +15,10 @@ from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.motion import steps_for
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
+from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
-
-Array = NDArray[np.float64]
 
 SAME_TIME_S = 1e-6  # events closer than this are one
 HIGHEST_RATE_HZ = 1000.0

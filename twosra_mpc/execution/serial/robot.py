@@ -15,12 +15,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial.clock import Clock
 from twosra_mpc.execution.serial.firmware_lines import (
@@ -31,12 +29,11 @@ from twosra_mpc.execution.serial.firmware_lines import (
 )
 from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.serial.port import Port, PortError
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, Stiffness, rigid_mode
-
-Array = NDArray[np.float64]
 
 RATE_HZ = 15.0  # of the authors' controller in their published trials, by their logs
 REPEAT_S = 1.0  # while the robot stands, a command is sent again so often

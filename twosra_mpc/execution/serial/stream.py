@@ -8,15 +8,14 @@ from typing import NamedTuple
 
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
-from twosra_mpc.execution.feedback import ByClock, ByReports
-from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Drive
-from twosra_mpc.execution.runner import PlanRunner
+from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
 from twosra_mpc.execution.serial.clock import Clock
 from twosra_mpc.execution.serial.port import Port
 from twosra_mpc.execution.serial.robot import RATE_HZ, connected
 from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan, Status
 
 

@@ -10,7 +10,6 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
@@ -21,13 +20,11 @@ from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, Heate
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn
-
-Array = NDArray[np.float64]
 
 AS_PLANNED = "as-planned"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
