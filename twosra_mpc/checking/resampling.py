@@ -25,5 +25,5 @@ def refined(plan: Plan, rate_Hz: float) -> Plan:
     known = given.samples.t_s
     regular = np.arange(int(np.floor(known[-1] * rate_Hz)) + 1) / rate_Hz
     samples = given.at(np.sort(np.concatenate([known, new_times(regular, known)])))
-    checked = verify(plan.problem, samples, plan.phases, plan.transitions)
-    return replace(plan, trajectory=replace(given, samples=samples), verification=checked)
+    trajectory = replace(given, samples=samples)
+    return replace(plan, trajectory=trajectory, verification=verify(trajectory))

@@ -19,7 +19,7 @@ from twosra_mpc.cli.options import (
 )
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.execution.run import save_document, times
+from twosra_mpc.execution.run import times
 from twosra_mpc.execution.simulation.disturbance import LEVELS, disturbance_level
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import (
@@ -29,6 +29,7 @@ from twosra_mpc.execution.simulation.simulate import (
     simulate,
     spread,
 )
+from twosra_mpc.files import write_json
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
@@ -121,7 +122,7 @@ def _write(
 ) -> None:
     tell("writing")
     if out is not None:
-        save_document(simulation.to_dict(), out)
+        write_json(out, simulation.to_dict())
     if plot is not None:
         from twosra_mpc.plotting.run_figure import plot_run
 

@@ -63,15 +63,10 @@ class _GreedyRun:
         self.broken: list[int] = []
         heater = self.problem.robot.heater
         models = [segment_model(self.problem.robot, self.problem.ambient, j) for j in (0, 1)]
-        self.expected_s = {
-            "soft": max(
-                m.time_until(m.initial(m.ambient_C), heater.melt_current_A, m.liquid_level)
-                for m in models
-            ),
-            "rigid": max(
-                m.time_until(m.initial(heater.soft_setpoint_C), 0.0, m.solid_level) for m in models
-            ),
-        }
+        melt_A, soft_C = heater.melt_current_A, heater.soft_setpoint_C
+        melts = [m.time_until(m.initial(m.ambient_C), melt_A, m.liquid_level) for m in models]
+        freezes = [m.time_until(m.initial(soft_C), 0.0, m.solid_level) for m in models]
+        self.expected_s = {"soft": max(melts), "rigid": max(freezes)}
 
     def run(self) -> tuple[Ending, str]:
         """Choose modes and drive in them until there is an ending."""

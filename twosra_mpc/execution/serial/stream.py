@@ -127,11 +127,9 @@ def check_sendable(plan: Plan) -> None:
         NoPlanError: If it does not pass the check again.
         InputError: If it keeps a segment warm, which the firmware's commands cannot say.
     """
-    samples = plan.trajectory.samples
-    checked = verify(plan.problem, samples, plan.phases, plan.transitions)
-    if not checked.ok:
+    if not (checked := verify(plan.trajectory)).ok:
         raise NoPlanError(Status.FAILED, f"verified again, {checked.problems[0]}")
-    heater, setpoint_C = plan.robot.heater, samples.heater_setpoint_C
+    heater, setpoint_C = plan.robot.heater, plan.samples.heater_setpoint_C
     if ((setpoint_C > heater.rigid_setpoint_C) & (setpoint_C < heater.soft_setpoint_C)).any():
         allowed = "another: the firmware can heat a segment or not, but not keep it warm"
         raise InputError("heating", plan.problem.heating, allowed)
