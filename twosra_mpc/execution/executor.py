@@ -65,13 +65,8 @@ class _Execution:
             ending = self._arrived() if left is None else self._left(left)
             ending = ending or self._plan_again()
             if ending is not None:
-                return self.session.finish(
-                    "optimal",
-                    self.settings.accuracy,
-                    *ending,
-                    plans=tuple(self.plans),
-                    begun=tuple(self.begun),
-                )
+                followed = tuple(self.plans), tuple(self.begun)
+                return self.session.finish("optimal", self.settings.accuracy, *ending, *followed)
 
     def _follow(self, plan: Plan) -> Abort | None:
         settings = self.settings
@@ -128,15 +123,9 @@ class _Execution:
         mode = session.mode
         assert mode is not None
         try:
-            problem = remaining_problem(
-                self.problem,
-                session.q,
-                session.reading.temperature_C,
-                mode,
-                settings.accuracy,
-                self.broken,
-            )
-            result = find_plan(problem)
+            now = session.q, session.reading.temperature_C, mode
+            rest = remaining_problem(self.problem, *now, settings.accuracy, self.broken)
+            result = find_plan(rest)
         except InputError as error:
             return self._no_plan(str(error))
         if result.plan is None:

@@ -8,6 +8,7 @@ driven.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -44,30 +45,29 @@ class Abort(NamedTuple):
     stiff: bool = False
 
 
+@dataclass(eq=False)
 class PlanRunner:
     """One plan on its way; ``follow`` may be called once.
 
     Attributes:
-        session: The run it is a part of.
+        session: The run it is a part of; the robot is where the plan starts.
         plan: The plan.
-        schedule: Its heaters by events.
+        feedback: What it waits for, and how it is driven.
         patience: How long it waits.
+        longest_s: Longest run.
+        schedule: The plan's heaters by events.
         clock_s: Time of the plan.
         driven: The phases driven so far.
     """
 
-    def __init__(
-        self,
-        session: Session,
-        plan: Plan,
-        feedback: ByReports,
-        patience: Patience,
-        longest_s: float = math.inf,
-    ) -> None:
-        """Make ready to run a plan that starts where the robot is, until ``longest_s``."""
-        self.session, self.plan, self.feedback = session, plan, feedback
-        self.patience, self.longest_s = patience, longest_s
-        self.schedule = HeaterSchedule(plan)
+    session: Session
+    plan: Plan
+    feedback: ByReports
+    patience: Patience
+    longest_s: float = math.inf
+
+    def __post_init__(self) -> None:
+        self.schedule = HeaterSchedule(self.plan)
         self.clock_s = 0.0
         self.driven: list[Drive] = []
         self._planned = -1.0, np.empty(0)

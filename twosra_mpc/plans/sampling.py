@@ -45,15 +45,15 @@ def sample(
     resting = ~v.any(axis=1)
     soft = np.column_stack([item.soft(just_after) for item in heating])
     mode[resting] = soft[resting]
-    metal = [item.temperature_and_melt_fraction(t) for item in heating]
+    metal = np.stack([item.temperature_and_melt_fraction(t) for item in heating], -1)
     return Samples(
         t_s=t,
         q=q,
         v=v,
         mode=mode,
         wheel_rad_s=wheel_speeds(problem.robot, q, v, mode),
-        temperature_C=np.column_stack([temperature for temperature, _ in metal]),
-        melt_fraction=np.column_stack([fraction for _, fraction in metal]),
+        temperature_C=metal[0],
+        melt_fraction=metal[1],
         heater_setpoint_C=np.column_stack([item.setpoint_C(just_after) for item in heating]),
         heater_current_A=np.column_stack([item.current_A(just_after) for item in heating]),
     )

@@ -122,15 +122,15 @@ class Trajectory:
         times, at, elapsed = self._in_force(t)
         held, q = self.samples, self._flown(at, elapsed)
         v, mode = held.v[at], held.mode[at]
-        metal = [item.temperature_and_melt_fraction(times) for item in self._heating]
+        metal = np.stack([item.temperature_and_melt_fraction(times) for item in self._heating], -1)
         return Samples(
             t_s=times,
             q=q,
             v=v,
             mode=mode,
             wheel_rad_s=wheel_speeds(self.problem.robot, q, v, mode),
-            temperature_C=np.column_stack([temperature for temperature, _ in metal]),
-            melt_fraction=np.column_stack([fraction for _, fraction in metal]),
+            temperature_C=metal[0],
+            melt_fraction=metal[1],
             heater_setpoint_C=held.heater_setpoint_C[at],
             heater_current_A=held.heater_current_A[at],
         )

@@ -20,13 +20,8 @@ from twosra_mpc.control.controller import StiffnessController, stiffness_control
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
+from twosra_mpc.execution.serial import firmware_lines
 from twosra_mpc.execution.serial.clock import Clock
-from twosra_mpc.execution.serial.firmware_lines import (
-    HIGHEST_RATE_HZ,
-    command,
-    parse_report,
-    stop_command,
-)
 from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.serial.port import Port, PortError
 from twosra_mpc.execution.settings import Patience
@@ -87,8 +82,8 @@ def connected(
         RobotError: If the line does not work any more.
     """
     camera = Camera(rate_Hz=rate_Hz) if poses is None else poses.camera
-    if not 1 <= camera.rate_Hz <= HIGHEST_RATE_HZ:
-        allowed = f"from 1 to {HIGHEST_RATE_HZ:g} Hz, which the line carries"
+    if not 1 <= camera.rate_Hz <= (most_Hz := firmware_lines.HIGHEST_RATE_HZ):
+        allowed = f"from 1 to {most_Hz:g} Hz, which the line carries"
         raise InputError("rate", camera.rate_Hz, allowed)
     with deferred_interrupts() as interrupts:
         connection = port, clock, interrupts, robot_id, poses, patience or Patience()
@@ -180,11 +175,9 @@ class SerialRobot:
         taken_s, frames = np.empty(0), np.empty((0, self.robot.coordinates.size))
         if self.poses is not None:
             taken_s, frames = self.poses.frames(now_s)
-        if not self._segments:
-            n = self._count
-            return Reading(now_s, taken_s, frames, (math.nan,) * n, (None,) * n, (False,) * n)
         known = [(item.temperature_C, item.stiffness, item.faulty) for item in self._segments]
-        return Reading(now_s, taken_s, frames, *zip(*known, strict=True))
+        unknown = [(math.nan, None, False)] * self._count
+        return Reading(now_s, taken_s, frames, *zip(*(known or unknown), strict=True))
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Send a command, unless the robot stands and has just been told the same.
@@ -193,7 +186,7 @@ class SerialRobot:
         """
         soft_C = self.robot.heater.soft_setpoint_C
         self._heated = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
-        line = command(wheel_rad_s.tolist(), self._heated, self.robot_id)
+        line = firmware_lines.command(wheel_rad_s.tolist(), self._heated, self.robot_id)
         now_s, turned = self.clock.now_s(), self._turns
         self._turns = bool(wheel_rad_s.any())
         if not (self._turns and turned):
@@ -225,9 +218,10 @@ class SerialRobot:
         """Tell the robot several times to stand and let its heaters cool; an error if none went."""
         failure: PortError | None = None
         sent = 0
+        stop = firmware_lines.stop_command(self._count, self.robot_id)
         for _ in range(STOPS):
             try:
-                self.port.write(stop_command(self._count, self.robot_id))
+                self.port.write(stop)
                 sent += 1
             except PortError as error:
                 failure = error
@@ -242,7 +236,7 @@ class SerialRobot:
         """Readings of each segment that have been reported since the last time."""
         heard: list[list[float]] = [[] for _ in range(self._count)]
         for line in self.port.read_lines():
-            if (report := parse_report(line, self._count)) is not None:
+            if (report := firmware_lines.parse_report(line, self._count)) is not None:
                 heard[report.segment].append(report.temperature_C)
         return heard
 

@@ -192,18 +192,9 @@ class SimulatedRobot:
         self._on_the_way += zip(range(self._tick - ticks + 1, self._tick + 1), frames, strict=True)
 
     def _note(self) -> None:
-        segments = self.segments
-        self._told.append(
-            (
-                self.time_s,
-                self.q,
-                [segment.temperature_C for segment in segments],
-                [segment.melt_fraction for segment in segments],
-                [segment.current_A for segment in segments],
-                [segment.heat_J for segment in segments],
-                self._forced * self.camera.period_s,
-            )
-        )
+        metal = [(s.temperature_C, s.melt_fraction, s.current_A, s.heat_J) for s in self.segments]
+        forced_s = self._forced * self.camera.period_s
+        self._told.append((self.time_s, self.q, *zip(*metal, strict=True), forced_s))
 
 
 def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot:
@@ -248,7 +239,7 @@ def heated_segments(
     return tuple(
         HeatedSegment(
             true_model(segment_model(robot, air, j), robot.thermal_segment(j).ranges, what, rng),
-            true_sensor(robot, air, j, what, differences),
+            true_sensor(temperature_sensor(robot, air, j), what, differences),
             stiffness_controller(robot, air, j),
             problem.temperatures[j],
             noise,
@@ -277,14 +268,9 @@ def true_model(
 
 
 def true_sensor(
-    robot: Robot,
-    ambient_C: float,
-    segment: int,
-    what: Disturbance,
-    differences: np.random.Generator,
+    nominal: TemperatureSensor, what: Disturbance, differences: np.random.Generator
 ) -> TemperatureSensor:
     """Draw a sensor whose parts are off, and which may be faster than its description."""
-    nominal = temperature_sensor(robot, ambient_C, segment)
     parts = what.thermistor * differences.standard_normal(3)
     faster = 1 - what.thermal_ranges * (1 - _SHORTEST_LAG) * differences.random()
     return replace(

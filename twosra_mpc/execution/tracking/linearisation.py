@@ -112,14 +112,15 @@ def tracking_program(setup: Setup) -> TrackingProgram:
     ]
     first = [y[0], reference[:, 1] + previous[:m] * setup.scale]
     sent = _command(setup, stage, prediction.motion(setup, stage, start, first)[0], wheels)
-    pattern = matrix.sparsity()
+    cost, pattern = np.zeros(setup.variables), matrix.sparsity()
+    cost[m * n :] = setup.weights.curvature_penalty / SLACK_UNIT / _norm(setup)
     values = (np.ones(matrix.nnz()), pattern.row(), pattern.colind())
     return TrackingProgram(
         setup=setup,
         linearise=ca.Function("linearise", arguments, numbers, {"cse": True}),
         command=ca.Function("command", arguments, sent, {"cse": True}),
         hessian=_hessian(setup),
-        cost=_cost(setup),
+        cost=cost,
         constraints=sparse.csc_matrix(values, shape=matrix.shape),
         next_rows=_next_rows(kinds),
     )
@@ -138,14 +139,6 @@ def _hessian(setup: Setup) -> sparse.csc_matrix:
     hessian = np.zeros((setup.variables, setup.variables))
     hessian[: m * n, : m * n] = np.kron(band, np.eye(m)) / _norm(setup)
     return sparse.csc_matrix(hessian)
-
-
-def _cost(setup: Setup) -> Array:
-    cost = np.zeros(setup.variables)
-    cost[setup.outputs.count * setup.horizon :] = (
-        setup.weights.curvature_penalty / SLACK_UNIT / _norm(setup)
-    )
-    return cost
 
 
 def _constraints(

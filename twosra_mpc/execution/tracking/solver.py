@@ -6,7 +6,7 @@ import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -31,8 +31,7 @@ class Quality(enum.Enum):
     UNUSABLE = enum.auto()
 
 
-@dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(NamedTuple):
     """How well a point solves a quadratic program, in its scaled units; infinity norms.
 
     Attributes:
