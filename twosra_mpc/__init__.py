@@ -29,13 +29,7 @@ if TYPE_CHECKING:
     from twosra_mpc.plans.result import Result
     from twosra_mpc.plans.setpoints import save_setpoints
     from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
-    from twosra_mpc.problem.problem import (
-        Problem,
-        Start,
-        Weights,
-        load_problem,
-        scenario_names,
-    )
+    from twosra_mpc.problem.problem import Problem, Start, Weights, load_problem, scenario_names
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
     from twosra_mpc.schema import json_schema

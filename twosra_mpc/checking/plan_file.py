@@ -102,22 +102,19 @@ def check_plan(path: str | Path) -> PlanCheck:
 
 def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
     """Every rule of motion: first those with a margin."""
-    yield from _motion(coordinates, found.verification)
-    for name, margin in found.verification.limits.items():
+    checked = found.verification
+    margin = DEFECT_TOLERANCE - checked.max_defect
+    departs = f"departs from the samples by {checked.max_defect:.2g} (m, rad or 1/m)"
+    yield Check("re-integration", departs, margin >= 0, margin)
+    errors = zip(coordinates.names, coordinates.units, checked.goal_error, strict=True)
+    for name, unit, error in errors:
+        margin = GOAL_TOLERANCE - abs(error)
+        yield Check(f"goal.{name}", f"missed by {abs(error):.2g} {unit}", margin >= 0, margin, unit)
+    for name, margin in checked.limits.items():
         state = "kept" if margin >= 0 else "exceeded"
         yield Check(f"limit {name}", state, margin >= 0, margin, _UNITS[name])
     for name, broken in found.rules.items():
         yield Check(name, broken[0] if broken else "kept", not broken)
-
-
-def _motion(coordinates: Coordinates, found: Verification) -> Iterator[Check]:
-    margin = DEFECT_TOLERANCE - found.max_defect
-    departs = f"departs from the samples by {found.max_defect:.2g} (m, rad or 1/m)"
-    yield Check("re-integration", departs, margin >= 0, margin)
-    errors = zip(coordinates.names, coordinates.units, found.goal_error, strict=True)
-    for name, unit, error in errors:
-        margin = GOAL_TOLERANCE - abs(error)
-        yield Check(f"goal.{name}", f"missed by {abs(error):.2g} {unit}", margin >= 0, margin, unit)
 
 
 def _allowed_modes(plan: Plan) -> Check:

@@ -155,10 +155,17 @@ class Trajectory:
         Raises:
             InputError: If the rate is not positive, or beyond 1000 Hz.
         """
-        check_rate(rate_Hz)
-        end = self.duration_s
-        t = np.arange(int(np.floor(end * rate_Hz + 1e-9)) + 1) / rate_Hz
+        t, end = self.regular_times(rate_Hz), self.duration_s
         return self.at(np.append(t, end) if t[-1] < end - SAME_TIME_S else t)
+
+    def regular_times(self, rate_Hz: float) -> Array:
+        """Times [s] at a regular rate, from 0 until no later than the end.
+
+        Raises:
+            InputError: If the rate is not positive, or beyond 1000 Hz.
+        """
+        check_rate(rate_Hz)
+        return np.arange(int(np.floor(self.duration_s * rate_Hz + 1e-9)) + 1) / rate_Hz
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:

@@ -82,7 +82,8 @@ def connected(
         RobotError: If the line does not work any more.
     """
     camera = Camera(rate_Hz=rate_Hz) if poses is None else poses.camera
-    if not 1 <= camera.rate_Hz <= (most_Hz := firmware_lines.HIGHEST_RATE_HZ):
+    most_Hz = firmware_lines.HIGHEST_RATE_HZ
+    if not 1 <= camera.rate_Hz <= most_Hz:
         allowed = f"from 1 to {most_Hz:g} Hz, which the line carries"
         raise InputError("rate", camera.rate_Hz, allowed)
     with deferred_interrupts() as interrupts:

@@ -16,12 +16,7 @@ from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.setup import (
-    Setup,
-    SolverSettings,
-    TrackerLimits,
-    TrackerWeights,
-)
+from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.solver import ProgramInPlace, QuadraticProgram, Quality
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
@@ -105,12 +100,7 @@ class PhaseReference:
     """
 
     def __init__(
-        self,
-        trajectory: Trajectory,
-        phase: Phase,
-        selection: Array,
-        horizon: int,
-        period_s: float,
+        self, trajectory: Trajectory, phase: Phase, selection: Array, horizon: int, period_s: float
     ) -> None:
         """Put outputs y = ``selection`` q on a grid that looks ``horizon`` periods either way."""
         self._grid_s = period_s / PARTS
