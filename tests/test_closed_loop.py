@@ -12,8 +12,9 @@ import pytest
 
 from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
-from twosra_mpc.execution.executor import Executor, ExecutorSettings
+from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.run import Ending
+from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate

@@ -13,20 +13,17 @@ from numpy.typing import NDArray
 from scipy.optimize import newton
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, plan
-from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.execution.camera_feedback import Pulses, predicted_curvatures
 from twosra_mpc.execution.camera_filter import CameraFilter
-from twosra_mpc.execution.executor import Executor, ExecutorSettings
+from twosra_mpc.execution.executor import Executor, remaining_problem
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress
-from twosra_mpc.execution.predicted_end import predicted_curvatures
-from twosra_mpc.execution.pulses import Pulses
-from twosra_mpc.execution.remaining import remaining_problem
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.settings import Accuracy, ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import LEVELS
-from twosra_mpc.execution.simulation.metrics import metrics, spread
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
-from twosra_mpc.execution.simulation.simulate import Simulation, simulate
+from twosra_mpc.execution.simulation.simulate import Simulation, simulate, spread
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot
@@ -199,7 +196,7 @@ class Pushed(SimulatedRobot):
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         super().send(wheel_rad_s, heater_setpoint_C)
         if self.mode == self.at_mode and wheel_rad_s.any() and not self.pushed:
-            self._q = self._q + self.push
+            self.q = self.q + self.push
             self.pushed = True
 
 
@@ -491,7 +488,7 @@ def test_accuracy_counts_distances_in_its_own_units() -> None:
 
 def test_a_spread_is_median_tail_and_worst(disturbed: Callable[..., Simulation]) -> None:
     done = disturbed("paper-2", 2)
-    found = metrics(done.run, done.truth)
+    found = done.metrics
     runs = [found._replace(time_s=float(k)) for k in range(1, 102)]
     assert spread(runs, lambda each: each.time_s) == pytest.approx((51.0, 91.0, 101.0))
 

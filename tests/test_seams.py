@@ -32,7 +32,7 @@ ALLOWED = {
     "rich": ("cli/",),
     "pydantic": (
         *("validation.py", "schema.py", "robot/", "problem/", "plans/document.py"),
-        *("execution/patience.py", "execution/tracking/settings.py"),
+        "execution/tracking/setup.py",
     ),
     "pydantic_core": ("validation.py",),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -220,7 +221,7 @@ def made(request: pytest.FixtureRequest) -> Plan:
 
 
 def problems_of(made: Plan, samples: Samples) -> list[str]:
-    return list(transition_problems(made.problem, samples, made.phases, made.transitions))
+    return list(transition_problems(replace(made.trajectory, samples=samples)))
 
 
 def with_column(samples: Samples, name: str, segment: int, values: Sequence[float]) -> Samples:

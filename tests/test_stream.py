@@ -16,14 +16,14 @@ from problems import ROBOT
 from simulated_firmware import SimulatedFirmware
 
 from twosra_mpc import InputError, NoPlanError, Plan
-from twosra_mpc.execution.feedback import WheelCommand, wheel_commands
-from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.run import Drive
+from twosra_mpc.execution.runner import WheelCommand, wheel_commands
 from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.firmware_lines import stop_command
 from twosra_mpc.execution.serial.port import PortError
 from twosra_mpc.execution.serial.robot import STOPS
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, StreamState, stream
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.modes import Mode
 
 RATE_HZ, SLOW_HZ = 15.0, 5.0

@@ -18,12 +18,12 @@ import numpy as np
 import pytest
 from conftest import Planned, Run, Solved
 
-from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.serial import port as port_module
 from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_report, stop_command
 from twosra_mpc.execution.serial.port import PortError, SerialPort
 from twosra_mpc.execution.serial.robot import STOPS
 from twosra_mpc.execution.serial.stream import StreamError, stream
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.installation import install_command
 
 STOP = stop_command(2)

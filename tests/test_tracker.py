@@ -21,6 +21,7 @@ from twosra_mpc import (
     InputError,
     Plan,
     Problem,
+    Robot,
     Start,
     load_problem,
     load_robot,
@@ -28,12 +29,21 @@ from twosra_mpc import (
     with_path_model,
 )
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.outputs import outputs_of
-from twosra_mpc.execution.tracking.reference import PhaseReference
-from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
-from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.setup import (
+    Setup,
+    SolverSettings,
+    TrackerLimits,
+    TrackerWeights,
+    outputs_of,
+)
 from twosra_mpc.execution.tracking.solver import QuadraticProgram
-from twosra_mpc.execution.tracking.tracker import Command, CommandStatus, Measurement, Tracker
+from twosra_mpc.execution.tracking.tracker import (
+    Command,
+    CommandStatus,
+    Measurement,
+    PhaseReference,
+    Tracker,
+)
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.modes import (
@@ -123,6 +133,27 @@ def dense_solution(program: QuadraticProgram) -> Array:
     return x
 
 
+def test_robots_that_differ_in_their_heat_alone_share_compiled_programs(planned: Planned) -> None:
+    of = planned("paper-2")
+    heater, limits = of.robot.heater, of.robot.limits
+    warmer = heater.with_values(soft_setpoint_C=heater.soft_setpoint_C + 1.0)
+    slower = limits.with_values(wheel_speed_rad_s=limits.wheel_speed_rad_s / 2)
+
+    def compiled_for(robot: Robot) -> int:
+        """How many programs are compiled when a tracker of this robot is given the plan."""
+        before = tracking_program.cache_info().misses
+        problem = of.problem.with_values(robot=robot)
+        trajectory = dataclasses.replace(of.trajectory, problem=problem)
+        Tracker(robot).reset(dataclasses.replace(of, trajectory=trajectory))
+        return tracking_program.cache_info().misses - before
+
+    tracking_program.cache_clear()
+    modes = len({phase.mode for phase in of.phases})
+    assert compiled_for(of.robot) == modes
+    assert compiled_for(of.robot.with_values(name="another", heater=warmer)) == 0
+    assert compiled_for(of.robot.with_values(limits=slower)) == modes
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_the_program_is_solved(planned: Planned, mode: Mode) -> None:
     tight = SolverSettings(tolerance=1e-10, max_iterations=100_000)
@@ -155,7 +186,7 @@ def speeds(setup: Setup, kappa: Array, bending: Array, y: Array, y_next: Array) 
     ``kappa`` are the curvatures for the outputs half way at the linearisation point (the last two
     entries of it); ``bending`` how they change with the outputs.
     """
-    compiled, outputs, limits = kinematics(setup.robot), setup.outputs, setup.robot.limits
+    compiled, outputs, limits = kinematics(setup.body), setup.outputs, setup.body.limits
     middle = (y + y_next) / 2
     q = np.zeros(5)
     if setup.mode == RIGID:
@@ -174,7 +205,7 @@ def speeds(setup: Setup, kappa: Array, bending: Array, y: Array, y_next: Array) 
 def bends(setup: Setup, kappa: Array) -> Array:
     """How both curvatures change with the outputs, (2, m)."""
     q, inputs = np.concatenate([np.zeros(3), kappa]), list(setup.outputs.inputs)
-    jacobian = kinematics(setup.robot).jacobian(q, setup.mode).full()[:, inputs]
+    jacobian = kinematics(setup.body).jacobian(q, setup.mode).full()[:, inputs]
     change: Array = jacobian[3:] @ np.linalg.inv(setup.outputs.selection @ jacobian)
     return change
 
@@ -183,7 +214,7 @@ def bends(setup: Setup, kappa: Array) -> Array:
 @pytest.mark.parametrize("name", ["2sra-v1-paper", "2sra-v1"])
 def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
     limits = TrackerLimits(wheel_rate_rad_s2=20.0)
-    setup = Setup(load_robot(name), mode, 4, 1 / 15, TrackerWeights(), limits)
+    setup = Setup(load_robot(name).body, mode, 4, 1 / 15, TrackerWeights(), limits)
     program, outputs, n = tracking_program(setup), setup.outputs, setup.horizon
     rng = np.random.default_rng(7)
     m = outputs.count
@@ -205,16 +236,16 @@ def test_limits_are_linearised_exactly(mode: Mode, name: str) -> None:
         stages = [speeds(setup, *at[k], y[k], y[k + 1]) for k in range(n)]
         turns = np.any(drives, axis=1)
         turning = turns if mode == RIGID else np.concatenate([[True, True], turns])
-        last = wheels / setup.robot.limits.wheel_speed_rad_s
+        last = wheels / setup.body.limits.wheel_speed_rad_s
         before = [last, *(stage[-4:] for stage in stages)]
-        most = setup.wheel_change / setup.robot.limits.wheel_speed_rad_s
+        most = setup.wheel_change / setup.body.limits.wheel_speed_rad_s
         rates = [(stages[k][-4:] - before[k])[turns] / most for k in range(3)]
         kept = turning.copy()
         if mode != RIGID and name == "2sra-v1-paper":
             kept[2:] = False  # what the units' speeds bound already
         return np.concatenate([*(stage[kept] for stage in stages), *rates])
 
-    drives = kinematics(setup.robot).wheel_matrix(q, mode).full()[:, list(outputs.inputs)]
+    drives = kinematics(setup.body).wheel_matrix(q, mode).full()[:, list(outputs.inputs)]
     kappa, at = q[3:], []
     change = bends(setup, kappa) if mode != RIGID else np.zeros((2, m))
     for k in range(n):
@@ -294,7 +325,7 @@ def test_small_deviations_decay_with_the_response_time(planned: Planned) -> None
     end = configuration(of, of.phases[0].end_s)
     q = end + np.array([1e-3, -5e-4, 0.01, 0.0, 0.0])
     before = (q - end)[:3]
-    setup = Setup(of.robot, RIGID, 20, tracker.period_s, tracker.weights, tracker.limits)
+    setup = Setup(of.robot.body, RIGID, 20, tracker.period_s, tracker.weights, tracker.limits)
     for _ in range(10):
         q = moved(tracker, RIGID, q, tracker.step(Measurement(100.0, 0, q)).v)
         np.testing.assert_allclose((q - end)[:3], setup.decay * before, rtol=1e-4)
@@ -310,7 +341,7 @@ def test_without_active_limits_the_response_is_known_beforehand(
     of = planned(scenario)
     tracker = Tracker(of.robot, solver=SolverSettings(tolerance=1e-9))
     tracker.reset(of)
-    setup = Setup(of.robot, mode, 20, tracker.period_s, tracker.weights, tracker.limits)
+    setup = Setup(of.robot.body, mode, 20, tracker.period_s, tracker.weights, tracker.limits)
     m, n = setup.outputs.count, setup.horizon
     q = configuration(of, of.phases[phase].end_s) + 0.01 * DEVIATION
     for _ in range(2):

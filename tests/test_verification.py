@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import reintegrate, verify
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.modes import MODES, Mode, mode_name
@@ -40,7 +40,7 @@ class Case:
     transitions: tuple[Transition, ...]
 
     def check(self) -> Verification:
-        return verify(self.problem, self.samples, self.phases, self.transitions)
+        return verify(Trajectory(self.problem, self.samples, self.phases, self.transitions))
 
     def first_moving(self, *, soft: bool) -> int:
         """Row of the first sample that moves in a soft mode, or rigidly."""

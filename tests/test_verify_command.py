@@ -221,10 +221,10 @@ def test_the_rule_that_is_broken_is_named(
 
 def test_of_a_time_that_runs_backwards_nothing_else_is_said(planned: Planned) -> None:
     made = planned("paper-1")
-    checked = examine(made.problem, made.samples, made.phases, made.transitions)
+    checked = examine(made.trajectory)
     assert all(not broken for broken in checked.rules.values())
     backwards = dataclasses.replace(made.samples, t_s=made.samples.t_s[::-1])
-    checked = examine(made.problem, backwards, made.phases, made.transitions)
+    checked = examine(dataclasses.replace(made.trajectory, samples=backwards))
     assert checked.rules == {"time grid": ("the time of the samples does not grow",)}
     assert not checked.verification.ok
 

@@ -29,56 +29,34 @@ if TYPE_CHECKING:
     from twosra_mpc.plans.result import Result
     from twosra_mpc.plans.setpoints import save_setpoints
     from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
-    from twosra_mpc.problem.problem import (
-        Problem,
-        Start,
-        Weights,
-        load_problem,
-        scenario_names,
-    )
+    from twosra_mpc.problem.problem import Problem, Start, Weights, load_problem, scenario_names
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
     from twosra_mpc.schema import json_schema
 
-# Public name -> module, imported when the name is first asked for: solvers take a second to load.
-_MODULES = {
-    "Explanation": "analysis.explanation",
-    "Goal": "problem.goals",
-    "GoalSet": "problem.goals",
-    "HeatingLog": "identification.heating_log",
-    "InputError": "errors",
-    "Mode": "robot.modes",
-    "NoPlanError": "errors",
-    "Plan": "plans.plan",
-    "PlanCheck": "checking.plan_file",
-    "Problem": "problem.problem",
-    "Progress": "planning.planner",
-    "Result": "plans.result",
-    "Robot": "robot.description",
-    "RobotShape": "model.outline",
-    "Start": "problem.problem",
-    "Status": "plans.plan",
-    "ThermalFit": "identification.thermal",
-    "Tolerance": "problem.goals",
-    "TwosraError": "errors",
-    "Weights": "problem.problem",
-    "check_plan": "checking.plan_file",
-    "compare_models": "analysis.model_comparison",
-    "explain": "analysis.explanation",
-    "identify": "identification.thermal",
-    "json_schema": "schema",
-    "load_plan": "plans.document",
-    "load_problem": "problem.problem",
-    "load_robot": "robot.description",
-    "plan": "planning.planner",
-    "read_heating_log": "identification.heating_log",
-    "refined": "checking.resampling",
-    "robot_names": "robot.description",
-    "robot_shape": "model.outline",
-    "save_setpoints": "plans.setpoints",
-    "scenario_names": "problem.problem",
-    "with_path_model": "identification.path_choice",
+# Module -> its public names, imported when they are first asked for: solvers take a second to load.
+_PUBLIC = {
+    "analysis.explanation": ("Explanation", "explain"),
+    "analysis.model_comparison": ("compare_models",),
+    "checking.plan_file": ("PlanCheck", "check_plan"),
+    "checking.resampling": ("refined",),
+    "errors": ("InputError", "NoPlanError", "TwosraError"),
+    "identification.heating_log": ("HeatingLog", "read_heating_log"),
+    "identification.path_choice": ("with_path_model",),
+    "identification.thermal": ("ThermalFit", "identify"),
+    "model.outline": ("RobotShape", "robot_shape"),
+    "planning.planner": ("Progress", "plan"),
+    "plans.document": ("load_plan",),
+    "plans.plan": ("Plan", "Status"),
+    "plans.result": ("Result",),
+    "plans.setpoints": ("save_setpoints",),
+    "problem.goals": ("Goal", "GoalSet", "Tolerance"),
+    "problem.problem": ("Problem", "Start", "Weights", "load_problem", "scenario_names"),
+    "robot.description": ("Robot", "load_robot", "robot_names"),
+    "robot.modes": ("Mode",),
+    "schema": ("json_schema",),
 }
+_MODULES = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "Explanation",

@@ -28,11 +28,8 @@ class InputError(TwosraError, ValueError):
         source: str | None = None,
         others: tuple[InputError, ...] = (),
     ) -> None:
-        self.field = field
-        self.value = value
-        self.allowed = allowed
-        self.source = source
-        self.others = others
+        self.field, self.value, self.allowed = field, value, allowed
+        self.source, self.others = source, others
         where = f"{source}: " if source else ""
         lines = [f"{where}{field} = {value!r} is not acceptable; allowed: {allowed}"]
         super().__init__("\n".join([*lines, *map(str, others)]))
@@ -48,9 +45,8 @@ class InputError(TwosraError, ValueError):
 
     def among(self, others: Sequence[InputError]) -> InputError:
         """Return this error with further ones found at the same time."""
-        return InputError(
-            self.field, self.value, self.allowed, self.source, (*self.others, *others)
-        )
+        found = (*self.others, *others)
+        return InputError(self.field, self.value, self.allowed, self.source, found)
 
 
 class NoPlanError(TwosraError):
@@ -62,8 +58,7 @@ class NoPlanError(TwosraError):
     """
 
     def __init__(self, status: str, reason: str) -> None:
-        self.status = status
-        self.reason = reason
+        self.status, self.reason = status, reason
         super().__init__(f"no verified plan ({status}): {reason}")
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -18,10 +18,8 @@ from twosra_mpc.errors import InputError
 
 def built_in_names(folder: str) -> list[str]:
     """Names of the TOML files in a data folder of the package."""
-    entries = files("twosra_mpc").joinpath(folder).iterdir()
-    return sorted(
-        entry.name.removesuffix(".toml") for entry in entries if entry.name[-5:] == ".toml"
-    )
+    names = [entry.name for entry in files("twosra_mpc").joinpath(folder).iterdir()]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def locate(source: str | Path, folder: str, field: str) -> Path:
@@ -63,9 +61,8 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
     try:
         document = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(
-            "file", source, f"valid TOML, or JSON in a .json file ({error})"
-        ) from error
+        allowed = f"valid TOML, or JSON in a .json file ({error})"
+        raise InputError("file", source, allowed) from error
     if not isinstance(document, dict):
         raise InputError("file", source, "a table of keys at the top level")
     return document
@@ -98,6 +95,15 @@ def atomic_path(target: str | Path) -> Iterator[Path]:
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_json(target: str | Path, document: dict[str, Any]) -> None:
+    """Write plain data as JSON, atomically.
+
+    Raises:
+        InputError: If the folder does not exist or cannot be written.
+    """
+    write_text(target, json.dumps(document, allow_nan=False) + "\n")
 
 
 def write_text(target: str | Path, text: str) -> None:

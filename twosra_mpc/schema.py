@@ -15,7 +15,6 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from twosra_mpc.plans.document import PhaseDocument, PlanDocument
 from twosra_mpc.plans.plan import Cost
-from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.goals import Goal
 from twosra_mpc.problem.problem import Problem
@@ -120,13 +119,7 @@ class _Quiet(GenerateJsonSchema):
 
 def json_schema(subject: Subject) -> Schema:
     """Return the JSON Schema (draft 7) of a scenario, robot or plan file; units in descriptions."""
-    match subject:
-        case "scenario":
-            schema = _scenario()
-        case "robot":
-            schema = _robot()
-        case "plan":
-            schema = _plan()
+    schema = {"scenario": _scenario, "robot": _robot, "plan": _plan}[subject]()
     for name, key in _keys(schema):
         key["description"] = describe(name)
     return {"$schema": _DRAFT, "title": f"twosra_mpc {subject}", **schema}
@@ -146,20 +139,18 @@ def _of(model: type[BaseModel]) -> Schema:
     """Pydantic's schema of a record in draft 7."""
     template = "#/definitions/{model}"
     schema = model.model_json_schema(ref_template=template, schema_generator=_Quiet)
-    schema["definitions"] = schema.pop("$defs", {})
-    return _draft_7(schema)
-
-
-def _draft_7(schema: Schema) -> Schema:
-    """Name the items of tuples as draft 7 does, and drop titles that only repeat the key."""
-    found: Schema = {}
-    for name, item in schema.items():
-        if name != "title":
-            key = "items" if name == "prefixItems" else name
-            found[key] = _draft_7(item) if isinstance(item, dict) else item
-            if isinstance(item, list):
-                found[key] = [_draft_7(one) if isinstance(one, dict) else one for one in item]
+    found: Schema = _draft_7({"definitions": schema.pop("$defs", {}), **schema})
     return found
+
+
+def _draft_7(schema: Any) -> Any:
+    """Name the items of tuples as draft 7 does, and drop titles that only repeat the key."""
+    if isinstance(schema, list):
+        return [_draft_7(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    renamed = {"prefixItems": "items"}
+    return {renamed.get(k, k): _draft_7(item) for k, item in schema.items() if k != "title"}
 
 
 def _robot() -> Schema:
@@ -176,8 +167,9 @@ def _robot() -> Schema:
     properties["segment"]["anyOf"].append(_list({"anyOf": [bare, *kinds]}, 1, MOST_SEGMENTS))
     geometry = definitions["Geometry"]
     geometry["required"].remove("segment_length_m")  # where the list has the lengths
-    counted = {**geometry["properties"]["segments"]}
-    properties["segments"] = {"anyOf": [counted, properties["segments"]]}
+    properties["segments"] = {
+        "anyOf": [{**geometry["properties"]["segments"]}, properties["segments"]]
+    }
     return schema
 
 
@@ -204,17 +196,13 @@ def _plan() -> Schema:
     properties["robot"] = {"$ref": "#/definitions/Robot"}
     properties["scenario"] = {"$ref": "#/definitions/Scenario"}
     properties["samples"]["anyOf"][0] = _samples()
-    effort = tuple(item.name for item in fields(Stats))
-    properties["stats"] = _table([{"type": "number"} for _ in effort], effort)
     return {**schema, "definitions": definitions}
 
 
 def _samples() -> Schema:
     """A list of numbers a sample for time, else a list of rows."""
-    widths = {
-        **{"q": (POSE + 1, POSE + MOST_SEGMENTS), "v": (INPUTS, INPUTS)},
-        "wheel_rad_s": (WHEELS, WHEELS),
-    }
+    widths = {"v": (INPUTS, INPUTS), "wheel_rad_s": (WHEELS, WHEELS)}
+    widths["q"] = (POSE + 1, POSE + MOST_SEGMENTS)
     properties: dict[str, Schema] = {}
     for item in fields(Samples):
         cell: Schema = {"enum": [0, 1]} if item.name == "mode" else {"type": "number"}

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from twosra_mpc.checking.transitions import replayed
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
 from twosra_mpc.plans.document import load_plan
@@ -85,7 +86,7 @@ def check_plan(path: str | Path) -> PlanCheck:
     if (plan := result.plan) is None:
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))
-    found = examine(plan.problem, plan.samples, plan.phases, plan.transitions)
+    found = examine(plan.trajectory)
     claims = (
         _allowed_modes(plan),
         _currents(plan.samples),
@@ -101,22 +102,19 @@ def check_plan(path: str | Path) -> PlanCheck:
 
 def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
     """Every rule of motion: first those with a margin."""
-    yield from _motion(coordinates, found.verification)
-    for name, margin in found.verification.limits.items():
+    checked = found.verification
+    margin = DEFECT_TOLERANCE - checked.max_defect
+    departs = f"departs from the samples by {checked.max_defect:.2g} (m, rad or 1/m)"
+    yield Check("re-integration", departs, margin >= 0, margin)
+    errors = zip(coordinates.names, coordinates.units, checked.goal_error, strict=True)
+    for name, unit, error in errors:
+        margin = GOAL_TOLERANCE - abs(error)
+        yield Check(f"goal.{name}", f"missed by {abs(error):.2g} {unit}", margin >= 0, margin, unit)
+    for name, margin in checked.limits.items():
         state = "kept" if margin >= 0 else "exceeded"
         yield Check(f"limit {name}", state, margin >= 0, margin, _UNITS[name])
     for name, broken in found.rules.items():
         yield Check(name, broken[0] if broken else "kept", not broken)
-
-
-def _motion(coordinates: Coordinates, found: Verification) -> Iterator[Check]:
-    margin = DEFECT_TOLERANCE - found.max_defect
-    departs = f"departs from the samples by {found.max_defect:.2g} (m, rad or 1/m)"
-    yield Check("re-integration", departs, margin >= 0, margin)
-    errors = zip(coordinates.names, coordinates.units, found.goal_error, strict=True)
-    for name, unit, error in errors:
-        margin = GOAL_TOLERANCE - abs(error)
-        yield Check(f"goal.{name}", f"missed by {abs(error):.2g} {unit}", margin >= 0, margin, unit)
 
 
 def _allowed_modes(plan: Plan) -> Check:
@@ -158,12 +156,10 @@ def energy_J(problem: Problem, samples: Samples) -> float:
     if not problem.transition_times.needs_segment:
         return float((held_s @ (problem.robot.heater.resistance_ohm * currents**2)).sum())
     total = 0.0
-    for j, temperature in enumerate(problem.temperatures):
+    for j, own in enumerate(currents.T.tolist()):
         model = segment_model(problem.robot, problem.ambient, j)
-        state = model.initial(temperature)
-        for current, held in zip(currents[:, j].tolist(), held_s.tolist(), strict=True):
-            total += model.energy_J(state, current, held)
-            state = model.propagate(state, current, held)
+        *states, _ = replayed(problem, samples, j, model)
+        total += sum(map(model.energy_J, states, own, held_s.tolist()))
     return total
 
 

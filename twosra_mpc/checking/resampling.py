@@ -8,7 +8,7 @@ import numpy as np
 
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.trajectory import check_rate, new_times
+from twosra_mpc.plans.trajectory import new_times
 
 
 def refined(plan: Plan, rate_Hz: float) -> Plan:
@@ -20,10 +20,8 @@ def refined(plan: Plan, rate_Hz: float) -> Plan:
     Raises:
         InputError: If the rate is not positive, or beyond 1000 Hz.
     """
-    check_rate(rate_Hz)
-    given = plan.trajectory
-    known = given.samples.t_s
-    regular = np.arange(int(np.floor(known[-1] * rate_Hz)) + 1) / rate_Hz
-    samples = given.at(np.sort(np.concatenate([known, new_times(regular, known)])))
-    checked = verify(plan.problem, samples, plan.phases, plan.transitions)
-    return replace(plan, trajectory=replace(given, samples=samples), verification=checked)
+    given, known = plan.trajectory, plan.samples.t_s
+    further = new_times(given.regular_times(rate_Hz), known)
+    samples = given.at(np.sort(np.concatenate([known, further])))
+    trajectory = replace(given, samples=samples)
+    return replace(plan, trajectory=trajectory, verification=verify(trajectory))

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.thermal.model import SegmentModel, State
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
-Array = NDArray[np.float64]
-
 _TEMPERATURE_TOLERANCE_C = 0.02
 _LEVEL_TOLERANCE = 1e-3  # of the way from solid to liquid
 
 
-def transition_problems(
-    problem: Problem,
-    samples: Samples,
-    phases: Sequence[Phase],
-    transitions: Sequence[Transition],
-) -> Iterator[str]:
+def transition_problems(trajectory: Trajectory) -> Iterator[str]:
     """Order and duration of the transitions of each segment, and the stiffness at the end."""
-    for earlier, after in itertools.pairwise(phases):
+    problem, transitions = trajectory.problem, trajectory.transitions
+    for earlier, after in itertools.pairwise(trajectory.phases):
         if after.start_s < earlier.end_s - TIME_TOLERANCE_S:
             yield f"the phase at {after.start_s:.3f} s starts before the one before it has ended"
     timing = transition_model(problem)
@@ -43,22 +37,21 @@ def transition_problems(
                 yield f"{name}: before the transition before it is done"
             if not item.heater_s - TIME_TOLERANCE_S <= item.onset_s <= item.done_s:
                 yield f"{name}: heater, onset and done are out of order"
-            found = timing.violations(item, before, transitions)
-            yield from (f"{name}: {text}" for text in found)
+            for text in timing.violations(item, before, transitions):
+                yield f"{name}: {text}"
             stiffness, before = int(item.to == "soft"), item
         if stiffness != problem.goal.mode[j]:
             wanted = "soft" if problem.goal.mode[j] else "rigid"
             yield f"segment {j + 1} does not end {wanted}"
         if problem.transition_times.needs_segment:
-            yield from _replay_problems(problem, samples, transitions, j)
+            yield from _replay_problems(trajectory, j)
 
 
-def _replay_problems(
-    problem: Problem, samples: Samples, transitions: Sequence[Transition], segment: int
-) -> Iterator[str]:
+def _replay_problems(trajectory: Trajectory, segment: int) -> Iterator[str]:
     """Propagate the sampled heater currents and see whether the metal does what the plan says."""
+    problem, samples = trajectory.problem, trajectory.samples
     model = segment_model(problem.robot, problem.ambient, segment)
-    states = _replayed(problem, samples, segment, model)
+    states = replayed(problem, samples, segment, model)
     name = f"segment {segment + 1}"
     temperature = np.array([model.temperature_C(state) for state in states])
     apart = np.abs(temperature - samples.temperature_C[:, segment])
@@ -82,7 +75,7 @@ def _replay_problems(
     )
     if wrong.any():
         yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:.3f} s"
-    mine = own_transitions(transitions, segment)
+    mine = own_transitions(trajectory.transitions, segment)
     for item in mine:
         at = int(np.argmin(np.abs(samples.t_s - item.heater_s)))
         yield from _window_problems(problem, model, item, states[at])
@@ -103,7 +96,7 @@ def _unreached(
     return f"do not make it {to} until {when:.3f} s"
 
 
-def _replayed(problem: Problem, samples: Samples, segment: int, model: SegmentModel) -> list[State]:
+def replayed(problem: Problem, samples: Samples, segment: int, model: SegmentModel) -> list[State]:
     """State of a segment at every sample."""
     states = [model.initial(problem.temperatures[segment])]
     currents = samples.heater_current_A[:-1, segment].tolist()

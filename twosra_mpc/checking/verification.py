@@ -7,7 +7,7 @@ as they will be written to the file, the kinematics, and the robot description.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import fields
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from twosra_mpc.checking.transitions import transition_problems
 from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Phase, Samples, flown
+from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
 from twosra_mpc.problem.limits import (
     RELATIVE_ROUNDING,
     WHEEL_ACCELERATION,
@@ -26,12 +26,9 @@ from twosra_mpc.problem.limits import (
     verified_margins,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Coordinates
+from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
-
-Array = NDArray[np.float64]
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
@@ -53,39 +50,28 @@ class Findings(NamedTuple):
     rules: dict[str, tuple[str, ...]]
 
 
-def verify(
-    problem: Problem,
-    samples: Samples,
-    phases: Sequence[Phase],
-    transitions: Sequence[Transition],
-) -> Verification:
+def verify(trajectory: Trajectory) -> Verification:
     """Re-integrate a plan and check limits, transitions and goal."""
-    return examine(problem, samples, phases, transitions).verification
+    return examine(trajectory).verification
 
 
-def examine(
-    problem: Problem,
-    samples: Samples,
-    phases: Sequence[Phase],
-    transitions: Sequence[Transition],
-) -> Findings:
+def examine(trajectory: Trajectory) -> Findings:
     """Verify a plan, and say of every rule whether it holds."""
+    problem, samples = trajectory.problem, trajectory.samples
     grid = {"time grid": tuple(_grid_problems(samples))}
     if unusable := grid["time grid"]:  # nothing can be integrated on such a grid
-        nothing = Verification(
-            np.inf, (np.inf,) * problem.robot.coordinates.size, {}, ok=False, problems=unusable
-        )
-        return Findings(nothing, grid)
+        unknown = (np.inf,) * problem.robot.coordinates.size
+        return Findings(Verification(np.inf, unknown, {}, ok=False, problems=unusable), grid)
     reached = reintegrate(problem, samples)
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
     limits = _margins(problem, samples)
     rules = grid | {
-        "stiffness while moving": tuple(_stiffness_problems(problem, samples, transitions)),
+        "stiffness while moving": tuple(_stiffness_problems(trajectory)),
         "steady speeds": tuple(_speed_problems(problem, samples)),
-        "samples and phases": tuple(_coverage_problems(samples, phases, transitions)),
-        "wheels and heaters": tuple(_command_problems(problem, samples, transitions)),
-        "transitions": tuple(transition_problems(problem, samples, phases, transitions)),
+        "samples and phases": tuple(_coverage_problems(trajectory)),
+        "wheels and heaters": tuple(_command_problems(trajectory)),
+        "transitions": tuple(transition_problems(trajectory)),
     }
     problems = [
         *_motion_problems(problem.robot.coordinates, defect, goal_error),
@@ -174,11 +160,11 @@ def _grid_problems(samples: Samples) -> Iterator[str]:
         yield "the time of the samples does not grow"
 
 
-def _coverage_problems(
-    samples: Samples, phases: Sequence[Phase], transitions: Sequence[Transition]
-) -> Iterator[str]:
+def _coverage_problems(trajectory: Trajectory) -> Iterator[str]:
     """The samples last as long as the plan, and move exactly in its phases, in their modes."""
-    last = max([0.0, *(p.end_s for p in phases), *(item.done_s for item in transitions)])
+    samples, phases = trajectory.samples, trajectory.phases
+    ends = (*(phase.end_s for phase in phases), *(item.done_s for item in trajectory.transitions))
+    last = max(ends, default=0.0)
     if samples.t_s[-1] < last - TIME_TOLERANCE_S:
         yield f"the samples end at {samples.t_s[-1]:.3f} s, before the plan does at {last:.3f} s"
     middle = (samples.t_s[1:] + samples.t_s[:-1]) / 2
@@ -194,10 +180,9 @@ def _coverage_problems(
         yield f"at {when:.3f} s the samples move outside of a phase, or rest in one"
 
 
-def _command_problems(
-    problem: Problem, samples: Samples, transitions: Sequence[Transition]
-) -> Iterator[str]:
+def _command_problems(trajectory: Trajectory) -> Iterator[str]:
     """Wheels turn as v asks, heaters are on from heater time to heater time and off otherwise."""
+    problem, samples = trajectory.problem, trajectory.samples
     wheels = _wheel_speeds(problem, samples.q, samples.v, samples.mode)
     apart = np.abs(samples.wheel_rad_s - wheels).max(axis=1)
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
@@ -208,7 +193,7 @@ def _command_problems(
     lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
     for j, (solid_below_C, _) in enumerate(problem.segment_thresholds_C):
         on = np.full(len(just_after), bool(problem.start_mode[j]))
-        for item in own_transitions(transitions, j):
+        for item in own_transitions(trajectory.transitions, j):
             on[just_after >= item.heater_s] = item.to == "soft"
         setpoint = samples.heater_setpoint_C[:, j]
         wrong = np.where(on, setpoint != heater.soft_setpoint_C, setpoint > solid_below_C)
@@ -246,7 +231,8 @@ def _speed_problems(problem: Problem, samples: Samples) -> Iterator[str]:
     )
     jump = np.abs(after[1:] - before).max(axis=1)
     if jump.max(initial=0.0) > WHEEL_TOLERANCE_RAD_S:
-        yield f"at {samples.t_s[1:][int(jump.argmax())]:.3f} s a wheel's speed jumps by {jump.max():.3g} rad/s"
+        when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
+        yield f"at {when:.3f} s a wheel's speed jumps by {by:.3g} rad/s"
     if np.abs(after[0]).max() > WHEEL_TOLERANCE_RAD_S:
         yield "the plan begins in motion"
 
@@ -308,26 +294,23 @@ def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
     return worst
 
 
-def _stiffness_problems(
-    problem: Problem, samples: Samples, transitions: Sequence[Transition]
-) -> Iterator[str]:
+def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:
     """Moving needs every segment to be what the mode says, and none to be changing."""
+    samples = trajectory.samples
     moving = np.flatnonzero(samples.moves)
     if len(moving) and moving[-1] == len(samples) - 1:
         yield "the last sample still moves"
         return
     begin, end = samples.t_s[moving], samples.t_s[moving + 1]
-    for j, start in enumerate(problem.start_mode):
+    for j, start in enumerate(trajectory.problem.start_mode):
         soft = np.full(len(moving), start)
-        for item in own_transitions(transitions, j):
-            soft[begin >= item.done_s - TIME_TOLERANCE_S] = item.to == "soft"
-            clash = (begin < item.done_s - TIME_TOLERANCE_S) & (
-                end > item.onset_s + TIME_TOLERANCE_S
-            )
+        for item in own_transitions(trajectory.transitions, j):
+            done = begin >= item.done_s - TIME_TOLERANCE_S
+            soft[done] = item.to == "soft"
+            clash = ~done & (end > item.onset_s + TIME_TOLERANCE_S)
             if clash.any():
-                yield (
-                    f"the robot moves at {begin[clash][0]:.3f} s while segment {j + 1} is changing"
-                )
+                when = f"{begin[clash][0]:.3f} s"
+                yield f"the robot moves at {when} while segment {j + 1} is changing"
         wrong = soft != samples.mode[moving, j]
         if wrong.any():
             row = moving[np.flatnonzero(wrong)[0]]

@@ -130,8 +130,8 @@ def fit_paths_command(
 ) -> None:
     """Fit paths; see ``_PATHS_HELP``."""
     from twosra_mpc.identification.path_choice import parameters_in_words
-    from twosra_mpc.identification.robot_files import write_fitted_robot
     from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
+    from twosra_mpc.identification.robot_files import write_fitted_robot
 
     described = load_robot(robot)
     with output.progress("fitting"):

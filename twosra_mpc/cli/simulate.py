@@ -11,11 +11,17 @@ import click
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.execution.run import save_document, times
+from twosra_mpc.execution.run import times
 from twosra_mpc.execution.simulation.disturbance import LEVELS, disturbance_level
-from twosra_mpc.execution.simulation.metrics import Metrics, spread
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot
-from twosra_mpc.execution.simulation.simulate import EXECUTORS, Simulation, simulate
+from twosra_mpc.execution.simulation.simulate import (
+    EXECUTORS,
+    Metrics,
+    Simulation,
+    simulate,
+    spread,
+)
+from twosra_mpc.files import write_json
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
@@ -90,7 +96,7 @@ def simulate_command(
         first = simulate(problem, seed=seed, **options)
         tell("writing")
         if out is not None:
-            save_document(first.to_dict(), out)
+            write_json(out, first.to_dict())
         if plot is not None:
             from twosra_mpc.plotting import plot_run
 

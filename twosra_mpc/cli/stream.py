@@ -10,7 +10,6 @@ import click
 from twosra_mpc.cli.options import FILE, command
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.port import Port, open_serial_port
@@ -22,6 +21,7 @@ from twosra_mpc.execution.serial.stream import (
     check_sendable,
     stream,
 )
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan

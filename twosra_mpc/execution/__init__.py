@@ -1,15 +1,13 @@
 """Running plans: on anything that can be read and driven, first of all on a simulated robot."""
 
-from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.execution.executor import Executor, ExecutorSettings
-from twosra_mpc.execution.patience import Patience
+from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError, RobotInterface
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.serial.robot import PoseSource, SerialRobot, connected
+from twosra_mpc.execution.settings import Accuracy, ExecutorSettings, Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
-from twosra_mpc.execution.simulation.metrics import Metrics, Spread, spread
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
-from twosra_mpc.execution.simulation.simulate import Simulation, simulate
+from twosra_mpc.execution.simulation.simulate import Metrics, Simulation, Spread, simulate, spread
 
 __all__ = [
     "LEVELS",

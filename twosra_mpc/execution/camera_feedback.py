@@ -7,23 +7,42 @@ predicted, and the plan is given up as soon as that is certain.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.execution.feedback import ByReports
-from twosra_mpc.execution.predicted_end import predicted_curvatures
-from twosra_mpc.execution.pulses import Pulses
-from twosra_mpc.execution.remaining import ACCEPTED
-from twosra_mpc.execution.runner import Abort, PlanRunner
-from twosra_mpc.execution.tracking.outputs import outputs_of
+from twosra_mpc.execution.runner import Abort, ByReports, PlanRunner
+from twosra_mpc.execution.settings import ACCEPTED, Accuracy
+from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement, Tracker
+from twosra_mpc.model.bending import bending
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.modes import is_rigid, soft_segments
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
-Array = NDArray[np.float64]
+_ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
+_HALVINGS = 60  # of an interval of deviations, down to rounding
+
+
+class Pulses:
+    """Passes fast commands on, and adds slow ones up until they are worth a pulse."""
+
+    def __init__(self, dead_zone_rad_s: float) -> None:
+        """Start with nothing left over from before."""
+        self._least, self._owed = _ABOVE * dead_zone_rad_s, 0.0
+
+    def shape(self, wheel_rad_s: Array) -> Array:
+        """Return what to send for a command of the wheels (4,) in this period."""
+        fastest = float(np.abs(wheel_rad_s).max())
+        if fastest >= self._least or fastest == 0.0:
+            self._owed = 0.0
+            return wheel_rad_s
+        self._owed += fastest / self._least
+        if self._owed < 1.0:
+            return np.zeros(4)
+        self._owed -= 1.0
+        return wheel_rad_s * (self._least / fastest)
 
 
 class ByCamera(ByReports):
@@ -165,3 +184,37 @@ class _TrackedPhase:
         path, modes = plan.trajectory.configuration(times), [item.mode for item in rest]
         kappa = predicted_curvatures(plan.robot, self.session.q, list(path), modes)
         return plan.problem.goal.error(np.concatenate([path[-1, :POSE], kappa]))
+
+
+def predicted_curvatures(
+    robot: Robot, deviated: Array, path: Sequence[Array], modes: Sequence[Mode]
+) -> Array:
+    """Curvatures at the end of a plan whose next phases are driven as they are, (n,) [1/m].
+
+    The locomotion units bend all soft segments at once, each by the same change of its bending
+    coordinate W. So in every phase the deviations of W of the soft segments are shifted by one
+    number, and the tracker chooses it: it brings the mean of their curvatures to the plan's.
+
+    Args:
+        robot: The robot.
+        deviated: Configuration now, (3 + n,).
+        path: Configurations of the plan now and at the end of each of the phases.
+        modes: Modes of these phases.
+    """
+    model = bending(robot)
+
+    def coordinates(q: Array) -> Array:
+        return np.array([model.coordinate(kappa) for kappa in q[POSE:].tolist()])
+
+    deviation = coordinates(deviated) - coordinates(path[0])
+    for end, mode in zip(path[1:], modes, strict=True):
+        if soft := list(soft_segments(mode)):
+            planned = coordinates(end)[soft]
+            low, high = -deviation[soft].max(), -deviation[soft].min()
+            for _ in range(_HALVINGS):
+                shift = (low + high) / 2
+                bent = model.curvature(planned + deviation[soft] + shift)
+                less = bent.mean() < end[POSE:][soft].mean()
+                low, high = (shift, high) if less else (low, shift)
+            deviation[soft] += shift
+    return model.curvature(coordinates(path[-1]) + deviation)

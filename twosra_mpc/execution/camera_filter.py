@@ -16,12 +16,9 @@ import math
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.execution.robot_interface import Camera
-from twosra_mpc.robot.coordinates import POSE, Coordinates
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 
 RESPONSE_DOUBT = 0.5  # standard deviation of a mode's response about 1 before it has moved
 RESPONSE_WALK = 0.05  # its change from one period of motion to the next

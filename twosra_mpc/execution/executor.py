@@ -2,48 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.execution.camera_feedback import ByCamera
-from twosra_mpc.execution.patience import Patience
-from twosra_mpc.execution.pulses import Pulses
-from twosra_mpc.execution.remaining import remaining_problem
+from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.settings import ACCEPTED, Accuracy, ExecutorSettings
 from twosra_mpc.execution.tracking.tracker import Tracker
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.robot.modes import sequence_name
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import Mode, sequence_name
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class ExecutorSettings:
-    """When an executor is content, and when it gives up.
-
-    Attributes:
-        accuracy: How near to the goal is near enough.
-        patience: How long it waits, and how near to a plan it wants the robot.
-        replans: How often the remaining problem is planned again at most.
-        corrections: How often in a row the pose is corrected at most.
-        longest_s: Longest run.
-        dead_zone_rad_s: Of the robot's drives, as far as it is known.
-    """
-
-    accuracy: Accuracy = field(default_factory=Accuracy)
-    patience: Patience = field(default_factory=Patience)
-    replans: int = 8
-    corrections: int = 6
-    longest_s: float = 7200.0
-    dead_zone_rad_s: float = 0.0
+_ROUNDING = 1e-9
+_CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 
 
 @dataclass(frozen=True)
@@ -85,13 +65,8 @@ class _Execution:
             ending = self._arrived() if left is None else self._left(left)
             ending = ending or self._plan_again()
             if ending is not None:
-                return self.session.finish(
-                    "optimal",
-                    self.settings.accuracy,
-                    *ending,
-                    plans=tuple(self.plans),
-                    begun=tuple(self.begun),
-                )
+                followed = tuple(self.plans), tuple(self.begun)
+                return self.session.finish("optimal", self.settings.accuracy, *ending, *followed)
 
     def _follow(self, plan: Plan) -> Abort | None:
         settings = self.settings
@@ -148,15 +123,9 @@ class _Execution:
         mode = session.mode
         assert mode is not None
         try:
-            problem = remaining_problem(
-                self.problem,
-                session.q,
-                session.reading.temperature_C,
-                mode,
-                settings.accuracy,
-                self.broken,
-            )
-            result = find_plan(problem)
+            now = session.q, session.reading.temperature_C, mode
+            rest = remaining_problem(self.problem, *now, settings.accuracy, self.broken)
+            result = find_plan(rest)
         except InputError as error:
             return self._no_plan(str(error))
         if result.plan is None:
@@ -212,3 +181,58 @@ class _Execution:
 def _summary(plan: Plan) -> str:
     sequence = sequence_name([phase.mode for phase in plan.phases])
     return f"{sequence} in {plan.duration_s:.1f} s"
+
+
+def remaining_problem(
+    problem: Problem,
+    q: Array,
+    temperature_C: tuple[float, ...],
+    mode: Mode,
+    accuracy: Accuracy,
+    broken: Collection[int] = (),
+) -> Problem:
+    """State what is left of a problem.
+
+    Curvatures that are near enough need not change, so the segment need not melt again; only those
+    that are not are asked for.
+
+    Args:
+        problem: What was asked in the beginning.
+        q: Configuration now, (3 + n,).
+        temperature_C: Measured temperatures.
+        mode: Stiffness now, as reported; no segment may be changing.
+        accuracy: How near to the goal is near enough.
+        broken: Segments (from 0) that cannot be melted any more.
+
+    Raises:
+        InputError: If no mode is left.
+    """
+    limit = problem.robot.limits.curvature_per_m
+    kappa = np.clip(q[POSE:], -limit, limit)
+    start = Start(
+        x_m=q[0],
+        y_m=q[1],
+        phi_rad=q[2],
+        kappa_per_m=tuple(kappa.tolist()),
+        temperature_C=_temperatures(problem, temperature_C, mode),
+    )
+    modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
+    goal = _goal(problem.goal, np.concatenate([q[:POSE], kappa]), accuracy, broken)
+    return problem.with_values(start=start, goal=goal, modes=modes)
+
+
+def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:
+    """Temperatures that agree with the reported stiffness and the heater's range."""
+    solid, liquid = problem.stiffness_thresholds_C
+    soft = np.maximum(measured_C, liquid + _CLEARLY_K)
+    rigid = np.minimum(measured_C, solid - _CLEARLY_K)
+    heater = problem.robot.heater
+    agreed = np.where(mode, soft, rigid).clip(heater.temperature_min_C, heater.temperature_max_C)
+    return tuple(agreed.tolist())
+
+
+def _goal(goal: GoalSet, q: Array, accuracy: Accuracy, broken: Collection[int]) -> GoalSet:
+    """The same goal, with curvature tolerances within which nothing needs to melt."""
+    off = np.abs(goal.error(q.copy())[POSE:]) / accuracy.curvature_per_m
+    kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off))]
+    return goal.loosened(np.where(off <= kept, off + _ROUNDING, 0.0) * accuracy.curvature_per_m)

@@ -13,21 +13,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.execution.executor import ExecutorSettings
-from twosra_mpc.execution.pulses import Pulses
+from twosra_mpc.execution.camera_feedback import Pulses
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, mode_name
-
-Array = NDArray[np.float64]
 
 GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
 LEFT, KEPT = 0.3, 0.65  # of the accuracy: errors that a mode leaves, and that need no other mode
@@ -59,22 +56,17 @@ class _GreedyRun:
 
     def __init__(self, session: Session, settings: ExecutorSettings) -> None:
         self.session, self.settings, self.problem = session, settings, session.problem
-        self.accuracy: Accuracy = settings.accuracy
+        self.accuracy = settings.accuracy
         self.scale = self.accuracy.scale(self.problem.robot.coordinates)
         self.pulses = Pulses(settings.dead_zone_rad_s)
         self.modes = list(self.problem.modes)
         self.broken: list[int] = []
         heater = self.problem.robot.heater
         models = [segment_model(self.problem.robot, self.problem.ambient, j) for j in (0, 1)]
-        self.expected_s = {
-            "soft": max(
-                m.time_until(m.initial(m.ambient_C), heater.melt_current_A, m.liquid_level)
-                for m in models
-            ),
-            "rigid": max(
-                m.time_until(m.initial(heater.soft_setpoint_C), 0.0, m.solid_level) for m in models
-            ),
-        }
+        melt_A, soft_C = heater.melt_current_A, heater.soft_setpoint_C
+        melts = [m.time_until(m.initial(m.ambient_C), melt_A, m.liquid_level) for m in models]
+        freezes = [m.time_until(m.initial(soft_C), 0.0, m.solid_level) for m in models]
+        self.expected_s = {"soft": max(melts), "rigid": max(freezes)}
 
     def run(self) -> tuple[Ending, str]:
         """Choose modes and drive in them until there is an ending."""

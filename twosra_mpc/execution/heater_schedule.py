@@ -12,25 +12,16 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import stiffness_rule
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import Transition
-
-Array = NDArray[np.float64]
+from twosra_mpc.timing.transitions import own_transitions
 
 _WARM_SHARE = 0.7  # of the way from the air to where a segment may begin to melt, as observed
-
-
-@dataclass(frozen=True)
-class _Gated:
-    """A transition and the number of phases that come before it."""
-
-    transition: Transition
-    after: int
 
 
 class Progress(NamedTuple):
@@ -75,40 +66,29 @@ class HeaterSchedule:
 
     def begun(self, now: Progress) -> int:
         """How many transitions have been commanded by now."""
-        return sum(self._commanded(item, now) for item in self._gated(None))
+        return sum(self._commanded(item, now) for item in self.plan.transitions)
 
     def expected_s(self, segment: int, to: str) -> float:
         """Longest time the plan gives a segment (from 0) for such a transition [s]; 0: none."""
-        times = (
-            item.transition.done_s - item.transition.heater_s
-            for item in self._gated(segment)
-            if item.transition.to == to
-        )
-        return max(times, default=0.0)
+        own = own_transitions(self.plan.transitions, segment)
+        return max((item.done_s - item.heater_s for item in own if item.to == to), default=0.0)
 
     def _setpoint(self, segment: int, now: Progress, planned_C: float) -> float:
         heater = self.plan.robot.heater
         soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
         value = soft if self.plan.problem.start_mode[segment] else rigid
-        for item in self._gated(segment):
+        for item in own_transitions(self.plan.transitions, segment):
             if self._commanded(item, now):
-                value = soft if item.transition.to == "soft" else rigid
-            elif item.transition.to == "soft" and _reached(now, item.transition.heater_s):
+                value = soft if item.to == "soft" else rigid
+            elif item.to == "soft" and _reached(now, item.heater_s):
                 value = self.warm_C
         kept_warm = rigid < planned_C < soft  # by the plan itself
         return self.warm_C if value == rigid and kept_warm else value
 
-    def _commanded(self, item: _Gated, now: Progress) -> bool:
-        early = item.transition.to == "rigid" and item.after > 0  # the plan let it coast
-        return now.done >= item.after and (early or _reached(now, item.transition.heater_s))
-
-    def _gated(self, segment: int | None) -> list[_Gated]:
-        ends = [phase.end_s for phase in self.plan.phases]
-        return [
-            _Gated(item, sum(end <= item.onset_s + SAME_TIME_S for end in ends))
-            for item in self.plan.transitions
-            if segment is None or item.segment == segment + 1
-        ]
+    def _commanded(self, item: Transition, now: Progress) -> bool:
+        before = sum(phase.end_s <= item.onset_s + SAME_TIME_S for phase in self.plan.phases)
+        early = item.to == "rigid" and before > 0  # the plan let it coast
+        return now.done >= before and (early or _reached(now, item.heater_s))
 
 
 def _reached(now: Progress, time_s: float) -> bool:

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import TwosraError
-from twosra_mpc.robot.coordinates import Coordinates
+from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.description import Robot
 
-Array = NDArray[np.float64]
 OfKind = tuple[float, float, float]
 
 EXACT: OfKind = (0.0, 0.0, 0.0)

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import enum
-import json
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twosra_mpc.execution.accuracy import Accuracy
-from twosra_mpc.files import write_text
+from twosra_mpc.execution.settings import Accuracy
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
 from twosra_mpc.version import __version__
 
-Array = NDArray[np.float64]
 EventKind = Literal["plan", "drive", "confirmed", "look", "correct", "replan", "failure", "end"]
 
 FORMAT, FORMAT_VERSION = "twosra-run", 1
@@ -164,15 +160,6 @@ class Run:
             "plans": [plan.to_dict() for plan in self.plans],
             "log": {item.name: _numbers(getattr(self.log, item.name)) for item in fields(RunLog)},
         }
-
-
-def save_document(document: dict[str, Any], path: str | Path) -> None:
-    """Write plain data as JSON, atomically.
-
-    Raises:
-        InputError: If the folder does not exist or cannot be written.
-    """
-    write_text(path, json.dumps(document, allow_nan=False) + "\n")
 
 
 def times(count: int) -> str:

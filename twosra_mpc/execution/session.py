@@ -6,33 +6,21 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.stiffness import KnownStiffness
-from twosra_mpc.execution.accuracy import Accuracy
+from twosra_mpc.execution import run
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
-from twosra_mpc.execution.run import (
-    CHANGING,
-    Change,
-    Drive,
-    Ending,
-    EventKind,
-    Run,
-    RunEvent,
-    RunLog,
-)
+from twosra_mpc.execution.settings import Accuracy
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import Mode
-
-Array = NDArray[np.float64]
 
 _STILL = np.zeros(WHEELS)
 _CODES: dict[KnownStiffness | None, float] = {
-    **{"rigid": 0.0, "changing": CHANGING, "soft": 1.0},
+    **{"rigid": 0.0, "changing": run.CHANGING, "soft": 1.0},
     None: np.nan,
 }
 
@@ -72,9 +60,9 @@ class Session:
         self._seen_s = self.now_s if len(self.reading.frames) else -np.inf
         self.setpoint_C = np.full(segments, problem.robot.heater.rigid_setpoint_C)
         self._since = [self.reading.time_s] * segments
-        self.events: list[RunEvent] = []
-        self.changes: list[Change] = []
-        self.drives: list[Drive] = []
+        self.events: list[run.RunEvent] = []
+        self.changes: list[run.Change] = []
+        self.drives: list[run.Drive] = []
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
         self._planned = self._unknown
@@ -122,9 +110,9 @@ class Session:
         """How long the set-point of a segment (from 0) has been what it is."""
         return self.now_s - self._since[segment]
 
-    def tell(self, kind: EventKind, text: str) -> None:
+    def tell(self, kind: run.EventKind, text: str) -> None:
         """Note an event."""
-        self.events.append(RunEvent(self.now_s, kind, text))
+        self.events.append(run.RunEvent(self.now_s, kind, text))
 
     def rest(self, setpoint_C: Array, at_most_s: float, planned: Array | None = None) -> None:
         """Stand still until time is up or the robot has news; ``planned`` as in ``drive``."""
@@ -153,7 +141,7 @@ class Session:
         if self.drives and self.drives[-1][::2] == (mode, begun_s):
             self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
         else:
-            self.drives.append(Drive(mode, begun_s, self.now_s))
+            self.drives.append(run.Drive(mode, begun_s, self.now_s))
 
     def average(self, setpoint_C: Array, deviation: Array, at_most_s: float) -> None:
         """Look at the resting robot until the belief is this certain (3 + n,), or time is up."""
@@ -170,23 +158,22 @@ class Session:
         self,
         executor: Literal["optimal", "greedy"],
         accuracy: Accuracy,
-        ending: Ending,
+        ending: run.Ending,
         reason: str,
-        *,
         plans: tuple[Plan, ...] = (),
         begun: tuple[int, ...] = (),
-    ) -> Run:
+    ) -> run.Run:
         """Stop the wheels, switch off the heaters that need not stay on, and return the run."""
         heater = self.problem.robot.heater
         self.setpoint_C = np.full_like(self.setpoint_C, heater.rigid_setpoint_C)
-        if ending is Ending.REACHED:
+        if ending is run.Ending.REACHED:
             self.setpoint_C[np.array(self.problem.goal.mode) == 1] = heater.soft_setpoint_C
         self.robot.send(_STILL, self.setpoint_C)
         self.tell("end", reason)
         self._note(_STILL, self.setpoint_C, self._unknown)
         kinds = [event.kind for event in self.events]
         columns = (np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
-        return Run(
+        return run.Run(
             problem=self.problem,
             executor=executor,
             accuracy=accuracy,
@@ -200,7 +187,7 @@ class Session:
             changes=tuple(self.changes),
             drives=tuple(self.drives),
             events=tuple(self.events),
-            log=RunLog(*columns),
+            log=run.RunLog(*columns),
         )
 
     def _pass(
@@ -229,7 +216,7 @@ class Session:
             if now is None or now == "changing" or now == self._last_known[segment]:
                 continue
             if self._last_known[segment] != "changing":
-                self.changes.append(Change(self.now_s, segment + 1, now))
+                self.changes.append(run.Change(self.now_s, segment + 1, now))
                 self.tell("confirmed", f"segment {segment + 1} is {now}")
             self._last_known[segment] = now
 

@@ -68,7 +68,7 @@ class Bending:
         return _fastest(self.body, mode, kappa)
 
     def least_time(self, mode: Mode, origin: Intervals, bend: float) -> float:
-        """Lower bound on the time in which ``mode`` changes W by ``bend`` or more, from rest to rest.
+        """Lower bound on the time in which ``mode`` changes W by at least ``bend``, rest to rest.
 
         Whatever the path, W passes every value in between, each at no more than the fastest rate
         there; so the sum over pieces of abs(dW) / (enclosed rate) is a lower bound, which the ramps
@@ -142,7 +142,7 @@ class Bending:
 
 
 def from_rest_to_rest(at_speed_s: float, ramp_s: float) -> float:
-    """Least time of what takes ``at_speed_s`` at full speed, if full speed takes ``ramp_s`` to reach.
+    """Least time of what takes ``at_speed_s`` at full speed, which takes ``ramp_s`` to reach.
 
     The speed is at most min(1, t / ramp, (T - t) / ramp) of full speed; its integral is at_speed_s.
     """

@@ -5,7 +5,8 @@ is the integral of the sum of (wheel speed / largest wheel speed)^2 of its quick
 
 .. math::
     \min_{t}\; \sum_i E_i T_{min,i} / (t_{end,i} - t_{start,i}) \quad\text{s.t.}\quad
-    t_v - t_u \ge w_{uv}, \quad T_{min,i} \le t_{end,i} - t_{start,i} \le T_{max,i}, \quad c^T t \le C
+    t_v - t_u \ge w_{uv}, \quad T_{min,i} \le t_{end,i} - t_{start,i} \le T_{max,i}, \quad
+    c^T t \le C
 
 is a small convex program over the event times of the temporal network: waiting time is used to
 drive slowly, and what the plan may cost more is spent where it helps most. What happens before a

@@ -31,13 +31,9 @@ def verified(
     )
     finish = times[layout.finish]
     samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)
-    return Plan(
-        planner=planner,
-        trajectory=Trajectory(problem, samples, phases, transitions),
-        cost=_cost(problem, samples, transitions),
-        verification=verify(problem, samples, phases, transitions),
-        lower_bound=None,
-    )
+    trajectory = Trajectory(problem, samples, phases, transitions)
+    cost = _cost(problem, samples, transitions)
+    return Plan(planner, trajectory, cost, verify(trajectory), lower_bound=None)
 
 
 def _cost(problem: Problem, samples: Samples, transitions: Sequence[Transition]) -> Cost:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import read_text
@@ -30,13 +30,17 @@ class PhaseDocument(NamedTuple):
     end_s: float
 
 
+_Read = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+_NumberOrNull = Annotated[float | None, AfterValidator(lambda x: math.nan if x is None else x)]
+
+
 class _VerificationDocument(BaseModel):
     """The types of a plan file's verification; a number that is not finite is written as null."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    model_config = _Read
 
-    max_defect: float | None
-    goal_error: tuple[float | None, ...]
+    max_defect: _NumberOrNull
+    goal_error: tuple[_NumberOrNull, ...]
     limits: dict[str, float]
     ok: bool
     problems: tuple[str, ...]
@@ -50,7 +54,7 @@ class PlanDocument(BaseModel):
     limit (an interrupt was written the same way), and otherwise nothing is known of it.
     """
 
-    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    model_config = _Read
 
     format: Literal["twosra-plan"]
     version: Literal[1, 2]
@@ -68,7 +72,7 @@ class PlanDocument(BaseModel):
     transitions: tuple[Transition, ...]
     samples: dict[str, list[float] | list[list[float]]] | None
     verification: _VerificationDocument | None
-    stats: dict[str, int | float]
+    stats: Stats
     stopped_early: bool
     ending: Ending | None = None
 
@@ -112,7 +116,7 @@ def _result(data: PlanDocument, source: str) -> Result:
         message=data.message,
         lower_bound=data.lower_bound_s,
         ending=data.ending or early,
-        stats=Stats(**data.stats),  # type: ignore[arg-type]  # counts are whole numbers in the file
+        stats=data.stats,
         plan=None if data.samples is None else _plan(data, problem, data.samples),
     )
 
@@ -127,14 +131,7 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
         phases=tuple(Phase(*phase) for phase in data.phases),
         transitions=data.transitions,
     )
-    found = data.verification
-    verification = Verification(
-        max_defect=math.nan if found.max_defect is None else found.max_defect,
-        goal_error=tuple(math.nan if error is None else error for error in found.goal_error),
-        limits=found.limits,
-        ok=found.ok,
-        problems=found.problems,
-    )
+    verification = Verification(**dict(data.verification))
     return Plan(data.planner, trajectory, data.cost, verification, data.lower_bound_s)
 
 

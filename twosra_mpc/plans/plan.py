@@ -53,14 +53,12 @@ class Verification:
 
     def to_dict(self) -> dict[str, Any]:
         """The findings as plain data; None for a number that is not finite."""
-        errors = [error if math.isfinite(error) else None for error in self.goal_error]
-        return {
-            "max_defect": self.max_defect if math.isfinite(self.max_defect) else None,
-            "goal_error": errors,
-            "limits": dict(self.limits),
-            "ok": self.ok,
-            "problems": list(self.problems),
-        }
+        defect, *errors = (
+            number if math.isfinite(number) else None
+            for number in (self.max_defect, *self.goal_error)
+        )
+        written = {"max_defect": defect, "goal_error": errors, "limits": dict(self.limits)}
+        return {**vars(self), **written, "problems": list(self.problems)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from twosra_mpc.errors import NoPlanError
-from twosra_mpc.files import write_text
+from twosra_mpc.files import write_json
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import Problem
@@ -115,4 +114,4 @@ class Result:
         Raises:
             InputError: If the folder does not exist or cannot be written.
         """
-        write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")
+        write_json(path, self.to_dict())

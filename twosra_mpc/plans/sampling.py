@@ -12,12 +12,10 @@ from twosra_mpc.model.motion import Motion
 from twosra_mpc.plans.speed_profile import SpeedProfile
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, wheel_speeds
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS
+from twosra_mpc.robot.coordinates import INPUTS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import Transition, transition_model
-
-Array = NDArray[np.float64]
 
 HOLD_SAMPLE_S = 5.0  # while the robot waits, temperatures are sampled at least this often
 
@@ -48,7 +46,7 @@ def sample(
     resting = ~(v.any(axis=1) | a.any(axis=1))
     soft = np.column_stack([item.soft(just_after) for item in heating])
     mode[resting] = soft[resting]
-    metal = [item.temperature_and_melt_fraction(t) for item in heating]
+    metal = np.stack([item.temperature_and_melt_fraction(t) for item in heating], -1)
     return Samples(
         t_s=t,
         q=q,
@@ -56,8 +54,8 @@ def sample(
         a=a,
         mode=mode,
         wheel_rad_s=wheel_speeds(problem.robot, q, v, mode),
-        temperature_C=np.column_stack([temperature for temperature, _ in metal]),
-        melt_fraction=np.column_stack([fraction for _, fraction in metal]),
+        temperature_C=metal[0],
+        melt_fraction=metal[1],
         heater_setpoint_C=np.column_stack([item.setpoint_C(just_after) for item in heating]),
         heater_current_A=np.column_stack([item.current_A(just_after) for item in heating]),
     )

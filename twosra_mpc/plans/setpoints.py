@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from pathlib import Path
 
@@ -12,9 +11,7 @@ from numpy.typing import NDArray
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.robot.coordinates import POSE
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import POSE, Array
 
 
 def rows(samples: Samples) -> tuple[list[str], Array]:
@@ -53,10 +50,6 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
     given = plan.trajectory
     samples = given.samples if rate_Hz is None else given.resampled(rate_Hz)
     names, table = rows(samples)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    whole = [name.startswith("mode") for name in names]
-    for row in table.tolist():
-        writer.writerow([int(x) if count else x for x, count in zip(row, whole, strict=True)])
+    text, formats = io.StringIO(), ["%d" if name.startswith("mode") else "%s" for name in names]
+    np.savetxt(text, table, formats, delimiter=",", header=",".join(names), comments="")
     write_text(path, text.getvalue())

@@ -1,7 +1,8 @@
 r"""How fast a path is travelled: the quickest way from rest to rest, or a slower one.
 
-Let l be the length of a phase's path in its inputs, :math:`v = \dot l\, s_k / |s_k|` in interval k,
-:math:`b = \dot l^2` and :math:`\ddot l = b' / 2`. For w(l) the wheels' turn per length the limits are
+Let l be the length of a phase's path in its inputs, :math:`v = \dot l\, s_k / |s_k|` in interval
+k, :math:`b = \dot l^2` and :math:`\ddot l = b' / 2`. With w(l) the wheels' turn per length the
+limits are
 
 .. math:: r(l) \sqrt b \le 1, \qquad |w'(l)\, b + w(l)\, b' / 2| \le a,
 

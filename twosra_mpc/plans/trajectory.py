@@ -15,12 +15,10 @@ from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.model.motion import steps_for
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
+from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
-
-Array = NDArray[np.float64]
 
 SAME_TIME_S = 1e-6  # events closer than this are one
 HIGHEST_RATE_HZ = 1000.0
@@ -134,7 +132,7 @@ class Trajectory:
         times, at, elapsed = self._in_force(t)
         held, q = self.samples, self._flown(at, elapsed)
         v, mode = self._input(at, elapsed), held.mode[at]
-        metal = [item.temperature_and_melt_fraction(times) for item in self._heating]
+        metal = np.stack([item.temperature_and_melt_fraction(times) for item in self._heating], -1)
         return Samples(
             t_s=times,
             q=q,
@@ -142,8 +140,8 @@ class Trajectory:
             a=held.a[at],
             mode=mode,
             wheel_rad_s=wheel_speeds(self.problem.robot, q, v, mode),
-            temperature_C=np.column_stack([temperature for temperature, _ in metal]),
-            melt_fraction=np.column_stack([fraction for _, fraction in metal]),
+            temperature_C=metal[0],
+            melt_fraction=metal[1],
             heater_setpoint_C=held.heater_setpoint_C[at],
             heater_current_A=held.heater_current_A[at],
         )
@@ -168,10 +166,17 @@ class Trajectory:
         Raises:
             InputError: If the rate is not positive, or beyond 1000 Hz.
         """
-        check_rate(rate_Hz)
-        end = self.duration_s
-        t = np.arange(int(np.floor(end * rate_Hz + 1e-9)) + 1) / rate_Hz
+        t, end = self.regular_times(rate_Hz), self.duration_s
         return self.at(np.append(t, end) if t[-1] < end - SAME_TIME_S else t)
+
+    def regular_times(self, rate_Hz: float) -> Array:
+        """Times [s] at a regular rate, from 0 until no later than the end.
+
+        Raises:
+            InputError: If the rate is not positive, or beyond 1000 Hz.
+        """
+        check_rate(rate_Hz)
+        return np.arange(int(np.floor(self.duration_s * rate_Hz + 1e-9)) + 1) / rate_Hz
 
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:

@@ -22,11 +22,10 @@ from benchmarks.studies.tracker_step.solvers import Answer, Array, Clock, Record
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.reference import PhaseReference
-from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
-from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.prediction import stage_model
+from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.solver import ProgramInPlace
-from twosra_mpc.execution.tracking.stage import stage_model
+from twosra_mpc.execution.tracking.tracker import PhaseReference
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
@@ -118,7 +117,7 @@ class TrackerSteps(Study):
         """Let every solver that is installed solve the same steps."""
         of = plan(load_problem(case.scenario)).require()
         mode = of.phases[case.phase].mode
-        setup = Setup(of.robot, mode, HORIZON, PERIOD_S, TrackerWeights(), TrackerLimits())
+        setup = Setup(of.robot.body, mode, HORIZON, PERIOD_S, TrackerWeights(), TrackerLimits())
         steps = _record_steps(of, case.phase, setup, self.runs)
         converged = solvers.ipopt(setup, tolerance=1e-10)
         best = [_first_speeds(setup, step, converged(step, Clock()).first) for step in steps]

@@ -16,11 +16,9 @@ from scipy import sparse
 from twosra_mpc import Plan
 from twosra_mpc.execution.tracking import linearisation
 from twosra_mpc.execution.tracking.linearisation import RATE_LIMITED_PERIODS, tracking_program
-from twosra_mpc.execution.tracking.prediction import believed_start, motion
-from twosra_mpc.execution.tracking.settings import SolverSettings
-from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.prediction import believed_start, motion, stage_model
+from twosra_mpc.execution.tracking.setup import Setup, SolverSettings
 from twosra_mpc.execution.tracking.solver import QuadraticProgram
-from twosra_mpc.execution.tracking.stage import stage_model
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.modes import rigid_mode
@@ -198,12 +196,13 @@ def _nlp(
 def _deviations_program(setup: Setup) -> tuple[dict[str, ca.SX], Array, Array]:
     """The tracker's program before linearising, and the bounds of its constraints."""
     stage, n, m = stage_model(setup), setup.horizon, setup.outputs.count
+    wheel_rows = slice(-len(stage.wheels), None)
     q, wheels, x = ca.SX.sym("q", 5), ca.SX.sym("w", 4), ca.SX.sym("x", setup.variables)
     reference = ca.SX.sym("r", m, n + 1)
     start = believed_start(setup, q, reference[:, 0])
     e = [start.deviation, *ca.vertsplit(x[: m * n], m)]
     y = [reference[:, k] + e[k] * setup.scale for k in range(n + 1)]
-    program, limits = tracking_program(setup), setup.robot.limits
+    program, limits = tracking_program(setup), setup.body.limits
     hessian = program.hessian + sparse.triu(program.hessian, 1).T
     f = ca.bilin(ca.DM(hessian.toarray()), x, x) / 2 + ca.dot(ca.DM(program.cost), x)
     f -= setup.rho / (0.5 + setup.rho) * ca.dot(start.deviation, x[:m])
@@ -214,8 +213,8 @@ def _deviations_program(setup: Setup) -> tuple[dict[str, ca.SX], Array, Array]:
         rows.append((speeds[list(stage.limits)], -1.0, 1.0))
         if k < RATE_LIMITED_PERIODS:
             change = setup.wheel_change / limits.wheel_speed_rad_s
-            rows.append((speeds[stage.wheel_rows] - before, -change, change))
-            before = speeds[stage.wheel_rows]
+            rows.append((speeds[wheel_rows] - before, -change, change))
+            before = speeds[wheel_rows]
         if setup.outputs.bending:
             slack = x[-1] * setup.weights.curvature_per_m / linearisation.SLACK_UNIT
             rows.append((ca.fabs(period.kappa) - slack - limits.curvature_per_m, -np.inf, 0.0))
@@ -236,7 +235,7 @@ def _rigid_period(
     c, s = of.cos(middle), of.sin(middle)
     rate = [c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]]
     wheels = [sum(row[i] * v[i] for i in range(3)) for row in drive]
-    limited = [(wheel, setup.robot.limits.wheel_speed_rad_s) for wheel in wheels]
+    limited = [(wheel, setup.body.limits.wheel_speed_rad_s) for wheel in wheels]
     if k < RATE_LIMITED_PERIODS:
         pairs = zip(wheels, before, strict=True)
         limited += [(now - last, setup.wheel_change) for now, last in pairs]
@@ -245,8 +244,8 @@ def _rigid_period(
 
 def _rigid_drive(setup: Setup, q: Array) -> Array:
     """Wheel speeds by [u0, v0, r0], (4, 3)."""
-    rigid = rigid_mode(setup.robot.coordinates.segments)
-    return np.asarray(kinematics(setup.robot).wheel_matrix(q, rigid).full()[:, 2:])
+    rigid = rigid_mode(setup.coordinates.segments)
+    return np.asarray(kinematics(setup.body).wheel_matrix(q, rigid).full()[:, 2:])
 
 
 def fatrop(setup: Setup) -> Solver:

@@ -89,13 +89,9 @@ def open_serial_port(name: str) -> SerialPort:
     try:
         opened = Serial(name, BAUD, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=True)
     except (SerialException, ValueError) as error:
-        found = ", ".join(_port_names()) or "none is connected now"
+        from serial.tools.list_ports import comports
+
+        found = ", ".join(sorted(port.device for port in comports())) or "none is connected now"
         raise InputError("port", name, f"a serial port that can be opened: {found}") from error
     opened.reset_input_buffer()
     return SerialPort(opened)
-
-
-def _port_names() -> list[str]:
-    from serial.tools.list_ports import comports
-
-    return sorted(port.device for port in comports())

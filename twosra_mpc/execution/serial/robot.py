@@ -15,28 +15,20 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.controller import StiffnessController, stiffness_controller
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
+from twosra_mpc.execution.serial import firmware_lines
 from twosra_mpc.execution.serial.clock import Clock
-from twosra_mpc.execution.serial.firmware_lines import (
-    HIGHEST_RATE_HZ,
-    command,
-    parse_report,
-    stop_command,
-)
 from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.serial.port import Port, PortError
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, Stiffness, rigid_mode
-
-Array = NDArray[np.float64]
 
 RATE_HZ = 15.0  # of the authors' controller in their published trials, by their logs
 REPEAT_S = 1.0  # while the robot stands, a command is sent again so often
@@ -90,8 +82,9 @@ def connected(
         RobotError: If the line does not work any more.
     """
     camera = Camera(rate_Hz=rate_Hz) if poses is None else poses.camera
-    if not 1 <= camera.rate_Hz <= HIGHEST_RATE_HZ:
-        allowed = f"from 1 to {HIGHEST_RATE_HZ:g} Hz, which the line carries"
+    most_Hz = firmware_lines.HIGHEST_RATE_HZ
+    if not 1 <= camera.rate_Hz <= most_Hz:
+        allowed = f"from 1 to {most_Hz:g} Hz, which the line carries"
         raise InputError("rate", camera.rate_Hz, allowed)
     with deferred_interrupts() as interrupts:
         connection = port, clock, interrupts, robot_id, poses, patience or Patience()
@@ -183,11 +176,9 @@ class SerialRobot:
         taken_s, frames = np.empty(0), np.empty((0, self.robot.coordinates.size))
         if self.poses is not None:
             taken_s, frames = self.poses.frames(now_s)
-        if not self._segments:
-            n = self._count
-            return Reading(now_s, taken_s, frames, (math.nan,) * n, (None,) * n, (False,) * n)
         known = [(item.temperature_C, item.stiffness, item.faulty) for item in self._segments]
-        return Reading(now_s, taken_s, frames, *zip(*known, strict=True))
+        unknown = [(math.nan, None, False)] * self._count
+        return Reading(now_s, taken_s, frames, *zip(*(known or unknown), strict=True))
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Send a command, unless the robot stands and has just been told the same.
@@ -196,7 +187,7 @@ class SerialRobot:
         """
         soft_C = self.robot.heater.soft_setpoint_C
         self._heated = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
-        line = command(wheel_rad_s.tolist(), self._heated, self.robot_id)
+        line = firmware_lines.command(wheel_rad_s.tolist(), self._heated, self.robot_id)
         now_s, turned = self.clock.now_s(), self._turns
         self._turns = bool(wheel_rad_s.any())
         if not (self._turns and turned):
@@ -228,9 +219,10 @@ class SerialRobot:
         """Tell the robot several times to stand and let its heaters cool; an error if none went."""
         failure: PortError | None = None
         sent = 0
+        stop = firmware_lines.stop_command(self._count, self.robot_id)
         for _ in range(STOPS):
             try:
-                self.port.write(stop_command(self._count, self.robot_id))
+                self.port.write(stop)
                 sent += 1
             except PortError as error:
                 failure = error
@@ -245,7 +237,7 @@ class SerialRobot:
         """Readings of each segment that have been reported since the last time."""
         heard: list[list[float]] = [[] for _ in range(self._count)]
         for line in self.port.read_lines():
-            if (report := parse_report(line, self._count)) is not None:
+            if (report := firmware_lines.parse_report(line, self._count)) is not None:
                 heard[report.segment].append(report.temperature_C)
         return heard
 

@@ -8,15 +8,14 @@ from typing import NamedTuple
 
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
-from twosra_mpc.execution.feedback import ByClock, ByReports
-from twosra_mpc.execution.patience import Patience
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Drive
-from twosra_mpc.execution.runner import PlanRunner
+from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
 from twosra_mpc.execution.serial.clock import Clock
 from twosra_mpc.execution.serial.port import Port
 from twosra_mpc.execution.serial.robot import RATE_HZ, connected
 from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.plan import Plan, Status
 
 
@@ -128,11 +127,9 @@ def check_sendable(plan: Plan) -> None:
         NoPlanError: If it does not pass the check again.
         InputError: If it keeps a segment warm, which the firmware's commands cannot say.
     """
-    samples = plan.trajectory.samples
-    checked = verify(plan.problem, samples, plan.phases, plan.transitions)
-    if not checked.ok:
+    if not (checked := verify(plan.trajectory)).ok:
         raise NoPlanError(Status.FAILED, f"verified again, {checked.problems[0]}")
-    heater, setpoint_C = plan.robot.heater, samples.heater_setpoint_C
+    heater, setpoint_C = plan.robot.heater, plan.samples.heater_setpoint_C
     if ((setpoint_C > heater.rigid_setpoint_C) & (setpoint_C < heater.soft_setpoint_C)).any():
         allowed = "another: the firmware can heat a segment or not, but not keep it warm"
         raise InputError("heating", plan.problem.heating, allowed)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.robot_interface import EXACT, Camera, OfKind
+from twosra_mpc.execution.robot_interface import Camera, OfKind
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
 }
 
 LEVELS: dict[str, Disturbance] = {
-    "none": Disturbance(camera=Camera(noise=EXACT, step=EXACT)),
+    "none": Disturbance(),
     **{
         level: Disturbance(**{name: sizes[column] for name, sizes in _SIZES.items()})
         for column, level in enumerate(("mild", "moderate", "hard"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,38 +16,33 @@ from twosra_mpc.thermal.model import SegmentModel
 LONGEST_STEP_S = 0.2  # the controller must be called at least so often
 
 
+@dataclass(eq=False)
 class HeatedSegment:
-    """A segment as it is, its sensor as it is, and the controller with the robot as it knows it."""
+    """A segment as it is, its sensor as it is, and the controller with the robot as it knows it.
 
-    def __init__(
-        self,
-        model: SegmentModel,
-        sensor: TemperatureSensor,
-        controller: StiffnessController,
-        temperature_C: float,
-        rng: np.random.Generator,
-        *,
-        rigid_setpoint_C: float,
-        broken_heater: bool = False,
-    ) -> None:
-        """Rest the segment at a temperature.
+    Attributes:
+        model: Its true thermal behaviour.
+        sensor: Its true sensor.
+        controller: Its controller.
+        start_C: Temperature at which metal and sensor rest at first.
+        rng: For the sensor's noise.
+        rigid_setpoint_C: Set-points up to this switch the heater off.
+        broken_heater: Whether the heater's wire is broken: no current ever flows.
+    """
 
-        Args:
-            model: Its true thermal behaviour.
-            sensor: Its true sensor.
-            controller: Its controller.
-            temperature_C: Of the metal and the sensor.
-            rng: For the sensor's noise.
-            rigid_setpoint_C: Set-points up to this switch the heater off.
-            broken_heater: Whether the heater's wire is broken: no current ever flows.
-        """
-        self.model, self.sensor, self.controller = model, sensor, controller
-        self.rigid_setpoint_C, self.broken_heater = rigid_setpoint_C, broken_heater
-        self._rng = rng
-        self.state, self._lag = model.initial(temperature_C), sensor.settled(temperature_C)
-        self.heat_J = 0.0
-        self._reading_C = sensor.read_C(self._lag)
-        self._memory = controller.start(self._reading_C)
+    model: SegmentModel
+    sensor: TemperatureSensor
+    controller: StiffnessController
+    start_C: float
+    rng: np.random.Generator
+    rigid_setpoint_C: float
+    broken_heater: bool = False
+
+    def __post_init__(self) -> None:
+        self.state, self.heat_J = self.model.initial(self.start_C), 0.0
+        self._lag = self.sensor.settled(self.start_C)
+        self._reading_C = self.sensor.read_C(self._lag)
+        self._memory = self.controller.start(self._reading_C)
 
     @property
     def soft(self) -> bool:
@@ -96,7 +92,7 @@ class HeatedSegment:
         before, self.state = self.state, model.propagate(self.state, current, dt_s)
         here, then = model.temperature_C(before), model.temperature_C(self.state)
         self._lag = self.sensor.follow(self._lag, here, then, dt_s)
-        error_C = self.sensor.noise_C * self._rng.standard_normal()
+        error_C = self.sensor.noise_C * self.rng.standard_normal()
         self._reading_C = self.sensor.read_C(self._lag, error_C)
         wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
         self._memory, _ = self.controller.step(self._memory, wanted, self._reading_C, dt_s)

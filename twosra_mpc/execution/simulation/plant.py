@@ -10,24 +10,21 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.robot_interface import Camera, Reading
+from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import WHEELS
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn
-
-Array = NDArray[np.float64]
 
 AS_PLANNED = "as-planned"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
@@ -72,7 +69,10 @@ class SimulatedRobot:
     """A robot that is not quite what its description says.
 
     Attributes:
+        robot: The robot as described, not as it is.
+        camera: What is known about the camera.
         segments: Its segments, as they are.
+        q: True configuration, (3 + n,).
     """
 
     def __init__(
@@ -99,10 +99,8 @@ class SimulatedRobot:
         what = disturbance or Disturbance()
         drawn = np.random.default_rng([seed, 0])
         self._noise = np.random.default_rng([seed, 1])
-        self._described = problem.robot
-        true = plant_robot(problem.robot, plant)
-        self._robot = with_lengths(true, what.lengths, drawn)
-        self._disturbance = what
+        self.robot, self.camera, self._disturbance = problem.robot, what.camera, what
+        self._true = with_lengths(plant_robot(problem.robot, plant), what.lengths, drawn)
         self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, WHEELS), 0.0, 0.9)
         modes = all_modes(problem.robot.coordinates.segments)[1:]
         by_number = sorted(modes, key=lambda mode: (sum(mode), mode[::-1]))  # [1,0] first
@@ -111,7 +109,7 @@ class SimulatedRobot:
         self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
-        self._q = problem.start.configuration.copy()
+        self.q = problem.start.configuration.copy()
         self._wheels = np.zeros(WHEELS)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
@@ -121,24 +119,9 @@ class SimulatedRobot:
         self._note()
 
     @property
-    def robot(self) -> Robot:
-        """The robot as described, not as it is."""
-        return self._described
-
-    @property
-    def camera(self) -> Camera:
-        """What is known about the camera."""
-        return self._disturbance.camera
-
-    @property
     def time_s(self) -> float:
         """Time since the start; frames are taken at whole multiples of the camera's period."""
         return self._tick * self.camera.period_s
-
-    @property
-    def q(self) -> Array:
-        """True configuration, (3 + n,)."""
-        return self._q.copy()
 
     def read(self) -> Reading:
         """Return the frames that have arrived, and what the segments' controllers say."""
@@ -148,7 +131,7 @@ class SimulatedRobot:
         return Reading(
             time_s=self.time_s,
             taken_s=np.array([tick for tick, _ in arrived]) * self.camera.period_s,
-            frames=np.array([frame for _, frame in arrived]).reshape(-1, len(self._q)),
+            frames=np.array([frame for _, frame in arrived]).reshape(-1, len(self.q)),
             temperature_C=tuple(segment.measured_C for segment in self.segments),
             stiffness=tuple(segment.stiffness for segment in self.segments),
             faulty=tuple(segment.faulty for segment in self.segments),
@@ -156,7 +139,7 @@ class SimulatedRobot:
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Set wheels and heaters; wheels that are told to turn too fast turn at their limit."""
-        most = self._described.limits.wheel_speed_rad_s
+        most = self.robot.limits.wheel_speed_rad_s
         told = np.clip(wheel_rad_s, -most, most)
         self._wheels = np.where(np.abs(told) < self._disturbance.dead_zone_rad_s, 0.0, told)
         self._setpoint_C = heater_setpoint_C.tolist()
@@ -195,32 +178,23 @@ class SimulatedRobot:
         period_s, what = self.camera.period_s, self._disturbance
         grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(WHEELS))
         drift = self._drift.get(self.mode, Drift())
-        flow = rolling(self._robot, self.mode)
-        self._q = flow(self._q, self._wheels * grip * period_s, drift).full().ravel()
+        flow = rolling(self._true, self.mode)
+        self.q = flow(self.q, self._wheels * grip * period_s, drift).full().ravel()
         self._forced += any(0 < segment.melt_fraction < 1 for segment in self.segments)
 
     def _photograph(self, ticks: int) -> None:
         """Take a frame at each of the last ``ticks`` periods, during which the robot rested."""
-        coordinates = self._described.coordinates
+        coordinates = self.robot.coordinates
         noise, step = coordinates.each(*self.camera.noise), coordinates.each(*self.camera.step)
-        seen = self._q + noise * self._noise.standard_normal((ticks, coordinates.size))
+        seen = self.q + noise * self._noise.standard_normal((ticks, coordinates.size))
         rounded = np.round(seen / np.where(step > 0, step, 1.0)) * step
         frames = np.where(step > 0, rounded, seen)
         self._on_the_way += zip(range(self._tick - ticks + 1, self._tick + 1), frames, strict=True)
 
     def _note(self) -> None:
-        segments = self.segments
-        self._told.append(
-            (
-                self.time_s,
-                self._q,
-                [segment.temperature_C for segment in segments],
-                [segment.melt_fraction for segment in segments],
-                [segment.current_A for segment in segments],
-                [segment.heat_J for segment in segments],
-                self._forced * self.camera.period_s,
-            )
-        )
+        metal = [(s.temperature_C, s.melt_fraction, s.current_A, s.heat_J) for s in self.segments]
+        forced_s = self._forced * self.camera.period_s
+        self._told.append((self.time_s, self.q, *zip(*metal, strict=True), forced_s))
 
 
 def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot:
@@ -265,7 +239,7 @@ def heated_segments(
     return tuple(
         HeatedSegment(
             true_model(segment_model(robot, air, j), robot.thermal_segment(j).ranges, what, rng),
-            true_sensor(robot, air, j, what, differences),
+            true_sensor(temperature_sensor(robot, air, j), what, differences),
             stiffness_controller(robot, air, j),
             problem.temperatures[j],
             noise,
@@ -294,14 +268,9 @@ def true_model(
 
 
 def true_sensor(
-    robot: Robot,
-    ambient_C: float,
-    segment: int,
-    what: Disturbance,
-    differences: np.random.Generator,
+    nominal: TemperatureSensor, what: Disturbance, differences: np.random.Generator
 ) -> TemperatureSensor:
     """Draw a sensor whose parts are off, and which may be faster than its description."""
-    nominal = temperature_sensor(robot, ambient_C, segment)
     parts = what.thermistor * differences.standard_normal(3)
     faster = 1 - what.thermal_ranges * (1 - _SHORTEST_LAG) * differences.random()
     return replace(

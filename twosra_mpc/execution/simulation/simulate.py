@@ -2,22 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.executor import Executor, ExecutorSettings
+from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.run import Run
+from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
-from twosra_mpc.execution.simulation.metrics import Metrics, metrics
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE
 
 EXECUTORS = ("optimal", "greedy")
+
+
+class Metrics(NamedTuple):
+    """What a run came to.
+
+    Attributes:
+        reached: Whether the robot is in truth within the accuracy of the goal, and says so.
+        ending: How the run ended.
+        reason: Why, in a sentence.
+        position_m: True distance from the goal box in the plane.
+        heading_rad: True distance in heading.
+        curvature_per_m: True distance of the curvature that is farthest off.
+        time_s: Duration.
+        transitions: Melts and freezes.
+        allowed: Transitions of the plan and of every plan made again, as far as they were begun.
+        energy_J: Heat of all heaters.
+        replans: How often the rest was planned again.
+        corrections: How often the pose was corrected.
+        forced_s: How long wheels turned while metal was changing.
+    """
+
+    reached: bool
+    ending: str
+    reason: str
+    position_m: float
+    heading_rad: float
+    curvature_per_m: float
+    time_s: float
+    transitions: int
+    allowed: int
+    energy_J: float
+    replans: int
+    corrections: int
+    forced_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +78,23 @@ class Simulation:
     @property
     def metrics(self) -> Metrics:
         """Numbers, by what really happened."""
-        return metrics(self.run, self.truth)
+        run, truth = self.run, self.truth
+        error = run.problem.goal.error(truth.q[-1].copy())
+        return Metrics(
+            reached=run.reached and run.accuracy.of(error) <= 1.0,
+            ending=str(run.ending),
+            reason=run.reason,
+            position_m=float(np.hypot(error[0], error[1])),
+            heading_rad=abs(float(error[2])),
+            curvature_per_m=float(np.abs(error[POSE:]).max()),
+            time_s=run.duration_s,
+            transitions=run.transitions,
+            allowed=sum(run.begun),
+            energy_J=float(truth.heat_J[-1].sum()),
+            replans=run.replans,
+            corrections=run.corrections,
+            forced_s=float(truth.forced_s[-1]),
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The simulation as plain data."""
@@ -92,3 +145,18 @@ def simulate(
     else:
         run = Executor(robot, chosen).run(plan or find_plan(problem).require())
     return Simulation(plant, disturbance, seed, run, robot.truth())
+
+
+class Spread(NamedTuple):
+    """Median, 90 % quantile and largest value."""
+
+    median: float
+    p90: float
+    largest: float
+
+
+def spread(runs: Sequence[Metrics], of: Callable[[Metrics], float]) -> Spread:
+    """How a number is distributed over runs."""
+    values = np.array([of(run) for run in runs], dtype=float)
+    median, p90, largest = np.quantile(values, (0.5, 0.9, 1.0)).tolist()
+    return Spread(median, p90, largest)

@@ -23,6 +23,7 @@ all of them makes the program ill conditioned when rates are tight, and changes 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -32,17 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from twosra_mpc.execution.tracking.prediction import (
-    Period,
-    believed_start,
-    expected_deviations,
-    motion,
-)
+from twosra_mpc.execution.tracking import prediction
+from twosra_mpc.execution.tracking.prediction import Period, Stage
 from twosra_mpc.execution.tracking.setup import Setup
-from twosra_mpc.execution.tracking.stage import Stage, stage_model
-from twosra_mpc.robot.coordinates import INPUTS, WHEELS
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 
 UNLIMITED = 1e30  # what OSQP takes as no bound
 RATE_LIMITED_PERIODS = 3
@@ -96,18 +90,18 @@ class _Affine(NamedTuple):
 @lru_cache(maxsize=32)
 def tracking_program(setup: Setup) -> TrackingProgram:
     """Write down and compile the quadratic program of one mode."""
-    stage, m, n = stage_model(setup), setup.outputs.count, setup.horizon
-    q, wheels = ca.SX.sym("q", setup.robot.coordinates.size), ca.SX.sym("wheels", WHEELS)
+    stage, m, n = prediction.stage_model(setup), setup.outputs.count, setup.horizon
+    q, wheels = ca.SX.sym("q", setup.coordinates.size), ca.SX.sym("wheels", WHEELS)
     reference = ca.SX.sym("reference", m, n + 1)
     previous = ca.SX.sym("previous", setup.variables)
     arguments = [q, reference, previous, wheels]
 
-    start = believed_start(setup, q, reference[:, 0])
-    expected = expected_deviations(setup, start.deviation, previous)
+    start = prediction.believed_start(setup, q, reference[:, 0])
+    expected = prediction.expected_deviations(setup, start.deviation, previous)
     y = [reference[:, k] + expected[k] * setup.scale for k in range(n + 1)]
-    periods = motion(setup, stage, start, y)
-    stages, others = _constraints(setup, stage, expected, periods, wheels)
-    rows = [*stages, *others]
+    periods = prediction.motion(setup, stage, start, y)
+    kinds = _constraints(setup, stage, expected, periods, wheels)
+    rows = list(itertools.chain(*kinds))
     matrix = ca.sparsify(ca.vertcat(*(item.matrix for item in rows)))
     numbers = [
         matrix.nz[:],
@@ -117,17 +111,18 @@ def tracking_program(setup: Setup) -> TrackingProgram:
         ca.vertcat(*expected, previous[m * n :]),
     ]
     first = [y[0], reference[:, 1] + previous[:m] * setup.scale]
-    sent = _command(setup, stage, motion(setup, stage, start, first)[0], wheels)
-    pattern = matrix.sparsity()
+    sent = _command(setup, stage, prediction.motion(setup, stage, start, first)[0], wheels)
+    cost, pattern = np.zeros(setup.variables), matrix.sparsity()
+    cost[m * n :] = setup.weights.curvature_penalty / SLACK_UNIT / _norm(setup)
     values = (np.ones(matrix.nnz()), pattern.row(), pattern.colind())
     return TrackingProgram(
         setup=setup,
         linearise=ca.Function("linearise", arguments, numbers, {"cse": True}),
         command=ca.Function("command", arguments, sent, {"cse": True}),
         hessian=_hessian(setup),
-        cost=_cost(setup),
+        cost=cost,
         constraints=sparse.csc_matrix(values, shape=matrix.shape),
-        next_rows=_next_rows([item.matrix.size1() for item in stages], others, n),
+        next_rows=_next_rows(kinds),
     )
 
 
@@ -146,18 +141,10 @@ def _hessian(setup: Setup) -> sparse.csc_matrix:
     return sparse.csc_matrix(hessian)
 
 
-def _cost(setup: Setup) -> Array:
-    cost = np.zeros(setup.variables)
-    cost[setup.outputs.count * setup.horizon :] = (
-        setup.weights.curvature_penalty / SLACK_UNIT / _norm(setup)
-    )
-    return cost
-
-
 def _constraints(
     setup: Setup, stage: Stage, expected: list[ca.SX], periods: list[Period], wheels: ca.SX
-) -> tuple[list[_Rows], list[_Rows]]:
-    """Rows of each stage, and further rows: wheel rates, sign of the slack."""
+) -> list[list[_Rows]]:
+    """Rows of each stage, of the wheel rates period by period, and the sign of the slack."""
     unit, limits = _row_units(setup, stage), list(stage.limits)
     largest = unit[limits]
     speeds = [
@@ -171,12 +158,12 @@ def _constraints(
         if setup.outputs.bending:
             rows.append(_curvature_rows(setup, k, periods[k], expected[k + 1]))
         stages.append(_Rows(*(ca.vertcat(*parts) for parts in zip(*rows, strict=True))))
-    others = _wheel_rates(setup, stage, unit, speeds, wheels)
+    kinds = [stages, _wheel_rates(setup, stage, unit, speeds, wheels)]
     if setup.outputs.bending:
         slack = ca.SX(1, setup.variables)
         slack[0, -1] = 1
-        others.append(_Rows(slack, ca.SX(0), ca.SX(UNLIMITED)))
-    return stages, others
+        kinds.append([_Rows(slack, ca.SX(0), ca.SX(UNLIMITED))])
+    return kinds
 
 
 def _row_units(setup: Setup, stage: Stage) -> Array:
@@ -184,7 +171,7 @@ def _row_units(setup: Setup, stage: Stage) -> Array:
 
     Keeps the program equally well conditioned for every robot and weight, (rows of g,).
     """
-    straight = np.zeros(setup.robot.coordinates.size)
+    straight = np.zeros(setup.coordinates.size)
     _, by_step, _ = stage.speeds(straight, np.zeros(setup.outputs.count))
     units: Array = 1 / np.linalg.norm(by_step.full() * setup.scale, axis=1)
     return units
@@ -213,7 +200,7 @@ def _linearised_speeds(
 def _curvature_rows(setup: Setup, k: int, period: Period, expected: ca.SX) -> _Rows:
     """Keep each curvature within the limit it is nearer to, up to the slack."""
     m = setup.outputs.count
-    limit, unit = setup.robot.limits.curvature_per_m, setup.weights.curvature_per_m
+    limit, unit = setup.body.limits.curvature_per_m, setup.weights.curvature_per_m
     side = ca.if_else(period.kappa >= 0, CURVATURE_UNIT, -CURVATURE_UNIT)
     slope = ca.diag(side) @ period.bending @ ca.diag(ca.DM(setup.scale)) / unit
     matrix = ca.SX(side.numel(), setup.variables)
@@ -228,8 +215,8 @@ def _wheel_rates(
     setup: Setup, stage: Stage, unit: Array, speeds: list[_Affine], wheels: ca.SX
 ) -> list[_Rows]:
     """Changes of the wheel speeds, the first one from the last command."""
-    turning, of_wheels = list(stage.wheels), stage.wheel_rows
-    unit, most = unit[of_wheels], setup.robot.limits.wheel_speed_rad_s
+    turning, of_wheels = list(stage.wheels), slice(-len(stage.wheels), None)
+    unit, most = unit[of_wheels], setup.body.limits.wheel_speed_rad_s
     tightness = most / (6 * setup.wheel_change)
     weight = min(max(0.5, tightness), 1.5)  # by experiment: the more, the likelier they are active
     change = weight * unit * setup.wheel_change / most
@@ -245,21 +232,17 @@ def _wheel_rates(
     return rows
 
 
-def _next_rows(stages: list[int], others: list[_Rows], horizon: int) -> NDArray[np.intp]:
+def _next_rows(kinds: list[list[_Rows]]) -> NDArray[np.intp]:
     """Row of the same limit one period later; rows of the last period stay."""
-    sizes = [*stages, *(item.matrix.size1() for item in others)]
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    rows = np.arange(starts[-1])
-    for block in range(len(sizes) - 1):
-        last_of_kind = block == horizon - 1
-        if not last_of_kind and sizes[block] == sizes[block + 1]:
-            rows[starts[block] : starts[block + 1]] += sizes[block]
-    return rows.astype(np.intp)
+    sizes = [[item.matrix.size1() for item in kind] for kind in kinds]
+    steps = [step for kind in sizes for step in (*kind[1:], 0)]
+    ahead: NDArray[np.intp] = np.repeat(steps, list(itertools.chain(*sizes)))
+    return ahead + np.arange(len(ahead))
 
 
 def _command(setup: Setup, stage: Stage, period: Period, last: ca.SX) -> list[ca.SX]:
     """Input of the first period, scaled into the limits, and the wheel speeds sent for it."""
-    limits, outputs = setup.robot.limits, setup.outputs
+    limits, outputs = setup.body.limits, setup.outputs
     u, wheels = stage.motion(period.half_way, period.step)
     shares = [ca.fabs(wheels) / limits.wheel_speed_rad_s]
     if outputs.bending:

@@ -1,31 +1,137 @@
-"""Everything the quadratic program of one mode is made from, as one value."""
+r"""What the quadratic program of a mode is made from: what is tracked, weights and limits.
+
+In each mode as many outputs y = T q are tracked as the mode has inputs.
+
+.. math:: \dot y = M(q)\,u, \qquad M = T\,J(q, \sigma)\,B
+
+B picks the inputs of the mode. M is regular, so any path of y can be followed, and what the inputs
+must be follows from it. Rigid: y = (x, y, phi). Soft: y = (phi, mean curvature of the soft
+segments): two units bend all of them at once, so one number is theirs to control, however many they
+are. Where b0 goes meanwhile follows from the path of y, and cannot be corrected at rest.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import Field
 
-from twosra_mpc.execution.tracking.outputs import Outputs, outputs_of
-from twosra_mpc.execution.tracking.settings import TrackerLimits, TrackerWeights
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
+from twosra_mpc.robot.description import Body
+from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
+from twosra_mpc.validation import NonNegative, Positive, Value
 
-Array = NDArray[np.float64]
+
+class TrackerWeights(Value):
+    """What a deviation from the plan costs.
+
+    Attributes:
+        position_m: Unit of deviations of x and y; one unit costs one half per period.
+        heading_rad: Unit of deviations of phi.
+        curvature_per_m: Unit of deviations of the curvatures.
+        response_s: Time constant with which a deviation decays while no limit is active.
+        curvature_penalty: Cost of exceeding the curvature limit by one unit; an exact penalty, so
+            the limit is kept wherever it can be kept.
+    """
+
+    position_m: Positive = 0.005
+    heading_rad: Positive = 0.05
+    curvature_per_m: Positive = 2.0
+    response_s: Positive = 0.3
+    curvature_penalty: Positive = 100.0
+
+
+class TrackerLimits(Value):
+    """Limits of the drives, and how far from the plan the prediction starts at most.
+
+    Attributes:
+        wheel_rate_rad_s2: Largest change of a wheel command per second; stopping is exempt.
+        dead_zone_rad_s: Smallest wheel command that turns a wheel. A smaller one is sent as zero or
+            as this, whichever is nearer, as far as the rate limit lets it.
+        deviation_m: Larger deviations of x and y are taken as this: the wheels run at their limit
+            anyway, and the linearised limits hold near the plan.
+        deviation_rad: The same for the heading.
+        deviation_per_m: The same for a curvature.
+    """
+
+    wheel_rate_rad_s2: Positive = 100.0
+    dead_zone_rad_s: NonNegative = 0.0
+    deviation_m: Positive = 0.05
+    deviation_rad: Positive = 0.5
+    deviation_per_m: Positive = 20.0
+
+
+class SolverSettings(Value):
+    """Accuracy and effort of the quadratic program.
+
+    Attributes:
+        tolerance: Largest primal and dual residual; about the error of the first speeds, relative
+            to their limits.
+        max_iterations: Iterations after which the point reached is used as it is, if its residuals
+            are small, and the step has failed otherwise.
+    """
+
+    tolerance: Positive = 3e-4
+    max_iterations: Annotated[int, Field(ge=1)] = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """Outputs and inputs of a mode.
+
+    Attributes:
+        inputs: Positions in v = [v1, v2, u0, v0, r0] of the mode's inputs, m of them.
+        selection: T, (m, 3 + n); a mean of coordinates has weights that add up to one.
+        heading: Which output is phi.
+        bending: Positions in q of the curvatures that move.
+    """
+
+    inputs: tuple[int, ...]
+    selection: Array
+    heading: int
+    bending: tuple[int, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of outputs, and of inputs."""
+        return len(self.inputs)
+
+
+@lru_cache(maxsize=32)
+def outputs_of(mode: Mode) -> Outputs:
+    """Outputs and inputs of a mode, whatever the number of segments."""
+    size = POSE + len(mode)
+    if is_rigid(mode):
+        return Outputs((2, 3, 4), np.eye(POSE, size), heading=2, bending=())
+    bending = tuple(POSE + segment for segment in soft_segments(mode))
+    selection = np.zeros((2, size))
+    selection[0, 2] = 1.0
+    selection[1, list(bending)] = 1.0 / len(bending)
+    return Outputs((0, 1), selection, heading=0, bending=bending)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Robot, mode, horizon N, period h and what deviations cost; the numbers that follow."""
+    """Body, mode, horizon N, period h and what deviations cost; the numbers that follow.
 
-    robot: Robot
+    Compiled programs are kept by it, so there is nothing in it that they do not depend on.
+    """
+
+    body: Body
     mode: Mode
     horizon: int
     period_s: float
     weights: TrackerWeights
     limits: TrackerLimits
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Where the parts of a configuration are."""
+        return Coordinates(len(self.mode))
 
     @property
     def outputs(self) -> Outputs:
@@ -50,7 +156,7 @@ class Setup:
         return self._of_outputs(limits.deviation_m, limits.deviation_rad, limits.deviation_per_m)
 
     def _of_outputs(self, position: float, heading: float, curvature: float) -> Array:
-        each = self.robot.coordinates.each(position, heading, curvature)
+        each = self.coordinates.each(position, heading, curvature)
         values: Array = self.outputs.selection @ each
         return values
 

@@ -6,19 +6,16 @@ import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 import osqp  # type: ignore[import-untyped]  # it has no stubs
-from numpy.typing import NDArray
 from scipy import sparse
 
 from twosra_mpc.execution.tracking.linearisation import TrackingProgram
-from twosra_mpc.execution.tracking.settings import SolverSettings
-from twosra_mpc.robot.coordinates import INPUTS, WHEELS
-
-Array = NDArray[np.float64]
+from twosra_mpc.execution.tracking.setup import SolverSettings
+from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 
 USABLE = 0.03  # residuals up to which a point that did not converge is still worth sending
 STEP_SIZE = 2.0  # rho of ADMM; rows and cost are scaled so that one suits every robot and weight
@@ -34,8 +31,7 @@ class Quality(enum.Enum):
     UNUSABLE = enum.auto()
 
 
-@dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(NamedTuple):
     """How well a point solves a quadratic program, in its scaled units; infinity norms.
 
     Attributes:
@@ -96,7 +92,7 @@ class ProgramInPlace:
     def __init__(self, program: TrackingProgram, settings: SolverSettings) -> None:
         setup = program.setup
         self.program = program
-        self.measured = np.zeros(setup.robot.coordinates.size)
+        self.measured = np.zeros(setup.coordinates.size)
         self.reference = np.zeros((setup.horizon + 1, setup.outputs.count))
         self.v, self.wheels, self.command = np.zeros(INPUTS), np.zeros(WHEELS), np.zeros(WHEELS)
         self._cost = program.cost.copy()

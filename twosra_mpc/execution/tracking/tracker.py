@@ -10,27 +10,23 @@ import enum
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.reference import PhaseReference
-from twosra_mpc.execution.tracking.settings import SolverSettings, TrackerLimits, TrackerWeights
-from twosra_mpc.execution.tracking.setup import Setup
+from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.solver import ProgramInPlace, QuadraticProgram, Quality
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.trajectory import SAME_TIME_S
-from twosra_mpc.robot.coordinates import INPUTS, WHEELS
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Trajectory
+from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 
-Array = NDArray[np.float64]
-
 LONGEST_HORIZON = 200
 HIGHEST_RATE_HZ = 1000.0
+PARTS = 8  # grid points per sampling period; in between, the reference is interpolated linearly
 
 
 class CommandStatus(enum.StrEnum):
@@ -97,9 +93,34 @@ class Command:
     message: str = ""
 
 
-class _TrackedPhase(NamedTuple):
-    program: ProgramInPlace
-    reference: PhaseReference
+class PhaseReference:
+    """Outputs along a phase, resting at its start before it and at its end after it.
+
+    A tracker asks for a horizon of them within a millisecond: so the trajectory is asked once.
+    """
+
+    def __init__(
+        self, trajectory: Trajectory, phase: Phase, selection: Array, horizon: int, period_s: float
+    ) -> None:
+        """Put outputs y = ``selection`` q on a grid that looks ``horizon`` periods either way."""
+        self._grid_s = period_s / PARTS
+        self._rest = horizon * PARTS
+        count = int(np.ceil((phase.end_s - phase.start_s) / self._grid_s)) + 1
+        t = np.minimum(phase.start_s + self._grid_s * np.arange(count), phase.end_s)
+        outputs = trajectory.configuration(t) @ selection.T
+        self._outputs = np.pad(outputs, [(self._rest, self._rest + 2), (0, 0)], mode="edge")
+        self._slopes = np.diff(self._outputs, axis=0)
+        self._start_s = phase.start_s
+        self._last = float(count - 1 + self._rest)
+
+    def write(self, time_s: float, into: Array) -> None:
+        """Write the outputs at ``time_s`` of the plan and at the samples that follow."""
+        place = (time_s - self._start_s) / self._grid_s + self._rest
+        place = min(max(place, 0.0), self._last)
+        first = int(place)
+        rows = slice(first, first + self._rest + 1, PARTS)
+        np.multiply(self._slopes[rows], place - first, out=into)
+        into += self._outputs[rows]
 
 
 class Tracker:
@@ -107,6 +128,10 @@ class Tracker:
 
     Every step linearises the limits, solves one quadratic program (OSQP) and returns its first
     input. Programs are built once per mode; a step only changes numbers in them.
+
+    Attributes:
+        last_command: The last command that a step returned; wheels at rest and heaters off before
+            the first. Stays as it is when a step refuses a measurement.
     """
 
     def __init__(
@@ -143,23 +168,14 @@ class Tracker:
         if self.limits.dead_zone_rad_s > robot.limits.wheel_speed_rad_s:
             most = f"at most the wheel speed limit, {robot.limits.wheel_speed_rad_s:g} rad/s"
             raise InputError("limits.dead_zone_rad_s", self.limits.dead_zone_rad_s, most)
-        self._wheel_change = self.limits.wheel_rate_rad_s2 * self.period_s
         self._programs: dict[Mode, ProgramInPlace] = {}
-        self._phases: list[_TrackedPhase] | None = None
+        self._phases: list[tuple[ProgramInPlace, PhaseReference]] | None = None
         self._phase: int | None = None
         self._solved_last: ProgramInPlace | None = None
         off = _read_only(np.full(robot.coordinates.segments, robot.heater.rigid_setpoint_C))
-        self._last_command = Command(
+        self.last_command = Command(
             _NO_WHEELS, _NO_INPUT, off, CommandStatus.HELD, "no plan is being tracked yet"
         )
-
-    @property
-    def last_command(self) -> Command:
-        """The last command that a step returned; wheels at rest and heaters off before the first.
-
-        Stays as it is when a step refuses a measurement.
-        """
-        return self._last_command
 
     def reset(self, plan: Plan) -> None:
         """Track another plan from the next step on; the wheels are taken to turn as last told.
@@ -168,7 +184,8 @@ class Tracker:
             InputError: If the plan is for another robot, or its samples are not finite.
         """
         if plan.robot != self.robot:
-            raise InputError("plan.robot", plan.robot.name, _same_robot(self.robot))
+            allowed = f"a plan for this very robot, {self.robot.name}, with all its values"
+            raise InputError("plan.robot", plan.robot.name, allowed)
         samples = plan.samples
         for name in ("t_s", "q", "v", "heater_setpoint_C"):
             if not np.isfinite(getattr(samples, name)).all():
@@ -178,7 +195,7 @@ class Tracker:
             program = self._program(phase.mode)
             selection = program.program.setup.outputs.selection
             path = PhaseReference(plan.trajectory, phase, selection, self.horizon, self.period_s)
-            phases.append(_TrackedPhase(program, path))
+            phases.append((program, path))
         self._phases, self._phase = phases, None
         self._times = samples.t_s.tolist()
         self._heaters: list[Array] = list(samples.heater_setpoint_C)
@@ -197,10 +214,9 @@ class Tracker:
         size = self.robot.coordinates.size
         if np.shape(measurement.q) != (size,):
             raise InputError("measurement.q", np.shape(measurement.q), f"{size} numbers, a row")
-        phase = measurement.phase
+        phase, heaters = measurement.phase, self._heater_setpoint(measurement.time_s)
         if phase is None:
             self._phase = None
-            heaters = self._heater_setpoint(measurement.time_s)
             return self._stop(CommandStatus.HELD, heaters, "between phases")
         if not 0 <= phase < len(self._phases):
             allowed = f"None, or a phase of the plan (0 to {len(self._phases) - 1})"
@@ -209,28 +225,27 @@ class Tracker:
         if phase != self._phase:
             program.forget()
             self._phase = phase
-            if np.abs(self._last_command.wheel_rad_s).max() > self._wheel_change:
-                heaters = self._heater_setpoint(measurement.time_s)
+            if np.abs(self.last_command.wheel_rad_s).max() > program.program.setup.wheel_change:
                 return self._stop(CommandStatus.HELD, heaters, "the wheels stop between phases")
         program.measured[:] = measurement.q
-        program.wheels[:] = self._last_command.wheel_rad_s
+        program.wheels[:] = self.last_command.wheel_rad_s
         path.write(measurement.time_s, program.reference)
         self._solved_last = program
         quality = program.solve()
         if quality is Quality.UNUSABLE:
             return self._stop(
                 CommandStatus.FAILED,
-                self._last_command.heater_setpoint_C,
+                self.last_command.heater_setpoint_C,
                 f"wheels stopped, the quadratic program was not solved: {program.describe()}",
             )
-        self._last_command = Command(
+        self.last_command = Command(
             _read_only(program.command.copy()),
             _read_only(program.v.copy()),
-            self._heater_setpoint(measurement.time_s),
+            heaters,
             CommandStatus.SOLVED,
             "" if quality is Quality.CONVERGED else program.describe(),
         )
-        return self._last_command
+        return self.last_command
 
     def quadratic_program(self) -> QuadraticProgram | None:
         """The program of the last step that solved one, with its solution; None if there is none.
@@ -241,7 +256,8 @@ class Tracker:
 
     def _program(self, mode: Mode) -> ProgramInPlace:
         if mode not in self._programs:
-            setup = Setup(self.robot, mode, self.horizon, self.period_s, self.weights, self.limits)
+            settings = self.horizon, self.period_s, self.weights, self.limits
+            setup = Setup(self.robot.body, mode, *settings)
             self._programs[mode] = ProgramInPlace(tracking_program(setup), self.solver)
         return self._programs[mode]
 
@@ -251,17 +267,13 @@ class Tracker:
         return self._heaters[max(place, 0)]
 
     def _stop(self, status: CommandStatus, heaters: Array, message: str) -> Command:
-        self._last_command = Command(_NO_WHEELS, _NO_INPUT, heaters, status, message)
-        return self._last_command
+        self.last_command = Command(_NO_WHEELS, _NO_INPUT, heaters, status, message)
+        return self.last_command
 
 
 def _read_only(array: Array) -> Array:
     array.setflags(write=False)
     return array
-
-
-def _same_robot(robot: Robot) -> str:
-    return f"a plan for this very robot, {robot.name}, with all its values"
 
 
 _NO_WHEELS, _NO_INPUT = _read_only(np.zeros(WHEELS)), _read_only(np.zeros(INPUTS))

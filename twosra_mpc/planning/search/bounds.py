@@ -71,8 +71,8 @@ class BendingTask:
         origin: W of each segment at t = 0.
         least_time: (mode, bounds of W before, least change of W of the soft segments) -> lower
             bound on the time it takes.
-        forbidden: (mode, W before, change of W) -> what is wrong with a shape that every such bend passes, in
-            words; None if nothing is.
+        forbidden: (mode, W before, change of W) -> what is wrong with a shape that every such bend
+            passes, in words; None if nothing is.
         beyond: Where ``room`` ends, in words.
         shape: The required curvature changes in words, for messages.
         conserved: What bending together cannot change, for messages.
