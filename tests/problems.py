@@ -15,7 +15,7 @@ from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
-ROBOT = load_robot("2sra-v1")
+ROBOT = load_robot("2sra-v1-paper")
 
 
 def random_problem(seed: int, robot: Robot = ROBOT, **overrides: Any) -> Problem:
@@ -54,7 +54,7 @@ def bound_of(problem: Problem, sequence: ModeSequence, last: Mode = RIGID) -> Se
 
 
 def faster_robot(factor: float) -> Robot:
-    """2sra-v1 whose metal melts and freezes ``factor`` times faster."""
+    """2sra-v1-paper whose metal melts and freezes ``factor`` times faster."""
     timing = OverlappedTiming(
         overlap="full",
         melt_s=63.0 / factor,

@@ -14,9 +14,10 @@ class MotionLimits(Value):
     needs no wheel to turn, and nothing would stop it.
 
     ``speed_m_s`` and ``turn_rate_rad_s`` are of the middle link in rigid phases,
-    ``bend_rate_rad_s`` of every segment (kappa' l). With
-    ``wheel_acceleration_rad_s2`` every phase begins and ends at rest. In gentle motion a wheel that turns reaches at least ``wheel_speed_min_rad_s`` in a phase,
-    and a phase that moves lasts at least three times ``control_period_s``.
+    ``bend_rate_rad_s`` of every segment (kappa' l). With ``wheel_acceleration_rad_s2`` every phase
+    begins and ends at rest. In gentle motion a wheel that turns reaches at least
+    ``wheel_speed_min_rad_s`` in a phase, and a phase that moves lasts at least three times
+    ``control_period_s``.
     """
 
     wheel_speed_rad_s: Positive
