@@ -18,14 +18,13 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
     Args:
         plan: The plan.
         path: Where to write it.
-        rate_Hz: Rows per second; default: the plan's own grid. A phase that is shorter than a
-            period can fall between two rows.
+        rate_Hz: Rows per second, besides those where phases begin and end; default: the plan's
+            own grid.
 
     Raises:
         InputError: If the rate or the path is not acceptable.
     """
-    given = plan.trajectory
-    samples = given.samples if rate_Hz is None else given.resampled(rate_Hz)
+    samples = plan.trajectory.held(rate_Hz)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     numbers = range(1, plan.robot.geometry.segments + 1)

@@ -41,15 +41,15 @@ def _numbered(name: str, values: Array | NDArray[np.int64]) -> dict[str, Array]:
 
 
 def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
-    """Write the set-points of a plan as CSV, one row a sample, atomically.
+    """Write the set-points of a plan as CSV, atomically; every row holds to the next.
+
+    Wheels turn as far as in the plan: their speeds are means from row to row.
 
     Raises:
         NoPlanError: If the plan has no samples.
         InputError: If the rate or the path is not acceptable.
     """
-    given = plan.trajectory
-    samples = given.samples if rate_Hz is None else given.resampled(rate_Hz)
-    names, table = rows(samples)
+    names, table = rows(plan.trajectory.held(rate_Hz))
     text, formats = io.StringIO(), ["%d" if name.startswith("mode") else "%s" for name in names]
     np.savetxt(text, table, formats, delimiter=",", header=",".join(names), comments="")
     write_text(path, text.getvalue())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -160,14 +160,28 @@ class Trajectory:
         _, at, elapsed = self._in_force(t)
         return self._turned_rad[at] + self._rolled(at, elapsed)
 
-    def resampled(self, rate_Hz: float) -> Samples:
-        """Samples at a regular rate, and at the end.
+    def held(self, rate_Hz: float | None = None) -> Samples:
+        """What to send: rows whose inputs and wheel speeds hold to the next one and lose nothing.
+
+        They are means from row to row, so that every wheel turns as far as in the plan. Rows are at
+        a regular rate, where phases begin and end, and at the end; or on the plan's own grid.
 
         Raises:
             InputError: If the rate is not positive, or beyond 1000 Hz.
         """
-        t, end = self.regular_times(rate_Hz), self.duration_s
-        return self.at(np.append(t, end) if t[-1] < end - SAME_TIME_S else t)
+        t = self.samples.t_s
+        if rate_Hz is not None:
+            ends = [time for phase in self.phases for time in (phase.start_s, phase.end_s)]
+            events = np.unique([*ends, self.duration_s])
+            regular = self.regular_times(rate_Hz)
+            t = np.sort(np.concatenate([events, new_times(regular, events)]))
+        _, at, elapsed = self._in_force(t)
+        moved = self._moved[at] + self._input(at, elapsed / 2) * elapsed[:, None]
+        dt = np.append(np.diff(t), 1.0)[:, None]  # the last row rests
+        v = np.diff(moved, axis=0, append=moved[-1:]) / dt
+        turned = self.wheel_travel_rad(t)
+        wheels = np.diff(turned, axis=0, append=turned[-1:]) / dt
+        return replace(self.at(t), v=v, a=np.zeros_like(v), wheel_rad_s=wheels)
 
     def regular_times(self, rate_Hz: float) -> Array:
         """Times [s] at a regular rate, from 0 until no later than the end.
@@ -181,6 +195,13 @@ class Trajectory:
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
         return transition_model(self.problem).heating(self.transitions)
+
+    @cached_property
+    def _moved(self) -> Array:
+        """Input displacement at the samples, (rows, 5) [m, m, m, m, rad]."""
+        dt = np.diff(self.samples.t_s)
+        steps = self._input(np.arange(len(dt)), dt / 2) * dt[:, None]
+        return np.concatenate([np.zeros((1, INPUTS)), np.cumsum(steps, axis=0)])
 
     @cached_property
     def _turned_rad(self) -> Array:
