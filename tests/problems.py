@@ -18,6 +18,13 @@ from twosra_mpc.timing import TemporalNetwork, transition_model
 ROBOT = load_robot("2sra-v1-paper")
 
 
+def at_once(robot: Robot) -> Robot:
+    """The robot as the paper's is: no limit on acceleration, bending, driving and turning rates."""
+    of_paper = ("wheel_speed_rad_s", "unit_speed_m_s", "curvature_per_m", "unit_gap_m")
+    limits = {name: getattr(robot.limits, name) for name in (*of_paper, "wheel_independence")}
+    return robot.with_values(limits=type(robot.limits)(**limits))
+
+
 def random_problem(seed: int, robot: Robot = ROBOT, **overrides: Any) -> Problem:
     """abs(kappa) <= 60 1/m, positions within 0.25 m, any heading, units apart at both ends."""
     rng = np.random.default_rng(seed)

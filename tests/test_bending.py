@@ -261,7 +261,7 @@ def test_at_full_speed_a_bend_takes_its_least_time_and_little_more(
     down = max(-room - w for w, soft in zip(origin, mode, strict=True) if soft)
     up = min(room - w for w, soft in zip(origin, mode, strict=True) if soft)
     bend = down + share * (up - down)
-    least_s = facts.least_time(mode, origin, bend)
+    least_s = facts.least_time(mode, [(w, w) for w in origin], bend)
     assume(abs(bend) > 1e-3 * room and math.isfinite(least_s))
     full = np.full(2, math.copysign(unit_speed(robot), bend))
 

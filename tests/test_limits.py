@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from problems import at_once
 from test_segments import ROBOTS, world
 
 from twosra_mpc import Robot, load_problem, load_robot, plan
@@ -23,15 +24,18 @@ from twosra_mpc.problem.limits import (
     ShapeLimit,
     broken_by_shapes,
     interval_durations,
+    least_times,
     may_drive_in,
     rigid_rows,
     shape_margins,
     shapes_allowed,
+    speed_limits,
     surely_broken,
     verified_margins,
 )
 
-ARC = load_robot("2sra-v1")
+LIMITED = load_robot("2sra-v1")
+ARC = at_once(LIMITED)
 
 
 @pytest.mark.parametrize("robot", ROBOTS[1::2], ids=lambda r: str(r.coordinates.segments))
@@ -96,10 +100,36 @@ def test_every_limit_is_checked_in_every_plan() -> None:
     samples = made.samples
     margins = dict(verified_margins(made.robot, samples.q, samples.v, samples.mode))
     assert set(margins) == {limit.name for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
-    assert made.verification.limits.items() >= margins.items()
+    for name, margin in margins.items():
+        assert made.verification.limits[name] == pytest.approx(margin, abs=1e-12)
+    assert made.verification.limits["wheel_acceleration_rad_s2"] >= 0
     assert all(margin >= 0 for margin in margins.values())
-    faster = dict(verified_margins(made.robot, samples.q, 1.5 * samples.v, samples.mode))
-    assert faster["wheel_speed_rad_s"] == pytest.approx(-5.0, abs=1e-3)
+    faster = dict(verified_margins(made.robot, samples.q, 20 * samples.v, samples.mode))
+    assert all(faster[limit.name] < 0 for limit in SPEED_LIMITS)
+
+
+def test_a_limit_that_a_robot_does_not_have_is_not_checked() -> None:
+    made = plan(load_problem("move-and-shape", robot=ARC)).require()
+    assert [limit.name for limit in speed_limits(ARC)] == ["wheel_speed_rad_s", "unit_speed_m_s"]
+    assert not {"bend_rate_rad_s", "wheel_acceleration_rad_s2"} & set(made.verification.limits)
+    assert made.verification.limits["wheel_speed_rad_s"] == 0.0  # nothing else holds it back
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bending_driving_and_turning_rates_by_hand(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kappa, phi = rng.uniform(-30, 30, 2), rng.uniform(-3, 3)
+    q = np.array([[0, 0, phi, *kappa]])
+    angle, turn = rng.uniform(-np.pi, np.pi), rng.uniform(-0.05, 0.05)
+    s = np.array([0, 0, 0.02 * math.cos(angle), 0.02 * math.sin(angle), turn])
+    rows = kinematics(LIMITED).wheel_matrix(q[0], (0, 0)).full()[:, 2:] @ s[2:]
+    least = max(0.02 / 0.05, abs(turn) / 0.3, np.abs(rows).max() / 10.0)
+    found = least_times(LIMITED, q, s[None], np.array([[0, 0]]))[0]
+    assert least * (1 - 1e-12) <= found <= max(least, 0.02 / 0.05 / math.cos(math.pi / 16)) + 1e-12
+    bend = np.array([0.001, 0.001, 0, 0, 0])
+    rates = kinematics(LIMITED).jacobian(q[0], (1, 0)).full()[3:] @ bend * 0.04
+    least = max(np.abs(rates).max() / 0.5, 0.001 / 0.03)
+    assert least_times(LIMITED, q, bend[None], np.array([[1, 0]]))[0] == pytest.approx(least)
 
 
 @pytest.mark.parametrize(

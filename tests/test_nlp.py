@@ -114,7 +114,7 @@ def test_terminal_correction_closes_a_disturbed_motion_and_changes_it_little(see
 
 
 def test_terminal_correction_gives_up_on_a_goal_its_modes_cannot_reach() -> None:
-    problem = load_problem("paper-1")
+    problem = load_problem("paper-1", robot=ROBOT)
     still = roll_out(ROBOT, problem.start.configuration, (RIGID,), np.full((1, 4, 5), 1e-3))
     assert correct_end(still, problem.goal) is None
 
@@ -139,7 +139,7 @@ def test_intervals_run_at_the_limit_of_a_wheel_or_a_unit() -> None:
 
 @pytest.mark.parametrize("name", ["paper-1", "paper-3", "paper-5"])
 def test_multiple_shooting_confirms_that_the_guess_is_locally_optimal(name: str) -> None:
-    problem = load_problem(name)
+    problem = load_problem(name, robot=ROBOT)
     sequence = SEQUENCE if name != "paper-5" else (RIGID, SOFT_2, SOFT_BOTH, RIGID)
     network, guess, bound = set_up(problem, sequence)
     first, polished = scheduled(guess, network, problem, 0), solve(guess, network, problem)
@@ -152,7 +152,7 @@ def test_multiple_shooting_confirms_that_the_guess_is_locally_optimal(name: str)
 
 
 def test_multiple_shooting_improves_a_motion_that_is_not_optimal() -> None:
-    problem = load_problem("rigid-move")
+    problem = load_problem("rigid-move", robot=ROBOT)
     network, guess, _ = set_up(problem, (RIGID,))
     first, polished = scheduled(guess, network, problem, 0), solve(guess, network, problem)
     assert first is not None
@@ -161,7 +161,7 @@ def test_multiple_shooting_improves_a_motion_that_is_not_optimal() -> None:
 
 
 def test_a_goal_out_of_reach_of_the_modes_is_reported_as_no_motion() -> None:
-    problem = load_problem("paper-1")
+    problem = load_problem("paper-1", robot=ROBOT)
     network = network_of(problem, (RIGID,))
     guess = roll_out(ROBOT, problem.start.configuration, (RIGID,), np.full((1, 10, 5), 1e-3))
     assert solve(guess, network, problem) is None

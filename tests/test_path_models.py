@@ -158,7 +158,7 @@ def test_bending_with_both_units_at_full_speed_takes_the_proved_least_time(
     end = interval_flow(robot, 64)(q, step, mode).full()[:, 0]
     origin = (facts.coordinate(q[3]), facts.coordinate(q[4]))
     bend = facts.coordinate(float(end[3])) - origin[0]
-    least = facts.least_time(mode, origin, bend)
+    least = facts.least_time(mode, [(w, w) for w in origin], bend)
     assert least <= seconds + 1e-9
     assert least >= 0.98 * seconds
 

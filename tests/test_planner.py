@@ -21,8 +21,8 @@ PAPER = [f"paper-{n}" for n in range(1, 6)]
 
 @pytest.mark.parametrize("name", PAPER)
 def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
-    result = plan(load_problem(name)).require()
-    greedy = plan(load_problem(name, planner="greedy")).require()
+    result = plan(load_problem(name, robot=ROBOT)).require()
+    greedy = plan(load_problem(name, planner="greedy", robot=ROBOT)).require()
     assert result.status is Status.OPTIMAL
     assert result.gap is not None
     assert result.gap <= 0.015
@@ -40,7 +40,7 @@ def test_the_published_problems_are_solved_to_a_proved_gap(name: str) -> None:
 def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
     name: str, transitions: int, least: float
 ) -> None:
-    result = plan(load_problem(name, timing="constant")).require()
+    result = plan(load_problem(name, timing="constant", robot=ROBOT)).require()
     assert result.cost.transitions == transitions
     assert least < result.cost.time_s < least + 3
 
@@ -49,7 +49,7 @@ def test_durations_are_the_transitions_by_hand_plus_a_little_motion(
     ("name", "total"), [("paper-1", 334.4), ("paper-2", 298.6), ("paper-5", 334.3)]
 )
 def test_the_published_totals_are_those_of_the_thermal_model(name: str, total: float) -> None:
-    result = plan(load_problem(name)).require()
+    result = plan(load_problem(name, robot=ROBOT)).require()
     assert result.duration_s == pytest.approx(total, abs=0.05)
 
 
@@ -87,7 +87,7 @@ def test_the_search_finds_what_solving_every_sequence_finds(factor: float | None
 
 
 def test_a_goal_equal_to_the_start_gives_an_empty_plan() -> None:
-    problem = load_problem("paper-1")
+    problem = load_problem("paper-1", robot=ROBOT)
     q = problem.start.configuration
     goal = Goal(x_m=q[0], y_m=q[1], phi_rad=q[2] + 2 * math.pi, kappa_per_m=q[3:])
     result = plan(Problem(robot=ROBOT, start=problem.start, goal=goal)).require()
@@ -124,7 +124,7 @@ def test_a_shape_change_of_one_segment_never_melts_the_other(segment: int) -> No
 
 def test_what_the_metal_allows_is_found_and_not_coded() -> None:
     """Heating runs while driving, the second melt waits for the first bend, one common freeze."""
-    result = plan(load_problem("move-and-shape")).require()
+    result = plan(load_problem("move-and-shape", robot=ROBOT)).require()
     melts = sorted((t for t in result.transitions if t.to == "soft"), key=lambda t: t.onset_s)
     freezes = [t for t in result.transitions if t.to == "rigid"]
     drive = result.phases[0]
@@ -135,18 +135,18 @@ def test_what_the_metal_allows_is_found_and_not_coded() -> None:
 
 
 def test_a_start_that_is_already_soft_is_used() -> None:
-    base = load_problem("paper-4")
+    base = load_problem("paper-4", robot=ROBOT)
     start = Start(**{**base.start.model_dump(), "temperature_C": (25.0, 63.0)})
-    result = plan(load_problem("paper-4", start=start.model_dump())).require()
+    result = plan(load_problem("paper-4", start=start.model_dump(), robot=ROBOT)).require()
     assert result.status is Status.OPTIMAL
     assert result.duration_s < 250  # no melt: only the freeze, from 63 C, and the motion
     assert [item.to for item in result.transitions] == ["rigid"]
 
 
 def test_a_goal_may_leave_a_segment_soft() -> None:
-    base = load_problem("paper-4")
+    base = load_problem("paper-4", robot=ROBOT)
     goal = {**base.goal.model_dump(), "mode": (0, 1)}
-    result = plan(load_problem("paper-4", goal=goal)).require()
+    result = plan(load_problem("paper-4", goal=goal, robot=ROBOT)).require()
     assert result.status is Status.OPTIMAL
     assert result.duration_s < 70
     assert [item.to for item in result.transitions] == ["soft"]
@@ -154,19 +154,21 @@ def test_a_goal_may_leave_a_segment_soft() -> None:
 
 
 def test_free_coordinates_and_tolerances_never_cost_more() -> None:
-    full = load_problem("paper-1")
+    full = load_problem("paper-1", robot=ROBOT)
     base = plan(full).require().duration_s
     assert base is not None
-    free = plan(load_problem("paper-1", goal={"kappa_per_m": [-15.0, "free"]})).require()
+    free = plan(
+        load_problem("paper-1", goal={"kappa_per_m": [-15.0, "free"]}, robot=ROBOT)
+    ).require()
     assert free.status is Status.OPTIMAL
     assert free.duration_s < 300 < base
     loose = {**full.goal.model_dump(), "tolerance": {"kappa_per_m": (2.5, 2.5)}}
-    near = plan(load_problem("paper-1", goal=loose)).require()
+    near = plan(load_problem("paper-1", goal=loose, robot=ROBOT)).require()
     assert near.duration_s < 300  # [1,1] alone comes within 2 1/m of both curvatures
 
 
 def test_infeasible_is_proved_and_explained() -> None:
-    result = plan(load_problem("paper-1", modes=[RIGID, SOFT_BOTH]))
+    result = plan(load_problem("paper-1", modes=[RIGID, SOFT_BOTH], robot=ROBOT))
     assert result.status is Status.INFEASIBLE
     assert "must also be bent alone" in result.message
     assert "kappa1 from -38 to -15" in result.message
@@ -177,15 +179,15 @@ def test_infeasible_is_proved_and_explained() -> None:
 
 
 def test_too_few_phases_is_not_called_infeasible() -> None:
-    result = plan(load_problem("paper-1", max_phases=3))
+    result = plan(load_problem("paper-1", max_phases=3, robot=ROBOT))
     assert result.status is Status.FAILED
     assert "raise max_phases" in result.message
     assert result.lower_bound is not None
-    assert result.lower_bound <= plan(load_problem("paper-1")).require().duration_s
+    assert result.lower_bound <= plan(load_problem("paper-1", robot=ROBOT)).require().duration_s
 
 
 def test_a_time_limit_stops_the_search_with_a_valid_bound() -> None:
-    result = plan(load_problem("paper-1", time_limit_s=1e-9))
+    result = plan(load_problem("paper-1", time_limit_s=1e-9, robot=ROBOT))
     assert result.status is Status.FAILED
     assert result.ending is Ending.LIMIT
     assert "raise time_limit_s" in result.message
@@ -198,7 +200,7 @@ def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPat
         raise KeyboardInterrupt
 
     monkeypatch.setattr(planner_module, "solve", interrupted)
-    result = plan(load_problem("rigid-move", gap=0.0))
+    result = plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
     assert result.ending is Ending.INTERRUPTED
     assert result.status is Status.FEASIBLE
     assert "interrupted" in result.message
@@ -207,7 +209,7 @@ def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:
-    result = plan(load_problem("rigid-move", gap=0.0))
+    result = plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
     assert result.status is Status.FEASIBLE
     assert result.gap is not None
     assert 0 < result.gap < 0.02
@@ -216,27 +218,27 @@ def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:
 
 def test_progress_is_reported() -> None:
     seen: list[Progress] = []
-    plan(load_problem("paper-3"), on_progress=seen.append)
+    plan(load_problem("paper-3", robot=ROBOT), on_progress=seen.append)
     assert seen
     assert all(item.lower_bound <= 337 for item in seen)
 
 
 def test_the_authors_timing_waits_through_every_transition() -> None:
     for name in PAPER:
-        result = plan(load_problem(name, timing="paper")).require()
-        greedy = plan(load_problem(name, timing="paper", planner="greedy")).require()
+        result = plan(load_problem(name, timing="paper", robot=ROBOT)).require()
+        greedy = plan(load_problem(name, timing="paper", planner="greedy", robot=ROBOT)).require()
         assert result.status is Status.OPTIMAL
         assert result.duration_s <= greedy.duration_s
     waits = {"paper-1": 1404.0, "paper-2": 400.0, "paper-4": 400.0}
     for name, wait in waits.items():
-        greedy = plan(load_problem(name, timing="paper", planner="greedy")).require()
+        greedy = plan(load_problem(name, timing="paper", planner="greedy", robot=ROBOT)).require()
         moving = sum(phase.end_s - phase.start_s for phase in greedy.phases)
         assert greedy.duration_s == pytest.approx(wait + moving, abs=1e-6)
 
 
 def test_weights_enter_cost_and_bound() -> None:
     weights = {"energy_s_per_J": 0.1, "transition_s": 5.0}
-    result = plan(load_problem("paper-1", weights=weights)).require()
+    result = plan(load_problem("paper-1", weights=weights, robot=ROBOT)).require()
     cost = result.cost
     assert cost.total == pytest.approx(cost.time_s + 0.1 * cost.energy_J + 5.0 * cost.transitions)
     assert result.lower_bound is not None
@@ -303,7 +305,7 @@ def test_a_goal_that_just_touches_is_not_called_impossible() -> None:
 
 def test_a_deadline_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planner_module, "solve", lambda *_: pytest.fail("begun too late"))
-    problem = load_problem("rigid-move", gap=0.0)
+    problem = load_problem("rigid-move", gap=0.0, robot=ROBOT)
     network, bound = network_of(problem, (RIGID,)), bound_of(problem, (RIGID,))
     assert bound is not None
     assert len(list(SequenceSolver(problem, deadline=0.0)(network, bound))) == 1

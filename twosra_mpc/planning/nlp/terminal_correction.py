@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
@@ -24,7 +25,8 @@ Array = NDArray[np.float64]
 TERMINAL_TOLERANCE = 1e-9  # largest error at the goal that is left, in m, rad and 1/m
 _ITERATIONS = 12
 _COARSE_STEPS = 2
-_REMOVED = 1e-6  # share of the error that may be left
+_REMOVED = 1e-6  # share of the error that a correction of whole phases may leave
+_DEARER = 2.0  # times larger such a correction may be than one of single intervals
 
 
 def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
@@ -65,19 +67,13 @@ def _least_correction(motion: Motion, error: Array) -> Array:
     )
     weighted, wanted = gradient * weight, error / scale
     alike = weighted.reshape(-1, phases, intervals, INPUTS).sum(axis=2)
-    step = _least_squares(alike.reshape(len(scale), -1), wanted)
-    if step is not None:
-        step = np.repeat(step.reshape(phases, 1, INPUTS), intervals, axis=1).ravel()
-    else:
-        step, *_ = np.linalg.lstsq(weighted, wanted, rcond=1e-12)
+    joint, *_ = np.linalg.lstsq(alike.reshape(len(scale), -1), wanted, rcond=1e-12)
+    step, *_ = np.linalg.lstsq(weighted, wanted, rcond=1e-12)
+    uniform = np.repeat(joint.reshape(phases, 1, INPUTS), intervals, axis=1).ravel()
+    left = np.abs(weighted @ uniform - wanted).max()
+    if left <= _REMOVED * np.abs(wanted).max() and norm(uniform) <= _DEARER * norm(step):
+        step = uniform
     return np.asarray(weight * step).reshape(motion.inputs.shape)
-
-
-def _least_squares(matrix: Array, wanted: Array) -> Array | None:
-    """The least x with ``matrix`` x = ``wanted``; None if there is none."""
-    x, *_ = np.linalg.lstsq(matrix, wanted, rcond=1e-12)
-    left = float(np.abs(matrix @ x - wanted).max())
-    return x if left <= _REMOVED * float(np.abs(wanted).max()) else None
 
 
 def available_inputs(sequence: ModeSequence, intervals: int) -> Array:
