@@ -17,14 +17,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.signal import lfilter
 
-from twosra_mpc.identification.heating_log import EvenLog, runs
+from twosra_mpc.identification.heating_log import Array, EvenLog, runs
 from twosra_mpc.identification.log_plants import Plant
-
-Array = NDArray[np.float64]
 
 LAW_REFERENCE_C = 54.0  # reading at which the law's duty is quoted
 

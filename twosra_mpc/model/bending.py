@@ -13,18 +13,15 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode
-
-Array = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend

@@ -1,4 +1,4 @@
-"""Lengths of the fibre and the locomotion units, and where their wheels sit."""
+"""Lengths of the fibre and the locomotion units, where their wheels sit, and how far all may go."""
 
 from __future__ import annotations
 
@@ -109,3 +109,19 @@ class Geometry(Value):
             self.end_link_m + self.unit_side_m / 2,
             (self.unit_side_m + self.wheel_thickness_m) / 2,
         )
+
+
+class MotionLimits(Value):
+    """Limits of motion and of shape.
+
+    ``unit_gap_m`` is the least distance between the two square locomotion units.
+    ``wheel_independence`` is the least singular value of the rigid wheel matrix with which the
+    robot may drive, wheel radius divided out and turning measured at 0.1 m; at zero some motion
+    needs no wheel to turn, and nothing would stop it.
+    """
+
+    wheel_speed_rad_s: Positive
+    unit_speed_m_s: Positive
+    curvature_per_m: Positive
+    unit_gap_m: NonNegative = 0.0
+    wheel_independence: NonNegative = 0.05
