@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.integrate import quad, solve_ivp
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.flow import FINE_STEPS, interval_flow
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import FINE_STEPS
 from twosra_mpc.robot.description import Robot, load_robot
 from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.paths import ArcPath, LogSpiralPath

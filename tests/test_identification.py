@@ -143,7 +143,7 @@ def test_one_node_melts_over_its_interval_and_keeps_the_heat() -> None:
 def test_the_sensor_is_two_lags_behind_a_share_of_the_core() -> None:
     sensor, time_s = SensorLag(GAIN, 2.8, 0.5), 0.5 * np.arange(200)
     core = 30.0 + 10.0 * np.sin(time_s / 7)
-    first, second = sensor.follow(core, (20.0, 18.0))
+    first, second = sensor.follow(core, np.array([20.0, 18.0])).T
 
     def rate(t: float, lags: Array) -> list[float]:
         contact = GAIN * np.interp(t, time_s, core)
@@ -157,7 +157,7 @@ def test_the_sensor_is_two_lags_behind_a_share_of_the_core() -> None:
 def test_the_inverted_sensor_finds_the_core_behind_readings() -> None:
     sensor, time_s = SensorLag(GAIN, 2.8, 0.5), 0.5 * np.arange(200)
     core = 40.0 + 1.5 * np.sin(time_s / 5)
-    first, second = sensor.follow(core, (GAIN * core[0], GAIN * core[0]))
+    first, second = sensor.follow(core, np.full(2, GAIN * core[0])).T
     found, lag, reading = sensor.core_behind(second)
     inside = slice(20, -20)
     assert found[inside] == pytest.approx(core[inside], abs=0.15)

@@ -11,9 +11,8 @@ from scipy.integrate import solve_ivp
 
 from twosra_mpc import Problem, load_problem
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import bending_flow
+from twosra_mpc.model.flow import Motion, bending_flow, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import (
     IPOPT_STATUS,
     Candidate,

@@ -12,8 +12,8 @@ from problems import faster_robot, network_of
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.bending import bending
+from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import Motion, roll_out
 from twosra_mpc.planning.planner import bending_task
 from twosra_mpc.planning.search import bounds
 from twosra_mpc.planning.search.bounds import least_durations, pose_bound

@@ -17,12 +17,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from twosra_mpc.control.stiffness import (
-    Knowledge,
-    KnownStiffness,
-    StiffnessRule,
-    stiffness_rule,
-)
+from twosra_mpc.control.stiffness import Knowledge, KnownStiffness, StiffnessRule, stiffness_rule
 from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.description import Robot

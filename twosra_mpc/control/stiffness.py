@@ -69,20 +69,16 @@ class MeltObserver:
                 state = self.model.at_level(state, middle)
         return Estimate(state, (measured_C, measured_C))
 
-    def predict(self, estimate: Estimate, current_A: float, duration_s: float) -> Estimate:
-        """Estimate after a constant current: segment and sensor, propagated."""
+    def step(self, before: Estimate, current_A: float, measured_C: float, dt_s: float) -> Estimate:
+        """Propagate segment and sensor, and pull the segment towards the reading."""
         model = self.model
-        state = model.propagate(estimate.state, current_A, duration_s)
-        before, after = model.temperature_C(estimate.state), model.temperature_C(state)
-        return Estimate(state, follow(estimate.lag, self.lags_s, before, after, duration_s))
-
-    def correct(self, estimate: Estimate, measured_C: float, duration_s: float) -> Estimate:
-        """Pull the estimate towards a reading that stands for the last ``duration_s``."""
-        pull_K = _CORRECTION_PER_S * duration_s * (measured_C - estimate.lag[1])
-        state = self.model.warmed(estimate.state, pull_K)
+        state = model.propagate(before.state, current_A, dt_s)
+        here_C, there_C = model.temperature_C(before.state), model.temperature_C(state)
+        lag = follow(before.lag, self.lags_s, here_C, there_C, dt_s)
+        state = model.warmed(state, _CORRECTION_PER_S * dt_s * (measured_C - lag[1]))
         if self.about_plateau_C is not None and measured_C <= self.about_plateau_C[1]:
-            state = self._at_most(state, self.model.liquid_level)
-        return Estimate(state, estimate.lag)
+            state = self._at_most(state, model.liquid_level)
+        return Estimate(state, lag)
 
     def found(self, stiffness: Stiffness, estimate: Estimate) -> Estimate:
         """Estimate once the segment is known to be all liquid, or all solid."""
@@ -176,8 +172,7 @@ class StiffnessRule:
             lowest_C, prompt = measured_C, True
             evident = measured_C < self.solid_below_C and off_s >= self.caught_up_s
         evident_s = known.evident_s + dt_s if evident else 0.0
-        estimate = self.observer.predict(known.estimate, current_A, dt_s)
-        estimate = self.observer.correct(estimate, measured_C, dt_s)
+        estimate = self.observer.step(known.estimate, current_A, measured_C, dt_s)
         if evident_s >= (self.confirmed_s if prompt else self.caught_up_s):
             found = self.observer.found(setpoint, estimate)
             return Knowledge(setpoint, found, lowest_C, off_s, evident_s)

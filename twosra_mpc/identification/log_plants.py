@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.thermal.two_node import TwoNode
 
-Array = NDArray[np.float64]
 State = tuple[float, float]
 
 

@@ -17,14 +17,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.signal import lfilter
 
-from twosra_mpc.identification.heating_log import EvenLog, runs
+from twosra_mpc.identification.heating_log import Array, EvenLog, runs
 from twosra_mpc.identification.log_plants import Plant
-
-Array = NDArray[np.float64]
 
 LAW_REFERENCE_C = 54.0  # reading at which the law's duty is quoted
 
@@ -69,10 +66,10 @@ class SensorLag:
     lag_s: float
     step_s: float
 
-    def follow(self, core_K: Array, lags_K: tuple[float, float]) -> tuple[Array, Array]:
-        """Outputs (n,) of the first and the second lag behind a core (n,), from ``lags_K`` on."""
+    def follow(self, core_K: Array, lags_K: Array) -> Array:
+        """Outputs (n, 2) of the first and the second lag behind a core (n,), from ``lags_K`` on."""
         first = self._lagged(self.gain * core_K, lags_K[0])
-        return first, self._lagged(first, lags_K[1])
+        return np.stack([first, self._lagged(first, lags_K[1])], axis=1)
 
     def _lagged(self, driver: Array, start: float) -> Array:
         """One lag behind values joined by straight lines, exactly."""
@@ -163,8 +160,7 @@ def _driven(
 ) -> tuple[Array, Array]:
     """States and lags (n + 1, 2) under the duties (n,) of n steps."""
     states = plant.driven((float(state[0]), float(state[1])), duty)
-    behind = sensor.follow(states[:, 0], (float(lags[0]), float(lags[1])))
-    return states, np.stack(behind, axis=1)
+    return states, sensor.follow(states[:, 0], lags)
 
 
 def _corrected(

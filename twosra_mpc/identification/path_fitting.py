@@ -253,9 +253,9 @@ def _fit_spiral(case: Case, geometry: Geometry) -> SpiralFit:
     straight, growth, x, y = best.x.tolist()
     left, start = residual(best.x), SPIRAL_START_RAD[case]
     converged = bool(best.success) and straight > 0.0 and growth > 0.0
-    _check(converged, f"spiral {case}", geometry, left, path)
+    rms, largest = _checked(converged, f"spiral {case}", geometry, left, path)
     scale = straight * float(np.exp(growth * start))
-    return SpiralFit(scale, growth, (x, y), _rms(left), _largest(left), start)
+    return SpiralFit(scale, growth, (x, y), rms, largest, start)
 
 
 def _spiral_starts(path: Array) -> list[Array]:
@@ -286,10 +286,9 @@ def _fit_cardioid(case: Case, geometry: Geometry, alpha_max: float) -> CardioidF
     x = float(best.x)
     a, turn, left = _about_cusp(path, x)
     converged = bool(best.success) and low + 1e-6 < x < high - 1e-6 and a > 0.0
-    _check(converged, f"cardioid {case}", geometry, left, path)
+    rms, largest = _checked(converged, f"cardioid {case}", geometry, left, path)
     slope, length = float(alpha @ turn / (alpha @ alpha)), geometry.lengths_m[0]
-    rms, largest = _rms(left) * length, _largest(left) * length
-    return CardioidFit(a * length, slope, (x * length, 0.0), rms, largest)
+    return CardioidFit(a * length, slope, (x * length, 0.0), rms * length, largest * length)
 
 
 def _about_cusp(path: Array, x: float) -> tuple[float, Array, Array]:
@@ -300,13 +299,16 @@ def _about_cusp(path: Array, x: float) -> tuple[float, Array, Array]:
     return a, turn, radius - a * unit
 
 
-def _check(converged: bool, what: str, geometry: Geometry, left: Array, path: Array) -> None:
-    """Refuse a fit that did not converge to the curve meant, or misses the path."""
-    reach = float(np.hypot(*path[0]))
-    if not (converged and _rms(left) <= _WORST * reach):
+def _checked(
+    converged: bool, what: str, geometry: Geometry, left: Array, path: Array
+) -> tuple[float, float]:
+    """RMS and largest residual of a fit that converged to the curve meant and follows the path."""
+    reach, rms = float(np.hypot(*path[0])), _rms(left)
+    if not (converged and rms <= _WORST * reach):
         lengths = {name: getattr(geometry, name) for name in ("segment_length_m", "middle_link_m")}
-        found = f"rms residual {_rms(left) / reach:.2g} of the distance between the fibre's ends"
+        found = f"rms residual {rms / reach:.2g} of the distance between the fibre's ends"
         raise InputError("geometry", lengths, f"lengths whose path a {what} follows ({found})")
+    return rms, float(np.max(np.abs(left)))
 
 
 def _polar(points: Array, x: float, y: float) -> tuple[Array, Array]:
@@ -323,10 +325,6 @@ def _cartesian(radius: Array, turn: Array, centre: tuple[float, float]) -> Array
 
 def _rms(residual: Array) -> float:
     return float(np.sqrt(np.mean(residual**2)))
-
-
-def _largest(residual: Array) -> float:
-    return float(np.max(np.abs(residual)))
 
 
 def _written(values: Iterable[float]) -> list[float]:

@@ -123,14 +123,10 @@ class Score(NamedTuple):
     Attributes:
         residuals: On the log.
         law: The firmware's law that was used.
-        response: What the segment makes of the log.
-        log: The log as it was scored.
     """
 
     residuals: Residuals
     law: HeaterLaw
-    response: Response
-    log: EvenLog
 
 
 @dataclass(frozen=True)
@@ -229,8 +225,7 @@ def score(log: HeatingLog, segment: TwoNodeSegment, law: HeaterLaw | None = None
     if law is None:
         part = Family(_LAW, lambda values, log: whole.respond((*fixed, *values), log))
         law = HeaterLaw(*log_fit.fit(part, even).values)
-    response = whole.respond((*fixed, *law), even)
-    return Score(log_fit.residuals(even, response), law, response, even)
+    return Score(log_fit.residuals(even, whole.respond((*fixed, *law), even)), law)
 
 
 def two_node_segment(robot: Robot) -> TwoNodeSegment:

@@ -14,18 +14,16 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, soft_segments
 
-Array = NDArray[np.float64]
 Intervals = Sequence[tuple[float, float]]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)

@@ -13,9 +13,9 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import Array
+
 Interval = tuple[Array, Array]
 
 _ROUNDING = 1e-12  # relative; a few thousand operations stay far below it

@@ -17,7 +17,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import fibre_end_pose, wheel_pose_matrix
@@ -25,8 +24,6 @@ from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import Geometry
-
-Array = NDArray[np.float64]
 
 TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
 

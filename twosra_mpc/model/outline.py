@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed, wheel_pose_matrix
-from twosra_mpc.robot.coordinates import POSE, WHEELS, Coordinates
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
-
-Array = NDArray[np.float64]
 
 _CORNERS = ca.DM([(-1, -1), (1, -1), (1, 1), (-1, 1)]).T
 

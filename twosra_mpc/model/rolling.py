@@ -51,21 +51,15 @@ def rolling(body: Body, mode: Mode) -> ca.Function:
 
     One Runge-Kutta 4 step; ``drift`` are the values of a `Drift`, (3,).
     """
-    q, turned, drift = _arguments(body)
-    rate = _rate(body, mode)
-    after = runge_kutta(lambda at: rate(at, turned, drift), q)
-    return ca.Function("rolling", [q, turned, drift], [after])
+    q, turned = ca.SX.sym("q", POSE + body.geometry.segments), ca.SX.sym("turned", WHEELS)
+    drift = ca.SX.sym("drift", 3)
+    after = runge_kutta(lambda at: _rate(body, mode, at, turned, drift), q)
+    return ca.Function("rolling", [q, turned, drift], [ca.densify(after)])
 
 
-def _arguments(body: Body) -> tuple[ca.SX, ca.SX, ca.SX]:
-    size = POSE + body.geometry.segments
-    return ca.SX.sym("q", size), ca.SX.sym("turned", WHEELS), ca.SX.sym("drift", 3)
-
-
-def _rate(body: Body, mode: Mode) -> ca.Function:
-    """(q, turned, drift) -> rate of q per unit of time, in which the wheels turn by ``turned``."""
+def _rate(body: Body, mode: Mode, q: ca.SX, turned: ca.SX, drift: ca.SX) -> ca.SX:
+    """Rate of q per unit of time, in which the wheels turn by ``turned``."""
     compiled = kinematics(body)
-    q, turned, drift = _arguments(body)
     inputs = [2, 3, 4] if is_rigid(mode) else [0, 1]
     sigma = ca.DM(mode)
     drive = ca.sparsify(compiled.wheel_matrix(q, sigma)[:, inputs])
@@ -79,7 +73,7 @@ def _rate(body: Body, mode: Mode) -> ca.Function:
             for number, segment in enumerate(soft):
                 moved[POSE + segment] *= 1 + drift[2] * (-1.0) ** number
         moved[:POSE] += _slipped(body.geometry, q, v, moved[POSE:], drift)
-    return ca.Function("rate", [q, turned, drift], [ca.densify(moved)])
+    return moved
 
 
 def _slipped(geometry: Geometry, q: ca.SX, v: ca.SX, bending: ca.SX, drift: ca.SX) -> ca.SX:

@@ -18,9 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.flow import interval_flow, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.plans.plan import Plan, Status

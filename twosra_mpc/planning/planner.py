@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending, from_rest_to_rest
-from twosra_mpc.model.motion import roll_out
+from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.gentle import gentle
 from twosra_mpc.planning.greedy import plan_greedily

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.motion import Motion
+from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.speed_profile import SpeedProfile
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, wheel_speeds
 from twosra_mpc.problem.problem import Problem

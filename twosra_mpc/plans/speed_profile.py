@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.motion import Motion
+from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import flown, wheel_speeds
 from twosra_mpc.problem.limits import interval_durations, least_times
 from twosra_mpc.robot.description import Robot

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.flow import interval_flow, steps_for
 from twosra_mpc.model.kinematics import wheel_travel
-from twosra_mpc.model.motion import steps_for
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot

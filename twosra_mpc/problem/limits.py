@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import per_body
+from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
-from twosra_mpc.model.motion import Motion
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE
 from twosra_mpc.robot.description import Body, Robot
-from twosra_mpc.robot.limits import MotionLimits
+from twosra_mpc.robot.geometry import MotionLimits
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 
 Array = NDArray[np.float64]

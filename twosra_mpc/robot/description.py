@@ -15,9 +15,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
 from twosra_mpc.robot.coordinates import Coordinates
-from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.geometry import Geometry, MotionLimits
 from twosra_mpc.robot.heater import Heater
-from twosra_mpc.robot.limits import MotionLimits
 from twosra_mpc.robot.modes import Mode, all_modes, rigid_mode
 from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.segment import AnySegment, Segment

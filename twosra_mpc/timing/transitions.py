@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import Timing
 from twosra_mpc.timing.network import TemporalNetwork
-
-Array = NDArray[np.float64]
 
 TIME_TOLERANCE_S = 1e-5  # by which a transition may be shorter than it must be
 

@@ -30,8 +30,8 @@ from benchmarks.studies.peers.rounding import rounded
 from benchmarks.studies.peers.time_grid import TIME_SCALE, Block, Program
 from benchmarks.study import Count
 from twosra_mpc import Problem, Robot
+from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.model.motion import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import SolveStatus, solve_status
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs

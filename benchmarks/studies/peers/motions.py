@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc import Plan, Problem
-from twosra_mpc.model.motion import Motion
+from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs

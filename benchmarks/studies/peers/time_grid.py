@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.studies.peers import motions
 from twosra_mpc import Problem, Robot
-from twosra_mpc.model.motion import Motion, roll_out
+from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import state_scale
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs
 from twosra_mpc.problem import limits

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import bending_chain
-from twosra_mpc.model.motion import Motion, roll_out
+from twosra_mpc.model.flow import Motion, bending_chain, roll_out
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments

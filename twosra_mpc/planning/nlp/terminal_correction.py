@@ -12,8 +12,7 @@ from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.flow import interval_flow
-from twosra_mpc.model.motion import Motion, roll_out
+from twosra_mpc.model.flow import Motion, interval_flow, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.coordinates import INPUTS, POSE
