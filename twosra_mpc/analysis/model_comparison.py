@@ -43,10 +43,8 @@ def compare_models(problem: Problem, models: Sequence[str] = PATH_MODELS) -> Mod
     Raises:
         InputError: If a path model does not exist or cannot be fitted to the robot.
     """
-    variants = []
-    for model in models:
-        robot = with_path_model(problem.robot, model)
-        variants.append(problem.with_values(robot=robot))
+    robots = [with_path_model(problem.robot, model) for model in models]
+    variants = [problem.with_values(robot=robot) for robot in robots]
     results = tuple(plan(variant) for variant in variants)
     errors = np.full((len(models), len(models), problem.robot.coordinates.size), np.nan)
     for i, made in enumerate(result.plan for result in results):
@@ -55,7 +53,7 @@ def compare_models(problem: Problem, models: Sequence[str] = PATH_MODELS) -> Mod
                 errors[i, j] = reintegrate(executor, made.samples)[-1] - made.samples.q[-1]
     return ModelComparison(
         models=tuple(models),
-        speeds=tuple(path_model(variant.robot).speed for variant in variants),
+        speeds=tuple(path_model(robot).speed for robot in robots),
         results=results,
         end_errors=errors,
     )

@@ -192,7 +192,8 @@ def _end_error(error: Any) -> str:
     return f"{shift:.1f}, {turn:.1f}, {error[3]:.1f}, {error[4]:.1f}"
 
 
-_HELP = """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
+_EXPLAIN_HELP = """\
+Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
 Every other plan is found by planning again: the next best mode sequence, each mode forbidden, one
 heater, slower metal. --time-limit is for each of the plans. Ctrl-C prints what is known so far.
@@ -205,11 +206,11 @@ With another model of how the fibre bends, and at most five seconds for each of 
 """
 
 
-@command("explain", _HELP)
+@command("explain", _EXPLAIN_HELP)
 @click.argument("scenario", **SCENARIO)
 @scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 def explain_command(scenario: str, load: Load, output: Output) -> int:
-    """Explain a plan; see ``_HELP``."""
+    """Explain a plan; see ``_EXPLAIN_HELP``."""
     problem = load(scenario)
     with output.progress("planning") as tell:
         found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))

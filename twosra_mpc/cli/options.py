@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -113,7 +112,8 @@ class NewFile(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Turn what was given into a path, and check it."""
-        target = Path(os.fsdecode(super().convert(value, param, ctx)))
+        target = super().convert(value, param, ctx)
+        assert isinstance(target, Path)  # as asked for above
         for check in self._checks:
             check(target)
         return target
@@ -134,20 +134,14 @@ def ending(*allowed: str) -> Check:
     return check
 
 
-def file_option(name: str, words: str) -> Decorator:
+def file_option(name: str, words: str, *checks: Check) -> Decorator:
     """Add an option for a file to write."""
-    return click.option(name, type=NewFile(), help=words)
+    return click.option(name, type=NewFile(*checks), help=words)
 
 
 def plot_option(words: str) -> Decorator:
     """Add ``--plot`` for a figure."""
-    return click.option("--plot", type=NewFile(_figure), help=f"{words} (png, pdf, svg).")
-
-
-def animate_option(words: str) -> Decorator:
-    """Add ``--animate`` for a film."""
-    words = f"{words} (gif; mp4 with ffmpeg)."
-    return click.option("--animate", type=NewFile(animation), help=words)
+    return file_option("--plot", f"{words} (png, pdf, svg).", _figure)
 
 
 def rate_option(words: str, *, required: bool = False) -> Decorator:

@@ -146,7 +146,8 @@ def export_command(plan: Path, out: Path, rate_Hz: float | None, output: Output)
     output.record((robot, "exported"), document)
 
 
-_PAGE_HELP = """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
+_REPORT_HELP = """\
+Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
 
 The page needs nothing else and asks nothing of any network: send it as it is. It has the plan in
 numbers, what is proved and what was verified, an animation, figures, set-points, and the scenario
@@ -165,11 +166,11 @@ def _page(target: Path) -> None:
     check_report_path(target)
 
 
-@command("report", _PAGE_HELP)
+@command("report", _REPORT_HELP)
 @click.argument("plan", type=FILE)
 @out_argument(_page)
 def report_command(plan: Path, out: Path, output: Output) -> None:
-    """Write a report; see ``_PAGE_HELP``."""
+    """Write a report; see ``_REPORT_HELP``."""
     from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
 
     given = load_plan(plan)

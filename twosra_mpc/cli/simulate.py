@@ -66,7 +66,7 @@ A heater fails; here the other segment alone cannot reach the goal, and the reas
 @options.scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @options.file_option("--out", "Write the (first) run as JSON.")
 @options.plot_option("Draw it")
-@options.animate_option("Film it")
+@options.file_option("--animate", "Film it (gif; mp4 with ffmpeg).", options.animation)
 def simulate_command(
     scenario: str,
     plant: str,
@@ -90,10 +90,10 @@ def simulate_command(
     if executor == "optimal" and not result.found:
         click.echo(f"twosra: there is nothing to run: {result.message}", err=True)
         return exit_code(result)
-    options: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
-    options |= {"broken_heaters": broken, "plan": result.plan}
+    drawn: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
+    drawn |= {"broken_heaters": broken, "plan": result.plan}
     with output.progress(f"running 1 of {runs}") as tell:
-        first = simulate(problem, seed=seed, **options)
+        first = simulate(problem, seed=seed, **drawn)
         tell("writing")
         if out is not None:
             write_json(out, first.to_dict())
@@ -106,7 +106,7 @@ def simulate_command(
         found = [first.metrics]
         for other in range(1, runs):
             tell(f"running {other + 1} of {runs}")
-            found.append(simulate(problem, seed=seed + other, **options).metrics)
+            found.append(simulate(problem, seed=seed + other, **drawn).metrics)
     if runs == 1:
         output.report(first.to_dict, lambda: _print_run(first))
     else:

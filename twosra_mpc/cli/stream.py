@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -87,11 +88,9 @@ def stream_command(
     if port is None:
         _show(loaded, output, rate_Hz=rate_Hz, robot_id=robot_id)
         return EXIT_PLANNED
-    opened, asked = open_serial_port(port), Confirm(confirm)
-    try:
-        return _send(loaded, opened, output, rate_Hz=rate_Hz, robot_id=robot_id, confirm=asked)
-    finally:
-        opened.close()
+    asked: dict[str, Any] = {"rate_Hz": rate_Hz, "robot_id": robot_id, "confirm": Confirm(confirm)}
+    with closing(open_serial_port(port)) as opened:
+        return _send(loaded, opened, output, **asked)
 
 
 class _Recorder:

@@ -188,12 +188,9 @@ def held_frames(start: Vector) -> HeldFrames:
     This is the paper's q_0. It is wrong as soon as the "held" LU has turned, by 3 to 22 mm in the
     published simulations, and is kept because they were made with it.
     """
-    heading1 = start[2] - start[3] * _L
-    heading2 = start[2] + start[4] * _L
-    return (
-        HeldFrame(math.cos(heading1), math.sin(heading1)),
-        HeldFrame(math.cos(heading2), math.sin(heading2)),
-    )
+    headings = (start[2] - start[3] * _L, start[2] + start[4] * _L)
+    first, second = (HeldFrame(math.cos(heading), math.sin(heading)) for heading in headings)
+    return first, second
 
 
 def checked_configuration(name: str, values: ArrayLike) -> Vector:
