@@ -54,15 +54,12 @@ class HeaterSchedule:
     def setpoints(self, now: Progress) -> Array:
         """Set-points of the segments [C], (n,)."""
         planned = self.plan.trajectory.heater_setpoint_C([now.clock_s])[0].tolist()
-        values = [self._setpoint(j, now, setpoint_C) for j, setpoint_C in enumerate(planned)]
-        heater = self.plan.robot.heater
-        heated = values.count(heater.soft_setpoint_C)
-        for j, value in enumerate(values):
-            if value == self.warm_C:  # as many as may be heated besides those that melt
-                heated += 1
-                if heated > self.plan.problem.heaters_at_once:
-                    values[j] = heater.rigid_setpoint_C
-        return np.array(values)
+        values = np.array([self._setpoint(j, now, each_C) for j, each_C in enumerate(planned)])
+        heater, warm = self.plan.robot.heater, values == self.warm_C
+        heated = np.count_nonzero(values == heater.soft_setpoint_C) + np.cumsum(warm)
+        # As many are kept warm as may be heated besides those that melt.
+        values[warm & (heated > self.plan.problem.heaters_at_once)] = heater.rigid_setpoint_C
+        return values
 
     def begun(self, now: Progress) -> int:
         """How many transitions have been commanded by now."""

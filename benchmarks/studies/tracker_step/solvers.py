@@ -199,13 +199,13 @@ def _deviations_program(setup: Setup) -> tuple[dict[str, ca.SX], Array, Array]:
     wheel_rows = slice(-len(stage.wheels), None)
     q, wheels, x = ca.SX.sym("q", 5), ca.SX.sym("w", 4), ca.SX.sym("x", setup.variables)
     reference = ca.SX.sym("r", m, n + 1)
-    start = believed_start(setup, q, reference[:, 0])
-    e = [start.deviation, *ca.vertsplit(x[: m * n], m)]
+    start, deviation = believed_start(setup, q, reference[:, 0])
+    e = [deviation, *ca.vertsplit(x[: m * n], m)]
     y = [reference[:, k] + e[k] * setup.scale for k in range(n + 1)]
     program, limits = tracking_program(setup), setup.body.limits
     hessian = program.hessian + sparse.triu(program.hessian, 1).T
     f = ca.bilin(ca.DM(hessian.toarray()), x, x) / 2 + ca.dot(ca.DM(program.cost), x)
-    f -= setup.rho / (0.5 + setup.rho) * ca.dot(start.deviation, x[:m])
+    f -= setup.rho / (0.5 + setup.rho) * ca.dot(deviation, x[:m])
     rows = []  # what is limited, lower, upper
     before = wheels[list(stage.wheels)] / limits.wheel_speed_rad_s
     for k, period in enumerate(motion(setup, stage, start, y)):

@@ -95,8 +95,7 @@ def stream(
 
     def tell(session: Session) -> None:
         nonlocal during
-        during, reading = session.during, session.reading
-        reported = robot.reports
+        during, reading, reported = session.during, session.reading, robot.reports
         words = ", ".join(map(reading.describe, range(len(reading.stiffness))))
         known = words if reported else "by the plan's times"
         on_state(StreamState(clock.now_s(), during, known, reported))

@@ -157,6 +157,4 @@ class Spread(NamedTuple):
 
 def spread(runs: Sequence[Metrics], of: Callable[[Metrics], float]) -> Spread:
     """How a number is distributed over runs."""
-    values = np.array([of(run) for run in runs], dtype=float)
-    median, p90, largest = np.quantile(values, (0.5, 0.9, 1.0)).tolist()
-    return Spread(median, p90, largest)
+    return Spread(*np.quantile([of(run) for run in runs], (0.5, 0.9, 1.0)).tolist())

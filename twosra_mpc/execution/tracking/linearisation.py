@@ -96,8 +96,8 @@ def tracking_program(setup: Setup) -> TrackingProgram:
     previous = ca.SX.sym("previous", setup.variables)
     arguments = [q, reference, previous, wheels]
 
-    start = prediction.believed_start(setup, q, reference[:, 0])
-    expected = prediction.expected_deviations(setup, start.deviation, previous)
+    start, deviation = prediction.believed_start(setup, q, reference[:, 0])
+    expected = prediction.expected_deviations(setup, deviation, previous)
     y = [reference[:, k] + expected[k] * setup.scale for k in range(n + 1)]
     periods = prediction.motion(setup, stage, start, y)
     kinds = _constraints(setup, stage, expected, periods, wheels)
@@ -107,7 +107,7 @@ def tracking_program(setup: Setup) -> TrackingProgram:
         matrix.nz[:],
         ca.densify(ca.vertcat(*(item.lower for item in rows))),
         ca.densify(ca.vertcat(*(item.upper for item in rows))),
-        -setup.rho / _norm(setup) * start.deviation,
+        -setup.rho / _norm(setup) * deviation,
         ca.vertcat(*expected, previous[m * n :]),
     ]
     first = [y[0], reference[:, 1] + previous[:m] * setup.scale]

@@ -80,18 +80,6 @@ def _within_one(row: ca.SX, most: float) -> bool:
     return row.is_constant() and float(ca.norm_1(ca.DM(row).T)) * most <= 1.0
 
 
-class Start(NamedTuple):
-    """A measured configuration, brought to where the model holds.
-
-    Attributes:
-        q: Configuration, (3 + n,).
-        deviation: e_0, deviation of its outputs from the plan in units of the weights, (m,).
-    """
-
-    q: ca.SX
-    deviation: ca.SX
-
-
 class Period(NamedTuple):
     """One period of a motion.
 
@@ -108,8 +96,13 @@ class Period(NamedTuple):
     bending: ca.SX
 
 
-def believed_start(setup: Setup, q: ca.SX, planned: ca.SX) -> Start:
-    """Make a start of any finite measurement; headings count modulo 2 pi."""
+def believed_start(setup: Setup, q: ca.SX, planned: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Bring any measurement to where the model holds; headings count modulo 2 pi.
+
+    Returns:
+        Configuration, (3 + n,), and e_0, deviation of its outputs from the plan in units of the
+        weights, (m,).
+    """
     outputs = setup.outputs
     kappa = _bounded(q[POSE:], CURVATURE_MARGIN * setup.body.limits.curvature_per_m)
     q = ca.vertcat(q[:POSE], kappa)
@@ -117,7 +110,7 @@ def believed_start(setup: Setup, q: ca.SX, planned: ca.SX) -> Start:
     turn = deviation[outputs.heading]
     deviation[outputs.heading] = turn - 2 * math.pi * ca.floor(turn / (2 * math.pi) + 0.5)
     deviation = _bounded(deviation, setup.largest_deviation)
-    return Start(q, deviation / setup.scale)
+    return q, deviation / setup.scale
 
 
 def expected_deviations(setup: Setup, deviation: ca.SX, previous: ca.SX) -> list[ca.SX]:
@@ -129,18 +122,18 @@ def expected_deviations(setup: Setup, deviation: ca.SX, previous: ca.SX) -> list
     return [planned[k] + decay**k * surprise for k in range(n + 1)]
 
 
-def motion(setup: Setup, stage: Stage, start: Start, outputs: Sequence[ca.SX]) -> list[Period]:
+def motion(setup: Setup, stage: Stage, start: ca.SX, outputs: Sequence[ca.SX]) -> list[Period]:
     """The motion from ``start`` along outputs y_0, y_1, ...
 
     Outputs may follow any path; the curvatures that go with it are rolled out.
     """
     moving = list(setup.outputs.bending)
     bound = CURVATURE_MARGIN * setup.body.limits.curvature_per_m
-    kappa, bending = start.q[moving], stage.bending(start.q)
+    kappa, bending = start[moving], stage.bending(start)
     periods = []
     for y, y_next in itertools.pairwise(outputs):
         step = y_next - y
-        half_way = ca.SX(start.q)
+        half_way = ca.SX(start)
         if moving:
             half_way[moving] = _bounded(kappa + bending @ step / 2, bound)
         else:
