@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.checking.verification import reintegrate
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
@@ -14,8 +13,7 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import TURNING_RADIUS_M, kinematics
 from twosra_mpc.problem.limits import UNIT_GAP, shape_margins
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-
-Array = NDArray[np.float64]
 
 _SCAN = 61  # shapes per curvature in a scan for singular shapes
 _SINGULAR = 1e-6  # scaled singular value below which a wheel matrix counts as singular

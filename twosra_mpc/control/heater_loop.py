@@ -21,10 +21,10 @@ from twosra_mpc.control.controller import Event, StiffnessController
 from twosra_mpc.control.thermistor import TemperatureSensor
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.model import SegmentModel
 
-Array = NDArray[np.float64]
 Profile = Sequence[tuple[float, Stiffness]]
 
 SETTLED_K = 2.0  # settled: this close to the set-point from then on

@@ -12,13 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from foxglove import messages
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import State
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
-
-Array = NDArray[np.float64]
 
 # As in the figures.
 STIFFNESS_COLOURS: dict[State, str] = {

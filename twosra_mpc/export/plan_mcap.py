@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
@@ -22,9 +21,8 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.schema import describe
-
-Array = NDArray[np.float64]
 
 SCENE, FRAMES = "/robot", "/tf"
 TABLES = {  # topic -> what it says, how the names of its columns begin

@@ -24,8 +24,8 @@ from scipy.ndimage import median_filter
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import read_text
+from twosra_mpc.robot.coordinates import Array
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Mode = Literal["heating", "hold", "cooling"]
 

@@ -24,14 +24,14 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, minimize_scalar
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 
-Array = NDArray[np.float64]
 Case: TypeAlias = Literal["I", "II", "III"]
 
 CASES: tuple[Case, ...] = ("I", "II", "III")

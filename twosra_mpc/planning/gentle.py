@@ -18,16 +18,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import LinearConstraint, minimize
 
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, feasible_schedule
 from twosra_mpc.planning.search.schedule import cost_coefficients
 from twosra_mpc.plans.speed_profile import SpeedProfile
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import TemporalNetwork
 
-Array = NDArray[np.float64]
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
 _SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to the durations wanted, until a schedule fits

@@ -16,7 +16,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import interval_flow, roll_out
 from twosra_mpc.model.kinematics import kinematics
@@ -26,11 +25,9 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import transition_model
-
-Array = NDArray[np.float64]
 
 STEP_S = 0.05  # DT of the published simulations; sets the gain schedule t (1 - exp(-t)) DT
 MAX_ITERATIONS = 5000

@@ -10,7 +10,6 @@ from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import roll_out
@@ -43,7 +42,6 @@ from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
-Array = NDArray[np.float64]
 Solution = TypeVar("Solution")
 
 

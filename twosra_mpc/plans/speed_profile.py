@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import flown, wheel_speeds
 from twosra_mpc.problem.limits import interval_durations, least_times
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
-
-Array = NDArray[np.float64]
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
 _CORNER = 1e-6  # relative change of a wheel's turn per x that counts as a corner

@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
-from numpy.typing import NDArray
 
 from twosra_mpc.control.controller import StiffnessController
 from twosra_mpc.control.heater_loop import HeaterRun
@@ -22,9 +21,8 @@ from twosra_mpc.identification.heating_log import EvenLog, runs
 from twosra_mpc.identification.thermal import ThermalFit
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.timeline import draw_stiffness, intervals_of
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.thermal.model import thresholds_C
-
-Array = NDArray[np.float64]
 
 TRUE_COLOUR, MEASURED_COLOUR, BODY_COLOUR = "#222222", "#12997c", "#12997c"
 MEASURED: dict[str, Any] = {"ls": "", "marker": ".", "ms": 3.0, "c": "0.6", "zorder": 2}

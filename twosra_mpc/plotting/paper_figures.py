@@ -17,7 +17,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
@@ -28,10 +27,9 @@ from twosra_mpc.plotting.timeline import COORDINATES
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
 from twosra_mpc.reproduction.published_model import published_jacobian
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import MODES, RIGID, Mode, mode_name
-
-Array = NDArray[np.float64]
 
 TASK_COLOURS = {
     "paper-1": "#222222",

@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.identification.path_fitting import (
@@ -26,11 +25,10 @@ from twosra_mpc.identification.path_fitting import (
 )
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import figures, plane
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
-
-Array = NDArray[np.float64]
 
 POSES = 4  # bends the fibre is drawn at, evenly from straight on
 PALE = 0.55  # share of white in the colours of the fibre

@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
@@ -21,9 +20,8 @@ from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiff
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.plotting import figures, plane, timeline
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
-
-Array = NDArray[np.float64]
 
 WIDTH_IN = 10.0
 HEIGHT_IN, LANE_IN = 9.0, 0.4  # of the figure of a plan, with a lane for each segment

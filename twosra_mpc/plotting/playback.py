@@ -12,10 +12,9 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
 from twosra_mpc.plotting.timeline import TimeStretch
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import is_rigid, mode_name, named
-
-Array = NDArray[np.float64]
 
 PLACES = 1001  # along the time axis
 

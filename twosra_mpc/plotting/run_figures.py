@@ -24,10 +24,9 @@ from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import figures, plane, timeline
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
 
-Array = NDArray[np.float64]
 Record = RunLog | Truth
 
 ACCURACY_COLOUR = "#12997c"

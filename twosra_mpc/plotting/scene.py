@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
@@ -24,8 +23,7 @@ from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.plane import DASHED, draw_outline, number_units, robot_artists
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline import draw_stiffness
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import Array
 
 SIZE_IN, DPI = (8.0, 6.6), 100
 MARGIN_M, ABOVE = 0.02, 0.15  # around the motion; share of the plane that the words take

@@ -22,9 +22,9 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.figures import BESIDE, SEGMENT_COLOURS, STATES, UNIT_COLOURS
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name
 
-Array = NDArray[np.float64]
 Coordinate = Literal["position", "heading", "curvature"]
 
 COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {

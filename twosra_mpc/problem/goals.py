@@ -12,18 +12,15 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import RIGID, Mode, rigid_mode
 from twosra_mpc.validation import EachSegment, ModeField, NonNegative, Number, Numbers, Value, plain
 
 if TYPE_CHECKING:  # scenarios are listed without it
     import casadi as ca
-
-Array = NDArray[np.float64]
 
 
 class GoalSet(Value, ABC):

@@ -20,12 +20,10 @@ from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, POSE
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
-
-Array = NDArray[np.float64]
 
 TOUCHING_M = 1e-9  # rounding allowed in a gap
 RELATIVE_ROUNDING = 1e-7  # of a limit

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BeforeValidator,
     Field,
@@ -24,7 +22,7 @@ from pydantic import (
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
 from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.timing import Timing
@@ -39,8 +37,6 @@ from twosra_mpc.validation import (
     Value,
     plain,
 )
-
-Array = NDArray[np.float64]
 
 
 class Start(Value):

@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.playback import PLACES, Playback
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import Array
 
 ARC_POINTS = 16
 _MARGIN_MM, _ASPECT = 22.0, 1.5  # around the robot in the box that is shown, and of that box

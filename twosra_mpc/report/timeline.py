@@ -7,16 +7,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, soft_segments
-
-Array = NDArray[np.float64]
 
 MOST_ROWS = 1500  # a page with more of them is slow to scroll
 _DIGIT, _WIDE_DIGIT = 0.009, 0.028  # width of a tick label's digit on a wide and a narrow screen

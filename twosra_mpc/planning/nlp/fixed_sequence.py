@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
@@ -16,17 +15,16 @@ from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.limits import interval_durations, may_drive, shapes_allowed
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, POSE
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, transition_model
-
-Array = NDArray[np.float64]
 
 INTERVALS = 10
 _STEPS = 2
 _SCHEDULE_ROUNDS = 60
 _STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase with as little
 _MAX_ITERATIONS = 150
+_STARTS = (1.0, 0.999)  # of the guess's inputs: where numbers fail, a little aside they do not
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
 
@@ -121,21 +119,25 @@ def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidat
     cost, _ = cost_coefficients(network, problem.cost_weights)
     lower, upper = _decision_bounds(program, network, problem, guess)
     g_lower, g_upper = _constraint_bounds(program, network)
-    solution = solver(
-        x0=program.pack(guess.states, guess.inputs, times),
-        p=program.parameters(np.array(network.sequence, dtype=float), cost, _REGULARISATION),
-        lbx=lower,
-        ubx=upper,
-        lbg=g_lower,
-        ubg=g_upper,
-    )
-    stats = solver.stats()
-    status = solve_status(stats["return_status"])
+    iterations = 0
+    for share in _STARTS:
+        solution = solver(
+            x0=program.pack(guess.states, share * guess.inputs, times),
+            p=program.parameters(np.array(network.sequence, dtype=float), cost, _REGULARISATION),
+            lbx=lower,
+            ubx=upper,
+            lbg=g_lower,
+            ubg=g_upper,
+        )
+        stats = solver.stats()
+        status, iterations = solve_status(stats["return_status"]), iterations + stats["iter_count"]
+        if status is not SolveStatus.FAILED:
+            break
     if status not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
         return None
     _, inputs, _ = program.unpack(ca.DM(solution["x"]).full().ravel())
     motion = roll_out(robot, guess.states[0, 0], guess.sequence, inputs)
-    return scheduled(motion, network, problem, int(stats["iter_count"]))
+    return scheduled(motion, network, problem, int(iterations))
 
 
 def _decision_bounds(

@@ -12,15 +12,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, bending_chain, roll_out
 from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
-
-Array = NDArray[np.float64]
 
 _STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
 _MOST_STEPS = 64

@@ -25,17 +25,14 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.robot.coordinates import INPUTS, POSE, Coordinates
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.timing import EventLayout
-
-Array = NDArray[np.float64]
 
 INPUT_SCALE = np.array([0.03, 0.03, 0.1, 0.1, 1.0])  # m, m, m, m, rad
 TIME_SCALE = 100.0  # s

@@ -9,17 +9,14 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 from numpy.linalg import norm
-from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion, interval_flow, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.robot.coordinates import INPUTS, POSE
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import ModeSequence
-
-Array = NDArray[np.float64]
 
 TERMINAL_TOLERANCE = 1e-9  # largest error at the goal that is left, in m, rad and 1/m
 _ITERATIONS = 12

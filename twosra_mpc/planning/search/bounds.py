@@ -28,7 +28,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.planning.search.pose_bound import (
@@ -39,10 +38,9 @@ from twosra_mpc.planning.search.pose_bound import (
 )
 from twosra_mpc.planning.search.schedule import cost_coefficients, with_durations
 from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named, soft_segments
 from twosra_mpc.timing import TemporalNetwork, earliest_times
-
-Array = NDArray[np.float64]
 
 Intervals = tuple[tuple[float, float], ...]  # (low, high) of every segment
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import linprog
 
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import Array
 
 _INFEASIBLE = 2  # SciPy's status code
 

@@ -40,10 +40,10 @@ from scipy import sparse
 
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.planning.search.rigid_motion import twist_vertices
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import EventLayout
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 PANELS = 32  # of headings, and one edge more near the goal's

@@ -22,11 +22,9 @@ import itertools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.planning.search.linear_program import minimise
-
-Array = NDArray[np.float64]
+from twosra_mpc.robot.coordinates import Array
 
 _PANEL_RAD = 0.06
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program

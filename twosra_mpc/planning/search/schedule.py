@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.problem.problem import Weights
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import TemporalNetwork, earliest_times, latest_times
-
-Array = NDArray[np.float64]
 
 
 def cost_coefficients(network: TemporalNetwork, weights: Weights) -> tuple[Array, float]:
