@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import LinearConstraint, minimize
 
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, feasible_schedule
@@ -29,7 +30,15 @@ from twosra_mpc.timing import TemporalNetwork
 
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
-_SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to the durations wanted, until a schedule fits
+ROUNDING = 1e-9  # of a cost
+_SHARES = (
+    1.0,
+    0.999,
+    0.9,
+    0.7,
+    0.4,
+    0.1,
+)  # of the way to the durations wanted, until a schedule fits
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
@@ -55,7 +64,7 @@ def gentle(
     for share in _SHARES:
         durations = quickest + share * (wanted - quickest)
         found = feasible_schedule(network, durations, problem)
-        if found is not None and _cost(found, problem) <= most:
+        if found is not None and _cost(found, problem) <= (1 + ROUNDING) * most:
             slower = zip(profiles, durations.tolist(), strict=True)
             stretched = tuple(profile.lasting(duration) for profile, duration in slower)
             return replace(candidate, profiles=stretched, times=found[0])
@@ -81,17 +90,20 @@ def _least_effort(
     times, network = made
     layout = network.layout
     moving = np.flatnonzero(quickest)
-    starts = np.array([layout.start(i) for i in moving])
-    ends = np.array([layout.end(i) for i in moving])
+    starts = np.array([layout.start(i) for i in moving.tolist()])
+    ends = np.array([layout.end(i) for i in moving.tolist()])
     pairs = np.array(list(network.least), dtype=int)
     differences = _differences(pairs[:, 0], pairs[:, 1], layout.count)
     lasting = _differences(starts, ends, layout.count)
     cost, constant = cost_coefficients(network, problem.cost_weights)
     scale = float(times[layout.finish])
+    least = quickest[moving] / scale
+    most_s = np.maximum(slowest[moving] / scale, (1 + ROUNDING) * least)  # no equality
 
     def effort(t: Array) -> tuple[float, Array]:
-        each = efforts[moving] / (lasting @ t)
-        return float(each.sum()), lasting.T @ (-each / (lasting @ t))
+        lasts = np.maximum(lasting @ t, least / 2)  # a solver may ask what it may not do
+        each = efforts[moving] / lasts
+        return float(each.sum()), lasting.T @ (-each / lasts)
 
     found = minimize(
         lambda t: effort(t)[0] / efforts.sum(),
@@ -101,7 +113,7 @@ def _least_effort(
         bounds=[(0.0, None if event != layout.origin else 0.0) for event in range(layout.count)],
         constraints=[
             LinearConstraint(differences, np.array(list(network.least.values())) / scale, np.inf),
-            LinearConstraint(lasting, quickest[moving] / scale, slowest[moving] / scale),
+            LinearConstraint(lasting, least, most_s),
             LinearConstraint(cost, -np.inf, (most - constant) / scale),
         ],
         options={"maxiter": 200},
@@ -111,7 +123,7 @@ def _least_effort(
     return durations
 
 
-def _differences(since: Array, until: Array, events: int) -> Array:
+def _differences(since: NDArray[np.intp], until: NDArray[np.intp], events: int) -> Array:
     """Rows that take t[until] - t[since] from event times, (m, events)."""
     rows = np.zeros((len(since), events))
     np.add.at(rows, (np.arange(len(since)), until), 1.0)
