@@ -871,7 +871,7 @@ def test_hot_metal_does_not_freeze_before_it_has_cooled() -> None:
 
 
 def test_a_reconfiguration_lasts_as_long_as_the_robot_says() -> None:
-    robot = load_robot("2sra-v1")
+    robot = at_once(load_robot("2sra-v1"))
     short = SequentialTiming(
         overlap="none", heat_s=100.0, freeze_s=300.0, reconfigure_s=380.0, reconfigure_cool_s=300.0
     )
@@ -887,7 +887,7 @@ def test_a_reconfiguration_lasts_as_long_as_the_robot_says() -> None:
 
 
 def test_a_melt_is_never_excused_by_a_short_cooling() -> None:
-    robot = load_robot("2sra-v1")
+    robot = at_once(load_robot("2sra-v1"))
     quick = SequentialTiming(
         overlap="none", heat_s=100.0, freeze_s=300.0, reconfigure_s=502.0, reconfigure_cool_s=10.0
     )

@@ -102,13 +102,13 @@ def _least_effort(
 
     def effort(t: Array) -> tuple[float, Array]:
         lasts = np.maximum(lasting @ t, least / 2)  # a solver may ask what it may not do
-        each = efforts[moving] / lasts
+        each = efforts[moving] / lasts / efforts.sum()
         return float(each.sum()), lasting.T @ (-each / lasts)
 
     found = minimize(
-        lambda t: effort(t)[0] / efforts.sum(),
+        effort,
         times / scale,
-        jac=lambda t: effort(t)[1] / efforts.sum(),
+        jac=True,
         method="SLSQP",
         bounds=[(0.0, None if event != layout.origin else 0.0) for event in range(layout.count)],
         constraints=[
