@@ -122,7 +122,7 @@ def test_fitted_paths_are_json(run: Run) -> None:
 
 @pytest.mark.usefixtures("quick")
 def test_compared_models_are_json(run: Run) -> None:
-    found = json.loads(run("compare-models", "paper-2", "--json").out)
+    found = json.loads(run("compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json").out)
     for made in found["plans"]:
         assert made["status"] == "optimal"
         assert np.abs(made["end_error_under"][made["model"]]).max() < 1e-6
@@ -212,7 +212,10 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 PROGRESS: list[tuple[list[str], str]] = [
     (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
     (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
-    (["compare-models", "paper-2", "--json"], "planning under each path model"),
+    (
+        ["compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json"],
+        "planning under each path model",
+    ),
     (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
     (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),
