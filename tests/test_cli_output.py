@@ -26,6 +26,7 @@ from test_problem import write
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
 from twosra_mpc.cli import options, output, planning, simulate, stream
+from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.plotting import film, paper_figures
 from twosra_mpc.problem.problem import Problem
@@ -43,7 +44,7 @@ def run(run_as_is: Run) -> Run:
 
 def load_quick(_asked: str, **overrides: Any) -> Problem:
     """Load a scenario that takes less time than the one that was asked for."""
-    return load_problem("shape-change", **overrides)
+    return load_problem("shape-change", **{"max_phases": 3, **overrides})
 
 
 @pytest.fixture
@@ -55,10 +56,15 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
 
+@lru_cache(1)
+def simulated() -> Simulation:
+    """One run of a simulated robot, the same for all tests."""
+    return run_simulation(load_problem("shape-change"))
+
+
 @pytest.fixture
 def one_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let all simulated robots be alike."""
-    simulated = lru_cache(1)(lambda: run_simulation(load_problem("shape-change")))
     monkeypatch.setattr(simulate, "simulate", lambda *_, **__: simulated())
 
 
