@@ -29,7 +29,8 @@ from twosra_mpc.timing import TemporalNetwork
 
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
-_SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to the durations wanted, until a schedule fits
+_SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
+_ROUNDING_S = 1e-4  # more than the solver's tolerance, scaled
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
@@ -51,14 +52,16 @@ def gentle(
     if made is None or (slowest <= quickest).all():
         return None
     efforts = np.array([profile.effort_s for profile in profiles]) * quickest
-    wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
     for share in _SHARES:
+        wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
         durations = quickest + share * (wanted - quickest)
         found = feasible_schedule(network, durations, problem)
         if found is not None and _cost(found, problem) <= most:
             slower = zip(profiles, durations.tolist(), strict=True)
             stretched = tuple(profile.lasting(duration) for profile, duration in slower)
             return replace(candidate, profiles=stretched, times=found[0])
+        if found is not None:  # what these durations need of the metal is known now
+            made = (made[0], found[1])
     return None
 
 
@@ -101,8 +104,9 @@ def _least_effort(
         bounds=[(0.0, None if event != layout.origin else 0.0) for event in range(layout.count)],
         constraints=[
             LinearConstraint(differences, np.array(list(network.least.values())) / scale, np.inf),
-            LinearConstraint(lasting, quickest[moving] / scale, slowest[moving] / scale),
-            LinearConstraint(cost, -np.inf, (most - constant) / scale),
+            LinearConstraint(lasting, quickest[moving] / scale, np.inf),
+            LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
+            LinearConstraint(cost, -np.inf, (most - _ROUNDING_S - constant) / scale),
         ],
         options={"maxiter": 200},
     )

@@ -28,6 +28,7 @@ from twosra_mpc.robot.modes import Mode, is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
 _CORNER = 1e-6  # relative change of a wheel's turn per x that counts as a corner
+_NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
 _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own
 _LEAST_PERIODS = 3  # control periods of the shortest phase that moves
@@ -92,7 +93,7 @@ _RESTING = SpeedProfile(np.zeros(1), np.zeros(1), np.zeros(0), np.zeros(0), 0.0,
 def _phase(motion: Motion, phase: int) -> SpeedProfile:
     """From rest to rest, and to rest where the path has a corner."""
     inputs, mode = motion.inputs[phase], motion.sequence[phase]
-    moving = np.flatnonzero(inputs.any(axis=1))
+    moving = np.flatnonzero(np.linalg.norm(inputs, axis=1) > _NOTHING)
     if not len(moving):
         return _RESTING
     parts = [
