@@ -107,7 +107,7 @@ def _search(family: Family, log: EvenLog, start: Sequence[float]) -> Fitted:
     low, high, first = np.log(given, out=given, where=positive[:, None]).T
 
     def values(coordinates: Array) -> Array:
-        return np.exp(coordinates, out=coordinates.copy(), where=positive)
+        return np.where(positive, np.exp(coordinates), coordinates)
 
     def off(coordinates: Array) -> Array:
         found = family.respond(values(coordinates).tolist(), log)
