@@ -16,6 +16,7 @@ transition decides how long it takes, so the schedule of the durations found is 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import LinearConstraint, minimize
@@ -83,12 +84,9 @@ def _least_effort(
     """Durations of the convex program, (phases,) [s]; ``efforts`` are E T_min of the phases."""
     times, network = made
     layout = network.layout
-    moving = np.flatnonzero(quickest)
-    starts = np.array([layout.start(i) for i in moving])
-    ends = np.array([layout.end(i) for i in moving])
-    pairs = np.array(list(network.least), dtype=int)
-    differences = _differences(pairs[:, 0], pairs[:, 1], layout.count)
-    lasting = _differences(starts, ends, layout.count)
+    moving, of = np.flatnonzero(quickest), np.eye(layout.count)
+    differences = np.array([of[v] - of[u] for u, v in network.least])
+    lasting = np.array([of[layout.end(i)] - of[layout.start(i)] for i in moving.tolist()])
     cost, constant = cost_coefficients(network, problem.cost_weights)
     scale = float(times[layout.finish])
 
@@ -96,7 +94,8 @@ def _least_effort(
         each = efforts[moving] / (lasting @ t)
         return float(each.sum()), lasting.T @ (-each / (lasting @ t))
 
-    found = minimize(
+    solver: Any = minimize  # its stubs know of no options of a single method
+    found = solver(
         lambda t: effort(t)[0] / efforts.sum(),
         times / scale,
         jac=lambda t: effort(t)[1] / efforts.sum(),
@@ -113,11 +112,3 @@ def _least_effort(
     durations = quickest.copy()
     durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
     return durations
-
-
-def _differences(since: Array, until: Array, events: int) -> Array:
-    """Rows that take t[until] - t[since] from event times, (m, events)."""
-    rows = np.zeros((len(since), events))
-    np.add.at(rows, (np.arange(len(since)), until), 1.0)
-    np.add.at(rows, (np.arange(len(since)), since), -1.0)
-    return rows

@@ -27,6 +27,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
+_BETWEEN = 1e-3  # how far it may vary more between grid points than at them
 _CORNER = 1e-6  # relative change of a wheel's turn per x that counts as a corner
 _NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
@@ -140,6 +141,8 @@ def _between_corners(
     lengths = np.linalg.norm(inputs[part], axis=1)
     nodes = np.append(0.0, np.cumsum(lengths))
     most = robot.limits.wheel_acceleration_rad_s2 or np.inf
+    if not is_rigid(mode):
+        most *= 1 - _BETWEEN
 
     def along(path: Array) -> tuple[Array, Array, Array]:
         """Place in intervals, least time per length, and the wheels' turn per length, (m, 4)."""
