@@ -237,7 +237,6 @@ def test_lanes_heaters_and_motion_stand_where_the_plan_has_them() -> None:
         (draw_configuration, "q[:, 3:]"),
         (partial(draw_configuration, coordinate="position"), "q[:, :2]"),
         (partial(draw_configuration, coordinate="heading"), "q[:, 2:3]"),
-        (draw_wheel_speeds, "wheel_rad_s"),
         (draw_temperatures, "temperature_C"),
         (draw_melt_fractions, "melt_fraction"),
     ],
@@ -253,6 +252,23 @@ def test_curves_are_the_samples(draw: Callable[..., Axes], values: str) -> None:
         expected = expected[:, int(first or 0) : int(last) if last else None]
     drawn_values = [line.get_ydata() for line in ax.lines if line.get_linewidth() > 1.0]
     np.testing.assert_array_equal(np.transpose(drawn_values), expected)
+
+
+@pytest.mark.parametrize("robot", ["2sra-v1", "2sra-v1-paper"])
+def test_wheel_speeds_are_drawn_as_the_ramps_and_jumps_they_are(robot: str) -> None:
+    result, ax = plan(load_problem("paper-1", robot=robot)).require(), axes_of()
+    assert draw_wheel_speeds(ax, result) is ax
+    times, speeds = ax.lines[0].get_xdata(), [line.get_ydata() for line in ax.lines]
+    samples = result.samples
+    assert ax.lines[0].get_drawstyle() == "default"
+    np.testing.assert_array_equal(times[::2], samples.t_s[:-1])
+    np.testing.assert_array_equal(times[1::2], samples.t_s[1:])
+    np.testing.assert_array_equal(np.transpose(speeds)[::2], samples.wheel_rad_s[:-1])
+    turned = np.trapezoid(speeds, times, axis=1)
+    expected = result.trajectory.wheel_travel_rad(result.duration_s)[0]
+    np.testing.assert_allclose(turned, expected, rtol=1e-3)  # between samples wheels bend a little
+    jumps = np.abs(np.diff(speeds)[:, 1::2]).max()  # where no time passes
+    assert jumps < 1e-5 if robot == "2sra-v1" else jumps > 1.0
 
 
 def test_time_axis_is_invertible_and_gives_short_phases_room() -> None:

@@ -127,7 +127,13 @@ def test_the_set_points_are_the_whole_grid(paper: Result, page: str) -> None:
 
 def test_a_very_long_table_is_thinned_and_says_so(paper: Result) -> None:
     count = 2 * MOST_ROWS + 1
-    widths = {"t_s": (count,), "q": (count, 5), "v": (count, 5), "wheel_rad_s": (count, 4)}
+    widths = {
+        "t_s": (count,),
+        "q": (count, 5),
+        "v": (count, 5),
+        "a": (count, 5),
+        "wheel_rad_s": (count, 4),
+    }
     columns = {item.name: np.zeros(widths.get(item.name, (count, 2))) for item in fields(Samples)}
     columns["t_s"] = np.arange(count) / 8
     table = setpoint_table(Samples(**columns))  # type: ignore[arg-type]

@@ -27,7 +27,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
-_CORNER = 1e-6  # relative change of a wheel's turn per x that counts as a corner
+_CORNER = 5e-8  # relative change of a wheel's turn per length that counts as a corner
 _APART = 1e-3  # least length of a piece, in intervals
 _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own
 _LEAST_PERIODS = 3  # control periods of the shortest phase that moves
