@@ -16,6 +16,7 @@ transition decides how long it takes, so the schedule of the durations found is 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import LinearConstraint, minimize
@@ -29,7 +30,8 @@ from twosra_mpc.timing import TemporalNetwork
 
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
-_SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to the durations wanted, until a schedule fits
+_SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
+_ROUNDING_S = 1e-4  # more than the solver's tolerance, scaled
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
@@ -51,14 +53,16 @@ def gentle(
     if made is None or (slowest <= quickest).all():
         return None
     efforts = np.array([profile.effort_s for profile in profiles]) * quickest
-    wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
     for share in _SHARES:
+        wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
         durations = quickest + share * (wanted - quickest)
         found = feasible_schedule(network, durations, problem)
         if found is not None and _cost(found, problem) <= most:
             slower = zip(profiles, durations.tolist(), strict=True)
             stretched = tuple(profile.lasting(duration) for profile, duration in slower)
             return replace(candidate, profiles=stretched, times=found[0])
+        if found is not None:  # what these durations need of the metal is known now
+            made = (made[0], found[1])
     return None
 
 
@@ -80,12 +84,9 @@ def _least_effort(
     """Durations of the convex program, (phases,) [s]; ``efforts`` are E T_min of the phases."""
     times, network = made
     layout = network.layout
-    moving = np.flatnonzero(quickest)
-    starts = np.array([layout.start(i) for i in moving])
-    ends = np.array([layout.end(i) for i in moving])
-    pairs = np.array(list(network.least), dtype=int)
-    differences = _differences(pairs[:, 0], pairs[:, 1], layout.count)
-    lasting = _differences(starts, ends, layout.count)
+    moving, of = np.flatnonzero(quickest), np.eye(layout.count)
+    differences = np.array([of[v] - of[u] for u, v in network.least])
+    lasting = np.array([of[layout.end(i)] - of[layout.start(i)] for i in moving.tolist()])
     cost, constant = cost_coefficients(network, problem.cost_weights)
     scale = float(times[layout.finish])
 
@@ -93,7 +94,8 @@ def _least_effort(
         each = efforts[moving] / (lasting @ t)
         return float(each.sum()), lasting.T @ (-each / (lasting @ t))
 
-    found = minimize(
+    solver: Any = minimize  # its stubs know of no options of a single method
+    found = solver(
         lambda t: effort(t)[0] / efforts.sum(),
         times / scale,
         jac=lambda t: effort(t)[1] / efforts.sum(),
@@ -101,19 +103,12 @@ def _least_effort(
         bounds=[(0.0, None if event != layout.origin else 0.0) for event in range(layout.count)],
         constraints=[
             LinearConstraint(differences, np.array(list(network.least.values())) / scale, np.inf),
-            LinearConstraint(lasting, quickest[moving] / scale, slowest[moving] / scale),
-            LinearConstraint(cost, -np.inf, (most - constant) / scale),
+            LinearConstraint(lasting, quickest[moving] / scale, np.inf),
+            LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
+            LinearConstraint(cost, -np.inf, (most - _ROUNDING_S - constant) / scale),
         ],
         options={"maxiter": 200},
     )
     durations = quickest.copy()
     durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
     return durations
-
-
-def _differences(since: Array, until: Array, events: int) -> Array:
-    """Rows that take t[until] - t[since] from event times, (m, events)."""
-    rows = np.zeros((len(since), events))
-    np.add.at(rows, (np.arange(len(since)), until), 1.0)
-    np.add.at(rows, (np.arange(len(since)), since), -1.0)
-    return rows

@@ -27,7 +27,9 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
-_CORNER = 5e-8  # relative change of a wheel's turn per length that counts as a corner
+_BETWEEN = 1e-3  # how far it may vary more between grid points than at them
+_CORNER = 5e-8  # relative change of a wheel's turn per x that counts as a corner
+_NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
 _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own
 _LEAST_PERIODS = 3  # control periods of the shortest phase that moves
@@ -92,7 +94,7 @@ _RESTING = SpeedProfile(np.zeros(1), np.zeros(1), np.zeros(0), np.zeros(0), 0.0,
 def _phase(motion: Motion, phase: int) -> SpeedProfile:
     """From rest to rest, and to rest where the path has a corner."""
     inputs, mode = motion.inputs[phase], motion.sequence[phase]
-    moving = np.flatnonzero(inputs.any(axis=1))
+    moving = np.flatnonzero(np.linalg.norm(inputs, axis=1) > _NOTHING)
     if not len(moving):
         return _RESTING
     parts = [
@@ -139,6 +141,8 @@ def _between_corners(
     lengths = np.linalg.norm(inputs[part], axis=1)
     nodes = np.append(0.0, np.cumsum(lengths))
     most = robot.limits.wheel_acceleration_rad_s2 or np.inf
+    if not is_rigid(mode):
+        most *= 1 - _BETWEEN
 
     def along(path: Array) -> tuple[Array, Array, Array]:
         """Place in intervals, least time per length, and the wheels' turn per length, (m, 4)."""

@@ -81,7 +81,7 @@ class Samples:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """Whether the robot moves from each sample to the next, (rows,)."""
-        return self.v.any(axis=1) | self.a.any(axis=1)
+        return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
         """The samples as plain data."""
