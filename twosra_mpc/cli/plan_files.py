@@ -89,10 +89,10 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
 
 _RESAMPLE_HELP = """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
 
-CSV has one row a tick: what is in force at that time, for a controller that sends it and waits for
-the next tick. JSON stays a plan, whose inputs hold from a sample to the next: samples are added at
-the ticks, and those of the plan stay, because its inputs change between ticks too. "twosra verify"
-accepts the outcome.
+CSV has rows at the ticks and where phases begin and end, for a controller that sends a row and
+waits for the next one. Wheel speeds are means until then, so that every wheel turns as far as
+planned. JSON stays a plan, whose inputs are ramps from a sample to the next: samples are added at
+the ticks, and those of the plan stay. "twosra verify" accepts the outcome.
 
 \b
 Set-points for a controller that runs at 20 Hz:
