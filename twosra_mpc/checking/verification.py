@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.model.kinematics import JacobianInPlace, wheel_travels
+from twosra_mpc.model.kinematics import JacobianInPlace, wheel_accelerations, wheel_travels
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Samples, Trajectory, flown
+from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.limits import (
     RELATIVE_ROUNDING,
     WHEEL_ACCELERATION,
@@ -275,22 +275,17 @@ def _settled(margin: float, limit: float) -> float:
 
 
 def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
-    """Largest acceleration of a wheel near the ends of each interval, (m - 1,) [rad/s2].
-
-    By differences over a thousandth of the interval: as the shape changes the wheels' acceleration
-    does, and between a plan's samples it is monotone for all that can be seen.
-    """
-    dt = np.diff(samples.t_s)[:, None]
-    q, v, a, mode = samples.q[:-1], samples.v[:-1], samples.a[:-1], samples.mode[:-1]
-    q_end, v_end, rates = samples.q[1:], v + a * dt, []
-    for q_at, v_at, sign in ((q, v, 1.0), (q_end, v_end, -1.0)):
-        step = sign * dt / 1000
-        s = (v_at + a * step / 2) * step
-        moved = flown(problem.robot, q_at, s, mode)
-        change = _wheel_speeds(problem, moved, v_at + a * step, mode)
-        change -= _wheel_speeds(problem, q_at, v_at, mode)
-        rates.append(np.abs(change / step).max(axis=1))
-    worst: Array = np.max(rates, axis=0)
+    """Largest acceleration of a wheel at the ends of each interval, (m - 1,) [rad/s2]."""
+    v, a = samples.v[:-1], samples.a[:-1]
+    end = v + a * np.diff(samples.t_s)[:, None]
+    found = wheel_accelerations(problem.robot, 2 * len(v))(
+        np.concatenate([samples.q[:-1], samples.q[1:]]).T,
+        np.concatenate([v, end]).T,
+        np.tile(a, (2, 1)).T,
+        np.tile(samples.mode[:-1], (2, 1)).T,
+    )
+    moving = np.tile(samples.moves[:-1], 2)
+    worst: Array = np.abs(found.full()).max(axis=0) * moving
     return worst
 
 

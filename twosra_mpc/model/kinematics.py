@@ -90,6 +90,17 @@ def wheel_travel(body: Body) -> ca.Function:
 
 
 @per_body(256)
+def wheel_accelerations(body: Body, count: int) -> ca.Function:
+    """(q, v, a, sigma) -> d/dt V(q, sigma) v [rad/s2] with v' = a, (4,); ``count`` columns."""
+    segments = body.geometry.segments
+    q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
+    sigma, turn = ca.SX.sym("sigma", segments), wheel_travel(body)
+    shape_rate = kinematics(body).jacobian(q, sigma) @ v
+    rate = turn(q, a, sigma) + ca.jtimes(turn(q, v, sigma), q, shape_rate)
+    return ca.Function("wheel_acceleration", [q, v, a, sigma], [ca.densify(rate)]).map(count)
+
+
+@per_body(256)
 def wheel_travels(body: Body, count: int) -> ca.Function:
     """``wheel_travel`` of ``count`` intervals at once, one per column."""
     return wheel_travel(body).map(count)

@@ -83,32 +83,46 @@ def _least_effort(
 ) -> Array:
     """Durations of the convex program, (phases,) [s]; ``efforts`` are E T_min of the phases."""
     times, network = made
-    layout = network.layout
-    moving, of = np.flatnonzero(quickest), np.eye(layout.count)
-    differences = np.array([of[v] - of[u] for u, v in network.least])
-    lasting = np.array([of[layout.end(i)] - of[layout.start(i)] for i in moving.tolist()])
+    layout, moving = network.layout, np.flatnonzero(quickest)
     cost, constant = cost_coefficients(network, problem.cost_weights)
+    starts, ends = (np.array([at(i) for i in moving.tolist()]) for at in (layout.start, layout.end))
+    kept = np.union1d(np.flatnonzero(cost), [*starts, *ends, layout.origin])
+    apart, of = _longest_paths(network)[np.ix_(kept, kept)], np.eye(len(kept))
+    since, until = np.nonzero(np.isfinite(apart))
+    lasting = of[np.searchsorted(kept, ends)] - of[np.searchsorted(kept, starts)]
     scale = float(times[layout.finish])
 
     def effort(t: Array) -> tuple[float, Array]:
-        each = efforts[moving] / (lasting @ t)
-        return float(each.sum()), lasting.T @ (-each / (lasting @ t))
+        duration = np.maximum(lasting @ t, 1e-9)
+        each = efforts[moving] / efforts.sum() / duration
+        return float(each.sum()), lasting.T @ (-each / duration)
 
     solver: Any = minimize  # its stubs know of no options of a single method
     found = solver(
-        lambda t: effort(t)[0] / efforts.sum(),
-        times / scale,
-        jac=lambda t: effort(t)[1] / efforts.sum(),
+        effort,
+        times[kept] / scale,
+        jac=True,
         method="SLSQP",
-        bounds=[(0.0, None if event != layout.origin else 0.0) for event in range(layout.count)],
+        bounds=[(0.0, 0.0 if event == layout.origin else None) for event in kept],
         constraints=[
-            LinearConstraint(differences, np.array(list(network.least.values())) / scale, np.inf),
+            LinearConstraint(of[until] - of[since], apart[since, until] / scale, np.inf),
             LinearConstraint(lasting, quickest[moving] / scale, np.inf),
             LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
-            LinearConstraint(cost, -np.inf, (most - _ROUNDING_S - constant) / scale),
+            LinearConstraint(cost[kept], -np.inf, (most - _ROUNDING_S - constant) / scale),
         ],
         options={"maxiter": 200},
     )
     durations = quickest.copy()
     durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
     return durations
+
+
+def _longest_paths(network: TemporalNetwork) -> Array:
+    """How far apart the constraints keep every two events, (events, events) [s]; -inf: free."""
+    apart = np.full((network.layout.count, network.layout.count), -np.inf)
+    for (u, v), least in network.least.items():
+        apart[u, v] = least
+    for between in range(len(apart)):
+        apart = np.maximum(apart, apart[:, between, None] + apart[between])
+    np.fill_diagonal(apart, -np.inf)
+    return apart
