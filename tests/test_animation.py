@@ -84,7 +84,7 @@ def test_the_words_tell_clock_pace_state_and_outcome() -> None:
     assert "is freezing" in freezing
     assert "°C" in freezing
     assert "liquid" in freezing
-    assert "[0,0] → [1,0] in 298.6 s: optimal" in shown_at("paper-2", result.duration_s or 0.0)
+    assert "[0,0] → [1,0] in 305.4 s: optimal" in shown_at("paper-2", result.duration_s or 0.0)
 
 
 def test_two_segments_that_do_the_same_are_named_together() -> None:
@@ -128,7 +128,7 @@ def test_waits_are_compressed_and_motion_is_slowed_down() -> None:
     waiting = stretch.seconds_per_length(result.phases[-1].end_s + 1.0)
     for phase in result.phases:
         driving = stretch.seconds_per_length((phase.start_s + phase.end_s) / 2)
-        assert driving < waiting / 50
+        assert driving < waiting / 10
     place = stretch.forward(np.array([200.0, 210.0]))
     assert 10.0 / np.diff(place)[0] == pytest.approx(stretch.seconds_per_length(205.0))
 

@@ -99,7 +99,7 @@ def test_what_does_not_exist_is_refused_by_name(asked: dict[str, str], field: st
 def test_a_plan_for_another_robot_is_refused() -> None:
     problem = load_problem("rigid-move")
     robot = SimulatedRobot(problem, "arc", disturbance_level("none"), 0)
-    other = plan(problem.with_values(robot=with_path_model(problem.robot, "arc"))).require()
+    other = plan(problem.with_values(robot=with_path_model(problem.robot, "log_spiral"))).require()
     with pytest.raises(InputError, match="robot"):
         Executor(robot, ExecutorSettings()).run(other)
 

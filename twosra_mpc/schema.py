@@ -29,12 +29,13 @@ Schema = dict[str, Any]
 _DRAFT = "http://json-schema.org/draft-07/schema#"
 _UNITS = {  # ending of a key -> unit; the longest that fits counts
     **{"_m": "m", "_s": "s", "_A": "A", "_C": "degrees C", "_J": "J", "_rad": "rad"},
-    **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s"},
+    **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s", "_rad_s2": "rad/s2"},
     **{"_per_m": "1/m", "_per_s": "1/s", "_per_K": "1/K", "_s_per_J": "s/J"},
     **{"_J_per_K": "J/K", "_W_per_K": "W/K", "_K_per_s": "K/s", "_kg_per_m3": "kg/m3"},
     **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
 }
 _WORDS = {  # key -> what it is, where the key alone does not say it
+    "a": "rate of change of v, per s",
     "ambient_C": "temperature of the air",
     "angle_ratio": "turns of spirals I, II, III per bending angle",
     "body_ratio": "heat capacity of the body over that of the core",
@@ -62,6 +63,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "mode": "stiffness of the segments: 1 soft, 0 rigid",
     "model": "which model the other keys of this table belong to",
     "modes": "stiffness modes that may be used",
+    "motion": "gentle: as slow as time to spare and the gap allow; or fastest",
     "name": "name of the robot",
     "nlp_iterations": "iterations of the nonlinear solver",
     "ok": "whether everything holds",
@@ -78,7 +80,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "ranges": "5 % and 95 % values of uncertain parameters",
     "robot": "the robot: a built-in name, a path to its file, or its table",
     "rubber": "the silicone of core and tube",
-    "samples": "the plan on its grid, inputs hold to the next sample; null without a plan",
+    "samples": "the plan on its grid, v + a t from a sample to the next; null without a plan",
     "scale": "a of spirals I, II, III, in segment lengths",
     "scenario": "the problem, defaults filled in",
     "segment": "how a segment warms and cools; of a transition, which segment, from 1",

@@ -10,13 +10,22 @@ import click
 
 from twosra_mpc.checking.plan_file import PlanCheck, check_plan
 from twosra_mpc.checking.resampling import refined
-from twosra_mpc.cli.options import FILE, animation, command, ending, out_argument, rate_option
+from twosra_mpc.cli.options import (
+    FILE,
+    animation,
+    command,
+    ending,
+    out_argument,
+    plan_to_drive,
+    rate_option,
+)
 from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import save_setpoints
 
 _VERIFY_HELP = """Check PLAN files independently of what they say of themselves.
@@ -80,10 +89,10 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
 
 _RESAMPLE_HELP = """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
 
-CSV has one row a tick: what is in force at that time, for a controller that sends it and waits for
-the next tick. JSON stays a plan, whose inputs hold from a sample to the next: samples are added at
-the ticks, and those of the plan stay, because its inputs change between ticks too. "twosra verify"
-accepts the outcome.
+CSV has rows at the ticks and where phases begin and end, for a controller that sends a row and
+waits for the next one. Wheel speeds are means until then, so that every wheel turns as far as
+planned. JSON stays a plan, whose inputs are ramps from a sample to the next: samples are added at
+the ticks, and those of the plan stay. "twosra verify" accepts the outcome.
 
 \b
 Set-points for a controller that runs at 20 Hz:
@@ -114,8 +123,8 @@ _EXPORT_HELP = f"""Write PLAN to OUT in the format of another program: a .mcap o
 
 MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
 configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV has
-the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. At a
---rate, a phase that is shorter than a period can fall between two of its rows.
+the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. Plans with
+the paper's wheel map are refused: they bend the real robot by about a fifth of what is planned.
 
 MCAP needs the package foxglove-sdk: {install_command("mcap")}
 
@@ -129,19 +138,18 @@ The plan's own grid as the authors' scripts read it:
 
 
 @command("export", _EXPORT_HELP)
-@click.argument("plan", type=FILE)
+@plan_to_drive
 @out_argument(ending(".mcap", ".csv"))
 @rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
-def export_command(plan: Path, out: Path, rate_Hz: float | None, output: Output) -> None:
+def export_command(plan: Plan, out: Path, rate_Hz: float | None, output: Output) -> None:
     """Export a plan; see ``_EXPORT_HELP``."""
-    given = load_plan(plan).require()
-    robot, duration_s = given.robot.name, given.duration_s
+    robot, duration_s = plan.robot.name, plan.duration_s
     document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
     with output.progress(f"writing {out}"):
         if out.suffix == ".csv":
-            save_authors_csv(given, out, rate_Hz)
+            save_authors_csv(plan, out, rate_Hz)
         else:
-            save_mcap(given, out, rate_Hz)
+            save_mcap(plan, out, rate_Hz)
             document["topics"] = list(TOPICS)
     output.record((robot, "exported"), document)
 

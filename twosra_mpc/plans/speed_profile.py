@@ -28,7 +28,7 @@ from twosra_mpc.robot.modes import Mode, is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
 _BETWEEN = 3e-3  # of the limits is spared: shapes between grid points may use more of them
-_CORNER = 1e-6  # relative change of a wheel's turn per x that counts as a corner
+_CORNER = 5e-8  # relative change of a wheel's turn per x that counts as a corner
 _NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
 _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own

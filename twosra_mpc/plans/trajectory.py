@@ -190,6 +190,13 @@ class Trajectory:
         check_rate(rate_Hz)
         return np.arange(int(np.floor(self.duration_s * rate_Hz + 1e-9)) + 1) / rate_Hz
 
+    @property
+    def wheel_rad_s_before(self) -> Array:
+        """Wheel speeds just before each sample but the first, (rows - 1, 4) [rad/s]."""
+        held, at = self.samples, np.arange(len(self.samples) - 1)
+        v = self._input(at, np.diff(held.t_s))
+        return wheel_speeds(self.problem.robot, held.q[1:], v, held.mode[:-1])
+
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
         return transition_model(self.problem).heating(self.transitions)
