@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.model.kinematics import JacobianInPlace, wheel_accelerations, wheel_travels
+from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations, wheel_travels
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.limits import (
@@ -26,7 +26,7 @@ from twosra_mpc.problem.limits import (
     verified_margins,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Array, Coordinates
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
@@ -101,19 +101,21 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
         return beyond - float(np.abs(at[3:]).max())
 
     runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
-    jacobian = JacobianInPlace(problem.robot)
-    reached = np.full((len(samples), problem.robot.coordinates.size), np.nan)
+    size = problem.robot.coordinates.size
+    q, sigma, columns = np.zeros(size), np.zeros(size - POSE), np.zeros((INPUTS, size))
+    jacobian = InPlace(kinematics(problem.robot).jacobian, [q, sigma], [columns])
+    reached = np.full((len(samples), size), np.nan)
     reached[0] = problem.start.configuration
     for first, last, direction, lengths in _paths(samples):
         if not direction.any():
             reached[first + 1 : last + 1] = reached[first]
             continue
-        jacobian.sigma[:] = samples.mode[first]
+        sigma[:] = samples.mode[first]
 
         def rate(_s: float, at: Array, direction: Array = direction) -> Array:
-            jacobian.q[:] = at
+            q[:] = at
             jacobian.evaluate()
-            return direction @ jacobian.columns
+            return direction @ columns
 
         marks = np.cumsum(lengths)
         end = solve_ivp(
@@ -127,7 +129,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             events=runs_away,
         )
         passed = len(end.t)
-        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (len(jacobian.q), passed)).T
+        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (size, passed)).T
         if end.status != 0:
             break
     return reached
