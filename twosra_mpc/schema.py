@@ -35,7 +35,7 @@ _UNITS = {  # ending of a key -> unit; the longest that fits counts
     **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
 }
 _WORDS = {  # key -> what it is, where the key alone does not say it
-    "a": "rate of change of v, per s",
+    "a": "rate of change of the input to the next sample [m/s2, and rad/s2]; not in version 1",
     "ambient_C": "temperature of the air",
     "angle_ratio": "turns of spirals I, II, III per bending angle",
     "body_ratio": "heat capacity of the body over that of the core",
@@ -203,14 +203,16 @@ def _plan() -> Schema:
 
 def _samples() -> Schema:
     """A list of numbers a sample for time, else a list of rows."""
-    widths = {"v": (INPUTS, INPUTS), "wheel_rad_s": (WHEELS, WHEELS)}
+    widths = {"wheel_rad_s": (WHEELS, WHEELS), "v": (INPUTS, INPUTS), "a": (INPUTS, INPUTS)}
     widths["q"] = (POSE + 1, POSE + MOST_SEGMENTS)
     properties: dict[str, Schema] = {}
     for item in fields(Samples):
         cell: Schema = {"enum": [0, 1]} if item.name == "mode" else {"type": "number"}
         row = _list(cell, *widths.get(item.name, (1, MOST_SEGMENTS)))
         properties[item.name] = {"type": "array", "items": cell if item.name == "t_s" else row}
-    return _table(list(properties.values()), tuple(properties))
+    table = _table(list(properties.values()), tuple(properties))
+    table["required"].remove("a")  # it is younger than version 1
+    return table
 
 
 def _list(item: Schema, least: int, most: int) -> Schema:
