@@ -189,7 +189,7 @@ def test_random_problems_are_planned_within_the_gap(seed: int) -> None:
         assert each.gap is not None
         assert each.gap <= problem.gap
     assert quick.gap is not None
-    assert quick.gap <= 1e-3
+    assert quick.gap <= 3e-3
     assert quick.cost.total <= made.cost.total + 1e-9
     unlimited = plan(problem.with_values(robot=at_once(ARC))).require()
     assert unlimited.lower_bound is not None

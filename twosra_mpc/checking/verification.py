@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.model.kinematics import JacobianInPlace, wheel_accelerations, wheel_travels
+from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations, wheel_travels
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.limits import (
@@ -26,7 +26,7 @@ from twosra_mpc.problem.limits import (
     verified_margins,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Array, Coordinates
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
@@ -65,7 +65,7 @@ def examine(trajectory: Trajectory) -> Findings:
     reached = reintegrate(problem, samples)
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
-    limits = _margins(problem, samples)
+    limits = _margins(trajectory)
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
         "steady speeds": tuple(_speed_problems(problem, samples)),
@@ -101,19 +101,21 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
         return beyond - float(np.abs(at[3:]).max())
 
     runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
-    jacobian = JacobianInPlace(problem.robot)
-    reached = np.full((len(samples), problem.robot.coordinates.size), np.nan)
+    size = problem.robot.coordinates.size
+    q, sigma, columns = np.zeros(size), np.zeros(size - POSE), np.zeros((INPUTS, size))
+    jacobian = InPlace(kinematics(problem.robot).jacobian, [q, sigma], [columns])
+    reached = np.full((len(samples), size), np.nan)
     reached[0] = problem.start.configuration
     for first, last, direction, lengths in _paths(samples):
         if not direction.any():
             reached[first + 1 : last + 1] = reached[first]
             continue
-        jacobian.sigma[:] = samples.mode[first]
+        sigma[:] = samples.mode[first]
 
         def rate(_s: float, at: Array, direction: Array = direction) -> Array:
-            jacobian.q[:] = at
+            q[:] = at
             jacobian.evaluate()
-            return direction @ jacobian.columns
+            return direction @ columns
 
         marks = np.cumsum(lengths)
         end = solve_ivp(
@@ -127,7 +129,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             events=runs_away,
         )
         passed = len(end.t)
-        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (len(jacobian.q), passed)).T
+        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (size, passed)).T
         if end.status != 0:
             break
     return reached
@@ -251,15 +253,16 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
             yield f"goal.{name} is missed by {error:.3g} {unit}"
 
 
-def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
+def _margins(trajectory: Trajectory) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
+    problem, samples = trajectory.problem, trajectory.samples
     heater = problem.robot.heater
     margins = dict(verified_margins(problem.robot, samples.q, samples.v, samples.mode))
     turned = float(np.abs(samples.wheel_rad_s).max())  # what is sent, whatever the model says
     sent = WHEEL_SPEED.settled(problem.robot, WHEEL_SPEED.most(problem.robot) - turned)
     margins[WHEEL_SPEED.name] = min(sent, margins[WHEEL_SPEED.name])
     if (most := problem.robot.limits.wheel_acceleration_rad_s2) is not None:
-        rates = _wheel_accelerations(problem, samples)
+        rates = _wheel_accelerations(trajectory)
         margins[WHEEL_ACCELERATION] = _settled(most - float(rates.max(initial=0.0)), most)
     for name, used, limit in (
         ("temperature_max_C", samples.temperature_C.max(), heater.temperature_max_C),
@@ -274,18 +277,21 @@ def _settled(margin: float, limit: float) -> float:
     return 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
 
 
-def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
-    """Largest acceleration of a wheel at the ends of each interval, (m - 1,) [rad/s2]."""
-    v, a = samples.v[:-1], samples.a[:-1]
-    end = v + a * np.diff(samples.t_s)[:, None]
-    found = wheel_accelerations(problem.robot, 2 * len(v))(
-        np.concatenate([samples.q[:-1], samples.q[1:]]).T,
-        np.concatenate([v, end]).T,
-        np.tile(a, (2, 1)).T,
-        np.tile(samples.mode[:-1], (2, 1)).T,
+def _wheel_accelerations(trajectory: Trajectory) -> Array:
+    """Largest acceleration of a wheel as intervals begin, midway and as they end [rad/s2]."""
+    robot, samples = trajectory.problem.robot, trajectory.samples
+    moving = np.flatnonzero(samples.moves[:-1])
+    q, v, a, mode = (x[moving] for x in (samples.q, samples.v, samples.a, samples.mode))
+    t, end = samples.t_s[moving], samples.t_s[moving + 1]
+    places = [q, trajectory.configuration((t + end) / 2), samples.q[moving + 1]]
+    inputs = [v + share * a * (end - t)[:, None] for share in (0.0, 0.5, 1.0)]
+    given = (
+        np.concatenate(places),
+        np.concatenate(inputs),
+        *(np.tile(x, (3, 1)) for x in (a, mode)),
     )
-    moving = np.tile(samples.moves[:-1], 2)
-    worst: Array = np.abs(found.full()).max(axis=0) * moving
+    found = wheel_accelerations(robot, 3 * len(q))(*(rows.T for rows in given)).full()
+    worst: Array = np.abs(found).max(axis=0)
     return worst
 
 

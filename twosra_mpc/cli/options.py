@@ -52,12 +52,12 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
 }
 
 
-def command(name: str, words: str) -> Callable[[Function], click.Command]:
+def command(name: str, words: str | None = None) -> Callable[[Function], click.Command]:
     """Make a function a command; as ``output`` it is given what ``--json``, ``--quiet`` chose.
 
     Args:
         name: Of the command.
-        words: Its help.
+        words: Its help; what the function says of itself if left out.
     """
 
     def decorate(function: Function) -> click.Command:
@@ -65,7 +65,7 @@ def command(name: str, words: str) -> Callable[[Function], click.Command]:
         def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
             return function(output=Output(as_json=as_json, quiet=quiet), **given)
 
-        made = click.command(name, help=words)(run)
+        made = click.command(name, help=words or function.__doc__)(run)
         made.params += [_JSON, _QUIET]
         return made
 

@@ -28,26 +28,24 @@ from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import save_setpoints
 
-_VERIFY_HELP = """Check PLAN files independently of what they say of themselves.
 
-The samples are integrated again by SciPy, and every rule is tested for the robot and the scenario
-in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap are worked out
-again. That the lower bound is one takes planning again: a plan does not show it.
-
-\b
-Is this plan safe to run, and what are its margins?
-  twosra verify plan.json
-In a script, by the exit code alone (0 verified, 4 not verified, 2 not a plan file):
-  twosra verify --quiet plan.json && echo go
-Several plans, for a program to read:
-  twosra verify plan.json other.json --json
-"""
-
-
-@command("verify", _VERIFY_HELP)
+@command("verify")
 @click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=click.Path())
 def verify_command(plans: tuple[str, ...], output: Output) -> int:
-    """Check plan files; see ``_VERIFY_HELP``."""
+    """Check PLAN files independently of what they say of themselves.
+
+    The samples are integrated again by SciPy, and every rule is tested for the robot and the
+    scenario in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap are
+    worked out again. That the lower bound is one takes planning again: a plan does not show it.
+
+    \b
+    Is this plan safe to run, and what are its margins?
+      twosra verify plan.json
+    In a script, by the exit code alone (0 verified, 4 not verified, 2 not a plan file):
+      twosra verify --quiet plan.json && echo go
+    Several plans, for a program to read:
+      twosra verify plan.json other.json --json
+    """
     code = EXIT_PLANNED
     checked: dict[str, PlanCheck] = {}
     with output.progress("verifying") as tell:
@@ -87,27 +85,24 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
         click.echo("\n  ".join([f"{path}: {verdict}", *found.problems]))
 
 
-_RESAMPLE_HELP = """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
-
-CSV has rows at the ticks and where phases begin and end, for a controller that sends a row and
-waits for the next one. Wheel speeds are means until then, so that every wheel turns as far as
-planned. JSON stays a plan, whose inputs are ramps from a sample to the next: samples are added at
-the ticks, and those of the plan stay. "twosra verify" accepts the outcome.
-
-\b
-Set-points for a controller that runs at 20 Hz:
-  twosra resample plan.json setpoints.csv --rate 20
-The same plan, dense enough to look at:
-  twosra resample plan.json dense.json --rate 5
-"""
-
-
-@command("resample", _RESAMPLE_HELP)
+@command("resample")
 @click.argument("plan", type=FILE)
 @out_argument(ending(".csv", ".json"))
 @rate_option("Ticks per second.", required=True)
 def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> None:
-    """Resample a plan; see ``_RESAMPLE_HELP``."""
+    """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
+
+    CSV has rows at the ticks and where phases begin and end, for a controller that sends a row and
+    waits for the next one. Wheel speeds are means until then, so that every wheel turns as far as
+    planned. JSON stays a plan, whose inputs are ramps from a sample to the next: samples are added
+    at the ticks, and those of the plan stay. "twosra verify" accepts the outcome.
+
+    \b
+    Set-points for a controller that runs at 20 Hz:
+      twosra resample plan.json setpoints.csv --rate 20
+    The same plan, dense enough to look at:
+      twosra resample plan.json dense.json --rate 5
+    """
     loaded = load_plan(plan)
     given = loaded.require()
     with output.progress(f"resampling at {rate_Hz:g} Hz"):
@@ -154,31 +149,28 @@ def export_command(plan: Plan, out: Path, rate_Hz: float | None, output: Output)
     output.record((robot, "exported"), document)
 
 
-_REPORT_HELP = """\
-Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
-
-The page needs nothing else and asks nothing of any network: send it as it is. It has the plan in
-numbers, what is proved and what was verified, an animation, figures, set-points, and the scenario
-and robot to plan it again. A plan file that holds no plan has a report with the reason.
-
-\b
-A plan and its report:
-  twosra plan paper-1 --out plan.json
-  twosra report plan.json report.html
-"""
-
-
 def _page(target: Path) -> None:
     from twosra_mpc.report import check_report_path  # matplotlib takes a second
 
     check_report_path(target)
 
 
-@command("report", _REPORT_HELP)
+@command("report")
 @click.argument("plan", type=FILE)
 @out_argument(_page)
 def report_command(plan: Path, out: Path, output: Output) -> None:
-    """Write a report; see ``_REPORT_HELP``."""
+    """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
+
+    The page needs nothing else and asks nothing of any network: send it as it is. It has the plan
+    in numbers, what is proved and what was verified, an animation, figures, set-points, and the
+    scenario and robot to plan it again. A plan file that holds no plan has a report with the
+    reason.
+
+    \b
+    A plan and its report:
+      twosra plan paper-1 --out plan.json
+      twosra report plan.json report.html
+    """
     from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
 
     given = load_plan(plan)
@@ -189,25 +181,24 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
 
 
 _FILM_S = click.FloatRange(1.0, 120.0)
-_ANIMATE_HELP = """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
-
-Waits are compressed, motion is slowed down, and a clock shows the time.
-
-\b
-A plan and its film:
-  twosra plan paper-1 --out plan.json
-  twosra animate plan.json plan.gif
-The same in a hurry:
-  twosra animate plan.json short.gif --seconds 4
-"""
 
 
-@command("animate", _ANIMATE_HELP)
+@command("animate")
 @click.argument("plan", type=FILE)
 @out_argument(animation)
 @click.option("--seconds", type=_FILM_S, default=12.0, help="Length of the animation [s].")
 def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
-    """Animate a plan file; see ``_ANIMATE_HELP``."""
+    """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
+
+    Waits are compressed, motion is slowed down, and a clock shows the time.
+
+    \b
+    A plan and its film:
+      twosra plan paper-1 --out plan.json
+      twosra animate plan.json plan.gif
+    The same in a hurry:
+      twosra animate plan.json short.gif --seconds 4
+    """
     loaded = load_plan(plan)
     if (made := loaded.plan) is None:
         click.echo(f"twosra: there is nothing to animate: {loaded.message}", err=True)

@@ -27,7 +27,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
-_BETWEEN = 1e-3  # of the limits is spared: shapes between grid points may use more of them
+_BETWEEN = 3e-3  # of the limits is spared: shapes between grid points may use more of them
 _CORNER = 5e-8  # relative change of a wheel's turn per x that counts as a corner
 _NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
