@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Run
+from conftest import Run, Simulated
 from matplotlib import rcParams
 from PIL import Image
 
@@ -36,15 +36,15 @@ def run(run: Run) -> Run:
 
 
 @pytest.fixture(scope="module")
-def done() -> Simulation:
+def done(simulated: Simulated) -> Simulation:
     """A disturbed run with melts, freezes and a correction."""
-    return simulate(load_problem("paper-2", robot=ARC), seed=2)
+    return simulated("paper-2", 2)
 
 
 @pytest.fixture(scope="module")
-def replanned() -> Simulation:
+def replanned(simulated: Simulated) -> Simulation:
     """A run that was planned again."""
-    found = simulate(load_problem("paper-1", robot=ARC), seed=4)
+    found = simulated("paper-1", 4)
     assert found.run.replans == 1
     return found
 

@@ -419,7 +419,7 @@ def test_a_far_robot_drives_at_its_limit_and_arrives(planned: Planned) -> None:
     tracker.reset(of)
     end = configuration(of, of.phases[0].end_s)
     q, fastest = end + np.array([0.3, -0.2, 2.5, 0.0, 0.0]), 0.0
-    for _ in range(150):
+    for _ in range(200):
         command = tracker.step(Measurement(100.0, 0, q))
         fastest = max(fastest, np.abs(command.wheel_rad_s).max())
         q = moved(tracker, RIGID, q, command.v)
