@@ -68,7 +68,7 @@ def examine(trajectory: Trajectory) -> Findings:
     limits = _margins(problem, samples)
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
-        "steady speeds": tuple(_speed_problems(problem, samples)),
+        "steady speeds": tuple(_speed_problems(trajectory)),
         "samples and phases": tuple(_coverage_problems(trajectory)),
         "wheels and heaters": tuple(_command_problems(trajectory)),
         "transitions": tuple(transition_problems(trajectory)),
@@ -211,8 +211,12 @@ def _command_problems(trajectory: Trajectory) -> Iterator[str]:
         yield f"at {samples.t_s[many][0]:.3f} s {hot} heaters are on"
 
 
-def _speed_problems(problem: Problem, samples: Samples) -> Iterator[str]:
-    """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps."""
+def _speed_problems(trajectory: Trajectory) -> Iterator[str]:
+    """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps.
+
+    Then every phase goes from rest to rest as well.
+    """
+    problem, samples = trajectory.problem, trajectory.samples
     dt = np.diff(samples.t_s)[:, None]
     end = samples.v[:-1] + samples.a[:-1] * dt
     size = np.abs(samples.v[:-1]).max(axis=1) + np.abs(end).max(axis=1)
@@ -233,8 +237,11 @@ def _speed_problems(problem: Problem, samples: Samples) -> Iterator[str]:
     if jump.max(initial=0.0) > _JUMP * problem.robot.limits.wheel_speed_rad_s:
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
         yield f"at {when:.3f} s a wheel's speed jumps by {by:.3g} rad/s"
-    if np.abs(after[0]).max() > WHEEL_TOLERANCE_RAD_S:
-        yield "the plan begins in motion"
+    for phase in trajectory.phases:
+        ends = phase.start_s, phase.end_s
+        first, last = np.searchsorted(samples.t_s + TIME_TOLERANCE_S, ends)
+        if np.abs([after[first], before[max(last - 1, 0)]]).max() > WHEEL_TOLERANCE_RAD_S:
+            yield f"the phase at {phase.start_s:.3f} s does not go from rest to rest"
 
 
 def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:

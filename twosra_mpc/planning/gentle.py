@@ -111,7 +111,7 @@ def _least_effort(
             LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
             LinearConstraint(cost[kept], -np.inf, (most - _ROUNDING_S - constant) / scale),
         ],
-        options={"maxiter": 200},
+        options={"maxiter": 200, "ftol": 1e-10},
     )
     durations = quickest.copy()
     durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
