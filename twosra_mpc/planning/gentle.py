@@ -32,7 +32,7 @@ Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fu
 
 ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
-_ROUNDING_S = 1e-4  # more than the solver's tolerance, scaled
+_ROUNDING_S = 1e-3  # more than the solver leaves of constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
@@ -111,7 +111,7 @@ def _least_effort(
             LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
             LinearConstraint(cost[kept], -np.inf, (most - _ROUNDING_S - constant) / scale),
         ],
-        options={"maxiter": 200, "ftol": 1e-10},
+        options={"maxiter": 200},
     )
     durations = quickest.copy()
     durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
