@@ -35,7 +35,7 @@ _UNITS = {  # ending of a key -> unit; the longest that fits counts
     **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
 }
 _WORDS = {  # key -> what it is, where the key alone does not say it
-    "a": "rate of change of v, per s",
+    "a": "rate of change of the input to the next sample [m/s2, and rad/s2]; not in version 1",
     "ambient_C": "temperature of the air",
     "angle_ratio": "turns of spirals I, II, III per bending angle",
     "body_ratio": "heat capacity of the body over that of the core",
@@ -80,7 +80,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "ranges": "5 % and 95 % values of uncertain parameters",
     "robot": "the robot: a built-in name, a path to its file, or its table",
     "rubber": "the silicone of core and tube",
-    "samples": "the plan on its grid, v + a t from a sample to the next; null without a plan",
+    "samples": "the plan on its grid; null without a plan",
     "scale": "a of spirals I, II, III, in segment lengths",
     "scenario": "the problem, defaults filled in",
     "segment": "how a segment warms and cools; of a transition, which segment, from 1",
