@@ -114,7 +114,7 @@ def test_a_checked_robot_is_json(run: Run) -> None:
 
 
 def test_fitted_paths_are_json(run: Run) -> None:
-    found = json.loads(run("fit-paths", "2sra-v1", "--json").out)
+    found = json.loads(run("fit-paths", "2sra-v1-paper", "--json").out)
     assert found["cases"] == ["I", "II", "III"]
     assert found["spirals"][0]["growth"] == pytest.approx(found["path"]["growth"][0], abs=2e-3)
     assert len(found["cardioids"]) == 3

@@ -20,9 +20,16 @@ PUBLISHED = {
 }
 
 
+def test_the_default_robot_goes_from_rest_to_rest_between_the_steps_of_the_rule() -> None:
+    result = plan(load_problem("rigid-move", planner="greedy"))
+    assert result.status is Status.FEASIBLE
+    assert result.plan.verification.limits["wheel_acceleration_rad_s2"] >= 0.0
+    assert not result.plan.samples.v[[0, -1]].any()
+
+
 @pytest.mark.parametrize(("name", "sequence"), PUBLISHED.items())
 def test_the_published_mode_sequences_are_found(name: str, sequence: object) -> None:
-    result = plan(load_problem(name, planner="greedy"))
+    result = plan(load_problem(name, robot=ROBOT, planner="greedy"))
     assert tuple(phase.mode for phase in result.plan.phases) == sequence
     assert result.status is Status.FEASIBLE
     assert result.planner == "greedy"

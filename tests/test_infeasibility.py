@@ -18,7 +18,7 @@ from twosra_mpc.planning.search.infeasibility import impossibility
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.timing import transition_model
 
-ROBOT = load_robot("2sra-v1")
+ROBOT = load_robot("2sra-v1-paper")
 ARC = load_robot("2sra-v1")
 
 

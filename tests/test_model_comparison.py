@@ -18,7 +18,7 @@ from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 @pytest.fixture(scope="module")
 def comparison() -> ModelComparison:
-    return compare_models(load_problem("paper-1"))
+    return compare_models(load_problem("paper-1", robot="2sra-v1-paper"))
 
 
 def run(*arguments: str) -> int:
@@ -139,7 +139,7 @@ def test_check_robot_reports_singular_shapes(name: str, capsys: pytest.CaptureFi
 def test_the_path_model_can_be_chosen_on_the_command_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run("plan", "paper-4", "--path-model", "arc") == 0
+    assert run("plan", "paper-4", "--robot", "2sra-v1-paper", "--path-model", "arc") == 0
     assert "298.8 s" in capsys.readouterr().out
     assert run("plan", "paper-4", "--path-model", "spline") == 2
     assert "path.model" in capsys.readouterr().err

@@ -170,7 +170,7 @@ def robot_that_pauses(pause_s: float) -> Robot:
 
 
 def test_a_new_timing_plans_is_checked_and_slowed(tmp_path: Path) -> None:
-    problem = Problem(robot=robot_that_pauses(70.0), **MOVE, timing="pauses")
+    problem = Problem(robot=robot_that_pauses(70.0), **MOVE, timing="pauses", motion="fastest")
     result = plan(problem)
     found = result.require()
     assert found.status is Status.OPTIMAL

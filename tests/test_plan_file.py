@@ -1,4 +1,4 @@
-"""Plan and set-point files: the contract, the zero-order hold, resampling and atomic writing."""
+"""Plan and set-point files: the contract, what holds between rows, rates and atomic writing."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from twosra_mpc import (
     __version__,
     load_plan,
     load_problem,
+    load_robot,
     plan,
     save_setpoints,
 )
@@ -75,7 +76,7 @@ CONTRACT = {
     "phases": {"mode", "start_s", "end_s"},
     "transitions": {"segment", "to", "heater_s", "onset_s", "done_s"},
     "samples": {
-        *("t_s", "q", "v", "mode", "wheel_rad_s", "temperature_C", "melt_fraction"),
+        *("t_s", "q", "v", "a", "mode", "wheel_rad_s", "temperature_C", "melt_fraction"),
         *("heater_setpoint_C", "heater_current_A"),
     },
     "verification": {"max_defect", "goal_error", "limits", "ok"},
@@ -83,7 +84,7 @@ CONTRACT = {
 }
 EXTENSIONS = {"": {"stopped_early", "ending"}, "verification": {"problems"}}
 WIDTHS = {
-    **{"q": 5, "v": 5, "mode": 2, "wheel_rad_s": 4, "temperature_C": 2},
+    **{"q": 5, "v": 5, "a": 5, "mode": 2, "wheel_rad_s": 4, "temperature_C": 2},
     **{"melt_fraction": 2, "heater_setpoint_C": 2, "heater_current_A": 2},
 }
 
@@ -107,7 +108,7 @@ def test_the_values_have_the_types_of_the_contract(any_result: Result, tmp_path:
     text = (tmp_path / "plan.json").read_text(encoding="utf-8")
     assert text.endswith("}\n")
     data = json.loads(text)
-    assert (data["format"], data["version"], data["package"]) == ("twosra-plan", 1, __version__)
+    assert (data["format"], data["version"], data["package"]) == ("twosra-plan", 2, __version__)
     assert data["planner"] in ("optimal", "greedy")
     assert data["status"] in ("optimal", "feasible", "infeasible", "failed")
     assert type(data["message"]) is str
@@ -232,7 +233,7 @@ def test_an_empty_plan_has_one_sample_no_cost_and_no_gap(empty: Result, tmp_path
     assert made.samples.t_s.tolist() == [0.0]
     empty.save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").to_dict() == empty.to_dict()
-    _, regular = rows(made.trajectory.resampled(10.0))
+    _, regular = rows(made.trajectory.held(10.0))
     assert regular.tolist() == rows(made.samples)[1].tolist()
 
 
@@ -318,12 +319,25 @@ def test_files_that_do_not_say_why_the_search_ended_still_load(
     assert again.require().cost == solved("paper-2").require().cost
 
 
+def test_a_file_of_version_1_holds_its_inputs(tmp_path: Path) -> None:
+    robot = load_robot("2sra-v1-paper")
+    some = plan(load_problem("shape-change", robot=robot))
+    assert not some.require().samples.a.any()  # this robot may start and stop at once
+
+    def written_then(document: dict[str, Any]) -> None:
+        document["version"] = 1
+        del document["samples"]["a"]
+
+    again = load_plan(edited(some, written_then, tmp_path / "plan.json"))
+    assert again.to_dict() == some.to_dict()
+
+
 # --- bad plan files ------------------------------------------------------------------------------
 
 Edit = Callable[[dict[str, Any]], object]
 BAD_PLANS: dict[str, tuple[Edit, str]] = {
     "another format": (lambda d: d.update(format="other"), "format"),
-    "a later version": (lambda d: d.update(version=2), "format"),
+    "a later version": (lambda d: d.update(version=3), "format"),
     "no format": (lambda d: d.pop("format"), "format"),
     "no robot": (lambda d: d.pop("robot"), "plan.robot"),
     "no status": (lambda d: d.pop("status"), "plan.status"),
@@ -334,6 +348,7 @@ BAD_PLANS: dict[str, tuple[Edit, str]] = {
         "plan.verification.goal_error",
     ),
     "a list of samples missing": (lambda d: d["samples"].pop("q"), "plan"),
+    "no rates of the inputs": (lambda d: d["samples"].pop("a"), "plan"),
     "an unknown list of samples": (lambda d: d["samples"].update(z=[]), "plan"),
     "a phase without mode": (lambda d: d["phases"][0].pop("mode"), "plan.phases.0.mode"),
     "no onset": (lambda d: d["transitions"][0].pop("onset_s"), "plan.transitions.0.onset_s"),
@@ -389,7 +404,7 @@ def test_a_file_that_is_no_plan_is_refused(solved: Solved, mistake: str, tmp_pat
     assert str(path) in str(caught.value)
     assert str(path) in (caught.value.source or "")
     if field == "format":
-        assert "'twosra-plan' version 1" in caught.value.allowed
+        assert "'twosra-plan' version 1 or 2" in caught.value.allowed
 
 
 @pytest.mark.parametrize("mistake", ["no status", "no stats", "no onset"])
@@ -436,13 +451,14 @@ def test_a_file_that_is_no_json_table_is_no_plan(content: bytes | None, tmp_path
 # --- samples -------------------------------------------------------------------------------------
 
 
-def follow(robot: Robot, q: Array, v: Array, mode: Array, duration_s: float) -> Array:
-    """Integrate q' = J(q, mode) v for some time."""
-    jacobian = kinematics(robot).jacobian
-    if duration_s <= 0.0 or not v.any():
+def follow(some: Plan, row: int, q: Array, duration_s: float) -> Array:
+    """Integrate q' = J(q, mode) (v + a t) for some time after a sample."""
+    jacobian, samples = kinematics(some.robot).jacobian, some.samples
+    v, a, mode = samples.v[row], samples.a[row], samples.mode[row]
+    if duration_s <= 0.0 or not samples.moves[row]:
         return q
     end = solve_ivp(
-        lambda _t, at: (jacobian(at, mode) @ v).full().ravel(),
+        lambda t, at: (jacobian(at, mode) @ (v + a * t)).full().ravel(),
         (0.0, duration_s),
         q,
         rtol=1e-9,
@@ -452,14 +468,14 @@ def follow(robot: Robot, q: Array, v: Array, mode: Array, duration_s: float) -> 
     return reached
 
 
-def test_holding_the_inputs_of_each_sample_gives_the_configurations(any_plan: Plan) -> None:
+def test_following_the_inputs_of_each_sample_gives_the_configurations(any_plan: Plan) -> None:
     samples = any_plan.samples
     q = any_plan.problem.start.configuration
     for i in range(len(samples)):
         assert np.abs(q - samples.q[i]).max() <= DEFECT, f"sample {i}"
         if i + 1 < len(samples):
             span = float(samples.t_s[i + 1] - samples.t_s[i])
-            q = follow(any_plan.robot, q, samples.v[i], samples.mode[i], span)
+            q = follow(any_plan, i, q, span)
     assert np.abs(any_plan.problem.goal.error(q)).max() <= DEFECT
 
 
@@ -491,7 +507,7 @@ def test_the_robot_rests_at_the_end_and_between_phases(any_plan: Plan) -> None:
     assert not samples.v[-1].any()
     assert not samples.wheel_rad_s[-1].any()
     middle = (samples.t_s[:-1] + samples.t_s[1:]) / 2
-    moving = samples.v.any(axis=1)
+    moving = samples.moves
     for t, moves, mode in zip(middle, moving[:-1], samples.mode[:-1], strict=True):
         inside = [phase.mode for phase in any_plan.phases if phase.start_s < t < phase.end_s]
         assert bool(inside) == moves
@@ -540,24 +556,28 @@ ORDER = [
 ]
 
 
-def test_the_csv_file_is_the_samples(any_plan: Plan, tmp_path: Path) -> None:
+def test_the_csv_file_is_the_samples_with_wheel_speeds_that_hold(
+    any_plan: Plan, tmp_path: Path
+) -> None:
     save_setpoints(any_plan, tmp_path / "points.csv")
     raw = (tmp_path / "points.csv").read_bytes()
     assert b"\r" not in raw
     header, *lines = raw.decode("utf-8").splitlines()
     assert header == HEADER
-    samples = any_plan.samples
+    samples, turned = any_plan.samples, any_plan.trajectory.wheel_travel_rad
     assert len(lines) == len(samples)
-    expected = np.column_stack([getattr(samples, name) for name in ORDER])
+    means = np.diff(turned(samples.t_s), axis=0) / np.diff(samples.t_s)[:, None]
+    given = vars(samples) | {"wheel_rad_s": np.vstack([means, np.zeros(4)])}
+    expected = np.column_stack([given[name] for name in ORDER])
     found = np.array([[float(item) for item in row] for row in csv.reader(lines)])
     assert np.array_equal(found, expected)
     assert {item for row in csv.reader(lines) for item in row[1:3]} <= {"0", "1"}
 
 
 @lru_cache(maxsize=64)
-def resampled(some: Plan, rate_Hz: float) -> dict[str, Array]:
-    """Columns of the resampled set-points by name of the samples' array."""
-    names, values = rows(some.trajectory.resampled(rate_Hz))
+def held(some: Plan, rate_Hz: float) -> dict[str, Array]:
+    """Columns of the set-points at a rate by name of the samples' array."""
+    names, values = rows(some.trajectory.held(rate_Hz))
     assert ",".join(names) == HEADER
     widths = [1 if name == "t_s" else WIDTHS[name] for name in ORDER]
     parts = np.split(values, np.cumsum(widths)[:-1], axis=1)
@@ -567,57 +587,68 @@ def resampled(some: Plan, rate_Hz: float) -> dict[str, Array]:
 
 
 @pytest.mark.parametrize("rate_Hz", [0.001, 0.3, 1.0, 2.3])
-def test_resampled_rows_lie_on_a_regular_grid_and_end_at_the_end(
+def test_rows_lie_on_a_regular_grid_and_where_phases_begin_and_end(
     any_plan: Plan, rate_Hz: float
 ) -> None:
-    t, end = resampled(any_plan, rate_Hz)["t_s"], any_plan.samples.t_s[-1]
+    t, end = held(any_plan, rate_Hz)["t_s"], any_plan.samples.t_s[-1]
+    regular = np.arange(int(end * rate_Hz) + 1) / rate_Hz
+    ends = [time for phase in any_plan.phases for time in (phase.start_s, phase.end_s)]
+    asked = np.array([*regular, *ends, end])
     assert t[0] == 0.0
-    assert t[-1] == pytest.approx(end, abs=EVENT_S)
-    assert t[:-1] == pytest.approx(np.arange(len(t) - 1) / rate_Hz, abs=1e-9)
-    assert 0.0 < t[-1] - t[-2] <= 1 / rate_Hz + EVENT_S
+    assert t[-1] == end
+    assert np.abs(t[:, None] - asked).min(axis=1).max() <= EVENT_S
+    assert np.abs(asked[:, None] - t).min(axis=1).max() <= EVENT_S
+    assert np.diff(t).min() > 0.0
+    assert np.diff(t).max() <= 1 / rate_Hz + EVENT_S
 
 
 @pytest.mark.parametrize("rate_Hz", [1.0, 2.3])
-def test_resampled_inputs_are_those_in_force(any_plan: Plan, rate_Hz: float) -> None:
-    points, samples = resampled(any_plan, rate_Hz), any_plan.samples
+def test_commands_are_those_in_force_and_wheels_turn_as_far_as_in_the_plan(
+    any_plan: Plan, rate_Hz: float
+) -> None:
+    points, samples = held(any_plan, rate_Hz), any_plan.samples
     clear = np.abs(points["t_s"][:, None] - samples.t_s).min(axis=1) > EVENT_S
     clear |= np.isin(points["t_s"], samples.t_s)
     assert clear.sum() > 100
     in_force = np.searchsorted(samples.t_s, points["t_s"], side="right") - 1
-    for name in ("mode", "wheel_rad_s", "heater_setpoint_C", "heater_current_A"):
+    for name in ("mode", "heater_setpoint_C", "heater_current_A"):
         assert np.array_equal(points[name][clear], getattr(samples, name)[in_force][clear]), name
+    turned = points["wheel_rad_s"][:-1] * np.diff(points["t_s"])[:, None]
+    meant = np.diff(any_plan.trajectory.wheel_travel_rad(points["t_s"]), axis=0)
+    assert np.abs(turned - meant).max() <= 1e-12
+    assert np.abs(points["wheel_rad_s"]).max() <= np.abs(samples.wheel_rad_s).max() + 1e-9
 
 
 @pytest.mark.parametrize("planner", ["optimal", "greedy"])
 @pytest.mark.parametrize(
     ("timing", "rate_Hz"), [("nominal", 7.3), ("constant", 2.3), ("paper", 1.0)]
 )
-def test_resampled_configurations_follow_the_path(
+def test_configurations_at_a_rate_follow_the_path(
     planned: Planned, planner: str, timing: str, rate_Hz: float
 ) -> None:
     found = planned("paper-1", planner=planner, timing=timing)
-    points, samples = resampled(found, rate_Hz), found.samples
+    points, samples = held(found, rate_Hz), found.samples
     last = np.searchsorted(samples.t_s, points["t_s"], side="right") - 1
     for t, q, i in zip(points["t_s"], points["q"], last, strict=True):
         span = float(t - samples.t_s[i])
-        expected = follow(found.robot, samples.q[i], samples.v[i], samples.mode[i], span)
+        expected = follow(found, i, samples.q[i], span)
         assert np.abs(q - expected).max() <= 10 * DEFECT, t  # events within 1e-6 s are one
     assert np.abs(points["q"][-1] - samples.q[-1]).max() <= DEFECT
 
 
-def test_resampling_changes_nothing_at_common_times(any_plan: Plan) -> None:
-    points, samples = resampled(any_plan, 1.0), any_plan.samples
+def test_a_rate_changes_nothing_at_common_times(any_plan: Plan) -> None:
+    points, samples = held(any_plan, 1.0), any_plan.samples
     common = np.isin(points["t_s"], samples.t_s)
     assert common.sum() >= 60
     at = np.searchsorted(samples.t_s, points["t_s"][common])
-    for name in ("q", "temperature_C", "melt_fraction", "mode", "wheel_rad_s", "heater_setpoint_C"):
+    for name in ("q", "temperature_C", "melt_fraction", "mode", "heater_setpoint_C"):
         difference = points[name][common] - getattr(samples, name)[at]
         assert np.abs(difference).max() <= 1e-12, name
 
 
-def test_resampled_configurations_are_continuous(planned: Planned) -> None:
+def test_configurations_at_a_rate_are_continuous(planned: Planned) -> None:
     fine = planned("rigid-move")
-    points = resampled(fine, 200.0)
+    points = held(fine, 200.0)
     speed = np.abs(np.diff(fine.samples.q, axis=0)) / np.diff(fine.samples.t_s)[:, None]
     steps = np.abs(np.diff(points["q"], axis=0)) / np.diff(points["t_s"])[:, None]
     assert (steps <= 1.1 * speed.max(axis=0) + 1e-9).all()
@@ -627,7 +658,7 @@ def test_resampled_configurations_are_continuous(planned: Planned) -> None:
 @given(rate_Hz=st.floats(0.01, 40.0))
 def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -> None:
     found = planned("rigid-move")
-    points, samples = resampled(found, rate_Hz), found.samples
+    points, samples = held(found, rate_Hz), found.samples
     assert np.array_equal(points["q"][0], samples.q[0])
     assert np.abs(points["q"][-1] - samples.q[-1]).max() <= DEFECT
     assert (np.diff(points["t_s"]) > 0).all()
@@ -639,7 +670,7 @@ def test_the_rate_reaches_the_file(planned: Planned, tmp_path: Path) -> None:
     save_setpoints(found, tmp_path / "points.csv", 10.0)
     lines = (tmp_path / "points.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == HEADER
-    assert len(lines) - 1 == len(resampled(found, 10.0)["t_s"])
+    assert len(lines) - 1 == len(held(found, 10.0)["t_s"])
 
 
 @pytest.mark.parametrize("rate_Hz", [0.0, -1.0, math.nan, math.inf, -math.inf])
@@ -655,9 +686,9 @@ def test_a_rate_that_is_not_positive_and_finite_is_refused(
 
 
 def test_the_highest_rate_is_allowed_and_more_is_refused(empty: Result) -> None:
-    empty.require().trajectory.resampled(1000.0)
+    empty.require().trajectory.held(1000.0)
     with pytest.raises(InputError, match="at most 1000 Hz") as caught:
-        empty.require().trajectory.resampled(1000.1)
+        empty.require().trajectory.held(1000.1)
     assert (caught.value.field, caught.value.value) == ("rate", 1000.1)
 
 

@@ -48,7 +48,7 @@ SCENARIO: Document = {
     "goal": {"x_m": 0.4, "phi_rad": 0.5, "kappa_per_m": [30.0, -40.0]},
 }
 ROBOT: Document = tomllib.loads(
-    files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
+    files("twosra_mpc").joinpath("robots", "2sra-v1-paper.toml").read_text(encoding="utf-8")
 )
 ARC = {"model": "arc", "speed_reference": "fibre_end"}
 OVERLAPPED = {
@@ -649,8 +649,8 @@ def test_json_and_toml_and_python_mean_the_same(tmp_path: Path) -> None:
     assert load_problem(write(SCENARIO, tmp_path / "a.toml")) == expected
     assert load_problem(write(SCENARIO, tmp_path / "a.json")) == expected
     robot = Robot(**ROBOT)
-    assert load_robot(write(ROBOT, tmp_path / "r.json")) == robot == load_robot("2sra-v1")
-    assert hash(robot) == hash(load_robot("2sra-v1"))
+    assert load_robot(write(ROBOT, tmp_path / "r.json")) == robot == load_robot("2sra-v1-paper")
+    assert hash(robot) == hash(load_robot("2sra-v1-paper"))
 
 
 def test_overrides_replace_keys_of_the_file() -> None:

@@ -38,7 +38,7 @@ def test_a_refined_plan_has_the_plan_s_samples_and_the_regular_ones(planned: Pla
     dense, samples = refined(given, 2.0).samples, given.samples
     kept = np.isin(dense.t_s, samples.t_s)
     assert kept.sum() == len(samples)
-    for name in ("q", "v", "mode", "heater_setpoint_C", "heater_current_A"):
+    for name in ("q", "v", "a", "mode", "heater_setpoint_C", "heater_current_A"):
         np.testing.assert_array_equal(getattr(dense, name)[kept], getattr(samples, name))
     for name in ("wheel_rad_s", "temperature_C", "melt_fraction"):
         np.testing.assert_allclose(getattr(dense, name)[kept], getattr(samples, name), atol=1e-9)
@@ -69,7 +69,9 @@ def test_a_rate_that_is_too_high_is_refused(planned: Planned) -> None:
 # --- program -------------------------------------------------------------------------------------
 
 
-def test_csv_has_one_row_a_tick(run: Run, tmp_path: Path, planned: Planned) -> None:
+def test_csv_has_one_row_a_tick_and_where_phases_begin_and_end(
+    run: Run, tmp_path: Path, planned: Planned
+) -> None:
     code, out, err = run("plan.json", "a.csv", "--rate", 10)
     assert (code, err) == (0, "")
     assert "rate_Hz 10.0" in out
@@ -77,7 +79,10 @@ def test_csv_has_one_row_a_tick(run: Run, tmp_path: Path, planned: Planned) -> N
     assert (tmp_path / "a.csv").read_text() == (tmp_path / "b.csv").read_text()
     with (tmp_path / "a.csv").open(encoding="utf-8") as file:
         times = [float(row["t_s"]) for row in csv.DictReader(file)]
-    assert times[:-1] == pytest.approx([i / 10 for i in range(len(times) - 1)])
+    given = planned("shape-change")
+    ends = [time for phase in given.phases for time in (phase.start_s, phase.end_s)]
+    regular = [i / 10 for i in range(int(10 * given.duration_s) + 1)]
+    assert times == pytest.approx(np.unique([*regular, *ends, given.duration_s]))
 
 
 def test_json_stays_a_plan(run: Run, tmp_path: Path, planned: Planned) -> None:

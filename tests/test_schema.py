@@ -165,7 +165,7 @@ def test_a_wrong_robot_does_not_fit(key: str, value: object) -> None:
 
 WRONG_PLANS: list[tuple[str, object]] = [
     ("format", "plan"),
-    ("version", 2),
+    ("version", 3),
     ("status", "best"),
     ("planner", "best"),
     ("gap", "small"),
@@ -175,6 +175,7 @@ WRONG_PLANS: list[tuple[str, object]] = [
     ("transitions", [{"segment": 0, "to": "soft", "heater_s": 0, "onset_s": 0, "done_s": 0}]),
     ("samples.q", [[0.0, 0.0]]),
     ("samples.mode", [[0, 2]]),
+    ("samples.a", [[0.0, 0.0]]),
     ("samples", {}),
     ("stats", {"wall_s": 1.0}),
     ("scenario.start.x_m", "left"),

@@ -10,9 +10,8 @@ from conftest import Planned
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import InputError, Plan
-from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, Trajectory
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, Trajectory, flown
 from twosra_mpc.timing import transition_model
 
 EXACT = 1e-9  # m, rad, 1/m
@@ -20,10 +19,8 @@ EXACT = 1e-9  # m, rad, 1/m
 
 @pytest.fixture(scope="module")
 def bending(planned: Planned) -> Trajectory:
-    """A plan that bends both segments, by a path model whose wheels turn at a changing rate."""
-    given = planned("shape-change")
-    robot = with_path_model(given.robot, "arc")
-    return planned("shape-change", robot=robot).trajectory
+    """A plan whose wheels turn at a changing rate, from rest to rest and as the shape changes."""
+    return planned("shape-change").trajectory
 
 
 def between(trajectory: Trajectory) -> np.ndarray:
@@ -43,12 +40,13 @@ def test_at_its_samples_a_trajectory_is_its_samples(any_plan: Plan) -> None:
 
 def test_between_samples_the_configuration_solves_the_kinematics(bending: Trajectory) -> None:
     samples, jacobian = bending.samples, kinematics(bending.problem.robot).jacobian
-    moving = np.flatnonzero(samples.v.any(axis=1))
+    moving = np.flatnonzero(samples.moves)
+    assert not samples.v[moving[0]].any()  # from rest, by its acceleration alone
     for i in moving[:: len(moving) // 12]:
-        v, mode = samples.v[i], samples.mode[i]
+        v, a, mode = samples.v[i], samples.a[i], samples.mode[i]
         span = 0.6 * (samples.t_s[i + 1] - samples.t_s[i])
         exact = solve_ivp(
-            lambda _, q, v=v, mode=mode: (jacobian(q, mode) @ v).full().ravel(),
+            lambda t, q, v=v, a=a, mode=mode: (jacobian(q, mode) @ (v + a * t)).full().ravel(),
             (0.0, span),
             samples.q[i],
             method="DOP853",
@@ -90,7 +88,7 @@ def test_between_samples_the_metal_follows_its_model(any_plan: Plan) -> None:
 def test_just_before_a_sample_counts_as_the_sample(bending: Trajectory) -> None:
     samples = bending.samples
     found = bending.at(samples.t_s[1:] - 0.5 * SAME_TIME_S)
-    for name in ("q", "v", "mode", "heater_setpoint_C", "heater_current_A"):
+    for name in ("q", "v", "a", "mode", "heater_setpoint_C", "heater_current_A"):
         np.testing.assert_array_equal(getattr(found, name), getattr(samples, name)[1:])
 
 
@@ -105,7 +103,63 @@ def test_samples_of_another_number_of_segments_are_refused(bending: Trajectory) 
     wider = {
         item.name: np.column_stack([getattr(samples, item.name), np.zeros(len(samples))])
         for item in fields(Samples)
-        if item.name not in ("t_s", "v", "wheel_rad_s")
+        if item.name not in ("t_s", "v", "a", "wheel_rad_s")
     }
     with pytest.raises(InputError, match="a column for each of 2 segments"):
         replace(bending, samples=replace(samples, **wider))
+
+
+# --- set-points that hold ------------------------------------------------------------------------
+
+
+def following(trajectory: Trajectory, held: Samples) -> np.ndarray:
+    """Where a robot comes to that drives every row's input until the next row, (rows, 3 + n)."""
+    robot, q = trajectory.problem.robot, [held.q[0]]
+    for i, dt in enumerate(np.diff(held.t_s)):
+        rests = not held.v[i].any()
+        here, s, mode = q[-1][None], held.v[i : i + 1] * dt, held.mode[i : i + 1]
+        q.append(q[-1] if rests else flown(robot, here, s, mode)[0])
+    return np.array(q)
+
+
+@pytest.mark.parametrize("rate", [None, 1 / 0.0667, 7.3], ids=["grid", "control", "odd"])
+@pytest.mark.parametrize("scenario", ["paper-1", "move-and-shape", "three-segments"])
+def test_set_points_that_hold_from_row_to_row_lose_nothing(
+    planned: Planned, scenario: str, rate: float | None
+) -> None:
+    given = planned(scenario).trajectory
+    held = given.held(rate)
+    assert not held.a.any()
+    q = following(given, held)
+    np.testing.assert_allclose(q, held.q, rtol=0, atol=EXACT)
+    assert np.abs(given.problem.goal.error(q[-1])).max() <= EXACT
+    dt = np.diff(held.t_s)
+    turned = np.cumsum(held.wheel_rad_s[:-1] * dt[:, None], axis=0)
+    np.testing.assert_allclose(turned, given.wheel_travel_rad(held.t_s[1:]), rtol=0, atol=EXACT)
+    assert held.t_s[-1] == given.duration_s
+    assert not held.v[-1].any()
+    assert not held.wheel_rad_s[-1].any()
+
+
+def test_every_wheel_travels_the_integral_of_its_speed(planned: Planned) -> None:
+    given = planned("paper-1").trajectory
+    t, (places, weights) = given.samples.t_s, np.polynomial.legendre.leggauss(6)
+    dt = np.diff(t)[given.samples.moves[:-1]]
+    inside = t[:-1][given.samples.moves[:-1]][:, None] + dt[:, None] * (places + 1) / 2
+    speeds = given.at(inside.ravel()).wheel_rad_s.reshape(len(dt), len(places), 4)
+    exact = np.einsum("k,j,kjw->w", dt / 2, weights, speeds)
+    np.testing.assert_allclose(given.wheel_travel_rad(t[-1])[0], exact, rtol=0, atol=1e-6)
+
+
+def test_rows_that_hold_stand_at_the_rate_and_where_phases_begin_and_end(
+    planned: Planned,
+) -> None:
+    given = planned("paper-1").trajectory
+    t = given.held(7.3).t_s
+    ends = [time for phase in given.phases for time in (phase.start_s, phase.end_s)]
+    expected = np.union1d(np.arange(int(given.duration_s * 7.3) + 1) / 7.3, [*ends, t[-1]])
+    assert np.abs(t[:, None] - expected).min(axis=1).max() <= SAME_TIME_S
+    assert np.abs(expected[:, None] - t).min(axis=1).max() <= SAME_TIME_S
+    moving = given.held(7.3).v.any(axis=1)
+    for start, end in zip(t[:-1][moving[:-1]], t[1:][moving[:-1]], strict=True):
+        assert any(p.start_s - 1e-9 <= start and end <= p.end_s + 1e-9 for p in given.phases)

@@ -203,14 +203,16 @@ def _plan() -> Schema:
 
 def _samples() -> Schema:
     """A list of numbers a sample for time, else a list of rows."""
-    widths = {"v": (INPUTS, INPUTS), "wheel_rad_s": (WHEELS, WHEELS)}
+    widths = {"wheel_rad_s": (WHEELS, WHEELS), "v": (INPUTS, INPUTS), "a": (INPUTS, INPUTS)}
     widths["q"] = (POSE + 1, POSE + MOST_SEGMENTS)
     properties: dict[str, Schema] = {}
     for item in fields(Samples):
         cell: Schema = {"enum": [0, 1]} if item.name == "mode" else {"type": "number"}
         row = _list(cell, *widths.get(item.name, (1, MOST_SEGMENTS)))
         properties[item.name] = {"type": "array", "items": cell if item.name == "t_s" else row}
-    return _table(list(properties.values()), tuple(properties))
+    table = _table(list(properties.values()), tuple(properties))
+    table["required"].remove("a")  # it is younger than version 1
+    return table
 
 
 def _list(item: Schema, least: int, most: int) -> Schema:

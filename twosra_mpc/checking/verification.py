@@ -12,13 +12,12 @@ from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations, wheel_travels
+from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.problem.limits import (
     RELATIVE_ROUNDING,
     WHEEL_ACCELERATION,
@@ -34,6 +33,7 @@ GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
+_JUMP = 1e-6  # of the largest wheel speed: less is no jump
 _ROUNDING = 1e-9  # of a product of two inputs
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
 
@@ -65,7 +65,7 @@ def examine(trajectory: Trajectory) -> Findings:
     reached = reintegrate(problem, samples)
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
-    limits = _margins(trajectory)
+    limits = _margins(problem, samples)
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
         "steady speeds": tuple(_speed_problems(problem, samples)),
@@ -185,7 +185,7 @@ def _coverage_problems(trajectory: Trajectory) -> Iterator[str]:
 def _command_problems(trajectory: Trajectory) -> Iterator[str]:
     """Wheels turn as v asks, heaters are on from heater time to heater time and off otherwise."""
     problem, samples = trajectory.problem, trajectory.samples
-    wheels = _wheel_speeds(problem, samples.q, samples.v, samples.mode)
+    wheels = wheel_speeds(problem.robot, samples.q, samples.v, samples.mode)
     apart = np.abs(samples.wheel_rad_s - wheels).max(axis=1)
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
@@ -227,22 +227,14 @@ def _speed_problems(problem: Problem, samples: Samples) -> Iterator[str]:
     most = problem.robot.limits.wheel_acceleration_rad_s2
     if most is None:
         return
-    before, after = (
-        _wheel_speeds(problem, samples.q[1:], end, samples.mode[:-1]),
-        samples.wheel_rad_s,
-    )
+    before = wheel_speeds(problem.robot, samples.q[1:], end, samples.mode[:-1])
+    after = samples.wheel_rad_s
     jump = np.abs(after[1:] - before).max(axis=1)
-    if jump.max(initial=0.0) > WHEEL_TOLERANCE_RAD_S:
+    if jump.max(initial=0.0) > _JUMP * problem.robot.limits.wheel_speed_rad_s:
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
         yield f"at {when:.3f} s a wheel's speed jumps by {by:.3g} rad/s"
     if np.abs(after[0]).max() > WHEEL_TOLERANCE_RAD_S:
         yield "the plan begins in motion"
-
-
-def _wheel_speeds(problem: Problem, q: Array, v: Array, mode: NDArray[np.int64]) -> Array:
-    """Wheel speeds that inputs ask for, zero at rest, (m, 4) [rad/s]."""
-    wheels: Array = wheel_travels(problem.robot, len(q))(q.T, v.T, mode.T).full().T
-    return wheels * v.any(axis=1, keepdims=True)
 
 
 def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:
@@ -253,16 +245,15 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
             yield f"goal.{name} is missed by {error:.3g} {unit}"
 
 
-def _margins(trajectory: Trajectory) -> dict[str, float]:
+def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
-    problem, samples = trajectory.problem, trajectory.samples
     heater = problem.robot.heater
     margins = dict(verified_margins(problem.robot, samples.q, samples.v, samples.mode))
     turned = float(np.abs(samples.wheel_rad_s).max())  # what is sent, whatever the model says
     sent = WHEEL_SPEED.settled(problem.robot, WHEEL_SPEED.most(problem.robot) - turned)
     margins[WHEEL_SPEED.name] = min(sent, margins[WHEEL_SPEED.name])
     if (most := problem.robot.limits.wheel_acceleration_rad_s2) is not None:
-        rates = _wheel_accelerations(trajectory)
+        rates = _wheel_accelerations(problem, samples)
         margins[WHEEL_ACCELERATION] = _settled(most - float(rates.max(initial=0.0)), most)
     for name, used, limit in (
         ("temperature_max_C", samples.temperature_C.max(), heater.temperature_max_C),
@@ -277,21 +268,16 @@ def _settled(margin: float, limit: float) -> float:
     return 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
 
 
-def _wheel_accelerations(trajectory: Trajectory) -> Array:
+def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
     """Largest acceleration of a wheel as intervals begin, midway and as they end [rad/s2]."""
-    robot, samples = trajectory.problem.robot, trajectory.samples
-    moving = np.flatnonzero(samples.moves[:-1])
-    q, v, a, mode = (x[moving] for x in (samples.q, samples.v, samples.a, samples.mode))
-    t, end = samples.t_s[moving], samples.t_s[moving + 1]
-    places = [q, trajectory.configuration((t + end) / 2), samples.q[moving + 1]]
-    inputs = [v + share * a * (end - t)[:, None] for share in (0.0, 0.5, 1.0)]
-    given = (
-        np.concatenate(places),
-        np.concatenate(inputs),
-        *(np.tile(x, (3, 1)) for x in (a, mode)),
-    )
-    found = wheel_accelerations(robot, 3 * len(q))(*(rows.T for rows in given)).full()
-    worst: Array = np.abs(found).max(axis=0)
+    at, s = np.flatnonzero(samples.moves[:-1]), samples
+    q, q_end, v, a, mode = s.q[at], s.q[at + 1], s.v[at], s.a[at], s.mode[at]
+    gained = a * np.diff(samples.t_s)[at, None]
+    shapes = np.concatenate([q, (q + q_end) / 2, q_end])
+    inputs = np.concatenate([v, v + gained / 2, v + gained])
+    rates, modes = np.tile(a, (3, 1)), np.tile(mode, (3, 1))
+    accelerations = wheel_accelerations(problem.robot, len(shapes))
+    worst: Array = np.abs(accelerations(shapes.T, inputs.T, rates.T, modes.T).full()).max(axis=0)
     return worst
 
 

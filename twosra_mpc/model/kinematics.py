@@ -100,12 +100,6 @@ def wheel_accelerations(body: Body, count: int) -> ca.Function:
     return ca.Function("wheel_acceleration", [q, v, a, sigma], [ca.densify(rate)]).map(count)
 
 
-@per_body(256)
-def wheel_travels(body: Body, count: int) -> ca.Function:
-    """``wheel_travel`` of ``count`` intervals at once, one per column."""
-    return wheel_travel(body).map(count)
-
-
 def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:
     """J(q, sigma), (3 + n) x 5, columns (v1, v2, u0, v0, r0); sigma may be a symbol.
 

@@ -30,6 +30,7 @@ from twosra_mpc.timing import TemporalNetwork
 
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
+ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
 _ROUNDING_S = 1e-4  # more than the solver's tolerance, scaled
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
@@ -57,7 +58,7 @@ def gentle(
         wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
         durations = quickest + share * (wanted - quickest)
         found = feasible_schedule(network, durations, problem)
-        if found is not None and _cost(found, problem) <= most:
+        if found is not None and _cost(found, problem) <= (1 + ROUNDING) * most:
             slower = zip(profiles, durations.tolist(), strict=True)
             stretched = tuple(profile.lasting(duration) for profile, duration in slower)
             return replace(candidate, profiles=stretched, times=found[0])

@@ -14,7 +14,7 @@ import numpy as np
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.planning.gentle import gentle
+from twosra_mpc.planning.gentle import ROUNDING, gentle
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import guess_motion
@@ -292,13 +292,15 @@ def _as_asked(problem: Problem, found: Solved, lower: float | None) -> Plan:
     """The plan that was found, or a gentler one of its sequence that costs no more than asked."""
     if problem.motion != "gentle" or problem.robot.limits.wheel_acceleration_rad_s2 is None:
         return found.plan
-    cost = found.plan.cost.total
-    most = max(cost, (lower or 0.0) / (1 - problem.gap))
-    candidate = gentle(problem, found.candidate, found.network, most)
-    if candidate is None:
-        return found.plan
-    made = verified(problem, candidate, found.network)
-    return made if made.verification.ok else found.plan
+    within = (1 - 2 * ROUNDING) * (lower or 0.0) / (1 - problem.gap)
+    most = limit = max(found.plan.cost.total, within)
+    for _ in range(2):  # what the energy costs is exactly known only of a plan that is made
+        candidate = gentle(problem, found.candidate, found.network, most)
+        made = verified(problem, candidate, found.network) if candidate else found.plan
+        if made.verification.ok and made.cost.total <= (1 + ROUNDING) * limit:
+            return made
+        most -= 2 * abs(made.cost.total - limit)
+    return found.plan
 
 
 def _quality(made: Plan, ending: Ending) -> str:

@@ -125,7 +125,7 @@ def _smooth_parts(
     mode = np.array([motion.sequence[phase]] * len(moving))
     begin = wheel_speeds(motion.robot, states[moving], inputs, mode)
     end = wheel_speeds(motion.robot, states[moving + 1], inputs, mode)
-    jump = np.abs(begin[1:] - end[:-1]).max(axis=1) > _CORNER * np.abs(begin).max()
+    jump = np.abs(begin[1:] - end[:-1]).max(axis=1) > _CORNER * np.abs(begin[1:]).max(axis=1)
     yield from np.split(moving, np.flatnonzero(jump | (np.diff(moving) > 1)) + 1)
 
 
