@@ -80,7 +80,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "ranges": "5 % and 95 % values of uncertain parameters",
     "robot": "the robot: a built-in name, a path to its file, or its table",
     "rubber": "the silicone of core and tube",
-    "samples": "the plan on its grid, v + a t from a sample to the next; null without a plan",
+    "samples": "the plan on its grid; null without a plan",
     "scale": "a of spirals I, II, III, in segment lengths",
     "scenario": "the problem, defaults filled in",
     "segment": "how a segment warms and cools; of a transition, which segment, from 1",
