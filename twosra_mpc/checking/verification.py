@@ -19,9 +19,9 @@ from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.problem.limits import (
-    RELATIVE_ROUNDING,
     WHEEL_ACCELERATION,
     WHEEL_SPEED,
+    settled,
     verified_margins,
 )
 from twosra_mpc.problem.problem import Problem
@@ -254,25 +254,19 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
 
 def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
-    heater = problem.robot.heater
+    limits, heater = problem.robot.limits, problem.robot.heater
     margins = dict(verified_margins(problem.robot, samples.q, samples.v, samples.mode))
-    turned = float(np.abs(samples.wheel_rad_s).max())  # what is sent, whatever the model says
-    sent = WHEEL_SPEED.settled(problem.robot, WHEEL_SPEED.most(problem.robot) - turned)
-    margins[WHEEL_SPEED.name] = min(sent, margins[WHEEL_SPEED.name])
-    if (most := problem.robot.limits.wheel_acceleration_rad_s2) is not None:
+    used = {  # wheel speeds: what is sent, whatever the model says
+        WHEEL_SPEED.name: (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
+        "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
+        "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
+    }
+    if (most := limits.wheel_acceleration_rad_s2) is not None:
         rates = _wheel_accelerations(problem, samples)
-        margins[WHEEL_ACCELERATION] = _settled(most - float(rates.max(initial=0.0)), most)
-    for name, used, limit in (
-        ("temperature_max_C", samples.temperature_C.max(), heater.temperature_max_C),
-        ("heater_current_A", samples.heater_current_A.max(), heater.current_max_A),
-    ):
-        margins[name] = _settled(float(limit - used), limit)
+        used[WHEEL_ACCELERATION] = rates.max(initial=0.0), most
+    for name, (value, limit) in used.items():
+        margins[name] = min(margins.get(name, np.inf), settled(float(limit - value), limit))
     return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
-
-
-def _settled(margin: float, limit: float) -> float:
-    """A margin, zero within rounding of an active limit."""
-    return 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
 
 
 def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
