@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
@@ -28,7 +28,7 @@ def load_set(name: str) -> Mapping[str, Problem]:
     """Label -> problem of a set; random problems whose units would overlap are drawn again."""
     data = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
     if "scenarios" in data:
-        return FrozenDict({label: load_problem(label) for label in data["scenarios"]})
+        return FrozenDict(dict(_published(data["scenarios"], data["robots"])))
     rng, robot = np.random.default_rng(data["seed"]), load_robot(data["robot"])
     ranges = (data["position_m"], data["heading_rad"], data["curvature_per_m"])
     named: dict[str, Problem] = {}
@@ -40,6 +40,14 @@ def load_set(name: str) -> Mapping[str, Problem]:
             continue
         named[f"{name}/{len(named)}"] = problem
     return FrozenDict(named)
+
+
+def _published(scenarios: Sequence[str], robots: Sequence[str]) -> Iterator[tuple[str, Problem]]:
+    """All scenarios for one robot after the other; the first one's go by their own names."""
+    for robot in robots:
+        for name in scenarios:
+            label = name if robot == robots[0] else f"{name} by {robot}"
+            yield label, load_problem(name, robot=robot)
 
 
 def _drawn(

@@ -39,7 +39,7 @@ from benchmarks.studies import STUDIES
 from benchmarks.studies.cold_start import RoundRecord, breakdown, own_import_times
 from benchmarks.study import Study
 from benchmarks.thermal_scale import thermally_faster
-from twosra_mpc import InputError, Robot, load_robot
+from twosra_mpc import InputError, Robot, load_problem, load_robot
 from twosra_mpc.problem.limits import check_shapes
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1
@@ -65,6 +65,14 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
 
 
 # --- problems and studies ------------------------------------------------------------------------
+
+
+def test_the_published_problems_are_those_of_the_papers_robot_and_of_the_default_one() -> None:
+    named = load_set("published")
+    assert list(named)[::5] == ["paper-1", "paper-1 by 2sra-v1"]
+    for label, problem in named.items():
+        robot = "2sra-v1" if label.endswith(" by 2sra-v1") else "2sra-v1-paper"
+        assert problem == load_problem(label.split()[0], robot=robot)
 
 
 def test_sets_are_reproducible_and_valid() -> None:

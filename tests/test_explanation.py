@@ -252,8 +252,8 @@ def test_where_nothing_needs_to_melt_that_is_said() -> None:
 
 
 def test_a_plan_is_explained_as_its_problem_is(explained: Callable[[str], Explanation]) -> None:
-    known = explained("paper-1")
-    again = explain(plan(load_problem("paper-1")))
+    known = explained("shape-change")
+    again = explain(plan(load_problem("shape-change")))
     assert [str(one) for one in again.alternatives] == [str(one) for one in known.alternatives]
 
 
@@ -406,8 +406,8 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
 
 
 def test_the_command_prints_all_of_it(run: Run, explained: Callable[[str], Explanation]) -> None:
-    told = explained("paper-1")
-    code, out, err = run("explain", "paper-1")
+    told = explained("shape-change")
+    code, out, err = run("explain", "shape-change")
     assert (code, err) == (0, "")
     for text in (
         told.result.message,

@@ -247,7 +247,7 @@ def test_how_many_phases_are_needed_is_not_searched_for_ever() -> None:
 
 
 def test_a_pose_without_driving_asks_for_mode_00() -> None:
-    result = plan(problem((5, -5), (5, -5), goal_x_m=0.1, modes=[SOFT_1]))
+    result = plan(problem((5, -5), (5, -5), goal_x_m=0.1, modes=[SOFT_1], max_phases=2))
     assert result.status is Status.FAILED
     assert "without mode [0,0] the pose changes only by bending: add [0,0]" in result.message
 

@@ -20,16 +20,16 @@ _FREEZE_S = (*(300, 253.4, 150, 100, 60, 40, 25.34, 15, 10, 6, 4, 2.5, 1.5, 1, 0
 STUDIES: dict[str, Study] = {
     "published": Comparison(problems=("published",), repeats=21),
     "random-100": Comparison(problems=("random-100",)),
-    "tiny": Comparison(problems=("tiny:3",), repeats=1),
+    "tiny": Comparison(problems=("tiny:2",), repeats=1),
     "transition-sweep": TransitionSweep(
-        problems=("published", "random-100:10"),
+        problems=("published:5", "random-100:10"),
         freeze_s=_FREEZE_S,
         reference_freeze_s=_FREEZE_S[1],
         repeat_budget_s=10.0,
         time_limit_s=20.0,
     ),
     "growth": Growth(
-        problems=("published", "random-100:3"),
+        problems=("published:5", "random-100:3"),
         max_phases=(2, 3, 4, 5, 6, 7, 8),
         gaps=(0.01, 0.0),
         times_faster=(1.0, 10.0),
@@ -39,10 +39,10 @@ STUDIES: dict[str, Study] = {
         time_limit_s=10.0,
     ),
     "cold-start": ColdStart(),
-    "cache": Cache(problems=("published",), repeats=9),
+    "cache": Cache(problems=("published:5",), repeats=9),
     "certificate": Certificate(problems=("random-100:50",), repeats=1),
     "closed-loop": ClosedLoop(),
     "closed-loop-hard": ClosedLoop(level="hard", seeds=2, path_models=("arc",)),
-    "peers": Peers(problems=("published", "random-100:10"), repeat_budget_s=60.0),
+    "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
     "tracker-step": TrackerSteps(),
 }

@@ -32,7 +32,7 @@ Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fu
 
 ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
-_ROUNDING_S = 1e-4  # more than the solver's tolerance, scaled
+_ROUNDING_S = 1e-3  # more than the solver leaves of constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
