@@ -115,12 +115,13 @@ def test_the_end_shows_the_stiffness_that_is_reached() -> None:
 
 
 def test_a_heater_is_marked_exactly_while_it_is_on() -> None:
-    shown, change = playback("paper-2"), melt("paper-2")
+    shown = playback("paper-2")
     current = made("paper-2").trajectory.at(shown.time_s).heater_current_A
     np.testing.assert_array_equal(shown.heated, current > 0)
     assert shown.heated.any()
-    warming = row_at("paper-2", (made("paper-2").phases[0].end_s + change.onset_s) / 2)
-    assert shown.doing(warming) == f"heater {change.segment} is on"
+    change = melt("paper-1")
+    warming = row_at("paper-1", (made("paper-1").phases[0].end_s + change.onset_s) / 2)
+    assert playback("paper-1").doing(warming) == f"heater {change.segment} is on"
 
 
 def test_waits_are_compressed_and_motion_is_slowed_down() -> None:

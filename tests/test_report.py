@@ -301,7 +301,7 @@ def test_the_verification_is_told_with_its_numbers(paper: Result) -> None:
     assert len(rows) == len(check.limits)
     assert rows["wheel speed [rad/s]"].limit == "10"
     assert rows["wheel acceleration [rad/s2]"].limit == "5"
-    assert 0 <= float(rows["wheel acceleration [rad/s2]"].margin) < 0.01  # in the quickest phase
+    assert 0 <= float(rows["wheel acceleration [rad/s2]"].margin) < 0.02  # in the quickest phase
     assert rows["curvature [1/m]"].margin == "40.5"
     assert rows["unit gap [m]"].limit == "0"
     free = paper.problem.with_values(goal=Goal(x_m=0.2, tolerance={"x_m": 0.01}))  # type: ignore[arg-type]

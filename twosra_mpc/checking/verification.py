@@ -272,6 +272,8 @@ def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
 def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
     """Largest acceleration of a wheel as intervals begin, midway and as they end [rad/s2]."""
     at, s = np.flatnonzero(samples.moves[:-1]), samples
+    if not len(at):
+        return np.zeros(1)
     q, q_end, v, a, mode = s.q[at], s.q[at + 1], s.v[at], s.a[at], s.mode[at]
     gained = a * np.diff(samples.t_s)[at, None]
     shapes = np.concatenate([q, (q + q_end) / 2, q_end])
