@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import pytest
 from hypothesis import settings
 
 from twosra_mpc import Plan, Result, cli, load_problem, plan
 
+if TYPE_CHECKING:
+    from twosra_mpc.execution.simulation.simulate import Simulation
+
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
 Solved: TypeAlias = Callable[..., Result]
 Planned: TypeAlias = Callable[..., Plan]
+Simulated: TypeAlias = "Callable[..., Simulation]"
 
 PLANNERS_AND_TIMINGS = [
     (planner, timing)
@@ -43,6 +48,20 @@ def solved() -> Solved:
 def planned(solved: Solved) -> Planned:
     """The verified plan of a built-in scenario with overrides, once each."""
     return lambda *scenario, **overrides: solved(*scenario, **overrides).require()
+
+
+@pytest.fixture(scope="session")
+def simulated() -> Simulated:
+    """A disturbed run of a built-in scenario on a robot, once each."""
+    from twosra_mpc.execution.simulation.simulate import simulate  # OSQP takes a while
+
+    @cache
+    def run(
+        scenario: str, seed: int, robot: str = "2sra-v1", level: str = "moderate", **asked: Any
+    ) -> Simulation:
+        return simulate(load_problem(scenario, robot=robot), disturbance=level, seed=seed, **asked)
+
+    return run
 
 
 @pytest.fixture(scope="session", params=PLANNERS_AND_TIMINGS, ids="-".join)

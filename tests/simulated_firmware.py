@@ -1,10 +1,7 @@
-"""A robot's firmware at the other end of a pseudo-terminal, on a clock that the stream moves."""
+"""A robot's firmware at the other end of a cable, on a clock that the stream moves."""
 
 from __future__ import annotations
 
-import os
-import select
-import time
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -12,14 +9,13 @@ import numpy as np
 
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import temperature_sensor
-from twosra_mpc.execution.serial.port import SerialPort, open_serial_port
+from twosra_mpc.execution.serial.port import SerialPort
 from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, rigid_mode
 
 REPORT_PERIOD_S = 0.5
-LONGEST_WAIT_S = 5.0  # of real time, for bytes to come through the pseudo-terminal
 
 
 class Received(NamedTuple):
@@ -32,14 +28,34 @@ class Received(NamedTuple):
     truly_soft: Mode
 
 
-class CountingPort(SerialPort):
-    """The real port, which also knows how much it has written."""
+class Cable:
+    """Both directions of a line, as pyserial shows them to the port."""
 
-    written = 0
+    port = "cable"
+
+    def __init__(self) -> None:
+        self.to_robot, self.to_computer, self.dead = b"", b"", False
 
     def write(self, data: bytes) -> None:
-        super().write(data)
-        self.written += len(data)
+        self._check()
+        self.to_robot += data
+
+    @property
+    def in_waiting(self) -> int:
+        self._check()
+        return len(self.to_computer)
+
+    def read(self, count: int) -> bytes:
+        self._check()
+        data, self.to_computer = self.to_computer[:count], self.to_computer[count:]
+        return data
+
+    def close(self) -> None:
+        self.dead = True
+
+    def _check(self) -> None:
+        if self.dead:
+            raise OSError(5, "Input/output error")
 
 
 class SimulatedFirmware:
@@ -60,11 +76,8 @@ class SimulatedFirmware:
             broken_heaters: Segments whose heaters are broken.
             numbers: How many numbers a command has beyond wheels and heaters.
         """
-        self._master, slave = os.openpty()
-        self.port_name = os.ttyname(slave)
-        serial_port = open_serial_port(self.port_name)
-        self.port = CountingPort(serial_port._serial)
-        os.close(slave)
+        self._cable = Cable()
+        self.port = SerialPort(self._cable)  # type: ignore[arg-type]
         self.reports, self._numbers = reports, 4 + plan.robot.coordinates.segments + numbers
         robot, problem = plan.robot, plan.problem
         self.segments = [
@@ -81,7 +94,7 @@ class SimulatedFirmware:
         ]
         self._setpoints = (robot.heater.rigid_setpoint_C, robot.heater.soft_setpoint_C)
         self._now_s, self._next_report_s = 0.0, 0.0
-        self._buffer, self._bytes = b"", 0
+        self._buffer = b""
         self.heated: Mode = rigid_mode(robot.coordinates.segments)
         self.received: list[Received] = []
         self.at: dict[float, Callable[[], None]] = {}
@@ -103,31 +116,23 @@ class SimulatedFirmware:
             segment.advance(self._setpoints[heated], duration_s)
         for time_s in [time_s for time_s in self.at if time_s <= self._now_s]:
             self.at.pop(time_s)()
-        if self._now_s >= self._next_report_s and self._master >= 0:
+        if self._now_s >= self._next_report_s and not self._cable.dead:
             self._next_report_s += REPORT_PERIOD_S
             self._report()
 
     def die(self) -> None:
         """Lose power: the line goes dead."""
         self.receive()
-        os.close(self._master)
-        self._master = -1
+        self.close()
 
     def close(self) -> None:
-        """Release both ends."""
+        """Release the line."""
         self.port.close()
-        if self._master >= 0:
-            os.close(self._master)
 
     def receive(self) -> None:
         """Take in everything that the port has written."""
-        deadline = time.monotonic() + LONGEST_WAIT_S
-        while self._bytes < self.port.written and self._master >= 0:
-            assert time.monotonic() < deadline, "the pseudo-terminal has lost bytes"
-            if select.select([self._master], [], [], 0.1)[0]:
-                data = os.read(self._master, 4096)
-                self._bytes += len(data)
-                self._buffer += data
+        self._buffer += self._cable.to_robot
+        self._cable.to_robot = b""
         while self._buffer.count(b"\n") >= self._numbers:
             *numbers, self._buffer = self._buffer.split(b"\n", self._numbers)
             self._understand(numbers)
@@ -144,9 +149,4 @@ class SimulatedFirmware:
 
     def _report(self) -> None:
         for j, segment in enumerate(self.segments):
-            data = self.reports(self._now_s, j, segment.measured_C)
-            before = self.port._serial.in_waiting
-            os.write(self._master, data)
-            deadline = time.monotonic() + LONGEST_WAIT_S
-            while self.port._serial.in_waiting < before + len(data):
-                assert time.monotonic() < deadline, "the pseudo-terminal has lost bytes"
+            self._cable.to_computer += self.reports(self._now_s, j, segment.measured_C)

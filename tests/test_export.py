@@ -70,7 +70,7 @@ def exported(
 
 def test_tables_are_the_samples(exported: tuple[Plan, Messages]) -> None:
     plan, messages = exported
-    samples = plan.samples
+    samples = plan.trajectory.held()
     expected = {
         "/configuration": samples.q,
         "/mode": samples.mode,
@@ -82,6 +82,17 @@ def test_tables_are_the_samples(exported: tuple[Plan, Messages]) -> None:
         times, contents = zip(*messages[topic], strict=True)
         np.testing.assert_allclose(times, samples.t_s, atol=1e-9)
         np.testing.assert_array_equal([list(each.values()) for each in contents], table)
+
+
+def test_wheels_that_hold_from_message_to_message_turn_as_far_as_planned(
+    exported: tuple[Plan, Messages],
+) -> None:
+    plan, messages = exported
+    times, contents = zip(*messages["/wheels"], strict=True)
+    speeds = np.array([list(each.values()) for each in contents])
+    turned = (speeds[:-1] * np.diff(times)[:, None]).sum(axis=0)
+    expected = plan.trajectory.wheel_travel_rad(plan.duration_s)[0]
+    np.testing.assert_allclose(turned, expected, atol=1e-6)
 
 
 def test_the_robot_is_written_whenever_it_moves_or_changes(
@@ -232,7 +243,7 @@ def rows_of(path: Path) -> tuple[list[str], np.ndarray]:
 
 def test_csv_values_equal_the_plan(planned: Planned, tmp_path: Path) -> None:
     plan = planned("paper-1")
-    samples = plan.samples
+    samples = plan.trajectory.held()
     save_authors_csv(plan, tmp_path / "plan.csv")
     header, table = rows_of(tmp_path / "plan.csv")
     assert ",".join(header) == "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"
@@ -245,7 +256,9 @@ def test_csv_at_a_rate_lies_on_the_path(planned: Planned, tmp_path: Path) -> Non
     save_authors_csv(plan, tmp_path / "plan.csv", rate_Hz=10.0)
     header, table = rows_of(tmp_path / "plan.csv")
     times = table[:, header.index("time")]
-    np.testing.assert_allclose(np.diff(times)[:-1], 0.1, atol=1e-9)
+    regular = np.arange(int(10 * plan.duration_s) + 1) / 10
+    events = [time_s for phase in plan.phases for time_s in phase[1:]]
+    np.testing.assert_allclose(times, np.unique([*regular, *events, plan.duration_s]), atol=1e-9)
     dense = refined(plan, 10.0).samples
     assert dense is not None
     for row, time_s in zip(table, times, strict=True):
@@ -307,6 +320,21 @@ def test_the_command_writes_and_says_what(
     found = json.loads(outcome.out)
     assert found["robot"] == "2sra-v1"
     assert found.get("topics") == (list(TOPICS) if name == "plan.mcap" else None)
+
+
+def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(
+    run: Run, solved: Solved, tmp_path: Path
+) -> None:
+    solved("rigid-move", robot="2sra-v1-paper").save(tmp_path / "paper.json")
+    for name in ("plan.csv", "plan.mcap"):
+        refused = run("export", "paper.json", name)
+        assert (refused.code, refused.out) == (2, "")
+        assert "paper.json: robot.path.model = 'log_spiral' is not acceptable" in refused.err
+        assert "bend the real robot by about a fifth of what is planned" in refused.err
+        assert not (tmp_path / name).exists()
+        accepted = run("export", "paper.json", name, "--accept-paper-wheels")
+        assert (accepted.code, accepted.err) == (0, "")
+        assert (tmp_path / name).exists()
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def test_wheels_that_agree_move_the_robot_as_the_model_says(
 
 def test_a_plan_replayed_by_its_wheels_ends_where_it_should(planned: object) -> None:
     made: Plan = planned("paper-1", robot=ARC)  # type: ignore[operator]
-    samples, robot = made.samples, made.robot
+    samples, robot = made.trajectory.held(), made.robot
     flow, q, pieces = interval_flow(robot, 8), samples.q[0], 8
     for i in np.flatnonzero(samples.v[:-1].any(axis=1)):
         mode = tuple(samples.mode[i].tolist())

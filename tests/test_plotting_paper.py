@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Planned
 from matplotlib.figure import Figure
 
 from twosra_mpc import cli, load_problem
@@ -24,6 +25,7 @@ from twosra_mpc.plotting.paper_figures import (
     plot_published_tasks,
 )
 from twosra_mpc.reproduction.published import published_trajectory
+from twosra_mpc.robot.modes import mode_name
 
 
 @cache
@@ -95,11 +97,14 @@ def test_both_planners_reach_every_target_when_they_say_so() -> None:
         assert optimal.get_xdata() < greedy.get_xdata()
 
 
-def test_every_published_task_has_start_target_and_path() -> None:
+def test_every_published_task_has_start_target_and_path(planned: Planned) -> None:
     figure = plot_published_tasks()
     for column, task in zip(np.array(figure.axes).reshape(2, -1).T, TASK_COLOURS, strict=True):
         problem = load_problem(task)
-        assert column[0].get_title().startswith(f"{task}\n")
+        rule = planned(task, planner="greedy", robot="2sra-v1-paper")  # whose time is told
+        modes = " → ".join(mode_name(phase.mode) for phase in rule.phases)
+        told = f"{task}\n{modes}\n{rule.duration_s:.0f} s with waits"
+        assert column[0].get_title() == told
         for ax in column:
             paths = [line for line in ax.lines if line.get_zorder() == 5]  # last phase first
             start, goal = paths[-1].get_xydata()[0], paths[0].get_xydata()[-1]

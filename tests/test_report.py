@@ -127,7 +127,13 @@ def test_the_set_points_are_the_whole_grid(paper: Result, page: str) -> None:
 
 def test_a_very_long_table_is_thinned_and_says_so(paper: Result) -> None:
     count = 2 * MOST_ROWS + 1
-    widths = {"t_s": (count,), "q": (count, 5), "v": (count, 5), "wheel_rad_s": (count, 4)}
+    widths = {
+        "t_s": (count,),
+        "q": (count, 5),
+        "v": (count, 5),
+        "a": (count, 5),
+        "wheel_rad_s": (count, 4),
+    }
     columns = {item.name: np.zeros(widths.get(item.name, (count, 2))) for item in fields(Samples)}
     columns["t_s"] = np.arange(count) / 8
     table = setpoint_table(Samples(**columns))  # type: ignore[arg-type]
@@ -247,7 +253,10 @@ def test_the_certificate_says_what_is_proved(paper: Result, page: str) -> None:
     longer = f"also sequences longer than the {paper.problem.max_phases} phases"
     assert f"[0,0], [0,1], [1,0], [1,1], {longer}" in said
     assert "Cost is the duration, nothing else." in said
-    assert "log_spiral" in said
+    assert "path model arc" in said
+    assert (
+        "It drives gently: what the asked gap lets it cost more is spent on lower speeds." in said
+    )
     assert "0.8 A until the set-point of 65 °C" in said
     assert all(sentence in unescape(page) for sentence in words.caveat_sentences(paper))
     weighed = paper.problem.with_values(heating="least_energy")
@@ -291,7 +300,8 @@ def test_the_verification_is_told_with_its_numbers(paper: Result) -> None:
     rows = {row.name: row for row in words.limit_rows(made, check)}
     assert len(rows) == len(check.limits)
     assert rows["wheel speed [rad/s]"].limit == "10"
-    assert rows["wheel speed [rad/s]"].margin == "0: used in full"
+    assert rows["wheel acceleration [rad/s2]"].limit == "5"
+    assert 0 <= float(rows["wheel acceleration [rad/s2]"].margin) < 0.02  # in the quickest phase
     assert rows["curvature [1/m]"].margin == "40.5"
     assert rows["unit gap [m]"].limit == "0"
     free = paper.problem.with_values(goal=Goal(x_m=0.2, tolerance={"x_m": 0.01}))  # type: ignore[arg-type]

@@ -50,7 +50,7 @@ STAGES = [
     ("identification/",),
     ("problem/",),
     ("timing/",),
-    ("plans/ending.py",),
+    ("plans/ending.py", "plans/trajectory.py", "plans/speed_profile.py"),
     ("planning/search/",),
     ("planning/nlp/",),
     ("plans/",),

@@ -129,10 +129,8 @@ def test_a_dry_run_prints_times_and_lines(run: Run, saved: Path, planned: Planne
     values = np.array(sent, dtype=float)
     assert values.shape[1] == 6
     travel = (values[:, :4] * np.minimum(np.diff(times, append=times[-1]), 1 / 20)[:, None]).sum(0)
-    steps = np.diff(plan.samples.t_s)[:, None]
-    np.testing.assert_allclose(
-        travel, (plan.samples.wheel_rad_s[:-1] * steps).sum(axis=0), atol=2e-3 * plan.moving_s
-    )
+    turned = plan.trajectory.wheel_travel_rad(plan.duration_s)[0]
+    np.testing.assert_allclose(travel, turned, atol=2e-3 * plan.moving_s)
     assert (values[-STOPS:] == 0).all()
     listed = json.loads(run("stream", saved, "--dry-run", "--rate", "20", "--json").out)
     assert [item["line"].split() for item in listed] == [["s" + v[0], *v[1:]] for v in sent]
@@ -216,6 +214,18 @@ def test_a_plan_that_keeps_a_segment_warm_is_refused(
     outcome = run("stream", tmp_path / "p.json", "--dry-run")
     assert outcome.code == 2
     assert "the firmware can heat a segment or not, but not keep it warm" in outcome.err
+
+
+def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(
+    run: Run, solved: Solved, tmp_path: Path
+) -> None:
+    solved("rigid-move", robot="2sra-v1-paper").save(tmp_path / "p.json")
+    refused = run("stream", tmp_path / "p.json", "--dry-run")
+    assert (refused.code, refused.out) == (2, "")
+    for words in ("robot.path.model = 'log_spiral'", "a plan for 2sra-v1", "by about a fifth"):
+        assert words in refused.err
+    accepted = run("stream", tmp_path / "p.json", "--dry-run", "--accept-paper-wheels")
+    assert (accepted.code, accepted.err) == (0, "")
 
 
 def test_a_plan_that_was_not_found_is_refused(

@@ -29,7 +29,7 @@ Schema = dict[str, Any]
 _DRAFT = "http://json-schema.org/draft-07/schema#"
 _UNITS = {  # ending of a key -> unit; the longest that fits counts
     **{"_m": "m", "_s": "s", "_A": "A", "_C": "degrees C", "_J": "J", "_rad": "rad"},
-    **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s"},
+    **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s", "_rad_s2": "rad/s2"},
     **{"_per_m": "1/m", "_per_s": "1/s", "_per_K": "1/K", "_s_per_J": "s/J"},
     **{"_J_per_K": "J/K", "_W_per_K": "W/K", "_K_per_s": "K/s", "_kg_per_m3": "kg/m3"},
     **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
@@ -63,6 +63,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "mode": "stiffness of the segments: 1 soft, 0 rigid",
     "model": "which model the other keys of this table belong to",
     "modes": "stiffness modes that may be used",
+    "motion": "gentle: as slow as time to spare and the gap allow; or fastest",
     "name": "name of the robot",
     "nlp_iterations": "iterations of the nonlinear solver",
     "ok": "whether everything holds",

@@ -15,17 +15,17 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.model.kinematics import JacobianInPlace
+from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Samples, Trajectory, flown, wheel_speeds
+from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.problem.limits import (
-    RELATIVE_ROUNDING,
     WHEEL_ACCELERATION,
     WHEEL_SPEED,
+    settled,
     verified_margins,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Array, Coordinates
+from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
@@ -68,7 +68,7 @@ def examine(trajectory: Trajectory) -> Findings:
     limits = _margins(problem, samples)
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
-        "steady speeds": tuple(_speed_problems(problem, samples)),
+        "steady speeds": tuple(_speed_problems(trajectory)),
         "samples and phases": tuple(_coverage_problems(trajectory)),
         "wheels and heaters": tuple(_command_problems(trajectory)),
         "transitions": tuple(transition_problems(trajectory)),
@@ -101,19 +101,21 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
         return beyond - float(np.abs(at[3:]).max())
 
     runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
-    jacobian = JacobianInPlace(problem.robot)
-    reached = np.full((len(samples), problem.robot.coordinates.size), np.nan)
+    size = problem.robot.coordinates.size
+    q, sigma, columns = np.zeros(size), np.zeros(size - POSE), np.zeros((INPUTS, size))
+    jacobian = InPlace(kinematics(problem.robot).jacobian, [q, sigma], [columns])
+    reached = np.full((len(samples), size), np.nan)
     reached[0] = problem.start.configuration
     for first, last, direction, lengths in _paths(samples):
         if not direction.any():
             reached[first + 1 : last + 1] = reached[first]
             continue
-        jacobian.sigma[:] = samples.mode[first]
+        sigma[:] = samples.mode[first]
 
         def rate(_s: float, at: Array, direction: Array = direction) -> Array:
-            jacobian.q[:] = at
+            q[:] = at
             jacobian.evaluate()
-            return direction @ jacobian.columns
+            return direction @ columns
 
         marks = np.cumsum(lengths)
         end = solve_ivp(
@@ -127,7 +129,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             events=runs_away,
         )
         passed = len(end.t)
-        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (len(jacobian.q), passed)).T
+        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (size, passed)).T
         if end.status != 0:
             break
     return reached
@@ -209,8 +211,12 @@ def _command_problems(trajectory: Trajectory) -> Iterator[str]:
         yield f"at {samples.t_s[many][0]:.3f} s {hot} heaters are on"
 
 
-def _speed_problems(problem: Problem, samples: Samples) -> Iterator[str]:
-    """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps."""
+def _speed_problems(trajectory: Trajectory) -> Iterator[str]:
+    """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps.
+
+    Then every phase goes from rest to rest as well.
+    """
+    problem, samples = trajectory.problem, trajectory.samples
     dt = np.diff(samples.t_s)[:, None]
     end = samples.v[:-1] + samples.a[:-1] * dt
     size = np.abs(samples.v[:-1]).max(axis=1) + np.abs(end).max(axis=1)
@@ -231,8 +237,11 @@ def _speed_problems(problem: Problem, samples: Samples) -> Iterator[str]:
     if jump.max(initial=0.0) > _JUMP * problem.robot.limits.wheel_speed_rad_s:
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
         yield f"at {when:.3f} s a wheel's speed jumps by {by:.3g} rad/s"
-    if np.abs(after[0]).max() > WHEEL_TOLERANCE_RAD_S:
-        yield "the plan begins in motion"
+    for phase in trajectory.phases:
+        ends = phase.start_s, phase.end_s
+        first, last = np.searchsorted(samples.t_s + TIME_TOLERANCE_S, ends)
+        if np.abs([after[first], before[max(last - 1, 0)]]).max() > WHEEL_TOLERANCE_RAD_S:
+            yield f"the phase at {phase.start_s:.3f} s does not go from rest to rest"
 
 
 def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:
@@ -245,44 +254,33 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
 
 def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
-    heater = problem.robot.heater
+    limits, heater = problem.robot.limits, problem.robot.heater
     margins = dict(verified_margins(problem.robot, samples.q, samples.v, samples.mode))
-    turned = float(np.abs(samples.wheel_rad_s).max())  # what is sent, whatever the model says
-    sent = WHEEL_SPEED.settled(problem.robot, WHEEL_SPEED.most(problem.robot) - turned)
-    margins[WHEEL_SPEED.name] = min(sent, margins[WHEEL_SPEED.name])
-    if (most := problem.robot.limits.wheel_acceleration_rad_s2) is not None:
+    used = {  # wheel speeds: what is sent, whatever the model says
+        WHEEL_SPEED.name: (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
+        "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
+        "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
+    }
+    if (most := limits.wheel_acceleration_rad_s2) is not None:
         rates = _wheel_accelerations(problem, samples)
-        margins[WHEEL_ACCELERATION] = _settled(most - float(rates.max(initial=0.0)), most)
-    for name, used, limit in (
-        ("temperature_max_C", samples.temperature_C.max(), heater.temperature_max_C),
-        ("heater_current_A", samples.heater_current_A.max(), heater.current_max_A),
-    ):
-        margins[name] = _settled(float(limit - used), limit)
+        used[WHEEL_ACCELERATION] = rates.max(initial=0.0), most
+    for name, (value, limit) in used.items():
+        margins[name] = min(margins.get(name, np.inf), settled(float(limit - value), limit))
     return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
 
 
-def _settled(margin: float, limit: float) -> float:
-    """A margin, zero within rounding of an active limit."""
-    return 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
-
-
 def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
-    """Largest acceleration of a wheel near the ends of each interval, (m - 1,) [rad/s2].
-
-    By differences over a thousandth of the interval: as the shape changes the wheels' acceleration
-    does, and between a plan's samples it is monotone for all that can be seen.
-    """
-    dt = np.diff(samples.t_s)[:, None]
-    q, v, a, mode = samples.q[:-1], samples.v[:-1], samples.a[:-1], samples.mode[:-1]
-    q_end, v_end, rates = samples.q[1:], v + a * dt, []
-    for q_at, v_at, sign in ((q, v, 1.0), (q_end, v_end, -1.0)):
-        step = sign * dt / 1000
-        s = (v_at + a * step / 2) * step
-        moved = flown(problem.robot, q_at, s, mode)
-        change = wheel_speeds(problem.robot, moved, v_at + a * step, mode)
-        change -= wheel_speeds(problem.robot, q_at, v_at, mode)
-        rates.append(np.abs(change / step).max(axis=1))
-    worst: Array = np.max(rates, axis=0)
+    """Largest acceleration of a wheel as intervals begin, midway and as they end [rad/s2]."""
+    at, s = np.flatnonzero(samples.moves[:-1]), samples
+    if not len(at):
+        return np.zeros(1)
+    q, q_end, v, a, mode = s.q[at], s.q[at + 1], s.v[at], s.a[at], s.mode[at]
+    gained = a * np.diff(samples.t_s)[at, None]
+    shapes = np.concatenate([q, (q + q_end) / 2, q_end])
+    inputs = np.concatenate([v, v + gained / 2, v + gained])
+    rates, modes = np.tile(a, (3, 1)), np.tile(mode, (3, 1))
+    accelerations = wheel_accelerations(problem.robot, len(shapes))
+    worst: Array = np.abs(accelerations(shapes.T, inputs.T, rates.T, modes.T).full()).max(axis=0)
     return worst
 
 

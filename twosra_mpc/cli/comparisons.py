@@ -25,27 +25,25 @@ _MEASURES = ("duration_s", "waiting_s", "moving_s", "transitions", "energy_J", "
 PLANS = ("scenario", "planner", "mode sequence", "duration", "cost ratio", "gap", "status")
 EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
-_COMPARE_HELP = """Plan every SCENARIO by this planner and by the greedy rule, side by side.
 
-Both plans have the same thermal model, speed limits and verification. The cost ratio is that of a
-plan to the first of its scenario.
-
-\b
-The published experiments, as a table and as a figure:
-  twosra compare paper-1 paper-2 paper-3 paper-4 paper-5 --plot comparison.png
-For a program:
-  twosra compare paper-1 my-scenario.toml --json
-"""
-
-
-@command("compare", _COMPARE_HELP)
+@command("compare")
 @click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...", **SCENARIO)
 @scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @plot_option("Draw them on one time axis")
 def compare_command(
     scenarios: tuple[str, ...], load: Load, plot: Path | None, output: Output
 ) -> int:
-    """Compare planners; see ``_COMPARE_HELP``."""
+    """Plan every SCENARIO by this planner and by the greedy rule, side by side.
+
+    Both plans have the same thermal model, speed limits and verification. The cost ratio is that of
+    a plan to the first of its scenario.
+
+    \b
+    The published experiments, as a table and as a figure:
+      twosra compare paper-1 paper-2 paper-3 paper-4 paper-5 --plot comparison.png
+    For a program:
+      twosra compare paper-1 my-scenario.toml --json
+    """
     results = _results({name: load(name) for name in scenarios}, output)
     if plot is not None:
         with output.progress("drawing"):
@@ -127,21 +125,18 @@ def _print_records(records: Sequence[dict[str, Any]]) -> None:
         print_table(EFFORT, effort)
 
 
-_MODELS_HELP = """Plan SCENARIO under each path model, and execute each plan under the others.
-
-\b
-How far does the robot end from the goal if it bends otherwise than planned?
-  twosra compare-models paper-2
-The same with constant times of melting and freezing, for a program to read:
-  twosra compare-models paper-2 --timing constant --json
-"""
-
-
-@command("compare-models", _MODELS_HELP)
+@command("compare-models")
 @click.argument("scenario", **SCENARIO)
 @scenario_options("robot", "timing", "gap", "time_limit_s")
 def compare_models_command(scenario: str, load: Load, output: Output) -> None:
-    """Compare path models; see ``_MODELS_HELP``."""
+    """Plan SCENARIO under each path model, and execute each plan under the others.
+
+    \b
+    How far does the robot end from the goal if it bends otherwise than planned?
+      twosra compare-models paper-2
+    The same with constant times of melting and freezing, for a program to read:
+      twosra compare-models paper-2 --timing constant --json
+    """
     problem = load(scenario)
     with output.progress("planning under each path model"):
         result = compare_models(problem)
@@ -192,25 +187,22 @@ def _end_error(error: Any) -> str:
     return f"{shift:.1f}, {turn:.1f}, {error[3]:.1f}, {error[4]:.1f}"
 
 
-_EXPLAIN_HELP = """\
-Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
-
-Every other plan is found by planning again: the next best mode sequence, each mode forbidden, one
-heater, slower metal. --time-limit is for each of the plans. Ctrl-C prints what is known so far.
-
-\b
-Why these modes, in this order?
-  twosra explain paper-4
-With another model of how the fibre bends, and at most five seconds for each of the plans, as JSON:
-  twosra explain paper-4 --path-model arc --time-limit 5 --json
-"""
-
-
-@command("explain", _EXPLAIN_HELP)
+@command("explain")
 @click.argument("scenario", **SCENARIO)
 @scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 def explain_command(scenario: str, load: Load, output: Output) -> int:
-    """Explain a plan; see ``_EXPLAIN_HELP``."""
+    """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
+
+    Every other plan is found by planning again: the next best mode sequence, each mode forbidden,
+    one heater, slower metal. --time-limit is for each of the plans. Ctrl-C prints what is known so
+    far.
+
+    \b
+    Why these modes, in this order?
+      twosra explain paper-4
+    With another model of how the fibre bends, at most five seconds for each plan, as JSON:
+      twosra explain paper-4 --path-model arc --time-limit 5 --json
+    """
     problem = load(scenario)
     with output.progress("planning") as tell:
         found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))

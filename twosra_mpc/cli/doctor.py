@@ -30,18 +30,6 @@ from twosra_mpc.version import __version__
 _NAME, _FLOOR, _EXTRA = r"([\w.-]+)", r"[^;]*>=\s*([\d.]+)", r".*extra\s*==\s*['\"]([^'\"]+)"
 _REQUIREMENT = re.compile(f"{_NAME}(?:{_FLOOR})?(?:{_EXTRA})?")
 
-_HELP = """Check this installation: versions, solvers, extras, and a plan made and verified.
-
-Every line says PASS, FAIL, or "none" for something optional that is not there. The exit code is 4
-if anything fails.
-
-\b
-Does everything work here?
-  twosra doctor
-For a bug report, or for a program:
-  twosra doctor --json
-"""
-
 _packages_of_modules = functools.cache(metadata.packages_distributions)  # takes half a second
 
 
@@ -61,9 +49,19 @@ class Requirement(NamedTuple):
     extra: str
 
 
-@command("doctor", _HELP)
+@command("doctor")
 def doctor_command(output: Output) -> int:
-    """Check the installation; see ``_HELP``."""
+    """Check this installation: versions, solvers, extras, and a plan made and verified.
+
+    Every line says PASS, FAIL, or "none" for something optional that is not there. The exit code is
+    4 if anything fails.
+
+    \b
+    Does everything work here?
+      twosra doctor
+    For a bug report, or for a program:
+      twosra doctor --json
+    """
     findings: list[Finding] = []
     with output.progress("checking") as tell:
         for finding in examine():

@@ -9,19 +9,8 @@ import click
 from twosra_mpc.cli.options import command
 from twosra_mpc.cli.output import Output, check_writable
 
-_HELP = """Draw the figures of the paper anew, from our own runs, into FOLDER.
 
-\b
-forward-kinematics  configuration by forward kinematics, and as the published planner gets there
-error-decrease      distance to the target over loop time, and over real time with all waits
-published-tasks     start, target and path of the five tasks, as published and as planned here
-
-\b
-  twosra figures paper --format pdf
-"""
-
-
-@command("figures", _HELP)
+@command("figures")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 @click.option(
     "--format",
@@ -31,7 +20,16 @@ published-tasks     start, target and path of the five tasks, as published and a
     help="Of the files.",
 )
 def figures_command(folder: Path, ending: str, output: Output) -> None:
-    """Draw the paper's figures; see ``_HELP``."""
+    """Draw the figures of the paper anew, from our own runs, into FOLDER.
+
+    \b
+    forward-kinematics  configuration by forward kinematics, and as the published planner gets there
+    error-decrease      distance to the target over loop time, and over real time with all waits
+    published-tasks     start, target and path of the five tasks, as published and as planned here
+
+    \b
+      twosra figures paper --format pdf
+    """
     from twosra_mpc.plotting.paper_figures import PAPER_FIGURES  # matplotlib takes a second
 
     if not folder.is_dir():

@@ -22,22 +22,7 @@ _SENSORS: dict[str, thermistor.Characteristic] = {
 }
 
 
-_HELP = """Simulate one segment's heater in closed loop: when does it melt, when is it rigid again?
-
-The loop is segment, thermistor and stiffness controller. The controller reports when the segment
-has truly become soft or rigid, which is what a robot should wait for.
-
-\b
-Melt the paper's segment and let it freeze, with a figure:
-  twosra simulate-heater --plot heater.png
-The follow-up robot, softened twice:
-  twosra simulate-heater --robot 2sr-v2 --profile soft:90,rigid:60,soft:60,rigid:120
-Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or solid after":
-  twosra simulate-heater --start-temperature 55
-"""
-
-
-@command("simulate-heater", _HELP)
+@command("simulate-heater")
 @click.option("--robot", default="2sra-v1", help="A built-in name or a file.", **ROBOT)
 @click.option(
     "--segment",
@@ -71,7 +56,19 @@ def simulate_heater_command(
     plot: Path | None,
     output: Output,
 ) -> None:
-    """Run the loop; see ``_HELP``."""
+    """Simulate one segment's heater in closed loop: when does it melt, when is it rigid again?
+
+    The loop is segment, thermistor and stiffness controller. The controller reports when the
+    segment has truly become soft or rigid, which is what a robot should wait for.
+
+    \b
+    Melt the paper's segment and let it freeze, with a figure:
+      twosra simulate-heater --plot heater.png
+    The follow-up robot, softened twice:
+      twosra simulate-heater --robot 2sr-v2 --profile soft:90,rigid:60,soft:60,rigid:120
+    Does it pay to keep a segment warm? Start from 55 C, and look at "liquid or solid after":
+      twosra simulate-heater --start-temperature 55
+    """
     described = load_robot(robot)
     targets, duration_s = parse_profile(profile)
     air_C = described.heater.ambient_C if ambient is None else ambient

@@ -52,12 +52,12 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
 }
 
 
-def command(name: str, words: str) -> Callable[[Function], click.Command]:
+def command(name: str, words: str | None = None) -> Callable[[Function], click.Command]:
     """Make a function a command; as ``output`` it is given what ``--json``, ``--quiet`` chose.
 
     Args:
         name: Of the command.
-        words: Its help.
+        words: Its help; what the function says of itself if left out.
     """
 
     def decorate(function: Function) -> click.Command:
@@ -65,7 +65,7 @@ def command(name: str, words: str) -> Callable[[Function], click.Command]:
         def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
             return function(output=Output(as_json=as_json, quiet=quiet), **given)
 
-        made = click.command(name, help=words)(run)
+        made = click.command(name, help=words or function.__doc__)(run)
         made.params += [_JSON, _QUIET]
         return made
 
@@ -156,6 +156,29 @@ def rate_option(words: str, *, required: bool = False) -> Decorator:
 
     asked: dict[str, Any] = {"required": required, "callback": checked, "help": words}
     return click.option("--rate", "rate_Hz", type=float, metavar="HZ", **asked)
+
+
+def plan_to_drive(function: Function) -> Function:
+    """Add PLAN, a file; the command is given the plan, unless its wheel speeds are the paper's."""
+
+    @click.argument("plan", type=FILE)
+    @click.option("--accept-paper-wheels", is_flag=True, help="Take the paper's wheel map as well.")
+    @functools.wraps(function)
+    def command(*args: Any, plan: Path, accept_paper_wheels: bool, **given: Any) -> Any:
+        from twosra_mpc.model.path_models import path_model  # CasADi takes a second
+        from twosra_mpc.plans.document import load_plan
+
+        made = load_plan(plan).require()
+        if path_model(made.robot).wheel_map == "paper" and not accept_paper_wheels:
+            allowed = (
+                "a plan for 2sra-v1, or another robot of exact arcs, or --accept-paper-wheels:"
+                " the paper's wheel speeds bend the real robot by about a fifth of what is planned"
+            )
+            raise InputError("robot.path.model", made.robot.path.model, allowed, str(plan))
+        return function(*args, plan=made, **given)
+
+    decorated: Function = command
+    return decorated
 
 
 def animation(target: Path) -> None:

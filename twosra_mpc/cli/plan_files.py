@@ -10,35 +10,42 @@ import click
 
 from twosra_mpc.checking.plan_file import PlanCheck, check_plan
 from twosra_mpc.checking.resampling import refined
-from twosra_mpc.cli.options import FILE, animation, command, ending, out_argument, rate_option
+from twosra_mpc.cli.options import (
+    FILE,
+    animation,
+    command,
+    ending,
+    out_argument,
+    plan_to_drive,
+    rate_option,
+)
 from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import save_setpoints
 
-_VERIFY_HELP = """Check PLAN files independently of what they say of themselves.
 
-The samples are integrated again by SciPy, and every rule is tested for the robot and the scenario
-in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap are worked out
-again. That the lower bound is one takes planning again: a plan does not show it.
-
-\b
-Is this plan safe to run, and what are its margins?
-  twosra verify plan.json
-In a script, by the exit code alone (0 verified, 4 not verified, 2 not a plan file):
-  twosra verify --quiet plan.json && echo go
-Several plans, for a program to read:
-  twosra verify plan.json other.json --json
-"""
-
-
-@command("verify", _VERIFY_HELP)
+@command("verify")
 @click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=click.Path())
 def verify_command(plans: tuple[str, ...], output: Output) -> int:
-    """Check plan files; see ``_VERIFY_HELP``."""
+    """Check PLAN files independently of what they say of themselves.
+
+    The samples are integrated again by SciPy, and every rule is tested for the robot and the
+    scenario in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap are
+    worked out again. That the lower bound is one takes planning again: a plan does not show it.
+
+    \b
+    Is this plan safe to run, and what are its margins?
+      twosra verify plan.json
+    In a script, by the exit code alone (0 verified, 4 not verified, 2 not a plan file):
+      twosra verify --quiet plan.json && echo go
+    Several plans, for a program to read:
+      twosra verify plan.json other.json --json
+    """
     code = EXIT_PLANNED
     checked: dict[str, PlanCheck] = {}
     with output.progress("verifying") as tell:
@@ -78,27 +85,24 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
         click.echo("\n  ".join([f"{path}: {verdict}", *found.problems]))
 
 
-_RESAMPLE_HELP = """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
-
-CSV has one row a tick: what is in force at that time, for a controller that sends it and waits for
-the next tick. JSON stays a plan, whose inputs hold from a sample to the next: samples are added at
-the ticks, and those of the plan stay, because its inputs change between ticks too. "twosra verify"
-accepts the outcome.
-
-\b
-Set-points for a controller that runs at 20 Hz:
-  twosra resample plan.json setpoints.csv --rate 20
-The same plan, dense enough to look at:
-  twosra resample plan.json dense.json --rate 5
-"""
-
-
-@command("resample", _RESAMPLE_HELP)
+@command("resample")
 @click.argument("plan", type=FILE)
 @out_argument(ending(".csv", ".json"))
 @rate_option("Ticks per second.", required=True)
 def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> None:
-    """Resample a plan; see ``_RESAMPLE_HELP``."""
+    """Write the set-points of PLAN at a regular rate to OUT, a .csv or a .json file.
+
+    CSV has rows at the ticks and where phases begin and end, for a controller that sends a row and
+    waits for the next one. Wheel speeds are means until then, so that every wheel turns as far as
+    planned. JSON stays a plan, whose inputs are ramps from a sample to the next: samples are added
+    at the ticks, and those of the plan stay. "twosra verify" accepts the outcome.
+
+    \b
+    Set-points for a controller that runs at 20 Hz:
+      twosra resample plan.json setpoints.csv --rate 20
+    The same plan, dense enough to look at:
+      twosra resample plan.json dense.json --rate 5
+    """
     loaded = load_plan(plan)
     given = loaded.require()
     with output.progress(f"resampling at {rate_Hz:g} Hz"):
@@ -114,8 +118,8 @@ _EXPORT_HELP = f"""Write PLAN to OUT in the format of another program: a .mcap o
 
 MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
 configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV has
-the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. At a
---rate, a phase that is shorter than a period can fall between two of its rows.
+the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. Plans with
+the paper's wheel map are refused: they bend the real robot by about a fifth of what is planned.
 
 MCAP needs the package foxglove-sdk: {install_command("mcap")}
 
@@ -129,35 +133,20 @@ The plan's own grid as the authors' scripts read it:
 
 
 @command("export", _EXPORT_HELP)
-@click.argument("plan", type=FILE)
+@plan_to_drive
 @out_argument(ending(".mcap", ".csv"))
 @rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
-def export_command(plan: Path, out: Path, rate_Hz: float | None, output: Output) -> None:
+def export_command(plan: Plan, out: Path, rate_Hz: float | None, output: Output) -> None:
     """Export a plan; see ``_EXPORT_HELP``."""
-    given = load_plan(plan).require()
-    robot, duration_s = given.robot.name, given.duration_s
+    robot, duration_s = plan.robot.name, plan.duration_s
     document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
     with output.progress(f"writing {out}"):
         if out.suffix == ".csv":
-            save_authors_csv(given, out, rate_Hz)
+            save_authors_csv(plan, out, rate_Hz)
         else:
-            save_mcap(given, out, rate_Hz)
+            save_mcap(plan, out, rate_Hz)
             document["topics"] = list(TOPICS)
     output.record((robot, "exported"), document)
-
-
-_REPORT_HELP = """\
-Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
-
-The page needs nothing else and asks nothing of any network: send it as it is. It has the plan in
-numbers, what is proved and what was verified, an animation, figures, set-points, and the scenario
-and robot to plan it again. A plan file that holds no plan has a report with the reason.
-
-\b
-A plan and its report:
-  twosra plan paper-1 --out plan.json
-  twosra report plan.json report.html
-"""
 
 
 def _page(target: Path) -> None:
@@ -166,11 +155,22 @@ def _page(target: Path) -> None:
     check_report_path(target)
 
 
-@command("report", _REPORT_HELP)
+@command("report")
 @click.argument("plan", type=FILE)
 @out_argument(_page)
 def report_command(plan: Path, out: Path, output: Output) -> None:
-    """Write a report; see ``_REPORT_HELP``."""
+    """Write a report on PLAN, a file written by "twosra plan --out", as the HTML page OUT.
+
+    The page needs nothing else and asks nothing of any network: send it as it is. It has the plan
+    in numbers, what is proved and what was verified, an animation, figures, set-points, and the
+    scenario and robot to plan it again. A plan file that holds no plan has a report with the
+    reason.
+
+    \b
+    A plan and its report:
+      twosra plan paper-1 --out plan.json
+      twosra report plan.json report.html
+    """
     from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
 
     given = load_plan(plan)
@@ -181,25 +181,24 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
 
 
 _FILM_S = click.FloatRange(1.0, 120.0)
-_ANIMATE_HELP = """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
-
-Waits are compressed, motion is slowed down, and a clock shows the time.
-
-\b
-A plan and its film:
-  twosra plan paper-1 --out plan.json
-  twosra animate plan.json plan.gif
-The same in a hurry:
-  twosra animate plan.json short.gif --seconds 4
-"""
 
 
-@command("animate", _ANIMATE_HELP)
+@command("animate")
 @click.argument("plan", type=FILE)
 @out_argument(animation)
 @click.option("--seconds", type=_FILM_S, default=12.0, help="Length of the animation [s].")
 def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> int:
-    """Animate a plan file; see ``_ANIMATE_HELP``."""
+    """Animate PLAN, a plan file, into OUT (gif; mp4 with ffmpeg).
+
+    Waits are compressed, motion is slowed down, and a clock shows the time.
+
+    \b
+    A plan and its film:
+      twosra plan paper-1 --out plan.json
+      twosra animate plan.json plan.gif
+    The same in a hurry:
+      twosra animate plan.json short.gif --seconds 4
+    """
     loaded = load_plan(plan)
     if (made := loaded.plan) is None:
         click.echo(f"twosra: there is nothing to animate: {loaded.message}", err=True)

@@ -17,21 +17,8 @@ from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
 
-_HELP = """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.
 
-\b
-Plan the first published experiment, and keep plan, figure and set-points at 20 Hz:
-  twosra plan paper-1 --out plan.json --plot plan.png --csv setpoints.csv --rate 20
-What the greedy rule of the paper would do:
-  twosra plan paper-1 --planner greedy
-Another robot, and how good the plan is proved to be, for a program to read:
-  twosra plan shape-change --robot 2sra-v1-paper --json
-
-Ctrl-C and --time-limit end the search; the best plan so far is written, with its true gap.
-"""
-
-
-@options.command("plan", _HELP)
+@options.command("plan")
 @click.argument("scenario", **options.SCENARIO)
 @options.file_option("--out", "Write the plan as JSON.")
 @options.file_option("--csv", "Write the set-points as CSV.")
@@ -49,7 +36,18 @@ def plan_command(
     load: options.Load,
     output: Output,
 ) -> int:
-    """Plan a scenario; see ``_HELP``."""
+    """Plan SCENARIO: a built-in name (see "twosra scenarios") or a TOML/JSON file.
+
+    \b
+    Plan the first published experiment, and keep plan, figure and set-points at 20 Hz:
+      twosra plan paper-1 --out plan.json --plot plan.png --csv setpoints.csv --rate 20
+    What the greedy rule of the paper would do:
+      twosra plan paper-1 --planner greedy
+    Another robot, and how good the plan is proved to be, for a program to read:
+      twosra plan shape-change --robot 2sra-v1-paper --json
+
+    Ctrl-C and --time-limit end the search; the best plan so far is written, with its true gap.
+    """
     if rate_Hz is not None and csv is None:
         raise click.UsageError("--rate is the rate of --csv, which is not given")
     problem = load(scenario)

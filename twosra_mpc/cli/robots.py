@@ -11,19 +11,17 @@ from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_names
 
-_SCENARIOS_HELP = """List the built-in scenarios.
 
-\b
-What is there to plan?
-  twosra scenarios
-One of them with every default filled in, as a start for your own:
-  twosra scenarios --json
-"""
-
-
-@command("scenarios", _SCENARIOS_HELP)
+@command("scenarios")
 def scenarios_command(output: Output) -> None:
-    """List the built-in scenarios; see ``_SCENARIOS_HELP``."""
+    """List the built-in scenarios.
+
+    \b
+    What is there to plan?
+      twosra scenarios
+    One of them with every default filled in, as a start for your own:
+      twosra scenarios --json
+    """
     problems = {name: load_problem(name) for name in scenario_names()}
     rows = []
     for name, problem in problems.items():
@@ -36,19 +34,16 @@ def scenarios_command(output: Output) -> None:
     )
 
 
-_ROBOTS_HELP = """List the built-in robots.
-
-\b
-Which robots are there?
-  twosra robots
-All their numbers, SI, unit in the name:
-  twosra robots --json
-"""
-
-
-@command("robots", _ROBOTS_HELP)
+@command("robots")
 def robots_command(output: Output) -> None:
-    """List the built-in robots; see ``_ROBOTS_HELP``."""
+    """List the built-in robots.
+
+    \b
+    Which robots are there?
+      twosra robots
+    All their numbers, SI, unit in the name:
+      twosra robots --json
+    """
     robots = [load_robot(name) for name in robot_names()]
     rows = [(r.name, r.path.model, ", ".join(r.timing), r.description) for r in robots]
     output.report(
@@ -57,20 +52,17 @@ def robots_command(output: Output) -> None:
     )
 
 
-_CHECK_HELP = """Check ROBOT (a name or a file) and report shapes in which its wheels lose control.
-
-\b
-A built-in robot:
-  twosra check-robot 2sra-v1
-Your own, which must be a valid robot file; a mistake is named with its key:
-  twosra check-robot my-robot.toml
-"""
-
-
-@command("check-robot", _CHECK_HELP)
+@command("check-robot")
 @click.argument("robot", **ROBOT)
 def check_robot_command(robot: str, output: Output) -> None:
-    """Check a robot; see ``_CHECK_HELP``."""
+    """Check ROBOT (a name or a file) and report shapes in which its wheels lose control.
+
+    \b
+    A built-in robot:
+      twosra check-robot 2sra-v1
+    Your own, which must be a valid robot file; a mistake is named with its key:
+      twosra check-robot my-robot.toml
+    """
     from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
     from twosra_mpc.model.path_models import path_model  # CasADi takes a second
 
@@ -103,19 +95,7 @@ def check_robot_command(robot: str, output: Output) -> None:
     output.report(lambda: document, lambda: print_table(title, rows))
 
 
-_PATHS_HELP = """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
-
-The spirals are fitted as Table I of the paper was; the table printed shows both.
-
-\b
-How well do spirals and cardioids follow the exact arcs?
-  twosra fit-paths 2sra-v1 --plot paths.png
-A robot file for your own fibre's lengths, with its comments kept:
-  twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
-"""
-
-
-@command("fit-paths", _PATHS_HELP)
+@command("fit-paths")
 @click.argument("robot", **ROBOT)
 @file_option("--out", "Write a robot file with the fit.")
 @click.option(
@@ -128,7 +108,16 @@ A robot file for your own fibre's lengths, with its comments kept:
 def fit_paths_command(
     robot: str, out: Path | None, model: str, plot: Path | None, output: Output
 ) -> None:
-    """Fit paths; see ``_PATHS_HELP``."""
+    """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
+
+    The spirals are fitted as Table I of the paper was; the table printed shows both.
+
+    \b
+    How well do spirals and cardioids follow the exact arcs?
+      twosra fit-paths 2sra-v1 --plot paths.png
+    A robot file for your own fibre's lengths, with its comments kept:
+      twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
+    """
     from twosra_mpc.identification.path_choice import parameters_in_words
     from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
     from twosra_mpc.identification.robot_files import write_fitted_robot

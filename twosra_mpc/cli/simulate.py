@@ -25,29 +25,13 @@ from twosra_mpc.files import write_json
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
-_HELP = f"""Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
-
-The robot slips, drifts, melts earlier or later than its description says, and is seen by a camera
-that is late, noisy and rounds; all of it is drawn from --seed.
-
-\b
-How far from its description (--disturbance): {", ".join(LEVELS)}
-How its fibre really bends (--plant): {", ".join(PLANTS)}
-
-\b
-A run with its figure and its film:
-  twosra simulate paper-1 --seed 1 --out run.json --plot run.png --animate run.gif
-What to expect of the same task on ten robots:
-  twosra simulate paper-1 --path-model arc --runs 10
-A heater fails; here the other segment alone cannot reach the goal, and the reason is given:
-  twosra simulate paper-2 --broken-heater 1
-"""
+_PLANTS, _LEVELS = ", ".join(PLANTS), ", ".join(LEVELS)
 
 
-@options.command("simulate", _HELP)
+@options.command("simulate")
 @click.argument("scenario", **options.SCENARIO)
-@click.option("--plant", default="arc", help="True path model of the robot.")
-@click.option("--disturbance", default="moderate", help="Level of disturbance.")
+@click.option("--plant", default="arc", help=f"How its fibre bends: {_PLANTS}.")
+@click.option("--disturbance", default="moderate", help=f"How far from its description: {_LEVELS}.")
 @click.option("--seed", type=int, default=0, help="Of all that is drawn.")
 @click.option(
     "--executor",
@@ -81,7 +65,19 @@ def simulate_command(
     animate: Path | None,
     output: Output,
 ) -> int:
-    """Plan and run a scenario; see ``_HELP``."""
+    """Run SCENARIO in closed loop on a simulated robot: plan, execute, plan again when needed.
+
+    The robot slips, drifts, melts earlier or later than its description says, and is seen by a
+    camera that is late, noisy and rounds; all of it is drawn from --seed.
+
+    \b
+    A run with its figure and its film:
+      twosra simulate paper-1 --seed 1 --out run.json --plot run.png --animate run.gif
+    What to expect of the same task on ten robots:
+      twosra simulate paper-1 --runs 10
+    A heater fails; here the other segment alone cannot reach the goal, and the reason is given:
+      twosra simulate paper-2 --broken-heater 1
+    """
     problem = load(scenario)
     level = disturbance_level(disturbance)
     SimulatedRobot(problem, plant, level, seed, broken_heaters=broken)  # or an error, early

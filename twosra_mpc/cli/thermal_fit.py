@@ -31,19 +31,8 @@ _NAMES = {
 
 _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
 
-_HELP = """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
 
-LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
-
-\b
-Fit the robot's segment, and see how well each cycle is told by the others:
-  twosra fit-thermal heating.csv --robot 2sr-v2 --out fitted.toml --plot fit.png
-How well does the robot as it is explain a log?
-  twosra fit-thermal heating.csv --robot 2sr-v2 --score
-"""
-
-
-@command("fit-thermal", _HELP)
+@command("fit-thermal")
 @click.argument("log", type=FILE)
 @click.option(
     "--robot", required=True, help="Whose segment it is: a built-in name or a file.", **ROBOT
@@ -69,7 +58,16 @@ def fit_thermal_command(
     only_score: bool,
     output: Output,
 ) -> None:
-    """Identify or score; see ``_HELP``."""
+    """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
+
+    LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
+
+    \b
+    Fit the robot's segment, and see how well each cycle is told by the others:
+      twosra fit-thermal heating.csv --robot 2sr-v2 --out fitted.toml --plot fit.png
+    How well does the robot as it is explain a log?
+      twosra fit-thermal heating.csv --robot 2sr-v2 --score
+    """
     described = load_robot(robot)
     if only_score and (out or plot):
         raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")

@@ -59,6 +59,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
         raise InputError("output", str(path), allowed) from error
     shown = plan if rate_Hz is None else refined(plan, rate_Hz)
+    held = shown.trajectory.held()
     context, memory = foxglove.Context(), io.BytesIO()  # a full disk is then an error like any
     robots = SceneUpdateChannel(SCENE, context=context)
     transforms = FrameTransformsChannel(FRAMES, context=context)
@@ -69,10 +70,10 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
                 at = nanoseconds(time_s)
                 transforms.log(frames(plan.robot.geometry, time_s, q), log_time=at)
                 robots.log(scene(plan.robot.geometry, time_s, q, states), log_time=at)
-            for topic, table in tables(shown.trajectory.samples).items():
+            for topic, table in tables(held).items():
                 channel = foxglove.Channel(topic, schema=_schema(topic, table), context=context)
                 rows = np.column_stack(list(table.values())).tolist()
-                for time_s, row in zip(shown.trajectory.samples.t_s.tolist(), rows, strict=True):
+                for time_s, row in zip(held.t_s.tolist(), rows, strict=True):
                     message = dict(zip(table, row, strict=True))
                     channel.log(message, log_time=nanoseconds(time_s))
         temporary.write_bytes(memory.getvalue())

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from twosra_mpc.identification.heating_log import Array, EvenLog
+from twosra_mpc.identification.heating_log import EvenLog
 from twosra_mpc.identification.log_response import Response
+from twosra_mpc.robot.coordinates import Array
 
 # Residuals are taken as correlated up to this time: five of the sensor's two lags. What a model
 # lacks shows in residuals that keep their sign for so long.
@@ -107,7 +108,7 @@ def _search(family: Family, log: EvenLog, start: Sequence[float]) -> Fitted:
     low, high, first = np.log(given, out=given, where=positive[:, None]).T
 
     def values(coordinates: Array) -> Array:
-        return np.exp(coordinates, out=coordinates.copy(), where=positive)
+        return np.where(positive, np.exp(coordinates), coordinates)
 
     def off(coordinates: Array) -> Array:
         found = family.respond(values(coordinates).tolist(), log)

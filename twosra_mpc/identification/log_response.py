@@ -20,8 +20,9 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.signal import lfilter
 
-from twosra_mpc.identification.heating_log import Array, EvenLog, runs
+from twosra_mpc.identification.heating_log import EvenLog, runs
 from twosra_mpc.identification.log_plants import Plant
+from twosra_mpc.robot.coordinates import Array
 
 LAW_REFERENCE_C = 54.0  # reading at which the law's duty is quoted
 

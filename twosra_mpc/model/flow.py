@@ -100,16 +100,18 @@ def bending_flow(body: Body, steps: int) -> ca.Function:
 
 def drive(q: Array, s: Array) -> Array:
     """Where rigid input displacements lead: screw motions, q (3 + n,), s (m, 3) -> (m, 3 + n)."""
+    headings = q[2] + np.cumsum(s[:, 2]) - s[:, 2]
     reached = np.tile(q, (len(s), 1)).astype(float)
-    x, y, phi = q[:POSE].tolist()
-    for i, (along, across, turn) in enumerate(s.tolist()):
-        half = turn / 2
-        chord = math.sin(half) / half if half else 1.0
-        c, sine = chord * math.cos(phi + half), chord * math.sin(phi + half)
-        x, y = x + c * along - sine * across, y + sine * along + c * across
-        phi += turn
-        reached[i, :POSE] = x, y, phi
+    reached[:, :POSE] += np.cumsum(screws(headings, s), axis=0)
     return reached
+
+
+def screws(headings: Array, s: Array) -> Array:
+    """Changes of pose by rigid input displacements (m, 3) from these headings, (m, 3)."""
+    half = s[:, 2] / 2
+    chord, angle = np.sinc(half / np.pi), headings + half
+    c, sine = chord * np.cos(angle), chord * np.sin(angle)
+    return np.column_stack([c * s[:, 0] - sine * s[:, 1], sine * s[:, 0] + c * s[:, 1], s[:, 2]])
 
 
 @dataclass(frozen=True, eq=False)

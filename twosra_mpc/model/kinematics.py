@@ -12,17 +12,17 @@ kinematics is written, for any number of segments.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import fibre_end_pose, wheel_pose_matrix
 from twosra_mpc.model.path_models import PathModel, path_model
-from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS
-from twosra_mpc.robot.description import Body, Robot
+from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
+from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.geometry import Geometry
 
 TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular values
@@ -43,22 +43,22 @@ class Kinematics:
     wheel_poses: ca.Function
 
 
-class JacobianInPlace:
-    """J for loops that need it often: fill ``q`` and ``sigma``, ``evaluate()``, read ``columns``.
+class InPlace:
+    """A function that reads from and writes to fixed arrays, for loops: ``evaluate()`` it.
 
-    Saves converting arrays on every call. Row i of ``columns`` (5, 3 + n) is column i of J.
+    Saves converting arrays on every call. A matrix is written with a row for each of its columns.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        coordinates = robot.coordinates
-        self.q, self.sigma = np.zeros(coordinates.size), np.zeros(coordinates.segments)
-        self.columns = np.zeros((INPUTS, coordinates.size))
-        self._function = kinematics(robot).jacobian
-        buffer: Any = self._function.buffer()  # its type stub describes the C++ call, not this one
+    def __init__(
+        self, function: ca.Function, reads: Sequence[Array], writes: Sequence[Array]
+    ) -> None:
+        buffer: Any = function.buffer()  # its type stub describes the C++ call, not this one
         self._memory, self.evaluate = buffer  # the memory must live as long as evaluate is used
-        self._memory.set_arg(0, memoryview(self.q.data))
-        self._memory.set_arg(1, memoryview(self.sigma.data))
-        self._memory.set_res(0, memoryview(self.columns.data))
+        self._kept = (function, *reads, *writes)
+        for place, array in enumerate(reads):
+            self._memory.set_arg(place, memoryview(array.data))
+        for place, array in enumerate(writes):
+            self._memory.set_res(place, memoryview(array.data))
 
 
 @per_body(32)
@@ -87,6 +87,17 @@ def wheel_travel(body: Body) -> ca.Function:
     sigma = ca.SX.sym("sigma", segments)
     matrix = kinematics(body).wheel_matrix(q, sigma)
     return ca.Function("wheel_travel", [q, s, sigma], [matrix @ s])
+
+
+@per_body(256)
+def wheel_accelerations(body: Body, count: int) -> ca.Function:
+    """(q, v, a, sigma) -> d/dt V(q, sigma) v [rad/s2] with v' = a, (4,); ``count`` columns."""
+    segments = body.geometry.segments
+    q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
+    sigma, turn = ca.SX.sym("sigma", segments), wheel_travel(body)
+    shape_rate = kinematics(body).jacobian(q, sigma) @ v
+    rate = turn(q, a, sigma) + ca.jtimes(turn(q, v, sigma), q, shape_rate)
+    return ca.Function("wheel_acceleration", [q, v, a, sigma], [ca.densify(rate)]).map(count)
 
 
 def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:

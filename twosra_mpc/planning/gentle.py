@@ -16,9 +16,9 @@ transition decides how long it takes, so the schedule of the durations found is 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import LinearConstraint, minimize
 
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, feasible_schedule
@@ -31,14 +31,8 @@ from twosra_mpc.timing import TemporalNetwork
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
 ROUNDING = 1e-9  # of a cost
-_SHARES = (
-    1.0,
-    0.999,
-    0.9,
-    0.7,
-    0.4,
-    0.1,
-)  # of the way to the durations wanted, until a schedule fits
+_SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
+_ROUNDING_S = 1e-3  # more than the solver leaves of constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
@@ -60,14 +54,16 @@ def gentle(
     if made is None or (slowest <= quickest).all():
         return None
     efforts = np.array([profile.effort_s for profile in profiles]) * quickest
-    wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
     for share in _SHARES:
+        wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
         durations = quickest + share * (wanted - quickest)
         found = feasible_schedule(network, durations, problem)
         if found is not None and _cost(found, problem) <= (1 + ROUNDING) * most:
             slower = zip(profiles, durations.tolist(), strict=True)
             stretched = tuple(profile.lasting(duration) for profile, duration in slower)
             return replace(candidate, profiles=stretched, times=found[0])
+        if found is not None:  # what these durations need of the metal is known now
+            made = (made[0], found[1])
     return None
 
 
@@ -88,33 +84,32 @@ def _least_effort(
 ) -> Array:
     """Durations of the convex program, (phases,) [s]; ``efforts`` are E T_min of the phases."""
     times, network = made
-    layout = network.layout
-    moving = np.flatnonzero(quickest)
-    starts = np.array([layout.start(i) for i in moving.tolist()])
-    ends = np.array([layout.end(i) for i in moving.tolist()])
-    pairs = np.array(list(network.least), dtype=int)
-    differences = _differences(pairs[:, 0], pairs[:, 1], layout.count)
-    lasting = _differences(starts, ends, layout.count)
+    layout, moving = network.layout, np.flatnonzero(quickest)
     cost, constant = cost_coefficients(network, problem.cost_weights)
+    starts, ends = (np.array([at(i) for i in moving.tolist()]) for at in (layout.start, layout.end))
+    kept = np.union1d(np.flatnonzero(cost), [*starts, *ends, layout.origin])
+    apart, of = _longest_paths(network)[np.ix_(kept, kept)], np.eye(len(kept))
+    since, until = np.nonzero(np.isfinite(apart))
+    lasting = of[np.searchsorted(kept, ends)] - of[np.searchsorted(kept, starts)]
     scale = float(times[layout.finish])
-    least = quickest[moving] / scale
-    most_s = np.maximum(slowest[moving] / scale, (1 + ROUNDING) * least)  # no equality
 
     def effort(t: Array) -> tuple[float, Array]:
-        lasts = np.maximum(lasting @ t, least / 2)  # a solver may ask what it may not do
-        each = efforts[moving] / lasts / efforts.sum()
-        return float(each.sum()), lasting.T @ (-each / lasts)
+        duration = np.maximum(lasting @ t, 1e-9)
+        each = efforts[moving] / efforts.sum() / duration
+        return float(each.sum()), lasting.T @ (-each / duration)
 
-    found = minimize(
+    solver: Any = minimize  # its stubs know of no options of a single method
+    found = solver(
         effort,
-        times / scale,
+        times[kept] / scale,
         jac=True,
         method="SLSQP",
-        bounds=[(0.0, None if event != layout.origin else 0.0) for event in range(layout.count)],
+        bounds=[(0.0, 0.0 if event == layout.origin else None) for event in kept],
         constraints=[
-            LinearConstraint(differences, np.array(list(network.least.values())) / scale, np.inf),
-            LinearConstraint(lasting, least, most_s),
-            LinearConstraint(cost, -np.inf, (most - constant) / scale),
+            LinearConstraint(of[until] - of[since], apart[since, until] / scale, np.inf),
+            LinearConstraint(lasting, quickest[moving] / scale, np.inf),
+            LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
+            LinearConstraint(cost[kept], -np.inf, (most - _ROUNDING_S - constant) / scale),
         ],
         options={"maxiter": 200},
     )
@@ -123,9 +118,12 @@ def _least_effort(
     return durations
 
 
-def _differences(since: NDArray[np.intp], until: NDArray[np.intp], events: int) -> Array:
-    """Rows that take t[until] - t[since] from event times, (m, events)."""
-    rows = np.zeros((len(since), events))
-    np.add.at(rows, (np.arange(len(since)), until), 1.0)
-    np.add.at(rows, (np.arange(len(since)), since), -1.0)
-    return rows
+def _longest_paths(network: TemporalNetwork) -> Array:
+    """How far apart the constraints keep every two events, (events, events) [s]; -inf: free."""
+    apart = np.full((network.layout.count, network.layout.count), -np.inf)
+    for (u, v), least in network.least.items():
+        apart[u, v] = least
+    for between in range(len(apart)):
+        apart = np.maximum(apart, apart[:, between, None] + apart[between])
+    np.fill_diagonal(apart, -np.inf)
+    return apart

@@ -86,9 +86,8 @@ def _knots(
         k = np.minimum(profile.x[:-1].astype(int), len(motion.inputs[i]) - 1)
         s = motion.inputs[i, k]
         v, a = s * profile.speed[:, None], s * profile.acceleration[:, None]
-        modes = np.tile(np.array(mode), (len(k), 1))
-        q = flown(motion.robot, motion.states[i, k], s * (profile.x[:-1] - k)[:, None], modes)
-        knots += [_Knot(t + profile.time_s[j], q[j], v[j], a[j], mode) for j in range(len(k))]
+        rows = zip(t + profile.time_s[:-1], profile.q[:-1], v, a, strict=True)
+        knots += [_Knot(*row, mode) for row in rows]
         knots.append(_Knot(t + profile.duration_s, motion.states[i, -1], still, still, mode))
     return knots
 

@@ -14,7 +14,7 @@ limit on acceleration every interval takes its least time at constant speed.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,9 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
-_CORNER = 1e-6  # relative change of a wheel's turn per x that counts as a corner
+_BETWEEN = 3e-3  # of the limits is spared: shapes between grid points may use more of them
+_CORNER = 5e-8  # relative change of a wheel's turn per x that counts as a corner
+_NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
 _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own
 _LEAST_PERIODS = 3  # control periods of the shortest phase that moves
@@ -39,6 +41,7 @@ class SpeedProfile:
 
     Attributes:
         x: Where pieces begin, and the end, in intervals, (m + 1,).
+        q: Configuration there, (m + 1, 3 + n).
         time_s: When, since the phase began, (m + 1,).
         speed: dx/dt as each piece begins, (m,) [1/s].
         acceleration: Of x in each piece, (m,) [1/s2].
@@ -47,6 +50,7 @@ class SpeedProfile:
     """
 
     x: Array
+    q: Array
     time_s: Array
     speed: Array
     acceleration: Array
@@ -61,8 +65,8 @@ class SpeedProfile:
     def lasting(self, duration_s: float) -> SpeedProfile:
         """Return the same profile, slower or faster."""
         factor = duration_s / self.duration_s if self.duration_s else 1.0
-        return SpeedProfile(
-            x=self.x,
+        return replace(
+            self,
             time_s=self.time_s * factor,
             speed=self.speed / factor,
             acceleration=self.acceleration / factor**2,
@@ -74,27 +78,25 @@ class SpeedProfile:
 def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
     """The quickest speed profile of each phase within the robot's limits."""
     if motion.robot.limits.wheel_acceleration_rad_s2 is None:
-        return tuple(map(_at_constant_speed, interval_durations(motion)))
+        return tuple(map(_at_constant_speed, interval_durations(motion), motion.states))
     return tuple(_phase(motion, i) for i in range(len(motion.sequence)))
 
 
-def _at_constant_speed(durations: Array) -> SpeedProfile:
+def _at_constant_speed(durations: Array, states: Array) -> SpeedProfile:
     """Each interval in its least time; empty ones are left out."""
     used = durations > 0
-    x = np.append(np.flatnonzero(used), len(durations)).astype(float)
+    x = np.append(np.flatnonzero(used), len(durations))
     time = np.append(0.0, np.cumsum(durations[used]))
-    return SpeedProfile(x, time, 1 / durations[used], np.zeros(int(used.sum())), 0.0, 0.0)
-
-
-_RESTING = SpeedProfile(np.zeros(1), np.zeros(1), np.zeros(0), np.zeros(0), 0.0, 0.0)
+    still = np.zeros(int(used.sum()))
+    return SpeedProfile(x.astype(float), states[x], time, 1 / durations[used], still, 0.0, 0.0)
 
 
 def _phase(motion: Motion, phase: int) -> SpeedProfile:
     """From rest to rest, and to rest where the path has a corner."""
     inputs, mode = motion.inputs[phase], motion.sequence[phase]
-    moving = np.flatnonzero(inputs.any(axis=1))
+    moving = np.flatnonzero(np.linalg.norm(inputs, axis=1) > _NOTHING)
     if not len(moving):
-        return _RESTING
+        return _at_constant_speed(np.zeros(len(inputs)), motion.states[phase])
     parts = [
         _between_corners(motion.robot, motion.states[phase], inputs, mode, part)
         for part in _smooth_parts(motion, phase, moving)
@@ -102,6 +104,7 @@ def _phase(motion: Motion, phase: int) -> SpeedProfile:
     start = np.append(0.0, np.cumsum([part.duration_s for part in parts]))
     made = SpeedProfile(
         x=np.concatenate([*(part.x[:-1] for part in parts), parts[-1].x[-1:]]),
+        q=np.concatenate([*(part.q[:-1] for part in parts), parts[-1].q[-1:]]),
         time_s=np.concatenate(
             [*(at + part.time_s[:-1] for at, part in zip(start, parts, strict=False)), start[-1:]]
         ),
@@ -139,27 +142,28 @@ def _between_corners(
     lengths = np.linalg.norm(inputs[part], axis=1)
     nodes = np.append(0.0, np.cumsum(lengths))
     most = robot.limits.wheel_acceleration_rad_s2 or np.inf
+    spare = 0.0 if is_rigid(mode) else _BETWEEN
 
-    def along(path: Array) -> tuple[Array, Array, Array]:
-        """Place in intervals, least time per length, and the wheels' turn per length, (m, 4)."""
+    def along(path: Array) -> tuple[Array, Array, Array, Array]:
+        """Place in intervals, q there, least time and wheels' turn per length."""
         k = np.clip(np.searchsorted(nodes, path, side="right") - 1, 0, len(part) - 1)
         share = (path - nodes[k]) / lengths[k]
         modes, s = np.tile(np.array(mode), (len(path), 1)), inputs[part[k]]
         q = flown(robot, states[part[k]], s * share[:, None], modes)
         unit = _directions(s)
         r = least_times(robot, q, unit, modes)
-        return part[k] + share, r, wheel_speeds(robot, q, unit, modes)
+        return part[k] + share, q, r, wheel_speeds(robot, q, unit, modes)
 
     pieces = len(part) * (1 if is_rigid(mode) else _PIECES)
     path = np.interp(np.linspace(0, len(part), pieces + 1), np.arange(len(nodes)), nodes)
-    _, r, w = along(path[[0, -1]])
+    *_, r, w = along(path[[0, -1]])
     ramps = (0.5 / r**2) * np.abs(w).max(axis=1) / most  # where full speed may be reached
     further = (ramps[0], nodes[-1] / 2, nodes[-1] - ramps[1])
     path = np.unique([*path, *(at for at in further if 0 < at < nodes[-1])])
     path = path[np.append(True, np.diff(path) > _APART * lengths.min())]
     path[-1] = nodes[-1]
-    x, r, w = along(path)
-    b = _squared_speeds(path, r, w, most)
+    x, q, r, w = along(path)
+    b = _squared_speeds(path, (1 + spare) * r, w, (1 - spare) * most)
     speed = np.sqrt(b)
     time = 2 * np.diff(path) / (speed[1:] + speed[:-1])
     turned = w * speed[:, None]
@@ -167,6 +171,7 @@ def _between_corners(
     length = lengths[np.minimum(x[:-1].astype(int) - part[0], len(part) - 1)]
     return SpeedProfile(
         x=x,
+        q=q,
         time_s=np.append(0.0, np.cumsum(time)),
         speed=speed[:-1] / length,
         acceleration=np.diff(b) / (2 * np.diff(path)) / length,

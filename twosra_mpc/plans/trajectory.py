@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.flow import interval_flow, steps_for
+from twosra_mpc.model.flow import interval_flow, screws, steps_for
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
@@ -21,7 +21,6 @@ from twosra_mpc.timing import SegmentHeating, Transition, transition_model
 
 SAME_TIME_S = 1e-6  # events closer than this are one
 HIGHEST_RATE_HZ = 1000.0
-_LEAST_STEPS = 16  # of Runge-Kutta: turns of a rigid interval are then right to 1e-10 rad
 
 
 class Phase(NamedTuple):
@@ -81,7 +80,7 @@ class Samples:
     @property
     def moves(self) -> NDArray[np.bool_]:
         """Whether the robot moves from each sample to the next, (rows,)."""
-        return self.v.any(axis=1) | self.a.any(axis=1)
+        return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
         """The samples as plain data."""
@@ -191,6 +190,13 @@ class Trajectory:
         check_rate(rate_Hz)
         return np.arange(int(np.floor(self.duration_s * rate_Hz + 1e-9)) + 1) / rate_Hz
 
+    @property
+    def wheel_rad_s_before(self) -> Array:
+        """Wheel speeds just before each sample but the first, (rows - 1, 4) [rad/s]."""
+        held, at = self.samples, np.arange(len(self.samples) - 1)
+        v = self._input(at, np.diff(held.t_s))
+        return wheel_speeds(self.problem.robot, held.q[1:], v, held.mode[:-1])
+
     @cached_property
     def _heating(self) -> Sequence[SegmentHeating]:
         return transition_model(self.problem).heating(self.transitions)
@@ -262,10 +268,12 @@ def new_times(times: Array, known: Array) -> Array:
 def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
     """Where input displacements s = v h lead from q, row by row; rows at rest stay as they are."""
     reached = q.copy()
-    moving = s.any(axis=1)
-    if moving.any():
-        flow = interval_flow(robot, max(_LEAST_STEPS, steps_for(s[moving])))
-        reached[moving] = flow(q[moving].T, s[moving].T, mode[moving].T).full().T
+    soft = mode.any(axis=1) & s.any(axis=1)
+    rigid = ~mode.any(axis=1)
+    reached[rigid, :POSE] += screws(q[rigid, 2], s[rigid, 2:])
+    if soft.any():
+        flow = interval_flow(robot, steps_for(s[soft]))
+        reached[soft] = flow(q[soft].T, s[soft].T, mode[soft].T).full().T
     return reached
 
 

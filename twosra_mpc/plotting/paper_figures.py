@@ -214,8 +214,8 @@ def _share(q: Array, target: Array) -> Array:
 
 @cache
 def _plans(task: str) -> tuple[Plan, Plan]:
-    """Plans of this planner and of the greedy rule."""
-    problem = load_problem(task)
+    """Plans of this planner and of the greedy rule for the robot as the paper models it."""
+    problem = load_problem(task, robot="2sra-v1-paper")
     greedy = plan(problem.with_values(planner="greedy"))
     return plan(problem).require(), greedy.require()
 

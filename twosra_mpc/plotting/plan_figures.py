@@ -27,7 +27,7 @@ WIDTH_IN = 10.0
 HEIGHT_IN, LANE_IN = 9.0, 0.4  # of the figure of a plan, with a lane for each segment
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
 HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
-MOTION_COLOUR = "0.35"  # there; phases are too short for an area
+MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
 
 
 def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
@@ -248,7 +248,7 @@ def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None
             row += 1
         axes[-1].tick_params(labelbottom=True)
         axes[-1].set(xlim=(0.0, 1.005 * end_s), xlabel="time [s]")
-        motion = Patch(fc=MOTION_COLOUR, label="motion")
+        motion = Patch(**MOTION, label="motion")
         figure.legend(
             handles=[*timeline.state_handles(), motion], loc="outside lower center", ncols=6
         )
@@ -259,7 +259,7 @@ def _draw_row(ax: Axes, name: str, made: Plan) -> None:
     """Lanes of a plan, named above; its motion as lines that are never too thin to see."""
     timeline.draw_lanes(ax, made)
     for phase in made.phases:
-        ax.axvspan(phase.start_s, phase.end_s, color=MOTION_COLOUR, lw=1.2, zorder=4)
+        ax.axvspan(phase.start_s, phase.end_s, **MOTION, zorder=4)
     ax.set_title(f"{name}: {plan_title(made)}", loc="left", fontsize=9)
     ax.set_yticks(ax.get_yticks(), [tick.get_text()[-1] for tick in ax.get_yticklabels()])
     ax.set_ylabel("segment", fontsize=8)

@@ -161,7 +161,7 @@ def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     timeline.name_phases(axes[0], drives, stretch, "{number}: {mode}")
     _draw_curvatures(axes[1], run, record)
     _draw_distances(axes[2], run, record)
-    timeline.wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s)
+    timeline.wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s, "steps-post")
     _draw_temperatures(axes[4], run, record)
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)

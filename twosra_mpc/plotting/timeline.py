@@ -22,7 +22,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting.figures import BESIDE, SEGMENT_COLOURS, STATES, UNIT_COLOURS
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
 
 Coordinate = Literal["position", "heading", "curvature"]
@@ -172,16 +172,17 @@ def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature
 
 
 def draw_wheel_speeds(ax: Axes, plan: Plan) -> Axes:
-    """Draw the speeds of the four wheels over time."""
-    samples = plan.trajectory.samples
-    return wheel_speeds(ax, samples.t_s, samples.wheel_rad_s)
+    """Draw the speeds of the four wheels over time: ramps, and jumps where they jump."""
+    samples, end = plan.trajectory.samples, plan.trajectory.wheel_rad_s_before
+    ends = np.stack([samples.wheel_rad_s[:-1], end], axis=1).reshape(-1, WHEELS)
+    return wheel_speeds(ax, np.repeat(samples.t_s, 2)[1:-1], ends)
 
 
-def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array) -> Axes:
-    """Draw speeds of the four wheels, (rows, 4), each until the next."""
+def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array, drawstyle: str = "default") -> Axes:
+    """Draw speeds of the four wheels, (rows, 4)."""
     for wheel, speed in enumerate(wheel_rad_s.T):
         style: dict[str, Any] = {"c": UNIT_COLOURS[wheel // 2], "ls": ("-", "--")[wheel % 2]}
-        ax.step(time_s, speed, where="post", label=f"wheel {wheel + 1}", **style)
+        ax.plot(time_s, speed, label=f"wheel {wheel + 1}", drawstyle=drawstyle, **style)
     return finished(ax, "wheel speed\n[rad/s]")
 
 

@@ -80,9 +80,10 @@ class SpeedLimit:
         """Whether the robot has this limit."""
         return getattr(robot.body.limits, self.name) is not None
 
-    def settled(self, robot: Robot | Body, margin: float) -> float:
-        """A margin, zero within rounding of an active limit."""
-        return 0.0 if abs(margin) <= RELATIVE_ROUNDING * self.most(robot) else margin
+
+def settled(margin: float, limit: float) -> float:
+    """A margin, zero within rounding of an active limit."""
+    return 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
 
 
 def _curvature(body: Body, kappa: ca.SX) -> ca.SX:
@@ -383,7 +384,7 @@ def verified_margins(
     moving = v.any(axis=1)
     used = _used(robot, q[moving], v[moving], mode[moving])
     for limit, share in zip(speed_limits(robot), used, strict=True):
-        yield limit.name, limit.settled(robot, limit.most(robot) * (1 - share))
+        yield limit.name, settled(limit.most(robot) * (1 - share), limit.most(robot))
     driving = v[:, 2:].any(axis=1)
     for shape in SHAPE_LIMITS:
         margins = shapes[shape.name]

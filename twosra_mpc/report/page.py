@@ -129,7 +129,7 @@ def _verification(plan: Plan) -> dict[str, Any]:
 def _motion(plan: Plan) -> dict[str, Any]:
     """Everything that is drawn: film, timeline, set-points, figure."""
     playback, samples = plan_playback(plan), plan.trajectory.samples
-    scale, table = Thermometer.of(plan), setpoint_table(samples)
+    scale, table = Thermometer.of(plan), setpoint_table(plan.trajectory.held())
     goal = plan.problem.goal.configuration
     goal = np.where(np.isnan(goal), samples.q[-1], goal)
     start, end = (robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], goal))

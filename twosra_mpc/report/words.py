@@ -92,6 +92,8 @@ def bound_sentences(result: Result) -> Iterator[str]:
             f"This plan costs {plan.cost.total:.4f} s, so no other one can be better by more than"
             f" {plan.cost.total - result.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
         )
+    if problem.motion == "gentle" and problem.robot.limits.wheel_acceleration_rad_s2 is not None:
+        yield "It drives gently: what the asked gap lets it cost more is spent on lower speeds."
     yield f"Cost is {_cost_formula(problem)}."
     modes = ", ".join(mode_name(mode) for mode in problem.modes)
     yield (

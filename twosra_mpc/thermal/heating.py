@@ -17,12 +17,13 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.thermal.model import SegmentModel, State
 from twosra_mpc.thermal.uncertainty import Windows
 
+Array = NDArray[np.float64]
 Stiffness = Literal["soft", "rigid"]
 
 _ROUNDING_S = 1e-6  # what is saved must be more

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 import osqp  # type: ignore[import-untyped]  # it has no stubs
 from scipy import sparse
 
 from twosra_mpc.execution.tracking.linearisation import TrackingProgram
 from twosra_mpc.execution.tracking.setup import SolverSettings
+from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
 
 USABLE = 0.03  # residuals up to which a point that did not converge is still worth sending
@@ -105,8 +104,8 @@ class ProgramInPlace:
         arguments = [self.measured, self.reference, self._x, self.wheels]
         changing = self._cost[: setup.outputs.count]
         numbers = [self._values, self._lower, self._upper, changing, self._expected]
-        self._linearise = _InPlace(program.linearise, arguments, numbers)
-        self._first_command = _InPlace(program.command, arguments, [self.v, self.command])
+        self._linearise = InPlace(program.linearise, arguments, numbers)
+        self._first_command = InPlace(program.command, arguments, [self.v, self.command])
         self.forget()
         self._linearise.evaluate()
         self._solver = self._set_up(settings)
@@ -197,18 +196,3 @@ class ProgramInPlace:
         pattern = self.program.constraints
         values = (self._values.copy(), pattern.indices, pattern.indptr)
         return sparse.csc_matrix(values, shape=pattern.shape)
-
-
-class _InPlace:
-    """A CasADi function that reads from and writes to fixed arrays."""
-
-    def __init__(
-        self, function: ca.Function, reads: Sequence[Array], writes: Sequence[Array]
-    ) -> None:
-        buffer: Any = function.buffer()  # its type stub describes the C++ call, not this one
-        self._memory, self.evaluate = buffer  # the memory must live as long as evaluate is used
-        self._arrays = (*reads, *writes)
-        for place, array in enumerate(reads):
-            self._memory.set_arg(place, memoryview(array.data))
-        for place, array in enumerate(writes):
-            self._memory.set_res(place, memoryview(array.data))

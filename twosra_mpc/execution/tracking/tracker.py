@@ -187,7 +187,7 @@ class Tracker:
             allowed = f"a plan for this very robot, {self.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
         samples = plan.samples
-        for name in ("t_s", "q", "v", "heater_setpoint_C"):
+        for name in ("t_s", "q", "v", "a", "heater_setpoint_C"):
             if not np.isfinite(getattr(samples, name)).all():
                 raise InputError(f"plan.samples.{name}", "not finite", "finite numbers")
         phases = []

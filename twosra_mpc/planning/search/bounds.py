@@ -380,11 +380,12 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
         least, most = float(ranges[0][i]), float(ranges[1][i])
         if least * most > 0:
             bend = min(least, most, key=abs)
-            durations[i] = task.least_time(mode, [*zip(*here.tolist(), strict=True)], bend)
+            before = tuple(zip(here[0].tolist(), here[1].tolist(), strict=True))
+            durations[i] = task.least_time(mode, before, bend)
         if exact is not None and any(mode):
-            before = tuple(here[0].tolist())
-            if task.forbidden(mode, before, float(exact[i])) is not None:
-                durations[i] = np.inf
+            bend, from_here = float(exact[i]), tuple(here[0].tolist())
+            forbidden = task.forbidden(mode, from_here, bend) is not None
+            durations[i] = np.inf if forbidden else durations[i]
         here = here + np.outer((least, most), mode)
         if exact is not None and not all(task.within(j, float(here[0, j])) for j in task.segments):
             durations[i] = np.inf
