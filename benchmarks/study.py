@@ -80,9 +80,9 @@ class PlanStudy(Study):
 
     @property
     def named(self) -> Mapping[str, Problem]:
-        """Label -> problem, with the time limit."""
-        limit, named = self.time_limit_s, labelled(self.problems)
-        return {name: one.with_values(time_limit_s=limit) for name, one in named.items()}
+        """Label -> problem, with the time limit, and at full speed: costs are compared."""
+        given = {"time_limit_s": self.time_limit_s, "motion": "fastest"}
+        return {name: one.with_values(**given) for name, one in labelled(self.problems).items()}
 
     def timed(
         self, functions: Mapping[str, Callable[[], Returned]]

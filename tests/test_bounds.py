@@ -31,7 +31,7 @@ def sequences() -> list[ModeSequence]:
 
 
 # Thermal times, constant times, and metal so fast that driving counts: half of it, all of it.
-CASES = [(0, None), (2, None), (1, 1.0), (3, 1.0), *itertools.product(range(4), (30.0, 3000.0))]
+CASES = [(0, None), (2, None), (1, 1.0), (3, 1.0), (0, 30.0), (2, 30.0), (1, 3000.0), (3, 3000.0)]
 
 
 @pytest.mark.parametrize(("seed", "factor"), CASES)
@@ -137,7 +137,7 @@ def test_bends_of_the_relaxation_add_up_to_the_task() -> None:
     assert np.isfinite(bound.times).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_with_fast_metal_the_change_of_pose_raises_the_bound(seed: int) -> None:
     problem = random_problem(seed, robot=faster_robot(50.0))
     result = plan(problem).require()

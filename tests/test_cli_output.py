@@ -26,6 +26,7 @@ from test_problem import write
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
 from twosra_mpc.cli import options, output, planning, simulate, stream
+from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.plotting import film, paper_figures
 from twosra_mpc.problem.problem import Problem
@@ -43,7 +44,7 @@ def run(run_as_is: Run) -> Run:
 
 def load_quick(_asked: str, **overrides: Any) -> Problem:
     """Load a scenario that takes less time than the one that was asked for."""
-    return load_problem("shape-change", **overrides)
+    return load_problem("shape-change", **{"max_phases": 3, **overrides})
 
 
 @pytest.fixture
@@ -55,10 +56,15 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
 
+@lru_cache(1)
+def simulated() -> Simulation:
+    """One run of a simulated robot, the same for all tests."""
+    return run_simulation(load_problem("shape-change"))
+
+
 @pytest.fixture
 def one_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let all simulated robots be alike."""
-    simulated = lru_cache(1)(lambda: run_simulation(load_problem("shape-change")))
     monkeypatch.setattr(simulate, "simulate", lambda *_, **__: simulated())
 
 
@@ -122,7 +128,7 @@ def test_fitted_paths_are_json(run: Run) -> None:
 
 @pytest.mark.usefixtures("quick")
 def test_compared_models_are_json(run: Run) -> None:
-    found = json.loads(run("compare-models", "paper-2", "--json").out)
+    found = json.loads(run("compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json").out)
     for made in found["plans"]:
         assert made["status"] == "optimal"
         assert np.abs(made["end_error_under"][made["model"]]).max() < 1e-6
@@ -212,7 +218,10 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 PROGRESS: list[tuple[list[str], str]] = [
     (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
     (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
-    (["compare-models", "paper-2", "--json"], "planning under each path model"),
+    (
+        ["compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json"],
+        "planning under each path model",
+    ),
     (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
     (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),

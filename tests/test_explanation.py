@@ -163,7 +163,7 @@ def test_the_next_best_sequence_is_what_the_planner_says(
 
 def test_sequences_that_only_melt_more_are_passed_over() -> None:
     """Next after [0,0] > [1,0] is the same with an idle melt; what is told bends otherwise."""
-    problem = load_problem("shape-change")
+    problem = load_problem("shape-change", robot="2sra-v1-paper")
     idle = plan_without(problem, frozenset({(RIGID, SOFT_1, RIGID)})).require()
     assert modes_of(idle) == [RIGID, SOFT_1]
     other = explanation_module._next_best(plan(problem).require())

@@ -58,7 +58,7 @@ def test_a_model_without_a_plan_has_no_end_error() -> None:
 
 
 def test_compare_models_prints_both_tables(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("compare-models", "shape-change") == 0
+    assert run("compare-models", "paper-2", "--robot", "2sra-v1-paper") == 0
     out = capsys.readouterr().out
     assert all(out.count(model) >= 3 for model in PATH_MODELS)
     assert "0.0, 0.0, 0.0, 0.0" in out.replace("-0.0", "0.0")

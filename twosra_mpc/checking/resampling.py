@@ -14,8 +14,8 @@ from twosra_mpc.plans.trajectory import new_times
 def refined(plan: Plan, rate_Hz: float) -> Plan:
     """Add samples at a regular rate; those that the plan has stay, since its inputs change there.
 
-    Inputs hold from a sample to the next, as in every plan: what is added repeats the inputs in
-    force, on the plan's path and at the temperatures expected there. The outcome is verified anew.
+    What is added has the input in force there, on the plan's path and at the temperatures expected
+    there. The outcome is verified anew.
 
     Raises:
         InputError: If the rate is not positive, or beyond 1000 Hz.

@@ -31,7 +31,7 @@ _PLANTS, _LEVELS = ", ".join(PLANTS), ", ".join(LEVELS)
 @options.command("simulate")
 @click.argument("scenario", **options.SCENARIO)
 @click.option("--plant", default="arc", help=f"How its fibre bends: {_PLANTS}.")
-@click.option("--disturbance", default="moderate", help=f"From its description: {_LEVELS}.")
+@click.option("--disturbance", default="moderate", help=f"How far from its description: {_LEVELS}.")
 @click.option("--seed", type=int, default=0, help="Of all that is drawn.")
 @click.option(
     "--executor",
