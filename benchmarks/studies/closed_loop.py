@@ -47,7 +47,7 @@ class ClosedLoop(Study):
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Do plans reach their goals on robots that are not as described?"
 
-    problems: Choices = ("published", "random-100:20")
+    problems: Choices = ("published-default", "random-100:20")
     level: Literal["none", "mild", "moderate", "hard"] = "moderate"
     seeds: Count = 8
     executors: Executors = ("optimal", "greedy")
