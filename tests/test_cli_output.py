@@ -44,7 +44,7 @@ def run(run_as_is: Run) -> Run:
 
 def load_quick(_asked: str, **overrides: Any) -> Problem:
     """Load a scenario that takes less time than the one that was asked for."""
-    return load_problem("shape-change", **{"max_phases": 3, **overrides})
+    return load_problem("shape-change", **{"max_phases": 3, "gap": 0.05, **overrides})
 
 
 @pytest.fixture
