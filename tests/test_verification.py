@@ -307,7 +307,9 @@ def test_a_plan_that_begins_in_motion_is_found(case: Case) -> None:
     for wheel in range(4):
         spoilt = spoilt.set("wheel_rad_s", 0, wheel, case.samples.wheel_rad_s[1, wheel] / 2)
     assert spoilt.check().max_defect <= 1e-6
-    assert_found(spoilt, "^the phase at 0.000 s does not go from rest to rest$", "a wheel's speed jumps by")
+    assert_found(
+        spoilt, "^the phase at 0.000 s does not go from rest to rest$", "a wheel's speed jumps by"
+    )
 
 
 @all_timings
