@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import signal
 from collections.abc import Callable, Iterator
@@ -106,8 +107,7 @@ def test_the_command_sums_up_and_writes(twosra: Callable[[str], Printed], tmp_pa
 
 
 def test_every_example_of_the_help_runs(twosra: Callable[[str], Printed]) -> None:
-    text = simulate_heater_command.help
-    assert text is not None
+    text = inspect.cleandoc(simulate_heater_command.help or "")
     examples = [line.strip() for line in text.splitlines() if line.startswith("  twosra ")]
     assert len(examples) == 3
     for example in examples:

@@ -110,9 +110,9 @@ def bound_sentences(result: Result) -> Iterator[str]:
 def caveat_sentences(result: Result) -> Iterator[str]:
     """Say what neither the bound nor the verification is about."""
     yield (
-        "All of this is about the model. On hardware a unit that should hold pivots a little"
-        " while the other one bends: expect about 2 cm after soft phases, and close the loop with"
-        " a camera."
+        "All of this is about the model. On hardware a unit that should hold pivots while the"
+        " other one bends: expect 5 to 10 cm and up to 2 rad after a soft phase, unless a camera"
+        " closes the loop."
     )
     yield "Obstacles and slipping wheels are not part of the model."
     if result.status is Status.FAILED and result.plan is not None:
