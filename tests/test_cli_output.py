@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import inspect
 import json
 import shlex
 import subprocess
@@ -337,7 +338,7 @@ def test_a_rate_without_a_csv_file_is_refused(run: Run) -> None:
 
 
 def examples(name: str) -> list[str]:
-    text = command(name).help or ""
+    text = inspect.cleandoc(command(name).help or "")
     return [line.strip() for line in text.splitlines() if line.startswith("  twosra ")]
 
 
