@@ -85,7 +85,7 @@ def test_commands_turn_the_wheels_as_far_as_the_plan_and_never_faster(
 # --- to the end ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["paper-1", "paper-2", "three-segments"])
+@pytest.mark.parametrize("scenario", ["paper-2", "three-segments"])
 def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
     planned: Planned, connect: Connected, scenario: str
 ) -> None:
