@@ -32,7 +32,7 @@ Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fu
 
 ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
-_ROUNDING_S = 1e-3  # more than the solver leaves of constraints
+_STEP_S = 1e-3  # of durations, and more than the solver leaves of its constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
@@ -56,7 +56,7 @@ def gentle(
     efforts = np.array([profile.effort_s for profile in profiles]) * quickest
     for share in _SHARES:
         wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
-        durations = quickest + share * (wanted - quickest)
+        durations = quickest + np.floor(share * (wanted - quickest) / _STEP_S) * _STEP_S
         found = feasible_schedule(network, durations, problem)
         if found is not None and _cost(found, problem) <= (1 + ROUNDING) * most:
             slower = zip(profiles, durations.tolist(), strict=True)
@@ -109,9 +109,9 @@ def _least_effort(
             LinearConstraint(of[until] - of[since], apart[since, until] / scale, np.inf),
             LinearConstraint(lasting, quickest[moving] / scale, np.inf),
             LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
-            LinearConstraint(cost[kept], -np.inf, (most - _ROUNDING_S - constant) / scale),
+            LinearConstraint(cost[kept], -np.inf, (most - _STEP_S - constant) / scale),
         ],
-        options={"maxiter": 200},
+        options={"maxiter": 200, "ftol": 1e-10},
     )
     durations = quickest.copy()
     durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
