@@ -21,6 +21,7 @@ pose adds the constraint of ``pose_bound``. A sequence that never melts anything
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -352,17 +353,22 @@ def bend_ranges(sequence: ModeSequence, task: BendingTask) -> tuple[Array, Array
 
     Then the bends d solve A d = w for some w in the box that is asked for, so d = A^+ w.
     """
+    inverse = _inverse(sequence)
+    if inverse is None:
+        return None
+    low, high = np.array(task.change).T
+    rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
+    return rise @ low + fall @ high, rise @ high + fall @ low
+
+
+@functools.lru_cache(4096)
+def _inverse(sequence: ModeSequence) -> Array | None:
+    """A^+, (phases, segments), zero for rigid phases; None if soft modes are not independent."""
     soft = [i for i, mode in enumerate(sequence) if any(mode)]
-    low, high = np.zeros(len(sequence)), np.zeros(len(sequence))
-    if soft:
-        incidence = np.array([[sequence[i][j] for i in soft] for j in task.segments], dtype=float)
-        if np.linalg.matrix_rank(incidence) < len(soft):
-            return None
-        inverse, change = np.linalg.pinv(incidence), np.array(task.change).T
-        rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
-        low[soft] = rise @ change[0] + fall @ change[1]
-        high[soft] = rise @ change[1] + fall @ change[0]
-    return low, high
+    incidence = np.array(sequence, dtype=float)
+    if soft and np.linalg.matrix_rank(incidence[soft]) < len(soft):
+        return None
+    return np.linalg.pinv(incidence.T)
 
 
 def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
@@ -382,13 +388,11 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
             bend = min(least, most, key=abs)
             before = tuple(zip(here[0].tolist(), here[1].tolist(), strict=True))
             durations[i] = task.least_time(mode, before, bend)
+        start, here = here[0].tolist(), here + np.outer((least, most), mode)
         if exact is not None and any(mode):
-            bend, from_here = float(exact[i]), tuple(here[0].tolist())
-            forbidden = task.forbidden(mode, from_here, bend) is not None
-            durations[i] = np.inf if forbidden else durations[i]
-        here = here + np.outer((least, most), mode)
-        if exact is not None and not all(task.within(j, float(here[0, j])) for j in task.segments):
-            durations[i] = np.inf
+            inside = all(task.within(j, float(here[0, j])) for j in task.segments)
+            if not inside or task.forbidden(mode, tuple(start), float(exact[i])) is not None:
+                durations[i] = np.inf
     return durations
 
 
