@@ -353,8 +353,7 @@ def bend_ranges(sequence: ModeSequence, task: BendingTask) -> tuple[Array, Array
 
     Then the bends d solve A d = w for some w in the box that is asked for, so d = A^+ w.
     """
-    inverse = _inverse(sequence)
-    if inverse is None:
+    if (inverse := _inverse(sequence)) is None:
         return None
     low, high = np.array(task.change).T
     rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
@@ -364,11 +363,12 @@ def bend_ranges(sequence: ModeSequence, task: BendingTask) -> tuple[Array, Array
 @functools.lru_cache(4096)
 def _inverse(sequence: ModeSequence) -> Array | None:
     """A^+, (phases, segments), zero for rigid phases; None if soft modes are not independent."""
-    soft = [i for i, mode in enumerate(sequence) if any(mode)]
-    incidence = np.array(sequence, dtype=float)
-    if soft and np.linalg.matrix_rank(incidence[soft]) < len(soft):
+    modes = np.array(sequence, dtype=float)
+    inverse, soft = np.zeros_like(modes), modes.any(axis=1)
+    if np.linalg.matrix_rank(modes) < soft.sum():
         return None
-    return np.linalg.pinv(incidence.T)
+    inverse[soft] = np.linalg.pinv(modes[soft].T)
+    return inverse
 
 
 def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
