@@ -148,7 +148,17 @@ def test_the_next_best_sequence_is_another_one_and_not_below_the_bound(
     assert other.result.found
     assert modes_of(other.plan) != modes_of(original)
     assert other.plan.cost.total >= original.lower_bound - 1e-9
-    assert other.difference_s == other.plan.cost.total - original.cost.total
+    quick = plan(load_problem(name, motion="fastest")).require()
+    assert other.difference_s == other.plan.cost.total - quick.cost.total
+    assert other.original.cost == quick.cost
+    assert f"Instead, compared at full speed ({quick.cost.total:.2f} s" in str(told)
+
+
+def test_a_plan_at_full_speed_is_compared_with_itself() -> None:
+    made = plan(load_problem("shape-change", motion="fastest"))
+    told = explain(made)
+    assert all(other.original is made.plan for other in told.alternatives)
+    assert "Instead\n" in str(told)
 
 
 def test_the_next_best_sequence_is_what_the_planner_says(
@@ -156,7 +166,7 @@ def test_the_next_best_sequence_is_what_the_planner_says(
 ) -> None:
     other = alternative(explained("paper-1"), "with the next best mode sequence")
     best = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
-    direct = plan_without(load_problem("paper-1"), frozenset({best})).require()
+    direct = plan_without(load_problem("paper-1", motion="fastest"), frozenset({best})).require()
     assert other.plan is not None
     assert other.plan.cost == direct.cost
 
@@ -187,12 +197,13 @@ def test_no_mode_is_forbidden_at_a_gain(explained: Callable[[str], Explanation],
 def test_every_figure_is_that_of_planning_the_changed_problem(
     explained: Callable[[str], Explanation],
 ) -> None:
-    result, base = explained("paper-1"), load_problem("paper-1", time_limit_s=10.0)
+    result = explained("paper-1")
+    base = load_problem("paper-1", time_limit_s=10.0, motion="fastest")
     changed = {
-        "without mode [0,0]": load_problem("paper-1", modes=[SOFT_2, SOFT_1, SOFT_BOTH]),
-        "without mode [1,0]": load_problem("paper-1", modes=[RIGID, SOFT_2, SOFT_BOTH]),
-        "without mode [1,1]": load_problem("paper-1", modes=[RIGID, SOFT_2, SOFT_1]),
-        "with one heater at a time": load_problem("paper-1", heaters_at_once=1),
+        "without mode [0,0]": base.with_values(modes=[SOFT_2, SOFT_1, SOFT_BOTH]),
+        "without mode [1,0]": base.with_values(modes=[RIGID, SOFT_2, SOFT_BOTH]),
+        "without mode [1,1]": base.with_values(modes=[RIGID, SOFT_2, SOFT_1]),
+        "with one heater at a time": base.with_values(heaters_at_once=1),
         "freezing 1.5 times slower": slowed(base, "freeze", 1.5)[0],
         "melting 1.5 times slower": slowed(base, "melt", 1.5)[0],
     }
@@ -359,7 +370,7 @@ def test_an_interrupt_returns_what_is_known(monkeypatch: pytest.MonkeyPatch) -> 
 def test_an_interrupt_that_the_search_caught_ends_the_explanation(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made = plan(load_problem("rigid-move"))
+    made = plan(load_problem("rigid-move", motion="fastest"))
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -370,6 +381,19 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
     last = told.alternatives[-1]
     assert last.change == "without mode [0,0]"
     assert "interrupted" in last.outcome
+
+
+def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = plan(load_problem("rigid-move"))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(planner_module, "solve", interrupted)
+    told = explain(made)  # at full speed it is planned anew
+    assert (told.result, told.alternatives, told.complete) == (made, (), False)
 
 
 def test_an_interrupt_of_the_plan_itself_plans_nothing_more(

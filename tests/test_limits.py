@@ -95,6 +95,24 @@ def test_rigid_rows_are_the_wheel_matrix_over_the_wheel_speed() -> None:
     assert rigid_rows(ARC, (12.0, -7.0)) == pytest.approx(matrix / 10.0)
 
 
+@given(
+    direction=st.floats(-math.pi, math.pi),
+    turn=st.floats(-0.3, 0.3),
+    kappa=st.tuples(st.floats(-50, 50), st.floats(-50, 50)),
+)
+def test_rigid_rows_forbid_no_twist_within_the_limits(
+    direction: float, turn: float, kappa: tuple[float, float]
+) -> None:
+    """Bounds rest on them; what is verified may use a little less than the circle of speeds."""
+    twist = np.array([math.cos(direction), math.sin(direction), turn])
+    drives = LIMITED.with_values(limits=LIMITED.limits.with_values(wheel_speed_rad_s=1e3))
+    at_most = np.array([0.05, 0.05, 1.0]) * twist
+    assert np.abs(rigid_rows(drives, kappa) @ at_most).max() <= 1 + 1e-12
+    motion = np.array([[0.0, 0.0, *at_most]])
+    stated = least_times(drives, np.array([[0.0, 0.0, 0.0, *kappa]]), motion, np.array([[0, 0]]))
+    assert 1 - 1e-12 <= stated[0] <= 1 / math.cos(math.pi / 16) + 1e-12
+
+
 def test_every_limit_is_checked_in_every_plan() -> None:
     made = plan(load_problem("move-and-shape")).require()
     samples = made.samples

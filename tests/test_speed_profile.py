@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from problems import ROBOT, at_once, bound_of, network_of, random_problem
 from scipy.optimize import linprog
 
+import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Plan, Problem, Robot, Start, Status, load_problem, load_robot, plan
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion, roll_out
@@ -19,7 +20,8 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.gentle import gentle
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, feasible_schedule, scheduled
 from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.planner import SequenceSolver, rigid_time
+from twosra_mpc.planning.planner import rigid_time
+from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.limits import interval_durations, rigid_ramp_s, rigid_rows
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
@@ -281,21 +283,37 @@ def test_a_robot_without_these_limits_plans_as_ever() -> None:
     assert not soft.samples.a.any()
 
 
-def test_a_candidate_is_found_again_as_it_was() -> None:
-    problem = random_problem(3, robot=ARC)
-    made = plan(problem).require()
-    network = network_of(problem, tuple(phase.mode for phase in made.phases))
-    attempts = SequenceSolver(problem)(network, bound_or_fail(problem, network.sequence))
-    first = next(iter(attempts))
-    assert first is not None
-    assert first[0] == first[1].plan.cost.total
-    assert replace(first[1].plan, lower_bound=made.lower_bound).cost.total <= made.cost.total + 1e-9
+def test_a_long_sequence_of_short_phases_is_driven_gently_as_well() -> None:
+    """Three short phases in nine minutes: what is minimised is scaled to the phases."""
+    problem = load_problem("paper-1", heaters_at_once=1)
+    quick, soft = (plan(problem.with_values(motion=how)).require() for how in ("fastest", "gentle"))
+    assert effort(soft) < 0.6 * effort(quick)
 
 
-def bound_or_fail(problem: Problem, sequence: ModeSequence):  # noqa: ANN201
-    bound = bound_of(problem, sequence)
-    assert bound is not None
-    return bound
+def test_ctrl_c_while_a_plan_is_made_gentle_keeps_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    quick = plan(load_problem("paper-2", motion="fastest"))
+    monkeypatch.setattr(planner_module, "gentle", interrupted)
+    kept = plan(load_problem("paper-2"))
+    assert kept.ending is Ending.INTERRUPTED
+    assert kept.require().cost == quick.require().cost
+    assert kept.lower_bound == quick.lower_bound
+
+
+def test_the_time_that_planning_took_includes_making_it_gentle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 0.0
+
+    def long_work(*_: object) -> None:
+        nonlocal now
+        now += 100.0
+
+    monkeypatch.setattr(planner_module, "time", SimpleNamespace(perf_counter=lambda: now))
+    monkeypatch.setattr(planner_module, "gentle", long_work)
+    assert plan(load_problem("paper-2")).stats.wall_s >= 100.0
 
 
 def test_a_problem_says_how_it_moves() -> None:

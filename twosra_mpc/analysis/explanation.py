@@ -1,8 +1,8 @@
 """``explain(problem)``: why a plan is what it is, and what other plans would cost.
 
 Everything said of another plan comes from planning it: the next best mode sequence, the plan
-without a mode, with one heater, with slower transitions. What the duration is made of is read off
-the plan itself.
+without a mode, with one heater, with slower transitions. Plans are compared at full speed: gentle
+ones all cost as much as the gap allows. What the duration is made of is read off the plan itself.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Alternative:
     Attributes:
         change: What is different, e.g. "without mode [1,0]".
         details: What exactly was changed, or what the other plan does; may be empty.
-        original: The plan that is explained.
+        original: The plan that is explained, at full speed.
         result: Of planning the changed problem, with its own status and gap; None if the change
             makes no valid problem.
     """
@@ -118,7 +118,9 @@ class Explanation:
             lines.append("At the same time, at no cost")
             lines += [f"  {one.activity.duration_s:8.2f} s {one}" for one in self.hidden]
         if self.alternatives:
-            lines.append("Instead")
+            quick = self.alternatives[0].original
+            compared = f", compared at full speed ({quick.cost.total:.2f} s for this plan)"
+            lines.append(f"Instead{'' if quick is self.result.plan else compared}")
             lines += [f"  {other}" for other in self.alternatives]
         if not self.complete:
             lines.append("Interrupted: not all alternatives were planned.")
@@ -192,8 +194,9 @@ def _why(made: Plan) -> Iterator[str]:
         yield f"proved: no plan whatever costs less than {made.lower_bound:.2f} s"
 
 
-def _alternatives(original: Plan, tell: Callable[[str], None]) -> Iterator[Alternative]:
+def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternative]:
     """Plan one alternative after the other."""
+    original = _at_full_speed(made, tell)
     tell("the next best mode sequence")
     yield _next_best(original)
     for change, changed in _changes(original):
@@ -203,6 +206,17 @@ def _alternatives(original: Plan, tell: Callable[[str], None]) -> Iterator[Alter
             yield Alternative(change, details, original, plan(problem))
         except InputError as error:
             yield Alternative(change, f"no such problem: {error}", original, None)
+
+
+def _at_full_speed(made: Plan, tell: Callable[[str], None]) -> Plan:
+    """The plan itself if it is, or the best one that is."""
+    if not made.problem.drives_gently:
+        return made
+    tell("the same at full speed")
+    quickest = plan(made.problem.with_values(motion="fastest"))
+    if quickest.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    return quickest.plan or made
 
 
 def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, str]]]]:

@@ -31,7 +31,7 @@ from twosra_mpc.timing import TemporalNetwork
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
 ROUNDING = 1e-9  # of a cost
-_SHARES = (1.0, 1.0, 1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
+_SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
 _STEP_S = 1e-3  # of durations, and more than the solver leaves of its constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
@@ -91,11 +91,11 @@ def _least_effort(
     apart, of = _longest_paths(network)[np.ix_(kept, kept)], np.eye(len(kept))
     since, until = np.nonzero(np.isfinite(apart))
     lasting = of[np.searchsorted(kept, ends)] - of[np.searchsorted(kept, starts)]
-    scale = float(times[layout.finish])
+    scale, at_first = float(quickest.sum()), float((efforts[moving] / quickest[moving]).sum())
 
     def effort(t: Array) -> tuple[float, Array]:
         duration = np.maximum(lasting @ t, 1e-9)
-        each = efforts[moving] / efforts.sum() / duration
+        each = efforts[moving] / (at_first * scale) / duration
         return float(each.sum()), lasting.T @ (-each / duration)
 
     solver: Any = minimize  # its stubs know of no options of a single method

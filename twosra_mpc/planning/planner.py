@@ -98,13 +98,18 @@ def plan_without(
         out_of_time=lambda: time.perf_counter() - started > problem.time_limit_s,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
     )
+    made = result.solution.plan if result.solution else None
+    try:
+        made = _as_asked(problem, result)
+    except KeyboardInterrupt:  # what was found is kept
+        result = replace(result, ending=Ending.INTERRUPTED)
     stats = Stats(
         wall_s=time.perf_counter() - started,
         sequences_bounded=result.bounded,
         sequences_solved=result.solved,
         nlp_iterations=solver.iterations,
     )
-    return _conclude(problem, result, tree, stats)
+    return _conclude(problem, result, made, tree, stats)
 
 
 def mode_tree(
@@ -272,13 +277,17 @@ def rigid_time(problem: Problem) -> float:
 
 
 def _conclude(
-    problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved], stats: Stats
+    problem: Problem,
+    search: SearchResult[Solved],
+    made: Plan | None,
+    tree: ModeTree[Solved],
+    stats: Stats,
 ) -> Result:
     """Turn the outcome of the search into a result with a true status and a useful message."""
     lower = search.lower_bound if math.isfinite(search.lower_bound) else None
-    ending, made = search.ending, None
-    if search.solution is not None:
-        made = replace(_as_asked(problem, search.solution, lower), lower_bound=lower)
+    ending = search.ending
+    if made is not None:
+        made = replace(made, lower_bound=lower)
         status, message = made.status, _quality(made, ending)
     elif (proof := _proof(problem, search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
@@ -288,11 +297,13 @@ def _conclude(
     return Result(problem, "optimal", status, message, lower, ending, stats, made)
 
 
-def _as_asked(problem: Problem, found: Solved, lower: float | None) -> Plan:
+def _as_asked(problem: Problem, search: SearchResult[Solved]) -> Plan | None:
     """The plan that was found, or a gentler one of its sequence that costs no more than asked."""
-    if problem.motion != "gentle" or problem.robot.limits.wheel_acceleration_rad_s2 is None:
+    if (found := search.solution) is None:
+        return None
+    if not problem.drives_gently:
         return found.plan
-    within = (1 - 2 * ROUNDING) * (lower or 0.0) / (1 - problem.gap)
+    within = (1 - 2 * ROUNDING) * search.lower_bound / (1 - problem.gap)
     most = limit = max(found.plan.cost.total, within)
     for _ in range(2):  # what the energy costs is exactly known only of a plan that is made
         candidate = gentle(problem, found.candidate, found.network, most)

@@ -29,7 +29,8 @@ TOUCHING_M = 1e-9  # rounding allowed in a gap
 RELATIVE_ROUNDING = 1e-7  # of a limit
 _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
-_SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / np.cos(np.pi / 16)
+_WITHIN = float(np.cos(np.pi / 16))
+_SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
 _CERTAIN = 1e-3  # of a limit's scale: beyond what interpolating a shape can feign
 
 
@@ -65,12 +66,14 @@ class SpeedLimit:
         unit: Unit of the margin.
         travel: (body, q, s, sigma) -> what an input displacement s moves, (m,); linear in s.
         words: What is wrong with a motion that is too fast, to complete "a motion in which ...".
+        overstated: How many times more than what is really travelled ``travel`` may say.
     """
 
     name: str
     unit: str
     travel: Callable[[Body, ca.SX, ca.SX, ca.SX], ca.SX]
     words: Callable[[MotionLimits], str]
+    overstated: float = 1.0
 
     def most(self, robot: Robot | Body) -> float:
         """The limit itself."""
@@ -150,6 +153,7 @@ SPEED = SpeedLimit(
     unit="m/s",
     travel=lambda body, q, s, sigma: ca.DM(_SPEED_AXES) @ s[2:4],
     words=lambda limits: f"the middle link drives faster than {limits.speed_m_s:g} m/s",
+    overstated=1 / _WITHIN,
 )
 TURN_RATE = SpeedLimit(
     name="turn_rate_rad_s",
@@ -333,6 +337,8 @@ def shapes_allowed(motion: Motion, still: float) -> bool:
 def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
     """Rows M (m, 3): abs(M xi) <= 1 for every body twist xi = (u, v, r) within the speed limits.
 
+    What a limit overstates is taken off, so that bounds hold for the limit itself.
+
     Args:
         robot: The robot.
         kappa: The shape it drives in, (n,) [1/m].
@@ -347,7 +353,9 @@ def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
 def _rigid_rows(body: Body) -> ca.Function:
     q, twist = ca.SX.sym("q", POSE + body.geometry.segments), ca.SX.sym("twist", 3)
     rigid = ca.DM.zeros(body.geometry.segments)
-    times = ca.vertcat(*speed_function(body)(q, ca.vertcat(0, 0, twist), rigid))
+    stated = speed_function(body)(q, ca.vertcat(0, 0, twist), rigid)
+    limits = speed_limits(body)
+    times = ca.vertcat(*(t / b.overstated for t, b in zip(stated, limits, strict=True)))
     return ca.Function("rigid_rows", [q], [ca.densify(ca.jacobian(times, twist))])
 
 

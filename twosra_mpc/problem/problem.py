@@ -275,6 +275,12 @@ class Problem(Value):
         )
 
     @property
+    def drives_gently(self) -> bool:
+        """Whether time to spare is used to drive slowly: a robot that may jump needs none."""
+        limited = self.robot.limits.wheel_acceleration_rad_s2 is not None
+        return self.motion == "gentle" and limited
+
+    @property
     def cost_weights(self) -> Weights:
         """The weights, with energy before time where ``heating`` asks for it."""
         if self.heating != "least_energy":
