@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.flow import interval_flow, screws, steps_for
+from twosra_mpc.model.flow import interval_chain, interval_flow, screws, steps_for
 from twosra_mpc.model.kinematics import wheel_travel
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
@@ -229,11 +229,33 @@ class Trajectory:
         v: Array = self.samples.v[at] + self.samples.a[at] * elapsed[:, None]
         return v
 
+    @cached_property
+    def _nodes(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+        """Configurations at equal parts of every interval that bends: q, first of each, parts.
+
+        Integrated once, so that no time asked for is further than two steps from one of them.
+        """
+        robot, held, whole = self.problem.robot, self.samples, np.diff(self._moved, axis=0)
+        nodes = [held.q[k : k + 1] for k in range(len(held))]
+        for k in np.flatnonzero(held.mode[:-1].any(axis=1) & whole.any(axis=1)).tolist():
+            if (parts := steps_for(whole[k : k + 1]) // 2) > 1:
+                chain = interval_chain(robot, parts - 1, 2)
+                modes = np.tile(held.mode[k, :, None], parts - 1)
+                on = chain(held.q[k], np.tile(whole[k, :, None] / parts, parts - 1), modes)
+                nodes[k] = np.vstack([nodes[k], on.full().T])
+        parts_of = np.array([len(rows) for rows in nodes])
+        return np.concatenate(nodes), np.cumsum(parts_of) - parts_of, parts_of
+
     def _flown(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Configuration ``elapsed`` [s] after the samples ``at``."""
-        held = self.samples
+        (nodes, first, parts), mode = self._nodes, self.samples.mode[at]
         s = self._input(at, elapsed / 2) * elapsed[:, None]
-        return flown(self.problem.robot, held.q[at], s, held.mode[at])
+        part = self._moved[np.minimum(at + 1, len(first) - 1)] - self._moved[at]
+        part /= parts[at, None]
+        step = np.linalg.norm(part, axis=1)
+        passed = np.linalg.norm(s, axis=1) // np.where(step > 0, step, np.inf)
+        k = np.minimum(passed.astype(int), parts[at] - 1)
+        return flown(self.problem.robot, nodes[first[at] + k], s - part * k[:, None], mode)
 
     def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """How far the wheels turn within ``elapsed`` [s] after the samples ``at``, by Simpson."""
