@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -94,20 +96,18 @@ def melt_fraction(segment: SegmentHeating, t: Array) -> Array:
 WARM_STARTS = [(70.0, 25.0), (25.0, 64.0), (63.0, 62.0)]
 
 
-@pytest.fixture(scope="module", params=WARM_STARTS, ids=str)
-def warm_start(request: pytest.FixtureRequest) -> tuple[float, float]:
-    """Start temperatures, partly liquid."""
-    temperatures: tuple[float, float] = request.param
-    return temperatures
-
-
-@pytest.fixture(scope="module", params=["nominal", "constant"])
-def warm_plan(request: pytest.FixtureRequest, warm_start: tuple[float, float]) -> Plan:
+@pytest.fixture(params=itertools.product(WARM_STARTS, ["nominal", "constant"]), ids=str)
+def warm_plan(request: pytest.FixtureRequest) -> Plan:
     """A plan whose start is partly liquid."""
+    return planned_from(*request.param)
+
+
+@functools.cache
+def planned_from(temperatures: tuple[float, float], timing: str) -> Plan:
     goal = {"x_m": 0.1, "y_m": 0.0, "phi_rad": 0.2, "kappa_per_m": (20.0, -15.0)}
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
-    warm = {**start, "temperature_C": warm_start}
-    return plan(Problem(robot=ROBOT, goal=goal, start=warm, timing=request.param)).require()
+    warm = {**start, "temperature_C": temperatures}
+    return plan(Problem(robot=ROBOT, goal=goal, start=warm, timing=timing)).require()
 
 
 def assert_setpoints(some: Plan) -> None:
@@ -164,20 +164,20 @@ def test_the_mode_is_right_from_a_liquid_start(warm_plan: Plan) -> None:
     assert_stiffness(warm_plan)
 
 
-def test_the_temperature_starts_as_given(any_plan: Plan, warm_plan: Plan) -> None:
-    for some in (any_plan, warm_plan):
-        first = samples_of(some).temperature_C[0]
-        assert first == pytest.approx(some.problem.temperatures, abs=1e-9)
+def test_the_temperature_is_as_expected(any_plan: Plan) -> None:
+    assert_temperatures(any_plan)
 
 
-def test_the_temperature_stays_between_ambient_and_set_point(
-    any_plan: Plan, warm_plan: Plan
-) -> None:
-    for some in (any_plan, warm_plan):
-        hottest = max(SOFT, *some.problem.temperatures)
-        temperature = samples_of(some).temperature_C
-        assert temperature.min() >= AMBIENT - 1e-9
-        assert temperature.max() <= hottest + 1e-9
+def test_the_temperature_is_as_expected_from_a_liquid_start(warm_plan: Plan) -> None:
+    assert_temperatures(warm_plan)
+
+
+def assert_temperatures(some: Plan) -> None:
+    """From what was given, between ambient and set-point."""
+    temperature = samples_of(some).temperature_C
+    assert temperature[0] == pytest.approx(some.problem.temperatures, abs=1e-9)
+    assert temperature.min() >= AMBIENT - 1e-9
+    assert temperature.max() <= max(SOFT, *some.problem.temperatures) + 1e-9
 
 
 @pytest.mark.parametrize("timing", ["nominal", "constant"])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.execution import simulate
 from twosra_mpc.planning.planner import SequenceSolver, mode_tree
 from twosra_mpc.robot.modes import ModeSequence, all_modes
 
@@ -96,9 +95,3 @@ def test_the_three_segment_scenario_is_planned_to_a_proved_gap() -> None:
     assert found.gap <= 0.01
     assert {item.segment for item in found.transitions} == {1, 2, 3}
     assert np.unique(found.samples.mode.sum(axis=1)).tolist() == [0, 1, 2, 3]
-
-
-def test_the_three_segment_scenario_is_carried_out_in_closed_loop() -> None:
-    done = simulate(THREE, plant="as-planned", disturbance="none")
-    assert done.run.reached, done.run.reason
-    assert done.metrics.reached

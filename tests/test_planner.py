@@ -272,8 +272,10 @@ def test_resting_needs_no_mode() -> None:
 
 
 @pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
-@pytest.mark.parametrize("temperatures", [(25.0, 25.0), (60.0, 60.0), (64.0, 30.0), (70.0, 64.0)])
-@pytest.mark.parametrize("last", [RIGID, SOFT_1])
+@pytest.mark.parametrize(
+    ("temperatures", "last"),
+    [((25.0, 25.0), SOFT_1), ((60.0, 60.0), RIGID), ((64.0, 30.0), SOFT_1), ((70.0, 64.0), RIGID)],
+)
 def test_no_plan_costs_less_than_its_bound_with_weights_and_warm_starts(
     timing: str, temperatures: tuple[float, float], last: tuple[int, int]
 ) -> None:

@@ -117,8 +117,8 @@ def tracking_program(setup: Setup) -> TrackingProgram:
     values = (np.ones(matrix.nnz()), pattern.row(), pattern.colind())
     return TrackingProgram(
         setup=setup,
-        linearise=ca.Function("linearise", arguments, numbers, {"cse": True}),
-        command=ca.Function("command", arguments, sent, {"cse": True}),
+        linearise=ca.Function("linearise", arguments, numbers),
+        command=ca.Function("command", arguments, sent),
         hessian=_hessian(setup),
         cost=cost,
         constraints=sparse.csc_matrix(values, shape=matrix.shape),

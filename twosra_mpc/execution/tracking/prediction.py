@@ -66,10 +66,12 @@ def stage_model(setup: Setup) -> Stage:
     along = ca.SX(outputs.selection[-1])
     for row, coordinate in enumerate(bending):
         along[coordinate] = bends[row, -1]
+    speeds = [g, ca.jacobian(g, d), ca.jtimes(g, q, along)]
+    # Common terms are sought here, in what is repeated: in all of a horizon that takes seconds.
     return Stage(
-        motion=ca.Function("motion", [q, d], [u, drive @ u]),
-        speeds=ca.Function("speeds", [q, d], [g, ca.jacobian(g, d), ca.jtimes(g, q, along)]),
-        bending=ca.Function("bending", [q], [bends]),
+        motion=ca.Function("motion", [q, d], [u, drive @ u], {"cse": True}),
+        speeds=ca.Function("speeds", [q, d], speeds, {"cse": True}),
+        bending=ca.Function("bending", [q], [bends], {"cse": True}),
         limits=tuple(rows),
         wheels=wheels,
     )
