@@ -279,7 +279,7 @@ def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
     shapes = np.concatenate([q, (q + q_end) / 2, q_end])
     inputs = np.concatenate([v, v + gained / 2, v + gained])
     rates, modes = np.tile(a, (3, 1)), np.tile(mode, (3, 1))
-    accelerations = wheel_accelerations(problem.robot, len(shapes))
+    accelerations = wheel_accelerations(problem.robot).map(len(shapes))
     worst: Array = np.abs(accelerations(shapes.T, inputs.T, rates.T, modes.T).full()).max(axis=0)
     return worst
 

@@ -89,7 +89,8 @@ def bending_flow(body: Body, steps: int) -> ca.Function:
         moved = ca.vertcat(matrix[:, 0] + matrix[:, 1], 1)
         return moved / (first.pace + second.pace) * bend / steps
 
-    step = ca.Function("step", [travelled, bend, sigma], [runge_kutta(rate, travelled)])
+    after = runge_kutta(rate, travelled)
+    step = ca.Function("step", [travelled, bend, sigma], [after], {"cse": True})
     sym_q, _, sym_sigma = _arguments(ca.MX, body)
     sym_bend = ca.MX.sym("dW")
     chain = step.fold(steps) if steps > 1 else step

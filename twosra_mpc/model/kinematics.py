@@ -74,7 +74,7 @@ def kinematics(body: Body) -> Kinematics:
     poses = wheel_pose_matrix(body.geometry, q)
     return Kinematics(
         jacobian=ca.Function("J", [q, sigma], [ca.densify(jacobian)]),
-        wheel_matrix=ca.Function("V", [q, sigma], [ca.densify(wheels)]),
+        wheel_matrix=ca.Function("V", [q, sigma], [ca.densify(wheels)], {"cse": True}),
         wheel_poses=ca.Function("wheel_poses", [q], [poses]),
     )
 
@@ -89,15 +89,15 @@ def wheel_travel(body: Body) -> ca.Function:
     return ca.Function("wheel_travel", [q, s, sigma], [matrix @ s])
 
 
-@per_body(256)
-def wheel_accelerations(body: Body, count: int) -> ca.Function:
-    """(q, v, a, sigma) -> d/dt V(q, sigma) v [rad/s2] with v' = a, (4,); ``count`` columns."""
+@per_body(32)
+def wheel_accelerations(body: Body) -> ca.Function:
+    """(q, v, a, sigma) -> d/dt V(q, sigma) v [rad/s2] with v' = a, (4,)."""
     segments = body.geometry.segments
     q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
     sigma, turn = ca.SX.sym("sigma", segments), wheel_travel(body)
     shape_rate = kinematics(body).jacobian(q, sigma) @ v
-    rate = turn(q, a, sigma) + ca.jtimes(turn(q, v, sigma), q, shape_rate)
-    return ca.Function("wheel_acceleration", [q, v, a, sigma], [ca.densify(rate)]).map(count)
+    rate = ca.densify(turn(q, a, sigma) + ca.jtimes(turn(q, v, sigma), q, shape_rate))
+    return ca.Function("wheel_acceleration", [q, v, a, sigma], [rate], {"cse": True})
 
 
 def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:

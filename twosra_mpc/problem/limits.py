@@ -176,7 +176,7 @@ def shape_function(body: Body) -> ca.Function:
     """Kappa (n,) -> margin of every shape limit, in their order."""
     kappa = ca.SX.sym("kappa", body.geometry.segments)
     margins = [limit.margin(body, kappa) for limit in SHAPE_LIMITS]
-    return ca.Function("shape_margins", [kappa], [ca.vertcat(*margins)])
+    return ca.Function("shape_margins", [kappa], [ca.vertcat(*margins)], {"cse": True})
 
 
 @per_body(256)
@@ -288,7 +288,7 @@ def speed_function(body: Body) -> ca.Function:
     q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
     sigma = ca.SX.sym("sigma", segments)
     times = [limit.travel(body, q, s, sigma) / limit.most(body) for limit in speed_limits(body)]
-    return ca.Function("least_times", [q, s, sigma], [ca.densify(time) for time in times])
+    return ca.Function("least_times", [q, s, sigma], list(map(ca.densify, times)), {"cse": True})
 
 
 @per_body(256)
@@ -404,6 +404,5 @@ def _used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[flo
     """Largest share of each speed limit that is used at samples that move."""
     if not len(q):
         return [0.0] * len(speed_limits(robot))
-    return [
-        float(np.abs(t.full()).max()) for t in _speed_functions(robot, len(q))(q.T, v.T, mode.T)
-    ]
+    times = _speed_functions(robot, len(q))(q.T, v.T, mode.T)
+    return [float(np.abs(time.full()).max()) for time in times]
