@@ -257,4 +257,5 @@ def _print_explanation(found: Explanation) -> None:
         print_table(("at no cost", "meanwhile"), rows)
     if found.alternatives:
         options = [(other.change, other.price, other.outcome) for other in found.alternatives]
-        print_table(("instead", "costs more", "outcome"), options)
+        compared = "instead, at full speed" if made.problem.drives_gently else "instead"
+        print_table((compared, "costs more", "outcome"), options)

@@ -6,19 +6,13 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import command
+from twosra_mpc.cli.options import choice_option, command
 from twosra_mpc.cli.output import Output, check_writable
 
 
 @command("figures")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@click.option(
-    "--format",
-    "ending",
-    type=click.Choice(["png", "pdf", "svg"]),
-    default="png",
-    help="Of the files.",
-)
+@choice_option("Of the files.", ("png", "pdf", "svg"), "--format", "ending")
 def figures_command(folder: Path, ending: str, output: Output) -> None:
     """Draw the figures of the paper anew, from our own runs, into FOLDER.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.control import thermistor
 from twosra_mpc.control.controller import stiffness_controller
@@ -24,23 +24,11 @@ _SENSORS: dict[str, thermistor.Characteristic] = {
 
 @command("simulate-heater")
 @click.option("--robot", default="2sra-v1", help="A built-in name or a file.", **ROBOT)
-@click.option(
-    "--segment",
-    type=click.IntRange(1, 4),
-    default=1,
-    help="Which, of a robot that describes them one by one.",
-)
-@click.option(
-    "--profile", default="soft:120,rigid:400", help="Set-points and how long each lasts [s]."
-)
+@click.option("--segment", type=click.IntRange(1, 4), default=1, help="Which, where they differ.")
+@click.option("--profile", default="soft:120,rigid:400", help="Set-points, and for how long [s].")
 @click.option("--ambient", type=float, help="Air [C]; default: the robot's.")
 @click.option("--start-temperature", type=float, help="Segment at the start [C]; default: the air.")
-@click.option(
-    "--sensor",
-    type=click.Choice(list(_SENSORS)),
-    default="ntc",
-    help="Thermistor in a divider, or the paper's straight line.",
-)
+@choice_option("Thermistor in a divider, or the paper's straight line.", [*_SENSORS], "--sensor")
 @click.option("--seed", type=int, default=0, help="Of the sensor's noise.")
 @file_option("--out", "Write every sample as CSV.")
 @plot_option("Draw the run")

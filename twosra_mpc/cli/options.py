@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +41,7 @@ _QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; 
 _PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
 _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
-    "robot": click.option(
-        "--robot", help="Override the robot: a built-in name or a file.", **ROBOT
-    ),
+    "robot": click.option("--robot", help="Override it: a built-in name or a file.", **ROBOT),
     "path_model": click.option("--path-model", help="Override the robot's path model, e.g. arc."),
     "timing": click.option("--timing", help="Override the set of transition times, e.g. paper."),
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
@@ -132,6 +130,11 @@ def ending(*allowed: str) -> Check:
             raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
 
     return check
+
+
+def choice_option(words: str, choices: Sequence[str], *names: str) -> Decorator:
+    """Add an option of these names that is one of a few words, by default the first."""
+    return click.option(*names, type=click.Choice(choices), default=choices[0], help=words)
 
 
 def file_option(name: str, words: str, *checks: Check) -> Decorator:

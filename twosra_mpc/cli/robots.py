@@ -6,10 +6,12 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import ROBOT, command, file_option, plot_option
+from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_names
+
+_FITTED = ("log_spiral_corrected", "log_spiral", "cardioid")
 
 
 @command("scenarios")
@@ -98,12 +100,7 @@ def check_robot_command(robot: str, output: Output) -> None:
 @command("fit-paths")
 @click.argument("robot", **ROBOT)
 @file_option("--out", "Write a robot file with the fit.")
-@click.option(
-    "--model",
-    type=click.Choice(["log_spiral", "log_spiral_corrected", "cardioid"]),
-    default="log_spiral_corrected",
-    help="Which fit goes into --out.",
-)
+@choice_option("Which fit goes into --out.", _FITTED, "--model")
 @plot_option("Draw exact and fitted paths")
 def fit_paths_command(
     robot: str, out: Path | None, model: str, plot: Path | None, output: Output

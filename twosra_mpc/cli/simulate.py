@@ -33,19 +33,10 @@ _PLANTS, _LEVELS = ", ".join(PLANTS), ", ".join(LEVELS)
 @click.option("--plant", default="arc", help=f"How its fibre bends: {_PLANTS}.")
 @click.option("--disturbance", default="moderate", help=f"How far from its description: {_LEVELS}.")
 @click.option("--seed", type=int, default=0, help="Of all that is drawn.")
-@click.option(
-    "--executor",
-    type=click.Choice(EXECUTORS),
-    default="optimal",
-    help="Follow an optimal plan, or the greedy rule at every measurement.",
+@options.choice_option(
+    "Follow an optimal plan, or act by the greedy rule.", EXECUTORS, "--executor"
 )
-@click.option(
-    "--runs",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=False,
-    help="Run as many robots, and sum up.",
-)
+@click.option("--runs", type=click.IntRange(1), default=1, help="Run as many robots, and sum up.")
 @click.option("--broken-heater", "broken", type=int, multiple=True, help="Number of a segment.")
 @options.scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
 @options.file_option("--out", "Write the (first) run as JSON.")

@@ -98,18 +98,14 @@ def plan_without(
         out_of_time=lambda: time.perf_counter() - started > problem.time_limit_s,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
     )
-    made = result.solution.plan if result.solution else None
-    try:
-        made = _as_asked(problem, result)
-    except KeyboardInterrupt:  # what was found is kept
-        result = replace(result, ending=Ending.INTERRUPTED)
+    result = _as_asked(problem, result)
     stats = Stats(
         wall_s=time.perf_counter() - started,
         sequences_bounded=result.bounded,
         sequences_solved=result.solved,
         nlp_iterations=solver.iterations,
     )
-    return _conclude(problem, result, made, tree, stats)
+    return _conclude(problem, result, tree, stats)
 
 
 def mode_tree(
@@ -277,17 +273,13 @@ def rigid_time(problem: Problem) -> float:
 
 
 def _conclude(
-    problem: Problem,
-    search: SearchResult[Solved],
-    made: Plan | None,
-    tree: ModeTree[Solved],
-    stats: Stats,
+    problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved], stats: Stats
 ) -> Result:
     """Turn the outcome of the search into a result with a true status and a useful message."""
     lower = search.lower_bound if math.isfinite(search.lower_bound) else None
-    ending = search.ending
-    if made is not None:
-        made = replace(made, lower_bound=lower)
+    ending, made = search.ending, None
+    if search.solution is not None:
+        made = replace(search.solution.plan, lower_bound=lower)
         status, message = made.status, _quality(made, ending)
     elif (proof := _proof(problem, search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
@@ -297,12 +289,18 @@ def _conclude(
     return Result(problem, "optimal", status, message, lower, ending, stats, made)
 
 
-def _as_asked(problem: Problem, search: SearchResult[Solved]) -> Plan | None:
+def _as_asked(problem: Problem, search: SearchResult[Solved]) -> SearchResult[Solved]:
+    """The outcome with a gentler plan if that costs no more than asked; Ctrl-C leaves it as is."""
+    if (found := search.solution) is None or not problem.drives_gently:
+        return search
+    try:
+        return replace(search, solution=found._replace(plan=_gentler(problem, found, search)))
+    except KeyboardInterrupt:
+        return replace(search, ending=Ending.INTERRUPTED)
+
+
+def _gentler(problem: Problem, found: Solved, search: SearchResult[Solved]) -> Plan:
     """The plan that was found, or a gentler one of its sequence that costs no more than asked."""
-    if (found := search.solution) is None:
-        return None
-    if not problem.drives_gently:
-        return found.plan
     within = (1 - 2 * ROUNDING) * search.lower_bound / (1 - problem.gap)
     most = limit = max(found.plan.cost.total, within)
     for _ in range(2):  # what the energy costs is exactly known only of a plan that is made

@@ -125,19 +125,15 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
     if data.cost is None or data.verification is None:
         missing = "cost" if data.cost is None else "verification"
         raise InputError(f"plan.{missing}", None, "a table of keys, as there are samples")
+    constant = {"a": [[0.0] * len(v) for v in samples["v"]]} if data.version == 1 else {}
     trajectory = Trajectory(
         problem=problem,
-        samples=_samples(samples if data.version > 1 else {**samples, "a": _no_rates(samples)}),
+        samples=_samples({**samples, **constant}),
         phases=tuple(Phase(*phase) for phase in data.phases),
         transitions=data.transitions,
     )
     verification = Verification(**dict(data.verification))
     return Plan(data.planner, trajectory, data.cost, verification, data.lower_bound_s)
-
-
-def _no_rates(samples: dict[str, Any]) -> list[list[float]]:
-    """What ``samples.a`` would have been in version 1."""
-    return [[0.0] * len(v) for v in samples["v"]]
 
 
 def _samples(samples: dict[str, Any]) -> Samples:

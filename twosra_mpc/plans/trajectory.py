@@ -238,11 +238,12 @@ class Trajectory:
         robot, held, whole = self.problem.robot, self.samples, np.diff(self._moved, axis=0)
         nodes = [held.q[k : k + 1] for k in range(len(held))]
         for k in np.flatnonzero(held.mode[:-1].any(axis=1) & whole.any(axis=1)).tolist():
-            if (parts := steps_for(whole[k : k + 1]) // 2) > 1:
-                chain = interval_chain(robot, parts - 1, 2)
-                modes = np.tile(held.mode[k, :, None], parts - 1)
-                on = chain(held.q[k], np.tile(whole[k, :, None] / parts, parts - 1), modes)
-                nodes[k] = np.vstack([nodes[k], on.full().T])
+            parts = steps_for(whole[k : k + 1]) // 2
+            equal, mode = whole[k, :, None] / parts, held.mode[k, :, None]
+            on = interval_chain(robot, parts, 2)(
+                held.q[k], np.tile(equal, parts), np.tile(mode, parts)
+            )
+            nodes[k] = np.vstack([held.q[k], on.full().T[:-1]])
         parts_of = np.array([len(rows) for rows in nodes])
         return np.concatenate(nodes), np.cumsum(parts_of) - parts_of, parts_of
 
@@ -250,8 +251,8 @@ class Trajectory:
         """Configuration ``elapsed`` [s] after the samples ``at``."""
         (nodes, first, parts), mode = self._nodes, self.samples.mode[at]
         s = self._input(at, elapsed / 2) * elapsed[:, None]
-        part = self._moved[np.minimum(at + 1, len(first) - 1)] - self._moved[at]
-        part /= parts[at, None]
+        end = self._moved[np.minimum(at + 1, len(first) - 1)]
+        part = (end - self._moved[at]) / parts[at, None]
         step = np.linalg.norm(part, axis=1)
         passed = np.linalg.norm(s, axis=1) // np.where(step > 0, step, np.inf)
         k = np.minimum(passed.astype(int), parts[at] - 1)

@@ -106,9 +106,7 @@ UNIT_GAP = ShapeLimit(
     name="unit_gap_m",
     unit="m",
     margin=lambda body, kappa: unit_gap(body.geometry, kappa) - body.limits.unit_gap_m,
-    words=lambda limits: (
-        f"locomotion units overlap or come closer than unit_gap_m = {limits.unit_gap_m:g} m"
-    ),
+    words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:g} m",
     rounding=TOUCHING_M,
     scale=0.1,
 )
@@ -118,10 +116,7 @@ WHEEL_INDEPENDENCE = ShapeLimit(
     margin=lambda body, kappa: (
         wheel_independence(body.geometry, kappa) - body.limits.wheel_independence
     ),
-    words=lambda limits: (
-        "wheels lose control of the robot, by less than wheel_independence = "
-        f"{limits.wheel_independence:g}"
-    ),
+    words=lambda limits: f"wheels lose control: wheel_independence < {limits.wheel_independence:g}",
     rounding=0.0,
     scale=1.0,
     driving=True,

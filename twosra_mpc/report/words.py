@@ -50,23 +50,14 @@ class LimitRow(NamedTuple):
 
 def status_sentence(result: Result) -> str:
     """Say what a status means."""
-    asked = f"{100 * result.problem.gap:g} %"
+    checked, asked = "Verified by independent re-integration", f"{100 * result.problem.gap:g} %"
     match result.status:
         case Status.OPTIMAL:
-            return (
-                "Verified by independent re-integration, and proved to be within the asked gap of"
-                f" {asked} of the best possible plan."
-            )
+            return f"{checked}, and proved to be within the asked gap of {asked} of the best."
         case Status.FEASIBLE if result.lower_bound is None:
-            return (
-                "Verified by independent re-integration. Nothing is proved about how much better"
-                " another plan could be."
-            )
+            return f"{checked}. Nothing is proved about how much better another one could be."
         case Status.FEASIBLE:
-            return (
-                "Verified by independent re-integration. How much better another plan could be is"
-                f" proved too, but it is more than the asked gap of {asked}."
-            )
+            return f"{checked}. The gap that is proved is more than {asked}, which was asked for."
         case Status.INFEASIBLE:
             return "It is proved that this problem has no plan; the message at the top says why."
         case Status.FAILED:
@@ -92,7 +83,7 @@ def bound_sentences(result: Result) -> Iterator[str]:
             f"This plan costs {plan.cost.total:.4f} s, so no other one can be better by more than"
             f" {plan.cost.total - result.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
         )
-    if problem.motion == "gentle" and problem.robot.limits.wheel_acceleration_rad_s2 is not None:
+    if problem.drives_gently:
         yield "It drives gently: what the asked gap lets it cost more is spent on lower speeds."
     yield f"Cost is {_cost_formula(problem)}."
     modes = ", ".join(mode_name(mode) for mode in problem.modes)

@@ -121,9 +121,8 @@ class MotionLimits(Value):
 
     ``speed_m_s`` and ``turn_rate_rad_s`` are of the middle link in rigid phases,
     ``bend_rate_rad_s`` of every segment (kappa' l). With ``wheel_acceleration_rad_s2`` every phase
-    begins and ends at rest. In gentle motion a wheel that turns reaches at least
-    ``wheel_speed_min_rad_s`` in a phase, and a phase that moves lasts at least three times
-    ``control_period_s``.
+    begins and ends at rest. A phase that moves lasts at least three times ``control_period_s``; a
+    gentle one is no slower than that its fastest wheel reaches ``wheel_speed_min_rad_s``.
     """
 
     wheel_speed_rad_s: Positive
