@@ -287,7 +287,7 @@ def test_units_that_would_overlap_are_refused(run: Run, tmp_path: Path) -> None:
     assert_bad_input(
         run("plan", "knot.toml"),
         "goal.kappa_per_m = (60.0, 60.0)",
-        "mm short: locomotion units overlap",
+        "mm short: units overlap",
     )
 
 

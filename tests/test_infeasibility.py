@@ -107,7 +107,7 @@ PROVED: list[tuple[str, Problem, str]] = [
     (
         "units in each other's way",
         problem((-75, 0), (-75, -75), modes=[SOFT_2]),
-        "proved infeasible: in [0,1], mode [0,1] would have to pass shapes whose locomotion units "
+        "proved infeasible: in [0,1], mode [0,1] would have to pass shapes whose units "
         "overlap or come closer than unit_gap_m = 0 m (kappa1 from -75 to -75 1/m, kappa2 from 0 "
         "to -75 1/m); allowed modes are [0,1]: add another mode",
     ),
