@@ -37,6 +37,7 @@ from twosra_mpc.execution.tracking import prediction
 from twosra_mpc.execution.tracking.prediction import Period, Stage
 from twosra_mpc.execution.tracking.setup import Setup
 from twosra_mpc.robot.coordinates import INPUTS, WHEELS, Array
+from twosra_mpc.robot.modes import is_rigid
 
 UNLIMITED = 1e30  # what OSQP takes as no bound
 RATE_LIMITED_PERIODS = 3
@@ -114,10 +115,11 @@ def tracking_program(setup: Setup) -> TrackingProgram:
     sent = _command(setup, stage, prediction.motion(setup, stage, start, first)[0], wheels)
     cost, pattern = np.zeros(setup.variables), matrix.sparsity()
     cost[m * n :] = setup.weights.curvature_penalty / SLACK_UNIT / _norm(setup)
+    same_shape = is_rigid(setup.mode)  # all along: then whole horizons have terms in common
     values = (np.ones(matrix.nnz()), pattern.row(), pattern.colind())
     return TrackingProgram(
         setup=setup,
-        linearise=ca.Function("linearise", arguments, numbers),
+        linearise=ca.Function("linearise", arguments, numbers, {"cse": same_shape}),
         command=ca.Function("command", arguments, sent),
         hessian=_hessian(setup),
         cost=cost,
@@ -148,8 +150,7 @@ def _constraints(
     unit, limits = _row_units(setup, stage), list(stage.limits)
     largest = unit[limits]
     speeds = [
-        _linearised_speeds(setup, stage, unit, expected, period, k)
-        for k, period in enumerate(periods)
+        _linearised_speeds(setup, unit, expected, period, k) for k, period in enumerate(periods)
     ]
     stages = []
     for k, speed in enumerate(speeds):
@@ -172,20 +173,18 @@ def _row_units(setup: Setup, stage: Stage) -> Array:
     Keeps the program equally well conditioned for every robot and weight, (rows of g,).
     """
     straight = np.zeros(setup.coordinates.size)
-    _, by_step, _ = stage.speeds(straight, np.zeros(setup.outputs.count))
+    _, by_step, *_ = stage.speeds(straight, np.zeros(setup.outputs.count))
     units: Array = 1 / np.linalg.norm(by_step.full() * setup.scale, axis=1)
     return units
 
 
 def _linearised_speeds(
-    setup: Setup, stage: Stage, unit: Array, expected: list[ca.SX], period: Period, k: int
+    setup: Setup, unit: Array, expected: list[ca.SX], period: Period, k: int
 ) -> _Affine:
     """Speeds of period k, which depend on e_k and e_{k+1}."""
     m, scale = setup.outputs.count, ca.diag(ca.DM(setup.scale))
     last_output = ca.DM.eye(m)[-1, :]
-    g, by_step, by_middle = (
-        ca.diag(unit) @ term for term in stage.speeds(period.half_way, period.step)
-    )
+    g, by_step, by_middle = (ca.diag(unit) @ term for term in period.speeds)
     ahead = (by_middle @ last_output / 2 + by_step) @ scale
     behind = (by_middle @ last_output / 2 - by_step) @ scale
     matrix = ca.SX(g.numel(), setup.variables)

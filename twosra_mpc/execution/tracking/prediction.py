@@ -29,9 +29,9 @@ class Stage(NamedTuple):
 
     Attributes:
         motion: (q, d) -> (input u [m/s, rad/s], four wheel speeds [rad/s]).
-        speeds: (q, d) -> (g, dg/dd, dg/dy): speeds, and their derivatives by the step, (rows, m),
-            and by the last output half way, (rows,). The other outputs do not matter: rigid motion
-            is the same everywhere, bending also in every direction.
+        speeds: (q, d) -> (g, dg/dd, dg/dy, bending): speeds, and their derivatives by the step,
+            (rows, m), and by the last output half way, (rows,). The other outputs do not matter:
+            rigid motion is the same everywhere, bending also in every direction.
         bending: q -> derivative of the moving curvatures by the outputs, (bending, m).
         limits: Rows of g to keep within one; those left out are then within one by themselves.
         wheels: Wheels that turn in this mode; they are the last rows of g.
@@ -66,8 +66,8 @@ def stage_model(setup: Setup) -> Stage:
     along = ca.SX(outputs.selection[-1])
     for row, coordinate in enumerate(bending):
         along[coordinate] = bends[row, -1]
-    speeds = [g, ca.jacobian(g, d), ca.jtimes(g, q, along)]
-    # Common terms are sought here, in what is repeated: in all of a horizon that takes seconds.
+    speeds = [g, ca.jacobian(g, d), ca.jtimes(g, q, along), bends]
+    # Common terms are sought here, in what a horizon repeats: in all of it that takes seconds.
     return Stage(
         motion=ca.Function("motion", [q, d], [u, drive @ u], {"cse": True}),
         speeds=ca.Function("speeds", [q, d], speeds, {"cse": True}),
@@ -90,12 +90,14 @@ class Period(NamedTuple):
         step: Change of the outputs, (m,).
         kappa: Moving curvatures at its end [1/m].
         bending: Their derivative by the outputs.
+        speeds: (g, dg/dd, dg/dy) of `Stage`.
     """
 
     half_way: ca.SX
     step: ca.SX
     kappa: ca.SX
     bending: ca.SX
+    speeds: list[ca.SX]
 
 
 def believed_start(setup: Setup, q: ca.SX, planned: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -140,9 +142,9 @@ def motion(setup: Setup, stage: Stage, start: ca.SX, outputs: Sequence[ca.SX]) -
             half_way[moving] = _bounded(kappa + bending @ step / 2, bound)
         else:
             half_way[:POSE] = y + step / 2
-        bending = stage.bending(half_way)
+        *speeds, bending = stage.speeds(half_way, step)
         kappa = kappa + bending @ step
-        periods.append(Period(half_way, step, kappa, bending))
+        periods.append(Period(half_way, step, kappa, bending, speeds))
     return periods
 
 
