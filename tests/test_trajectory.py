@@ -11,7 +11,9 @@ from conftest import Planned
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import InputError, Plan
+from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, Trajectory, flown
 from twosra_mpc.timing import transition_model
 
@@ -169,3 +171,24 @@ def test_rows_that_hold_stand_at_the_rate_and_where_phases_begin_and_end(
     moving = given.held(7.3).v.any(axis=1)
     for start, end in zip(t[:-1][moving[:-1]], t[1:][moving[:-1]], strict=True):
         assert any(p.start_s - 1e-9 <= start and end <= p.end_s + 1e-9 for p in given.phases)
+
+
+@pytest.mark.parametrize(
+    ("robot", "low", "high"), [("2sra-v1", 0.99, 1.01), ("2sra-v1-paper", 0.17, 0.29)]
+)
+@pytest.mark.parametrize("number", range(1, 6))
+def test_wheel_speeds_of_plans_bend_arcs_that_do_not_slip(
+    number: int, robot: str, low: float, high: float, planned: Planned
+) -> None:
+    """All that was planned, or as little as a refusal of the paper's wheel map says."""
+    path = planned(f"paper-{number}", robot=robot).trajectory
+    arcs = with_path_model(path.problem.robot, "arc")
+    for phase in path.phases:
+        times, soft = np.linspace(phase.start_s, phase.end_s, 201), np.flatnonzero(phase.mode)
+        first, last = path.configuration(times[[0, -1]])
+        q = first
+        for turned in np.diff(path.wheel_travel_rad(times), axis=0):
+            q = rolling(arcs, phase.mode)(q, turned, NO_DRIFT).full().ravel()
+        if len(soft):
+            share = (q - first)[3:][soft].sum() / (last - first)[3:][soft].sum()
+            assert low <= share <= high

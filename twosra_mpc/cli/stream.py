@@ -33,8 +33,8 @@ baud. If the robot reports temperatures (lines A58.2, B24.9 and so on: readings 
 in C), a phase begins when they confirm that the segments are soft and rigid as it needs. If nothing
 is reported within {Patience().listen_s:g} s, phases begin at the plan's times.
 
-Plans with the paper's wheel map are refused: they bend the real robot by about a fifth of what is
-planned. Plan with 2sra-v1.
+Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 45 % of what
+is planned. Plan with 2sra-v1.
 
 Ctrl-C, SIGTERM, a closed terminal and every error stop the wheels and switch the heaters off. Keep
 a hand at the switch all the same: the robot goes on with its last command if the line breaks.
