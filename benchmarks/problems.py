@@ -38,7 +38,9 @@ def load_set(name: str) -> Mapping[str, Problem]:
             check_shapes(problem)
         except InputError:
             continue
-        named[f"{name}/{len(named)}"] = problem
+        tolerance = data.get("tolerance")
+        goal = problem.goal.with_values(tolerance=tolerance)
+        named[f"{name}/{len(named)}"] = problem.with_values(goal=goal)
     return FrozenDict(named)
 
 
@@ -59,7 +61,8 @@ def _drawn(
         phi = rng.uniform(-heading, heading)
         kappa = tuple(rng.uniform(-curvature, curvature, robot.coordinates.segments))
         ends.append({"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa})
-    return Problem(robot=robot, start=Start(**ends[0]), goal=Goal(**ends[1]))
+    goal = Goal(**ends[1], tolerance="exact")
+    return Problem(robot=robot, start=Start(**ends[0]), goal=goal)
 
 
 @lru_cache

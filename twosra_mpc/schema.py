@@ -35,6 +35,7 @@ _UNITS = {  # ending of a key -> unit; the longest that fits counts
     **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
 }
 _WORDS = {  # key -> what it is, where the key alone does not say it
+    "accuracy": "how near to their goals runs end; goals are met exactly without it",
     "a": "rate of change of the input to the next sample [m/s2, and rad/s2]; not in version 1",
     "ambient_C": "temperature of the air",
     "angle_ratio": "turns of spirals I, II, III per bending angle",
@@ -98,7 +99,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "temperature_C": "temperatures of the segments",
     "timing": "sets of transition times by name; in a scenario, the name of one",
     "to": "what the segment becomes",
-    "tolerance": "half-widths of the goal box",
+    "tolerance": "half-widths of the goal box, or exact; by default from the robot's accuracy",
     "total": "cost [s]: time, energy and transitions by their weights",
     "transition_quantile": "share of early and of late transitions that windows must hold",
     "transition_s": "cost of a transition",

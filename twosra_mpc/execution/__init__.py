@@ -4,10 +4,11 @@ from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError, RobotInterface
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.serial.robot import PoseSource, SerialRobot, connected
-from twosra_mpc.execution.settings import Accuracy, ExecutorSettings, Patience
+from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
 from twosra_mpc.execution.simulation.simulate import Metrics, Simulation, Spread, simulate, spread
+from twosra_mpc.robot.accuracy import Accuracy
 
 __all__ = [
     "LEVELS",

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from twosra_mpc.execution.runner import Abort, ByReports, PlanRunner
-from twosra_mpc.execution.settings import ACCEPTED, Accuracy
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement, Tracker
 from twosra_mpc.model.bending import bending
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.robot.accuracy import ACCEPTED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -48,16 +48,15 @@ class Pulses:
 class ByCamera(ByReports):
     """Heaters and phases as by reports; the wheels by what the camera sees."""
 
-    def __init__(self, plan: Plan, tracker: Tracker, accuracy: Accuracy, pulses: Pulses) -> None:
+    def __init__(self, plan: Plan, tracker: Tracker, pulses: Pulses) -> None:
         """Make ready to run a plan.
 
         Args:
             plan: The plan.
             tracker: A tracker of its robot.
-            accuracy: How near to the goal is near enough.
             pulses: What is done about the drives' dead zone.
         """
-        self.tracker, self.accuracy, self.pulses = tracker, accuracy, pulses
+        self.tracker, self.pulses = tracker, pulses
         tracker.reset(plan)
 
     def drive(self, run: PlanRunner, index: int) -> Abort | None:
@@ -73,7 +72,7 @@ class _TrackedPhase:
         self.session, self.patience = run.session, run.patience
         self.phase, self.last = run.plan.phases[index], index == len(run.plan.phases) - 1
         self.rigid = is_rigid(self.phase.mode)
-        self.scale = by.accuracy.scale(run.plan.robot.coordinates)
+        self.scale = self.session.accuracy.scale(run.plan.robot.coordinates)
 
     def drive(self) -> Abort | None:
         before = off = math.inf
@@ -164,7 +163,7 @@ class _TrackedPhase:
 
     def _judge(self) -> Abort | None:
         """Whether the phases to come lead to the goal's curvatures from here, as they are."""
-        patience, accuracy = self.patience, self.by.accuracy
+        patience, accuracy = self.patience, self.session.accuracy
         missed = self._predicted_miss()
         if abs(accuracy.of_shape(missed) - ACCEPTED) < patience.doubtful:
             scale = patience.certain_of_a_melt * self.scale
@@ -183,7 +182,7 @@ class _TrackedPhase:
         times = [self.run.clock_s, *(item.end_s for item in rest)]
         path, modes = plan.trajectory.configuration(times), [item.mode for item in rest]
         kappa = predicted_curvatures(plan.robot, self.session.q, list(path), modes)
-        return plan.problem.goal.error(np.concatenate([path[-1, :POSE], kappa]))
+        return self.session.goal.error(np.concatenate([path[-1, :POSE], kappa]))
 
 
 def predicted_curvatures(

@@ -13,12 +13,13 @@ from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.session import Session
-from twosra_mpc.execution.settings import ACCEPTED, Accuracy, ExecutorSettings
+from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.tracking.tracker import Tracker
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
 
@@ -66,12 +67,12 @@ class _Execution:
             ending = ending or self._plan_again()
             if ending is not None:
                 followed = tuple(self.plans), tuple(self.begun)
-                return self.session.finish("optimal", self.settings.accuracy, *ending, *followed)
+                return self.session.finish("optimal", *ending, *followed)
 
     def _follow(self, plan: Plan) -> Abort | None:
         settings = self.settings
         pulses = Pulses(settings.dead_zone_rad_s)
-        by_camera = ByCamera(plan, self.tracker, settings.accuracy, pulses)
+        by_camera = ByCamera(plan, self.tracker, pulses)
         runner = PlanRunner(self.session, plan, by_camera, settings.patience, settings.longest_s)
         left = runner.follow()
         self.begun[-1] = runner.schedule.begun(runner.progress)
@@ -79,7 +80,8 @@ class _Execution:
 
     def _arrived(self) -> tuple[Ending, str] | None:
         """Look where the robot has come to at the end of a plan."""
-        session, accuracy, patience = self.session, self.settings.accuracy, self.settings.patience
+        session, patience = self.session, self.settings.patience
+        accuracy = session.accuracy
         scale = patience.certain * accuracy.scale(self.problem.robot.coordinates)
         session.average(session.setpoint_C, scale, patience.look_s)
         if session.unseen_s > patience.unseen_s:
@@ -116,7 +118,7 @@ class _Execution:
 
     def _plan_again(self) -> tuple[Ending, str] | None:
         """Plan the rest from where the robot is, once nothing is changing any more."""
-        session, settings = self.session, self.settings
+        session = self.session
         session.rest(self._as_they_become(), session.period_s)  # no wheel turns meanwhile
         if (stuck := self._wait_for_metal()) is not None:
             return stuck
@@ -124,7 +126,7 @@ class _Execution:
         assert mode is not None
         try:
             now = session.q, session.reading.temperature_C, mode
-            rest = remaining_problem(self.problem, *now, settings.accuracy, self.broken)
+            rest = remaining_problem(self.problem, *now, self.broken)
             result = find_plan(rest)
         except InputError as error:
             return self._no_plan(str(error))
@@ -134,7 +136,7 @@ class _Execution:
 
     def _adopt(self, plan: Plan) -> tuple[Ending, str] | None:
         """Go on with another plan, unless that has been done too often."""
-        settings, where = self.settings, self.settings.accuracy.describe(self.session.error)
+        settings, where = self.settings, self._where()
         if plan.cost.transitions:
             if self.replans == settings.replans:
                 return Ending.GAVE_UP, f"{where} after planning again {times(self.replans)}"
@@ -150,12 +152,15 @@ class _Execution:
         return None
 
     def _no_plan(self, why: str) -> tuple[Ending, str]:
-        where = self.settings.accuracy.describe(self.session.error)
+        where = self._where()
         if self.broken:
             names = " and ".join(str(segment + 1) for segment in sorted(self.broken))
             known = why.split("; allowed modes")[0]  # no advice to use what has failed
             return Ending.HEATER_FAILED, f"{where}; without heater {names}: {known}"
         return Ending.NO_PLAN, f"{where}; the rest cannot be planned: {why}"
+
+    def _where(self) -> str:
+        return self.session.accuracy.describe(self.session.error)
 
     def _wait_for_metal(self) -> tuple[Ending, str] | None:
         """Wait until no segment is changing; each goes on to what it was becoming."""
@@ -188,7 +193,6 @@ def remaining_problem(
     q: Array,
     temperature_C: tuple[float, ...],
     mode: Mode,
-    accuracy: Accuracy,
     broken: Collection[int] = (),
 ) -> Problem:
     """State what is left of a problem.
@@ -201,7 +205,6 @@ def remaining_problem(
         q: Configuration now, (3 + n,).
         temperature_C: Measured temperatures.
         mode: Stiffness now, as reported; no segment may be changing.
-        accuracy: How near to the goal is near enough.
         broken: Segments (from 0) that cannot be melted any more.
 
     Raises:
@@ -217,7 +220,7 @@ def remaining_problem(
         temperature_C=_temperatures(problem, temperature_C, mode),
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
-    goal = _goal(problem.goal, np.concatenate([q[:POSE], kappa]), accuracy, broken)
+    goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken)
     return problem.with_values(start=start, goal=goal, modes=modes)
 
 
@@ -231,8 +234,12 @@ def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -
     return tuple(agreed.tolist())
 
 
-def _goal(goal: GoalSet, q: Array, accuracy: Accuracy, broken: Collection[int]) -> GoalSet:
-    """The same goal, with curvature tolerances within which nothing needs to melt."""
-    off = np.abs(goal.error(q.copy())[POSE:]) / accuracy.curvature_per_m
-    kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off))]
-    return goal.loosened(np.where(off <= kept, off + _ROUNDING, 0.0) * accuracy.curvature_per_m)
+def _goal(problem: Problem, q: Array, broken: Collection[int]) -> GoalSet:
+    """The middle of the goal, with curvature tolerances within which nothing needs to melt."""
+    scale = problem.robot.ends_within.scale(problem.robot.coordinates)
+    goal = problem.goal.loosened(-scale)
+    off = np.abs(goal.error(q.copy())) / scale
+    kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off) - POSE)]
+    bends = off[POSE:]
+    wider = np.where(bends <= kept, bends + _ROUNDING, PLANNED)
+    return goal.loosened(scale * [0.0, 0.0, 0.0, *wider])

@@ -48,7 +48,7 @@ class GreedyExecutor:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows two segments")
         session = Session(self.robot, problem)
         ending, reason = _GreedyRun(session, self.settings).run()
-        return session.finish("greedy", self.settings.accuracy, ending, reason)
+        return session.finish("greedy", ending, reason)
 
 
 class _GreedyRun:
@@ -56,7 +56,7 @@ class _GreedyRun:
 
     def __init__(self, session: Session, settings: ExecutorSettings) -> None:
         self.session, self.settings, self.problem = session, settings, session.problem
-        self.accuracy = settings.accuracy
+        self.accuracy = session.accuracy
         self.scale = self.accuracy.scale(self.problem.robot.coordinates)
         self.pulses = Pulses(settings.dead_zone_rad_s)
         self.modes = list(self.problem.modes)

@@ -8,9 +8,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from twosra_mpc.execution.settings import Accuracy
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
 from twosra_mpc.version import __version__
@@ -92,11 +93,12 @@ class Run:
     Attributes:
         problem: What was asked.
         executor: "optimal" or "greedy".
-        accuracy: How near to the goal was near enough.
+        goal: What the run is measured by.
+        accuracy: How near to that is near enough.
         plans: Plans in the order in which they were followed; none by the greedy executor.
         ending: How it ended.
         reason: Why, in a sentence.
-        error: Distance to the goal box at the end, as believed, (3 + n,) [m, m, rad, 1/m ...].
+        error: Distance to ``goal`` at the end, as believed, (3 + n,) [m, m, rad, 1/m ...].
         replans: How often the remaining problem was planned again.
         corrections: How often the pose was corrected after everything was solid.
         begun: Transitions of each plan that were begun.
@@ -108,6 +110,7 @@ class Run:
 
     problem: Problem
     executor: Literal["optimal", "greedy"]
+    goal: GoalSet
     accuracy: Accuracy
     plans: tuple[Plan, ...]
     ending: Ending
@@ -145,7 +148,7 @@ class Run:
             "robot": self.problem.robot.model_dump(mode="json"),
             "scenario": self.problem.scenario(),
             "executor": self.executor,
-            "accuracy": vars(self.accuracy).copy(),
+            "accuracy": self.accuracy.model_dump(),
             "ending": str(self.ending),
             "reason": self.reason,
             "duration_s": self.duration_s,

@@ -11,7 +11,6 @@ from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution import run
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
-from twosra_mpc.execution.settings import Accuracy
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
@@ -33,6 +32,8 @@ class Session:
         problem: What was asked.
         during: What the run is at, in words.
         reading: The last reading.
+        accuracy: How near to the goal is near enough.
+        goal: What the run is measured by: with the accuracy added, it is what was asked for.
         setpoint_C: Set-points last sent, (n,).
         events: What happened.
         changes: Melts and freezes so far.
@@ -53,6 +54,8 @@ class Session:
             on_command: Called after every command.
         """
         self.robot, self.problem, self.during = robot, problem, "before the plan begins"
+        self.accuracy = problem.robot.ends_within
+        self.goal = problem.goal.loosened(-self.accuracy.scale(problem.robot.coordinates))
         self._on_command, segments = on_command, problem.robot.coordinates.segments
         self.reading: Reading = robot.read()
         self._filter = CameraFilter(robot.camera, problem.start.configuration, self.reading.time_s)
@@ -95,8 +98,8 @@ class Session:
 
     @property
     def error(self) -> Array:
-        """Distance to the goal box as believed, (3 + n,)."""
-        return self.problem.goal.error(self.q.copy())
+        """Distance to the goal as believed, (3 + n,)."""
+        return self.goal.error(self.q.copy())
 
     @property
     def mode(self) -> Mode | None:
@@ -157,7 +160,6 @@ class Session:
     def finish(
         self,
         executor: Literal["optimal", "greedy"],
-        accuracy: Accuracy,
         ending: run.Ending,
         reason: str,
         plans: tuple[Plan, ...] = (),
@@ -176,7 +178,8 @@ class Session:
         return run.Run(
             problem=self.problem,
             executor=executor,
-            accuracy=accuracy,
+            goal=self.goal,
+            accuracy=self.accuracy,
             plans=plans,
             ending=ending,
             reason=reason,

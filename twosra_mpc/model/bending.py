@@ -89,27 +89,37 @@ class Bending:
         steady = max(turned) / (limits.bend_rate_rad_s or math.inf)
         return max(from_rest_to_rest(at_speed, _unit_ramp_s(self.body)), steady)
 
-    def shapes_on_the_way(self, mode: Mode, origin: tuple[float, ...], bend: float) -> Array:
-        """Shapes that every such bend passes, (m, n) [1/m]."""
-        along = _along(mode, origin, bend)
-        return np.column_stack([self.curvature(w, j) for j, w in enumerate(along)])
+    def shapes_on_the_way(self, mode: Mode, origin: Intervals, bend: float) -> tuple[Array, Array]:
+        """Shapes that every such bend passes, and how far off they may be, (m, n) and (n,) [1/m].
 
-    def motions_between(
-        self, mode: Mode, origin: tuple[float, ...], along: Array
-    ) -> tuple[Array, Array]:
+        Args:
+            mode: A soft mode.
+            origin: Bounds of the W of every segment before.
+            bend: Change of W, with its sign.
+        """
+        low, high = (
+            np.column_stack([self.curvature(w, j) for j, w in enumerate(_along(mode, end, bend))])
+            for end in zip(*origin, strict=True)
+        )
+        return (low + high) / 2, ((high - low) / 2).max(axis=0)
+
+    def motions_between(self, mode: Mode, origin: Intervals, along: Array) -> tuple[Array, Array]:
         """Enclose what each locomotion unit at full speed does to the robot during a bend.
 
         Args:
             mode: A soft mode.
-            origin: W of every segment where ``along`` is 0.
+            origin: Bounds of the W of every segment where ``along`` is 0.
             along: Changes of W, increasing; between neighbours lies a box of shapes, (m + 1,).
 
         Returns:
             Lower and upper bounds in each box, each (2, 4, m): for LU1 and LU2 b0's twist
             (u, v, r) [m/s, m/s, rad/s] and dW/dt.
         """
-        passed = [w + soft * along for w, soft in zip(origin, mode, strict=True)]
-        boxes = self._boxes(passed, passed)
+        least, most = (
+            [w + soft * along for w, soft in zip(end, mode, strict=True)]
+            for end in zip(*origin, strict=True)
+        )
+        boxes = self._boxes(least, most)
         twists = enclose(_twists(self.body, mode), *boxes)
         rates = enclose(_rates(self.body, mode), *boxes)
         speed = _unit_speed(self.body)
@@ -149,7 +159,7 @@ def from_rest_to_rest(at_speed_s: float, ramp_s: float) -> float:
     return 2 * math.sqrt(at_speed_s * ramp_s)
 
 
-def _along(mode: Mode, origin: tuple[float, ...], bend: float) -> list[Array]:
+def _along(mode: Mode, origin: Sequence[float], bend: float) -> list[Array]:
     """W of every segment along a bend."""
     pieces = bend * np.linspace(0.0, 1.0, _PIECES + 1)
     return [w + soft * pieces for w, soft in zip(origin, mode, strict=True)]

@@ -17,7 +17,7 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.gentle import ROUNDING, gentle
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
-from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
@@ -28,6 +28,7 @@ from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import (
     CURVATURE,
     check_shapes,
@@ -35,10 +36,11 @@ from twosra_mpc.problem.limits import (
     may_drive,
     rigid_ramp_s,
     rigid_rows,
+    rigid_rows_between,
     surely_broken,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
@@ -148,6 +150,7 @@ class SequenceSolver:
 
     def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
         self.problem = problem
+        self._box, self._inner = (_changes(problem, g) for g in (problem.goal, _inside(problem)))
         self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
         self.iterations = 0
 
@@ -161,7 +164,7 @@ class SequenceSolver:
             problem.start.configuration,
             problem.goal,
             network.sequence,
-            bound.bends,
+            inner_bends(network.sequence, bound.bends, self._box, self._inner),
             INTERVALS,
             may_drive(problem, network.sequence),
         )
@@ -190,22 +193,19 @@ def bending_task(problem: Problem) -> BendingTask:
     ends = zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True)
     limit = problem.robot.limits.curvature_per_m
     origin = facts.coordinates(start[POSE:].tolist())
-    change, room, exact, words = [], [], [], []
+    room, exact, words = [], [], []
     for j, (here, (low, high)) in enumerate(zip(origin, ends, strict=True)):
-        low_w, high_w = (facts.coordinate(max(-limit, min(k, limit)), j) for k in (low, high))
         most = facts.coordinate(limit, j)
-        change.append((low_w - here, high_w - here))
         room.append((-most - here, most - here))
         exact.append(low if low == high else None)
         words.append(_asked(f"kappa{j + 1}", float(start[POSE + j]), low, high))
 
-    def forbidden(mode: Mode, before: tuple[float, ...], bend: float) -> str | None:
-        shapes = facts.shapes_on_the_way(mode, before, bend)
-        limit = surely_broken(problem.robot, shapes)
+    def forbidden(mode: Mode, before: tuple[tuple[float, float], ...], bend: float) -> str | None:
+        limit = surely_broken(problem.robot, *facts.shapes_on_the_way(mode, before, bend))
         return None if limit is None else limit.words(problem.robot.limits)
 
     return BendingTask(
-        change=tuple(change),
+        change=tuple(map(tuple, _changes(problem, problem.goal).T.tolist())),
         room=tuple(room),
         start=tuple(start[POSE:].tolist()),
         goal=tuple(exact),
@@ -221,6 +221,21 @@ def bending_task(problem: Problem) -> BendingTask:
     )
 
 
+def _changes(problem: Problem, goal: GoalSet) -> Array:
+    """Least and largest change of W with which each segment ends in a goal, (2, n)."""
+    facts, start = bending(problem.robot), problem.start.configuration
+    limit = problem.robot.limits.curvature_per_m
+    ends = [np.clip(end, -limit, limit)[POSE:].tolist() for end in goal.box(start)]
+    changes: Array = np.array([*map(facts.coordinates, ends)])
+    return changes - facts.coordinates(start[POSE:].tolist())
+
+
+def _inside(problem: Problem) -> GoalSet:
+    """Where in the goal plans should end, for the sake of their runs."""
+    accuracy, coordinates = problem.robot.accuracy, problem.robot.coordinates
+    return problem.goal.loosened(-accuracy.planned(coordinates)) if accuracy else problem.goal
+
+
 def _asked(name: str, start: float, low: float, high: float) -> str:
     """What a goal asks of a curvature, in words."""
     if not math.isfinite(high - low):
@@ -230,19 +245,22 @@ def _asked(name: str, start: float, low: float, high: float) -> str:
 
 
 def pose_task(problem: Problem) -> PoseTask | None:
-    """What the plan must do to the pose; None unless the goal gives it exactly."""
+    """What the plan must do to the pose; None where the goal leaves part of it free."""
     start = problem.start.configuration
-    goal, end = (end[:POSE] for end in problem.goal.box(start))
-    if (goal != end).any():
+    low, high = (end[:POSE] for end in problem.goal.box(start))
+    if not np.isfinite(high - low).all():
         return None
+    goal, (half_x, half_y, half_turn) = (low + high) / 2, (high - low) / 2
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
     c, s = math.cos(start[2]), math.sin(start[2])
     east, north = (goal[:2] - start[:2]).tolist()
     return PoseTask(
         shift=np.array([c * east + s * north, -s * east + c * north]),
         turn=float(goal[2] - start[2]),
+        reach=np.array([[c * half_x, -s * half_x], [s * half_y, c * half_y]]),
+        turn_reach=float(half_turn),
         known_s=float(interval_durations(guess).sum()),
-        speed_rows=partial(rigid_rows, problem.robot),
+        speed_rows=partial(rigid_rows_between, problem.robot),
         soft_motions=bending(problem.robot).motions_between,
     )
 

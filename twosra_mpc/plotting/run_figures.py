@@ -206,7 +206,7 @@ def _draw_curvatures(ax: Axes, run: Run, record: Record) -> None:
 
 def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     """Distance from the goal in units of the accuracy, on a logarithmic axis."""
-    errors = np.array([run.problem.goal.error(at.copy()) for at in record.q])
+    errors = np.array([run.goal.error(at.copy()) for at in record.q])
     errors /= run.accuracy.scale(run.problem.robot.coordinates)
     parts = {
         "position": (np.hypot(errors[:, 0], errors[:, 1]), figures.RIGID_COLOUR),

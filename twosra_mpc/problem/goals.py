@@ -22,11 +22,13 @@ from twosra_mpc.validation import EachSegment, ModeField, NonNegative, Number, N
 if TYPE_CHECKING:  # scenarios are listed without it
     import casadi as ca
 
+    from twosra_mpc.robot.description import Robot
+
 
 class GoalSet(Value, ABC):
     """A set of configurations to end in, with the stiffness of the segments there.
 
-    A further kind says what `box`, `aim` and `of_segments` are, and `residual` unless it is a box.
+    A further kind says what `box`, `aim` and `of_robot` are, and `residual` unless it is a box.
     Headings that differ by full turns are the same where ``phi_modulo`` is true.
     """
 
@@ -34,8 +36,8 @@ class GoalSet(Value, ABC):
     phi_modulo: bool = True
 
     @abstractmethod
-    def of_segments(self, segments: int) -> Self:
-        """Return the set with what was left out filled in for so many segments."""
+    def of_robot(self, robot: Robot) -> Self:
+        """Return the set with what was left out filled in for a robot."""
 
     @abstractmethod
     def box(self, near: Array) -> tuple[Array, Array]:
@@ -63,7 +65,7 @@ class GoalSet(Value, ABC):
         return q - self.aim(q)
 
     def loosened(self, widths: Array) -> GoalSet:
-        """Return the set with bends that may be off by ``widths`` (n,) [1/m], if it can say so."""
+        """Return the set that may be missed by ``widths`` (3 + n,) more, if it can say so."""
         del widths
         return self
 
@@ -100,7 +102,7 @@ FreeNumbers = Annotated[tuple[float | None, ...], EachSegment, BeforeValidator(_
 
 
 class Tolerance(Value):
-    """Half-widths of the goal box; zero means the coordinate is met exactly."""
+    """Half-widths of the goal box; zero, as where left out, means that the goal is met exactly."""
 
     x_m: NonNegative = 0.0
     y_m: NonNegative = 0.0
@@ -114,20 +116,31 @@ class Tolerance(Value):
             raise ValueError("numbers greater than or equal to 0")
         return widths
 
+    @classmethod
+    def of(cls, widths: Array) -> Tolerance:
+        """The tolerance with these half-widths, (3 + n,)."""
+        x_m, y_m, phi_rad, *kappa_per_m = widths.tolist()
+        return cls(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
+
+
+def _exact_to_zero(value: object) -> object:
+    return Tolerance() if value == "exact" else value
+
 
 class Goal(GoalSet):
     """A box: where the robot should be, to within a tolerance; ``None`` or "free" marks a free one.
 
+    ``tolerance`` is "exact" or a table; left out, what plans use of the robot's accuracy.
     ``phi_modulo`` accepts headings that differ by full turns. ``mode`` is the stiffness of the
-    segments at the end, rigid unless told otherwise. What is left out of a goal of two segments by
-    itself is filled in by a `Problem`, which knows how many segments its robot has.
+    segments at the end, rigid unless told otherwise. What is left out of a goal by itself is filled
+    in by a `Problem`, which knows its robot.
     """
 
     x_m: Number | None = None
     y_m: Number | None = None
     phi_rad: Number | None = None
     kappa_per_m: FreeNumbers = (None, None)
-    tolerance: Tolerance = Tolerance()
+    tolerance: Annotated[Tolerance | None, BeforeValidator(_exact_to_zero)] = None
     phi_modulo: bool = True
 
     @field_validator("kappa_per_m", mode="before")
@@ -150,18 +163,22 @@ class Goal(GoalSet):
     @property
     def half_width(self) -> Array:
         """Tolerance of each coordinate, shape (3 + n,), read-only."""
-        box = self.tolerance
+        box = self.tolerance or Tolerance()
         bends = box.kappa_per_m or (0.0,) * len(self.kappa_per_m)
         return read_only([box.x_m, box.y_m, box.phi_rad, *bends])
 
-    def of_segments(self, segments: int) -> Goal:
-        """Return this goal with what was left out filled in for so many segments."""
+    def of_robot(self, robot: Robot) -> Goal:
+        """Return this goal with what was left out filled in for a robot."""
         values = {name: getattr(self, name) for name in self.model_fields_set}
+        segments = robot.coordinates.segments
         values.setdefault("kappa_per_m", (None,) * segments)
         values.setdefault("mode", rigid_mode(segments))
         tolerance = self.tolerance
-        if not tolerance.kappa_per_m:
-            values["tolerance"] = tolerance.with_values(kappa_per_m=(0.0,) * segments)
+        if tolerance is None and robot.accuracy is not None:
+            values["tolerance"] = Tolerance.of(robot.accuracy.planned(robot.coordinates))
+        elif tolerance is None or not tolerance.kappa_per_m:
+            exact = tolerance or Tolerance()
+            values["tolerance"] = exact.with_values(kappa_per_m=(0.0,) * segments)
         return Goal(**values)
 
     def aim(self, q: Array) -> Array:
@@ -184,9 +201,8 @@ class Goal(GoalSet):
         return middle
 
     def loosened(self, widths: Array) -> Goal:
-        """Return the goal with curvature tolerances wider by ``widths`` (n,) [1/m]."""
-        wider = self.half_width[POSE:] + widths
-        return self.with_values(tolerance=self.tolerance.with_values(kappa_per_m=wider))
+        """Return the goal with tolerances wider by ``widths`` (3 + n,), or narrower, down to 0."""
+        return self.with_values(tolerance=Tolerance.of(np.maximum(self.half_width + widths, 0.0)))
 
     def error(self, q: Array) -> Array:
         """Signed distance of ``q`` to the goal box, shape (3 + n,); 0 inside and where free.

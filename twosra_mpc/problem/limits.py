@@ -7,6 +7,7 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
+from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
@@ -31,6 +33,7 @@ _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
+_NARROW_PER_M = 1.0  # half-widths: boxes as small are as good as their corners
 _CERTAIN = 1e-3  # of a limit's scale: beyond what interpolating a shape can feign
 
 
@@ -203,14 +206,22 @@ def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None
     return next((limit for limit in broken if (margins[limit.name] < 0).any()), None)
 
 
-def surely_broken(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None:
-    """A limit broken by so much that shapes known only to a micrometre cannot feign it.
+def surely_broken(
+    robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0
+) -> ShapeLimit | None:
+    """A limit broken by one of these shapes (m, n) whichever they are, if ``off_per_m`` (n,) off.
 
-    Curvatures are left to whoever knows their bending coordinates exactly.
+    By so much that shapes known only to a micrometre cannot feign it. A segment j that bends by
+    more moves no point of a unit, as seen from the other one, by more than l_j times as much times
+    the distance. Curvatures are left to whoever knows their bending coordinates exactly.
     """
-    margins = shape_margins(robot, kappa)
-    broken = (limit for limit in SHAPE_LIMITS if not limit.driving and limit.scale is not None)
-    return next((b for b in broken if margins[b.name].min() < -_CERTAIN * (b.scale or 1.0)), None)
+    geometry = robot.body.geometry
+    links_m = (geometry.segments - 1) * geometry.middle_link_m + geometry.end_link_m
+    reach_m = sum(geometry.lengths_m) + links_m + 1.5 * geometry.unit_side_m
+    moved_m = reach_m * float(np.sum(np.asarray(off_per_m) * geometry.lengths_m))
+    margins, scaled = shape_margins(robot, kappa), (UNIT_GAP,)
+    surely = (b for b in scaled if margins[b.name].min() < -_CERTAIN * (b.scale or 1.0) - moved_m)
+    return next(surely, None)
 
 
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
@@ -227,17 +238,19 @@ def exact(goal: GoalSet) -> bool:
 
 
 def check_shapes(problem: Problem) -> None:
-    """Refuse a start or goal shape that a limit forbids.
+    """Refuse a start or goal shape that a limit forbids, and goals with nothing else near it.
 
     Raises:
         InputError: Naming the curvatures, the limit and what is missing.
     """
     robot = problem.robot
     for name, q in (("start", problem.start.configuration), ("goal", problem.goal.configuration)):
-        if np.isnan(q[POSE:]).any() or (name == "goal" and not exact(problem.goal)):
+        width = problem.goal.half_width[POSE:] if name == "goal" else np.zeros_like(q[POSE:])
+        if np.isnan(q[POSE:]).any() or width.max() > _NARROW_PER_M:
             continue
+        corners = q[POSE:] + width * [*itertools.product(*([-1, 1] if w else [0] for w in width))]
         limit = broken_by_shapes(robot, q[POSE:])
-        if limit is not None:
+        if limit is not None and (shape_margins(robot, corners)[limit.name] < 0).all():
             short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
             amount = f"{1e3 * short:.1f} mm" if limit.unit == "m" else f"{short:.3g} {limit.unit}"
             allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
@@ -342,6 +355,24 @@ def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
     rows = _rigid_rows(robot)(q).full()
     limited: Array = rows[np.abs(rows).max(axis=1) > 0]
     return limited
+
+
+def rigid_rows_between(robot: Robot, least: ArrayLike, most: ArrayLike) -> tuple[Array, Array]:
+    """Rows as of ``rigid_rows`` in the middle of a box of shapes, and how far off they are in it.
+
+    Args:
+        robot: The robot.
+        least: Least curvatures of the box, (n,) [1/m].
+        most: Largest.
+    """
+    corners = np.array([least, most], dtype=float)
+    rows = _rigid_rows(robot)(np.pad(corners.mean(axis=0), (POSE, 0))).full()
+    off = np.zeros_like(rows)
+    if (corners[0] < corners[1]).any():
+        ends = enclose(_rigid_rows(robot), *np.pad(corners, ((0, 0), (POSE, 0)))[:, :, None])
+        off = np.max([np.abs(e.reshape(rows.shape, order="F") - rows) for e in ends], axis=0)
+    kept = np.abs(rows).max(axis=1) > 0
+    return rows[kept], off[kept]
 
 
 @per_body(32)

@@ -122,9 +122,9 @@ class Problem(Value):
 
     @field_validator("goal", mode="after")
     @classmethod
-    def _of_all_segments(cls, goal: GoalSet, info: ValidationInfo) -> GoalSet:
+    def _of_this_robot(cls, goal: GoalSet, info: ValidationInfo) -> GoalSet:
         robot = info.data.get("robot")
-        return goal if robot is None else goal.of_segments(robot.coordinates.segments)
+        return goal if robot is None else goal.of_robot(robot)
 
     @field_validator("modes")
     @classmethod

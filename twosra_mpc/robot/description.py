@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.geometry import Geometry, MotionLimits
 from twosra_mpc.robot.heater import Heater
@@ -43,7 +44,8 @@ class Robot(Value):
 
     ``segment`` describes how every segment warms and cools, ``segments`` each for itself; timing
     "thermal" needs one of them. In a file, ``segments = 3`` gives the number of segments that are
-    alike (2 if left out), and a list ``[[segment]]`` each with its ``length_m``.
+    alike (2 if left out), and a list ``[[segment]]`` each with its ``length_m``. ``accuracy`` is
+    how near to their goals runs end; where it is missing, plans meet theirs exactly.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -51,6 +53,7 @@ class Robot(Value):
     geometry: Geometry
     path: PathRecord
     limits: MotionLimits
+    accuracy: Accuracy | None = None
     heater: Heater
     segment: AnySegment | None = None
     segments: Annotated[tuple[AnySegment, ...], BeforeValidator(plain)] = ()
@@ -95,6 +98,11 @@ class Robot(Value):
     def body(self) -> Body:
         """What its motion depends on."""
         return Body(self.geometry, self.path, self.limits)
+
+    @property
+    def ends_within(self) -> Accuracy:
+        """How near to their goals runs end: ``accuracy``, or 2 mm, 1 degree and 1 1/m."""
+        return self.accuracy or Accuracy()
 
     @property
     def coordinates(self) -> Coordinates:

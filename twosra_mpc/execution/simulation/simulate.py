@@ -30,7 +30,7 @@ class Metrics(NamedTuple):
         reached: Whether the robot is in truth within the accuracy of the goal, and says so.
         ending: How the run ended.
         reason: Why, in a sentence.
-        position_m: True distance from the goal box in the plane.
+        position_m: True distance from the goal in the plane.
         heading_rad: True distance in heading.
         curvature_per_m: True distance of the curvature that is farthest off.
         time_s: Duration.
@@ -79,7 +79,7 @@ class Simulation:
     def metrics(self) -> Metrics:
         """Numbers, by what really happened."""
         run, truth = self.run, self.truth
-        error = run.problem.goal.error(truth.q[-1].copy())
+        error = run.goal.error(truth.q[-1].copy())
         return Metrics(
             reached=run.reached and run.accuracy.of(error) <= 1.0,
             ending=str(run.ending),

@@ -22,6 +22,8 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 
 _STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
 _MOST_STEPS = 64
+_NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
+_EXACTLY = 1e6  # times as much as others count the segments whose bend leaves no choice
 
 
 def guess_motion(
@@ -56,6 +58,31 @@ def guess_motion(
     if rigid:
         inputs[rigid[0]] = rigid_move(states[rigid[0]], q, goal) / intervals
     return roll_out(robot, start, sequence, inputs)
+
+
+def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:
+    """Bends that end in the inner one of two boxes, or as near to it as the sequence can.
+
+    Least squares, from bends that end somewhere in the outer one, and never out of it.
+
+    Args:
+        sequence: Mode of each phase.
+        bends: Change of the bending coordinate W in each phase, (phases,).
+        box: Least and largest change of W of each segment, (2, n).
+        inner: The same of the inner box.
+    """
+    incidence = np.array(sequence, dtype=float).T
+    reached = incidence @ bends
+    missed = np.clip(reached, *inner) - reached
+    if not missed.any():
+        return bends
+    weight = np.where(box[1] - box[0] <= _NO_CHOICE, _EXACTLY, 1.0)
+    step, *_ = np.linalg.lstsq(weight[:, None] * incidence, missed, rcond=1e-12)
+    moved = incidence @ step
+    room = np.where(moved > 0, box[1] - reached, reached - box[0])
+    share = np.min(room / np.maximum(np.abs(moved), _NO_CHOICE), initial=1.0)
+    changed: Array = bends + max(0.0, float(share)) * step
+    return changed
 
 
 def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tuple[Array, Array]:

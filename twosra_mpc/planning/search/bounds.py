@@ -70,13 +70,13 @@ class BendingTask:
         origin: W of each segment at t = 0.
         least_time: (mode, bounds of W before, least change of W of the soft segments) -> lower
             bound on the time it takes.
-        forbidden: (mode, W before, change of W) -> what is wrong with a shape that every such bend
-            passes, in words; None if nothing is.
+        forbidden: (mode, bounds of W before, change of W) -> what is wrong with a shape that every
+            such bend passes, in words; None if nothing is.
         beyond: Where ``room`` ends, in words.
         shape: The required curvature changes in words, for messages.
         conserved: What bending together cannot change, for messages.
         curvature: W of all segments -> their curvatures [1/m].
-        pose: The change of pose, if the goal gives one exactly.
+        pose: The change of pose, if the goal gives one.
     """
 
     change: Intervals
@@ -86,7 +86,7 @@ class BendingTask:
     rate: Callable[[Mode, tuple[float | None, ...]], float]
     origin: tuple[float, ...]
     least_time: Callable[[Mode, Intervals, float], float]
-    forbidden: Callable[[Mode, tuple[float, ...], float], str | None]
+    forbidden: Callable[[Mode, Intervals, float], str | None]
     beyond: str
     shape: str
     conserved: Conserved
@@ -219,10 +219,9 @@ def pose_bound(
     """Raise the bound of a sequence by the time its change of pose takes; -inf if not known.
 
     Takes a hundred times as long as ``sequence_bound``; stops where ``enough`` is reached. Needs a
-    goal pose, and a sequence that leaves no choice of bends.
+    goal pose, and a sequence whose soft modes are independent.
     """
-    bends = determined_bends(network.sequence, task)
-    phases = None if bends is None else _phase_motions(network.sequence, task, bends)
+    phases = _phase_motions(network.sequence, task)
     if task.pose is None or phases is None:
         return -math.inf
     cost, _ = cost_coefficients(network, weights)
@@ -238,42 +237,40 @@ def pose_bound(
     return best_constraint(task.pose, phases, network.layout, least, cost, bound_with, enough)
 
 
-def _phase_motions(
-    sequence: ModeSequence, task: BendingTask, bends: Array
-) -> list[PhaseMotions] | None:
+def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotions] | None:
     """What each phase can do; None without a goal pose, or if nothing limits one of them."""
-    if task.pose is None:
+    steps, found = bend_steps(sequence, task), list[PhaseMotions]()
+    if task.pose is None or steps is None:
         return None
-    here, found = task.origin, list[PhaseMotions]()
-    for i, mode in enumerate(sequence):
-        if any(mode):
-            bend = float(bends[i])
-            motions = task.pose.soft_phase(mode, here, bend, _room(mode, here, task))
-            here = tuple(w + bend * soft for w, soft in zip(here, mode, strict=True))
+    for i, step in enumerate(steps):
+        if any(step.mode):
+            before = _pairs(step.before)
+            room = _room(step.mode, before, task)
+            motions = task.pose.soft_phase(step.mode, before, (step.least, step.most), room)
         else:
-            motions = task.pose.rigid_phase(_shape(sequence, i, here, task))
+            motions = task.pose.rigid_phase(*_shapes(sequence, i, step.before, task))
         if motions is None:
             return None
         found.append(motions)
     return found
 
 
-def _room(mode: Mode, here: tuple[float, ...], task: BendingTask) -> tuple[float, float]:
+def _room(mode: Mode, here: Intervals, task: BendingTask) -> tuple[float, float]:
     """Changes of W from ``here`` that the curvature limits allow to all soft segments of a mode."""
     soft = soft_segments(mode)
-    least, most = ([task.origin[j] + task.room[j][end] - here[j] for j in soft] for end in (0, 1))
+    least = [task.origin[j] + task.room[j][0] - here[j][1] for j in soft]
+    most = [task.origin[j] + task.room[j][1] - here[j][0] for j in soft]
     return max(least), min(most)
 
 
-def _shape(
-    sequence: ModeSequence, phase: int, here: tuple[float, ...], task: BendingTask
-) -> tuple[float, ...]:
-    """Curvatures in a rigid phase: the start's or the goal's, or else those with these W."""
+def _shapes(
+    sequence: ModeSequence, phase: int, here: Array, task: BendingTask
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Least and largest curvatures in a rigid phase: the start's, the goal's, or of these W."""
     known = _known_curvatures(sequence, phase, task)
-    return tuple(
-        given if given is not None else bent
-        for given, bent in zip(known, task.curvature(here), strict=True)
-    )
+    low, high = (task.curvature(w) for w in here.tolist())
+    least = tuple(a if k is None else k for k, a in zip(known, low, strict=True))
+    return least, tuple(b if k is None else k for k, b in zip(known, high, strict=True))
 
 
 def _linear_program_bound(
@@ -371,29 +368,69 @@ def _inverse(sequence: ModeSequence) -> Array | None:
     return inverse
 
 
+class BendStep(NamedTuple):
+    """What is known of the bend of a phase.
+
+    Attributes:
+        mode: Its mode.
+        before: Least and largest W of each segment where it begins, (2, n).
+        least: Least change of W of its soft segments, with its sign.
+        most: Largest change of W.
+        possible: Whether the curvature limits leave any W where it ends.
+    """
+
+    mode: Mode
+    before: Array
+    least: float
+    most: float
+    possible: bool
+
+    @property
+    def surely(self) -> float:
+        """Change of W that every such bend passes."""
+        return min(self.least, self.most, key=abs) if self.least * self.most > 0 else 0.0
+
+
+def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | None:
+    """What is known of the bend of each phase; None if the soft modes are not independent."""
+    if (ranges := bend_ranges(sequence, task)) is None:
+        return None
+    here, steps = np.array([task.origin, task.origin]), list[BendStep]()
+    for i, mode in enumerate(sequence):
+        bend, before = np.array([part[i] for part in ranges]), here
+        here = here + np.outer(bend, mode)
+        outermost = [
+            room if any(later[j] for later in sequence[i + 1 :]) else change
+            for j, (room, change) in enumerate(zip(task.room, task.change, strict=True))
+        ]
+        low, high = (np.array(task.origin) + end for end in np.array(outermost).T)
+        possible = bool(
+            (here[0] <= high + task.slack).all() and (here[1] >= low - task.slack).all()
+        )
+        here = np.array([np.clip(end, low, high) for end in here])
+        steps.append(BendStep(mode, before, float(bend[0]), float(bend[1]), possible))
+    return steps
+
+
 def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
     """Least durations of the phases, as far as the task says how far they bend [s].
 
     Infinite where a bend must pass a shape that is forbidden.
     """
     durations = [0.0] * len(sequence)
-    ranges = bend_ranges(sequence, task)
-    if ranges is None:
-        return durations
-    exact = determined_bends(sequence, task)
-    here = np.array([task.origin, task.origin])
-    for i, mode in enumerate(sequence):
-        least, most = float(ranges[0][i]), float(ranges[1][i])
-        if least * most > 0:
-            bend = min(least, most, key=abs)
-            before = tuple(zip(here[0].tolist(), here[1].tolist(), strict=True))
-            durations[i] = task.least_time(mode, before, bend)
-        start, here = here[0].tolist(), here + np.outer((least, most), mode)
-        if exact is not None and any(mode):
-            inside = all(task.within(j, float(here[0, j])) for j in task.segments)
-            if not inside or task.forbidden(mode, tuple(start), float(exact[i])) is not None:
-                durations[i] = np.inf
+    for i, step in enumerate(bend_steps(sequence, task) or ()):
+        before, bend = _pairs(step.before), step.surely
+        if bend:
+            durations[i] = task.least_time(step.mode, before, bend)
+        if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
+            durations[i] = math.inf
     return durations
+
+
+def _pairs(bounds: Array) -> Intervals:
+    """(low, high) of every segment, from (2, n)."""
+    low, high = bounds.tolist()
+    return tuple(zip(low, high, strict=True))
 
 
 def _known_curvatures(

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.planning.search.bounds import BendingTask, determined_bends, unreachable_reason
+from twosra_mpc.planning.search.bounds import BendingTask, bend_steps, unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.robot.modes import (
     Mode,
@@ -105,21 +105,19 @@ def too_few_phases(tree: ModeTree[Any]) -> str:
 
 
 def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
-    """Say which limit forbids the bends of a sequence that leaves no choice of them."""
-    bends = determined_bends(sequence, task)
-    if bends is None:
-        return None
-    here = np.array(task.origin)
-    for mode, bend in zip(sequence, bends.tolist(), strict=True):
-        who = f"in {sequence_name(sequence)}, mode {mode_name(mode)} would have to"
-        there = here + bend * np.array(mode)
+    """Say which limit forbids the bends of a sequence that leaves little choice of them."""
+    for step in bend_steps(sequence, task) or ():
+        if not any(step.mode):
+            continue
+        who = f"in {sequence_name(sequence)}, mode {mode_name(step.mode)} would have to"
+        there = step.before + np.outer((step.least, step.most), step.mode)
         for j in task.segments:
-            if not task.within(j, float(there[j])):
+            if not any(task.within(j, float(w)) for w in there[:, j]):
                 return f"{who} bend segment {j + 1} {task.beyond} ({task.shape})"
-        words = task.forbidden(mode, tuple(here.tolist()), bend) if any(mode) else None
+        low, high = step.before.tolist()
+        words = task.forbidden(step.mode, tuple(zip(low, high, strict=True)), step.surely)
         if words is not None:
             return f"{who} pass shapes whose {words} ({task.shape})"
-        here = there
     return None
 
 

@@ -1,4 +1,4 @@
-r"""What the change of pose costs a mode sequence whose bends are known.
+r"""What the change of pose costs a mode sequence whose bends are known, or nearly so.
 
 Let S_i be functions of pose and bend, one for each phase i, with a common gradient p in the plane,
 
@@ -13,7 +13,8 @@ does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over th
 
 a linear constraint on the event times, and the least cost of the temporal network with this
 constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
-about, or bend too far and back. In a rigid phase g_i is a maximum over the vertices of a polytope
+about, or bend too far and back. Where a bend d_i is known to within bounds, B_i is flat between
+them; of a box of goal poses the one counts that gains the least. In a rigid phase g_i is a maximum over the vertices of a polytope
 of twists; in a soft phase over boxes of shapes on the line of its bends, out to the curvature
 limits, and the corners of the two units' speeds (growth is linear in both, and what limits the
 wheels besides is left out).
@@ -45,6 +46,8 @@ from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import EventLayout
 
 Indices = NDArray[np.intp]
+Shape = tuple[float, ...]  # curvatures [1/m]
+Bounds = tuple[tuple[float, float], ...]  # (low, high) of every segment
 
 PANELS = 32  # of headings, and one edge more near the goal's
 _GRID = 5  # decimals of a turn to which edges are rounded, so that no panel is tiny
@@ -63,56 +66,75 @@ class PoseTask:
     Attributes:
         shift: Change of (x, y) in the start frame of heading [m], (2,).
         turn: Change of heading, modulo full turns [rad].
+        reach: Half-sides of the box that the change of (x, y) may end in, as vectors, (2, 2) [m].
+        turn_reach: The same of the change of heading [rad].
         known_s: Duration of a rigid motion in the start shape that makes the change [s].
-        speed_rows: Kappa (n,) -> rows M with abs(M xi) <= 1 for every rigid twist, (m, 3).
-        soft_motions: (mode, W of each segment, changes of W (m + 1,)) -> lower and upper bounds,
-            each (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed, between
-            neighbouring changes of W.
+        speed_rows: (least, largest kappa (n,)) -> rows M with abs(M xi) <= 1 for every rigid twist
+            in a shape between, and how far off they may be, each (m, 3).
+        soft_motions: (mode, bounds of W of each segment, changes of W (m + 1,)) -> lower and upper
+            bounds, each (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed,
+            between neighbouring changes of W.
     """
 
     shift: Array
     turn: float
+    reach: Array
+    turn_reach: float
     known_s: float
-    speed_rows: Callable[[tuple[float, ...]], Array]
-    soft_motions: Callable[[Mode, tuple[float, ...], Array], tuple[Array, Array]]
+    speed_rows: Callable[[Shape, Shape], tuple[Array, Array]]
+    soft_motions: Callable[[Mode, Bounds, Array], tuple[Array, Array]]
 
-    def rigid_phase(self, shape: tuple[float, ...]) -> PhaseMotions | None:
-        """What a rigid phase in a shape (curvatures) can do; None if nothing limits it."""
-        twists = twist_vertices(self.speed_rows(shape))
-        if twists is None:
+    def rigid_phase(self, least: Shape, most: Shape) -> PhaseMotions | None:
+        """What a rigid phase in a shape between these can do; None if nothing limits it.
+
+        The rows are M + D with abs(D) <= off. Let t = max abs(M xi), and X the largest abs(xi) with
+        t = 1. A twist has t <= 1 + max off abs(xi) <= 1 + a t with a = max off X: t <= 1 / (1 - a).
+        """
+        rows, off = self.speed_rows(least, most)
+        twists = twist_vertices(rows)
+        if twists is None or (more := float((off @ np.abs(twists).max(axis=0)).max())) >= 1:
             return None
-        motions = np.hstack([twists, np.zeros((len(twists), 1))])
+        motions = np.pad(twists / (1 - more), ((0, 0), (0, 1)))
         none = np.zeros(len(twists), dtype=np.intp)
-        return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1))
+        return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1), np.ones(1, bool))
 
     def soft_phase(
-        self, mode: Mode, origin: tuple[float, ...], bend: float, room: tuple[float, float]
+        self, mode: Mode, origin: Bounds, bend: tuple[float, float], room: tuple[float, float]
     ) -> PhaseMotions | None:
-        """What a soft phase can do that bends by ``bend`` and may stray within ``room``.
+        """What a soft phase can do that bends by something in ``bend`` and strays within ``room``.
 
         None if nothing limits it. Where there is no room, pieces have no length.
         """
-        low, high = min(bend, 0.0), max(bend, 0.0)
+        least, most = bend
+        surely = min(bend, key=abs) if least * most > 0 else 0.0
+        low, high = min(surely, 0.0), max(surely, 0.0)
+        under, over = [least] if least < low else [], [most] if most > high else []
+        first, last = min(least, low), max(most, high)
         edges = np.concatenate(
             [
-                np.linspace(min(room[0], low), low, _OUTSIDE, endpoint=False),
+                np.linspace(min(room[0], first), first, _OUTSIDE, endpoint=False),
+                under,
                 np.linspace(low, high, _INSIDE, endpoint=False),
-                np.linspace(high, max(room[1], high), _OUTSIDE + 1),
+                [high] if over else [],
+                np.linspace(last, max(room[1], last), _OUTSIDE + 1),
             ]
         )
         pieces = len(edges) - 1
+        settled = (edges[:-1] >= low) & (edges[1:] <= high)
+        settled |= (edges[:-1] >= last) | (edges[1:] <= first)
         steps = np.linspace(0.0, 1.0, _BOXES, endpoint=False)
         along = np.append((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel(), edges[-1])
-        least, most = self.soft_motions(mode, origin, along)
-        if not (np.isfinite(least).all() and np.isfinite(most).all()):
+        lower, upper = self.soft_motions(mode, origin, along)
+        if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
             return None
-        middle, half = (most + least) / 2, (most - least) / 2
+        middle, half = (upper + lower) / 2, (upper - lower) / 2
         corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
         return PhaseMotions(
             motions=np.concatenate([i * middle[0] + j * middle[1] for i, j in corners], axis=1).T,
             slack=np.tile((half[0] + half[1]).T, (4, 1)),
             piece=np.tile(np.repeat(np.arange(pieces), _BOXES), 4),
-            bends=math.copysign(1.0, bend) * np.diff(np.clip(edges, low, high)),
+            bends=math.copysign(1.0, surely) * np.diff(np.clip(edges, low, high)),
+            settled=settled,
         )
 
 
@@ -124,12 +146,14 @@ class PhaseMotions(NamedTuple):
         slack: How far the true motions may lie from them, (n, 4).
         piece: Piece of B in which they take place, (n,).
         bends: Change of W in each piece that the phase must make, (pieces,).
+        settled: Whether it is known how much of a piece the phase bends; elsewhere B is flat.
     """
 
     motions: Array
     slack: Array
     piece: Indices
     bends: Array
+    settled: NDArray[np.bool_]
 
 
 class PoseConstraint(NamedTuple):
@@ -191,7 +215,8 @@ class _Program:
         angles = np.stack([self.edges[:-1], self.edges[1:], middle], axis=1)
         size = np.stack([np.ones_like(half), np.ones_like(half), 1 / np.cos(half)], axis=1)
         self.cos, self.sin = np.cos(angles) * size, np.sin(angles) * size
-        self.phases = phases
+        self.task, self.phases = task, phases
+        self.settled = np.concatenate([phase.settled for phase in phases])
         n = len(phases)
         pieces = [len(phase.bends) for phase in phases]
         self.c = 2 + self.panels * np.arange(n)
@@ -239,6 +264,7 @@ class _Program:
             fastest = np.abs(phase.motions[:, 3]).max()
             steepest = _STEEPEST / fastest if fastest else 0.0
             bounds[self.b[i] : self.b[i + 1]] = -steepest, steepest
+        bounds[self.b[0] : self.g][~self.settled] = 0.0
         bounds[self.g : self.e, 0] = bounds[self.y :, 0] = 0.0
         return bounds
 
@@ -298,6 +324,7 @@ class _Program:
     def read(self, x: Array) -> tuple[PoseConstraint, bool]:
         """Prove what S in x is worth; add the rows it violates, and tell whether there are any."""
         n, p = len(self.phases), x[:2]
+        x[self.b[0] : self.g] *= self.settled
         levels = x[2 : self.b[0]].reshape(n, self.panels)
         steps = np.diff(levels, axis=0).max(axis=1)
         rates, violated = np.zeros(n), False
@@ -311,8 +338,18 @@ class _Program:
             rates[i] = max(0.0, float((growth.max(axis=2) + loosest).max()))
             violated |= self._cut(i, growth - x[self.g + i])
         gain = float(self.gain[: self.e] @ x[: self.e] - steps.sum())
+        gain -= float(np.abs(self.task.reach @ p).sum()) + self._fall(levels[-1])
         size = float(np.abs(self.gain[: self.e]) @ np.abs(x[: self.e]) + np.abs(steps).sum())
         return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
+
+    def _fall(self, levels: Array) -> float:
+        """How much lower C is somewhere in the goal's headings than in their middle."""
+        inner, half = self.task.turn % math.tau, self.task.turn_reach
+        turns = [inner, inner - half, inner + half]
+        edges = self.edges[:-1] - inner
+        inside = np.abs(np.remainder(edges + math.pi, math.tau) - math.pi) <= half
+        c = np.interp(np.remainder(turns, math.tau), self.edges, np.append(levels, levels[0]))
+        return float(c[0] - min(c.min(), levels[inside].min(initial=np.inf)))
 
     def _growth(self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array) -> Array:
         """Growth of S by every motion at the three points of every panel, (n, panels, 3)."""
