@@ -278,7 +278,7 @@ def stiffness_controller(
     return StiffnessController(
         gains=gains or (POWER_GAINS if by_power else CURRENT_GAINS),
         rule=stiffness_rule(robot, ambient_C, segment),
-        full_current_A=heater.melt_current_A if by_power else heater.current_max_A,
+        full_current_A=heater.melt_current_A,
         ambient_C=ambient_C,
         sensor_gain=sensor.gain,
         soft_setpoint_C=heater.soft_setpoint_C,

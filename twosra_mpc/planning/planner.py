@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from twosra_mpc.model.bending import bending, from_rest_to_rest
-from twosra_mpc.model.flow import roll_out
+from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.gentle import ROUNDING, gentle
 from twosra_mpc.planning.greedy import plan_greedily
@@ -150,7 +150,10 @@ class SequenceSolver:
 
     def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
         self.problem = problem
-        self._box, self._inner = (_changes(problem, g) for g in (problem.goal, _inside(problem)))
+        self._box = _changes(problem, problem.goal)
+        least = np.clip(0.0, *self._box)
+        nearest = np.array([least, least])  # where a margin does not fit, bending less may
+        self._aims = (_changes(problem, _inside(problem)), nearest)
         self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
         self.iterations = 0
 
@@ -159,21 +162,22 @@ class SequenceSolver:
     ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
         problem = self.problem
-        guess = guess_motion(
-            problem.robot,
-            problem.start.configuration,
-            problem.goal,
-            network.sequence,
-            inner_bends(network.sequence, bound.bends, self._box, self._inner),
-            INTERVALS,
-            may_drive(problem, network.sequence),
-        )
-        yield self._checked(scheduled(guess, network, problem, iterations=0), network)
+        for aim in self._aims:
+            guess = self._guess(network, inner_bends(network.sequence, bound.bends, self._box, aim))
+            first = self._checked(scheduled(guess, network, problem, iterations=0), network)
+            if first is not None:
+                break
+        yield first
         if time.perf_counter() > self.deadline:
             return
         candidate = solve(guess, network, problem)
         self.iterations += candidate.iterations if candidate else 0
         yield self._checked(candidate, network)
+
+    def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
+        problem, sequence = self.problem, network.sequence
+        start, usable = problem.start.configuration, may_drive(problem, sequence)
+        return guess_motion(problem.robot, start, problem.goal, sequence, bends, INTERVALS, usable)
 
     def _checked(
         self, candidate: Candidate | None, network: TemporalNetwork

@@ -79,8 +79,9 @@ def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) 
     weight = np.where(box[1] - box[0] <= _NO_CHOICE, _EXACTLY, 1.0)
     step, *_ = np.linalg.lstsq(weight[:, None] * incidence, missed, rcond=1e-12)
     moved = incidence @ step
-    room = np.where(moved > 0, box[1] - reached, reached - box[0])
-    share = np.min(room / np.maximum(np.abs(moved), _NO_CHOICE), initial=1.0)
+    moving = np.abs(moved) > _NO_CHOICE
+    room = np.where(moved > 0, box[1] - reached, reached - box[0])[moving]
+    share = np.min(room / np.abs(moved[moving]), initial=1.0)
     changed: Array = bends + max(0.0, float(share)) * step
     return changed
 

@@ -14,10 +14,10 @@ does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over th
 a linear constraint on the event times, and the least cost of the temporal network with this
 constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
 about, or bend too far and back. Where a bend d_i is known to within bounds, B_i is flat between
-them; of a box of goal poses the one counts that gains the least. In a rigid phase g_i is a maximum over the vertices of a polytope
-of twists; in a soft phase over boxes of shapes on the line of its bends, out to the curvature
-limits, and the corners of the two units' speeds (growth is linear in both, and what limits the
-wheels besides is left out).
+them; of a box of goal poses the one counts that gains the least. In a rigid phase g_i is a maximum
+over the vertices of a polytope of twists; in a soft phase over boxes of shapes on the line of its
+bends, out to the curvature limits, and the corners of the two units' speeds (growth is linear in
+both, and what limits the wheels besides is left out).
 
 On a panel of headings of half-width h about phi_m the arc R(phi) w lies in the triangle of its ends
 and R(phi_m) w / cos h, so testing these three points proves a growth on the whole panel.
