@@ -14,7 +14,7 @@ import numpy as np
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.planning.gentle import ROUNDING, gentle
+from twosra_mpc.planning.gentle import ROUNDING, cheapest, gentle
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends
@@ -184,6 +184,7 @@ class SequenceSolver:
     ) -> tuple[float, Solved] | None:
         if candidate is None:
             return None
+        candidate = cheapest(self.problem, candidate, network)
         checked = verified(self.problem, candidate, network)
         if not checked.verification.ok:
             return None

@@ -58,10 +58,14 @@ _LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's
 
 
 class Weights(Value):
-    """Weights of the cost, which is in seconds: duration counts 1."""
+    """Weights of the cost, which is in seconds: duration counts 1.
+
+    ``effort`` weighs the integral of the sum of (wheel speed / largest wheel speed)^2 [s].
+    """
 
     energy_s_per_J: NonNegative = 0.0
     transition_s: NonNegative = 0.0
+    effort: NonNegative = 0.0
 
 
 class Problem(Value):
@@ -74,7 +78,8 @@ class Problem(Value):
     ``heaters_at_once`` heaters are on at a time: one, or all. ``transition_quantile`` reserves
     windows that hold this share of early and of late transitions, given the ranges of the robot's
     parameters. ``motion`` says what is done with time to spare, and with the ``gap`` that is asked
-    for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can.
+    for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can. With
+    ``weights.effort`` the cost itself says how fast, and ``motion`` has nothing to add.
     """
 
     description: str = ""
@@ -276,9 +281,12 @@ class Problem(Value):
 
     @property
     def drives_gently(self) -> bool:
-        """Whether time to spare is used to drive slowly: a robot that may jump needs none."""
+        """Whether time to spare is used to drive slowly: a robot that may jump needs none.
+
+        Nor does a plan whose cost already says what effort is worth.
+        """
         limited = self.robot.limits.wheel_acceleration_rad_s2 is not None
-        return self.motion == "gentle" and limited
+        return self.motion == "gentle" and limited and self.weights.effort == 0
 
     @property
     def cost_weights(self) -> Weights:

@@ -71,6 +71,11 @@ class Candidate:
     times: Array
     iterations: int
 
+    @property
+    def effort_s(self) -> float:
+        """Effort of all phases [s]."""
+        return sum(profile.effort_s for profile in self.profiles)
+
 
 def scheduled(
     motion: Motion, network: TemporalNetwork, problem: Problem, iterations: int
