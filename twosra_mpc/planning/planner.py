@@ -217,6 +217,7 @@ def bending_task(problem: Problem) -> BendingTask:
         rate=facts.fastest,
         origin=origin,
         least_time=facts.least_time,
+        least_effort=facts.least_effort_s2,
         forbidden=forbidden,
         beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
         shape=", ".join(words),
