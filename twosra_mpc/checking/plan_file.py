@@ -161,8 +161,11 @@ def effort_s(problem: Problem, samples: Samples) -> float:
     dt, q, q_end = np.diff(samples.t_s)[at], samples.q[at], samples.q[at + 1]
     v, gained, mode = samples.v[at], samples.a[at] * dt[:, None], samples.mode[at]
     places = ((1, q, v), (4, (q + q_end) / 2, v + gained / 2), (1, q_end, v + gained))
-    turned = [share * (wheel_speeds(robot, *each, mode) ** 2).sum(axis=1) for share, *each in places]
-    return float(sum(turned) @ dt) / 6 / robot.limits.wheel_speed_rad_s**2
+    squares = [
+        weight * (wheel_speeds(robot, shape, inputs, mode) ** 2).sum(axis=1)
+        for weight, shape, inputs in places
+    ]
+    return float(np.sum(squares, axis=0) @ dt) / 6 / robot.limits.wheel_speed_rad_s**2
 
 
 def energy_J(problem: Problem, samples: Samples) -> float:

@@ -14,11 +14,11 @@ and the partial sums after every phase within what the curvature limits allow. W
 leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
 a bend that must pass a forbidden shape rules the sequence out. Where the cost weighs effort by w_u,
 w_u sum e_i is added, with e_i at least tangents of E_i / (t_{end,i} - t_{start,i}) for the least
-effort times duration E_i that such a bend takes (rigid drives: none). Every plan of the sequence satisfies
-these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j is rigid;
-so the optimum of this linear program bounds its cost from below. Where that is not enough, a goal
-pose adds the constraint of ``pose_bound``. A sequence that never melts anything is bounded by
-``rigid_motion.least_time`` as well.
+effort times duration E_i that such a bend takes (rigid drives: none). Every plan of the sequence
+satisfies these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j
+is rigid; so the optimum of this linear program bounds its cost from below. Where that is not
+enough, a goal pose adds the constraint of ``pose_bound``. A sequence that never melts anything is
+bounded by ``rigid_motion.least_time`` as well.
 """
 
 from __future__ import annotations
@@ -343,7 +343,9 @@ def _linear_program_bound(
     if optimum is None:
         return None
     value, x = optimum
-    return SequenceBound(value + constant, times=x[: layout.count], bends=x[layout.count : layout.count + n])
+    return SequenceBound(
+        value + constant, times=x[: layout.count], bends=x[layout.count : layout.count + n]
+    )
 
 
 def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
