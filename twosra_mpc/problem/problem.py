@@ -22,6 +22,7 @@ from pydantic import (
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
 from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
+from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
@@ -79,7 +80,8 @@ class Problem(Value):
     windows that hold this share of early and of late transitions, given the ranges of the robot's
     parameters. ``motion`` says what is done with time to spare, and with the ``gap`` that is asked
     for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can. With
-    ``weights.effort`` the cost itself says how fast, and ``motion`` has nothing to add.
+    ``weights.effort`` the cost itself says how fast, and ``motion`` has nothing to add. No point of
+    the robot leaves the ``workspace``.
     """
 
     description: str = ""
@@ -87,6 +89,7 @@ class Problem(Value):
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
     goal: SerializeAsAny[GoalSet]
+    workspace: Workspace | None = None
     weights: Weights = Weights()
     timing: str = "nominal"
     ambient_C: Number | None = None

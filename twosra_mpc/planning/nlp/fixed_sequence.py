@@ -13,8 +13,14 @@ from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription,
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correct_end
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
-from twosra_mpc.problem.limits import interval_durations, may_drive, shapes_allowed
+from twosra_mpc.problem.limits import (
+    interval_durations,
+    may_drive,
+    shapes_allowed,
+    workspace_margins,
+)
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, transition_model
@@ -25,6 +31,7 @@ _SCHEDULE_ROUNDS = 60
 _STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase with as little
 _MAX_ITERATIONS = 150
 _STARTS = (1.0, 0.999)  # of the guess's inputs: where numbers fail, a little aside they do not
+_STRAYING_M = 2e-3  # out of a workspace between nodes
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
 
@@ -116,14 +123,15 @@ def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidat
     """Solve the multiple-shooting program of the sequence from ``guess`` and correct its end."""
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     curved = None if problem.goal.is_box else problem.goal
-    program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS)
+    inside = problem.workspace is not None
+    program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS, inside)
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:
         return None
     cost, _ = cost_coefficients(network, problem.cost_weights)
     lower, upper = _decision_bounds(program, network, problem, guess)
-    g_lower, g_upper = _constraint_bounds(program, network)
+    g_lower, g_upper = _constraint_bounds(program, network, problem)
     iterations = 0
     for share in _STARTS:
         solution = solver(
@@ -167,7 +175,9 @@ def _decision_bounds(
     return program.pack(low, -inputs, np.zeros_like(used)), program.pack(high, inputs, used)
 
 
-def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tuple[Array, Array]:
+def _constraint_bounds(
+    program: Transcription, network: TemporalNetwork, problem: Problem
+) -> tuple[Array, Array]:
     """Bounds on the constraints: defects and linkages zero, limits one-sided, network active."""
     size = program.nlp["g"].numel()
     lower, upper = np.full(size, -np.inf), np.zeros(size)
@@ -184,4 +194,24 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
     rows = program.rows["network"]
     upper[rows] = np.inf
     lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]
+    if problem.workspace is not None:
+        rows = program.rows["inside"]
+        nodes = (program.phases, program.intervals + 1, -1, 2)
+        low, high = (
+            np.broadcast_to(end / program.scale[:2], lower[rows].reshape(nodes).shape).copy()
+            for end in _spared(problem, problem.workspace)
+        )
+        low[0, 0], high[0, 0] = -np.inf, np.inf  # the start is given
+        lower[rows], upper[rows] = low.ravel(), high.ravel()
     return lower, upper
+
+
+def _spared(problem: Problem, workspace: Workspace) -> Array:
+    """Corners of the workspace, less what the robot may stray between nodes, (2, 2) [m].
+
+    It keeps no farther away than it is at the start and at the goal.
+    """
+    goal = problem.goal.aim(problem.start.configuration)
+    ends = workspace_margins(problem, np.array([problem.start.configuration, goal]))
+    spared = min(_STRAYING_M, max(0.0, float(ends.min())))
+    return workspace.corners_m + [[spared], [-spared]]
