@@ -17,7 +17,7 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.gentle import ROUNDING, cheapest, gentle
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
-from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends
+from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends, moved_inside
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
@@ -180,7 +180,9 @@ class SequenceSolver:
     def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
         problem, sequence = self.problem, network.sequence
         start, usable = problem.start.configuration, may_drive(problem, sequence)
-        return guess_motion(problem.robot, start, problem.goal, sequence, bends, INTERVALS, usable)
+        goal = problem.goal
+        made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
+        return moved_inside(made, problem)
 
     def _checked(
         self, candidate: Candidate | None, network: TemporalNetwork

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.planning.nlp.guess import spared_corners
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correct_end
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
@@ -17,10 +18,8 @@ from twosra_mpc.problem.limits import (
     interval_durations,
     may_drive,
     shapes_allowed,
-    workspace_margins,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, transition_model
@@ -31,7 +30,6 @@ _SCHEDULE_ROUNDS = 60
 _STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase with as little
 _MAX_ITERATIONS = 150
 _STARTS = (1.0, 0.999)  # of the guess's inputs: where numbers fail, a little aside they do not
-_STRAYING_M = 2e-3  # out of a workspace between nodes
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
 
@@ -196,22 +194,11 @@ def _constraint_bounds(
     lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]
     if problem.workspace is not None:
         rows = program.rows["inside"]
-        nodes = (program.phases, program.intervals + 1, -1, 2)
+        shape = (2 * program.phases * program.intervals + program.phases, -1, 2)
         low, high = (
-            np.broadcast_to(end / program.scale[:2], lower[rows].reshape(nodes).shape).copy()
-            for end in _spared(problem, problem.workspace)
+            np.broadcast_to(end / program.scale[:2], lower[rows].reshape(shape).shape).copy()
+            for end in spared_corners(problem, problem.workspace)
         )
-        low[0, 0], high[0, 0] = -np.inf, np.inf  # the start is given
+        low[0], high[0] = -np.inf, np.inf  # the start is given
         lower[rows], upper[rows] = low.ravel(), high.ravel()
     return lower, upper
-
-
-def _spared(problem: Problem, workspace: Workspace) -> Array:
-    """Corners of the workspace, less what the robot may stray between nodes, (2, 2) [m].
-
-    It keeps no farther away than it is at the start and at the goal.
-    """
-    goal = problem.goal.aim(problem.start.configuration)
-    ends = workspace_margins(problem, np.array([problem.start.configuration, goal]))
-    spared = min(_STRAYING_M, max(0.0, float(ends.min())))
-    return workspace.corners_m + [[spared], [-spared]]

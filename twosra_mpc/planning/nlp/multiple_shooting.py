@@ -101,7 +101,8 @@ def transcribe(
     """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval.
 
     A ``goal`` that is no box adds the equations that its members fulfil; None: it is one. With
-    ``inside`` the places of the outline's points at all nodes are rows, in units of 0.1 m.
+    ``inside`` the places of the outline's points at all nodes and midway between them are rows, in
+    units of 0.1 m.
     """
     segments, scale = robot.geometry.segments, state_scale(robot)
     layout = EventLayout(phases, segments)
@@ -145,7 +146,8 @@ def transcribe(
         "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
     }
     if inside:
-        places = outline_points(robot.geometry).map(phases * (intervals + 1))(q)
+        visited = ca.horzcat(q, flow(q[:, before], s / 2, mode_of))
+        places = outline_points(robot.geometry).map(visited.size2())(visited)
         blocks["inside"] = places / float(scale[0])
     g, rows = _stacked(blocks)
     objective = ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs)
