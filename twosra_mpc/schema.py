@@ -111,6 +111,8 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "verification": "what the independent check found",
     "wall_s": "time spent",
     "weights": "weights of energy, transitions and effort in the cost, which is in seconds",
+    "workspace": "box in the plane that no point of the robot leaves",
+    "workspace_m": "margin to the edge of the workspace",
     "wheel_independence": "least singular value of the wheel matrix with which the robot drives",
     "wheels": "where the four wheels sit and point; left out, they follow from the lengths",
 }

@@ -35,7 +35,7 @@ from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
-_CUT = 1e-3  # m or rad: displacement between the places where the outline is looked at
+_CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _JUMP = 1e-6  # of the largest wheel speed: less is no jump
 _ROUNDING = 1e-9  # of a product of two inputs
@@ -284,7 +284,7 @@ def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
 def _workspace_margin(problem: Problem, samples: Samples) -> float:
     """Least distance of the robot to the edge of its workspace, also between samples [m].
 
-    Intervals are cut where a unit has moved a millimetre, and integrated anew. Within a cut, a
+    Intervals are cut where a unit has moved half a millimetre, and integrated anew. Within a cut, a
     point strays from its chord by an eighth of its second difference there; a quarter is taken off.
     """
     dt = np.diff(samples.t_s)

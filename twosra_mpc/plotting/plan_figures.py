@@ -75,6 +75,8 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         plane.draw_ends(ax, plan.robot.geometry, q, (phase.mode, phase.mode), 3)
         _draw_path(ax, q, phase)
         ax.set_title(f"{number}: {mode_name(phase.mode)}, {timeline.phase_duration(phase)}")
+    for ax in axes:
+        plane.draw_workspace(ax, plan.problem.workspace)
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
     plane.to_one_scale(axes, robot_shape(plan.robot.geometry, seen, 2).wheels)
     entries = {

@@ -278,6 +278,7 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
     return Playback(
         geometry=problem.robot.geometry,
         goal=goal_configuration(run),
+        workspace=problem.workspace,
         melting_C=problem.stiffness_thresholds_C,
         phases=tuple(joined_drives(run)),
         intervals=reported_states(run),

@@ -20,7 +20,13 @@ from PIL import Image
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import soft_and_changing
 from twosra_mpc.plotting import figures
-from twosra_mpc.plotting.plane import DASHED, draw_outline, number_units, robot_artists
+from twosra_mpc.plotting.plane import (
+    DASHED,
+    draw_outline,
+    draw_workspace,
+    number_units,
+    robot_artists,
+)
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline import draw_stiffness
 from twosra_mpc.robot.coordinates import Array
@@ -150,6 +156,7 @@ class Scene:
 
 def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None:
     draw_outline(ax, playback.geometry, playback.goal)
+    draw_workspace(ax, playback.workspace)
     goal = robot_shape(playback.geometry, playback.goal, 2).wheels
     points = np.concatenate([corners.reshape(-1, 2), goal.reshape(-1, 2)])
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M

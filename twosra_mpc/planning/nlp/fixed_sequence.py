@@ -28,6 +28,7 @@ INTERVALS = 10
 _STEPS = 2
 _SCHEDULE_ROUNDS = 60
 _STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase with as little
+_MOST_TURN_RAD = 0.35  # in an interval, inside a workspace; half a turn fits into ten
 _MAX_ITERATIONS = 150
 _STARTS = (1.0, 0.999)  # of the guess's inputs: where numbers fail, a little aside they do not
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
@@ -165,6 +166,8 @@ def _decision_bounds(
     high[-1, -1] = np.minimum(high[-1, -1], goal_high)
     inputs = np.zeros((n, m, INPUTS))
     inputs[available_inputs(network.sequence, m).reshape(n, m, INPUTS) > 0] = np.inf
+    if problem.workspace is not None:  # what is between the places that are looked at
+        inputs[..., -1] = np.minimum(inputs[..., -1], _MOST_TURN_RAD)
     inputs[~np.array(may_drive(problem, network.sequence))] = 0.0
     used = np.zeros(program.layout.count)
     for u, v in network.least:
