@@ -21,11 +21,12 @@ from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.heater_schedule import HeaterSchedule, Progress
 from twosra_mpc.execution.robot_interface import Camera, Reading
 from twosra_mpc.execution.run import Ending, Run
-from twosra_mpc.execution.settings import Accuracy, ExecutorSettings
+from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate, spread
 from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.robot.accuracy import PLANNED, Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, soft_segments
@@ -436,16 +437,16 @@ def test_the_rest_of_a_problem_leaves_alone_what_is_near_enough() -> None:
     task = problem("paper-1")
     goal = task.goal.configuration
     near = goal + np.array([0.05, 0.0, 0.2, 0.7, -0.5])
-    rest = remaining_problem(task, near, (40.0, 58.0), (0, 0), ACCURACY)
+    rest = remaining_problem(task, near, (40.0, 58.0), (0, 0))
     found = plan(rest).require()
     assert [phase.mode for phase in found.phases] == [(0, 0)]
     assert found.cost.transitions == 0
     far = goal + np.array([0.05, 0.0, 0.2, 0.7, -1.5])
-    rest = remaining_problem(task, far, (63.0, 58.0), (0, 0), ACCURACY)
+    rest = remaining_problem(task, far, (63.0, 58.0), (0, 0))
     assert rest.start_mode == (0, 0)  # as reported, whatever the thermometer says
-    assert rest.goal.half_width[3:] == pytest.approx([0.7, 0.0], abs=1e-6)
+    assert rest.goal.half_width[3:] == pytest.approx([0.7, PLANNED], abs=1e-6)
     assert plan(rest).require().cost.transitions == 2  # type: ignore[union-attr]
-    only = remaining_problem(task, far, (66.0, 30.0), (1, 0), ACCURACY, broken={1})
+    only = remaining_problem(task, far, (66.0, 30.0), (1, 0), broken={1})
     assert only.start_mode == (1, 0)
     assert set(only.modes) == {(0, 0), (1, 0)}
 
