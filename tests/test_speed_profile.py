@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import exactly, ROBOT, at_once, bound_of, network_of, random_problem
+from problems import ROBOT, at_once, bound_of, exactly, network_of, random_problem
 from scipy.optimize import linprog
 
 import twosra_mpc.planning.planner as planner_module
