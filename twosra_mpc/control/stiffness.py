@@ -201,9 +201,10 @@ def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRul
         InputError: If the robot file has no ``[segment]``, or nothing would freeze in this air.
     """
     model = segment_model(robot, ambient_C, segment)
-    _, lags_s = robot.thermal_segment(segment).sensor_gain_and_lags_s
-    solid_C, liquid_C = thresholds_C(model)
-    if solid_C == liquid_C:  # a plateau: its temperature is known only so well, and tells nothing
+    described = robot.thermal_segment(segment)
+    _, lags_s = described.sensor_gain_and_lags_s
+    if described.thresholds_C is None:  # a plateau: known only so well, and tells nothing
+        solid_C, _ = thresholds_C(model)
         about_C = (solid_C - CLEARLY_LIQUID_K, solid_C + CLEARLY_LIQUID_K)
         rule = StiffnessRule(
             observer=MeltObserver(model, lags_s, about_C),
@@ -213,6 +214,7 @@ def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRul
             rigid_until_C=solid_C - SURELY_SOLID_K,
         )
     else:
+        solid_C, liquid_C = described.thresholds_C
         observer = MeltObserver(model, lags_s, None)
         rule = StiffnessRule(observer, liquid_C, solid_C, liquid_C, solid_C)
     if not ambient_C < rule.solid_below_C:

@@ -194,8 +194,8 @@ class _ClosedLoop:
         The law takes the reading in the middle of a step, as it changes at the step's begin.
         """
         if not share.any():
-            states = driven(self.plant, (float(state[0]), float(state[1])), share)
-            return states, self.sensor.follow(states[:, 0], lags), share
+            cooling = driven(self.plant, (float(state[0]), float(state[1])), share)
+            return cooling, self.sensor.follow(cooling[:, 0], lags), share
         step, behind = self.plant.stepper(), self.sensor.stepper()
         ahead = self.sensor.step_s / 2 / self.sensor.lag_s
         here, lag = (float(state[0]), float(state[1])), (float(lags[0]), float(lags[1]))

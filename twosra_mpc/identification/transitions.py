@@ -265,13 +265,14 @@ def _fitted(
         bounds=(low, high),
         loss="soft_l1",
         f_scale=_SCALE,
-        diff_step=1e-3,  # durations are read off a grid
+        diff_step=[1e-3] * len(start),  # durations are read off a grid
         ftol=1e-5,
         max_nfev=30,
     )
     values = np.exp(result.x)
     spread = np.median(np.abs(result.fun)) / 0.6745  # of a normal distribution without outliers
-    covariance = np.linalg.pinv(result.jac.T @ result.jac) * spread**2
+    jacobian = np.asarray(result.jac)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * spread**2
     errors = values * np.sqrt(np.diag(covariance))
     return _Fitted(tuple(values.tolist()), tuple(errors.tolist()))
 
@@ -305,7 +306,8 @@ class _Course:
     """A segment and its sensor in steps; states are (core, body, both lags), K above the air."""
 
     def __init__(self, values: tuple[float, ...], own: TwoNodeSegment, heater: Heater) -> None:
-        self._plant = TwoNodePlant(TwoNode(*values, *UNIT), _STEP_S)
+        power, coupling, ratio, loss = values
+        self._plant = TwoNodePlant(TwoNode(power, coupling, ratio, loss, *UNIT), _STEP_S)
         lag_s = max(own.sensor_lag_s, 1e-3)
         self._sensor = SensorLag(own.sensor_gain, lag_s, _STEP_S)
         self._air_C, self._setpoint_K = heater.ambient_C, heater.soft_setpoint_C - heater.ambient_C
