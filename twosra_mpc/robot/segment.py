@@ -207,7 +207,7 @@ class TwoNodeSegment(Segment):
     ``dT_b/dt = coupling / body_ratio (T_c - T_b) - body_loss (T_b - T_a)``.
     ``solid_below_C`` and ``liquid_above_C`` are the two thresholds of the stiffness, on what the
     sensor shows (over its gain). A sensor lags, so a melt lasts until the core is as far above
-    ``liquid_above_C`` as it leads the sensor by, and a freeze, slow in the end, until the core is at
+    ``liquid_above_C`` as it leads the sensor by; a freeze, slow in the end, until the core is at
     ``solid_below_C``.
     ``core_heat_J_per_K`` turns rates of temperature into power.
     """
