@@ -25,6 +25,7 @@ from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant, dri
 from twosra_mpc.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
 from twosra_mpc.identification.robot_files import write_identified_robot
 from twosra_mpc.identification.thermal import (
+    LOGS_DIFFER,
     SEGMENT_FIELDS,
     UNIT,
     Parameters,
@@ -151,7 +152,7 @@ def test_the_sensor_is_two_lags_behind_a_share_of_the_core() -> None:
 
     done = solve_ivp(rate, (0.0, time_s[-1]), (20.0, 18.0), t_eval=time_s, max_step=0.1)
     assert first == pytest.approx(done.y[0], abs=2e-3)
-    assert second == pytest.approx(done.y[1], abs=5e-3)
+    assert second == pytest.approx(done.y[1], abs=7e-3)
 
 
 def test_the_inverted_sensor_finds_the_core_behind_readings() -> None:
@@ -290,12 +291,9 @@ def test_ranges_hold_every_fit_and_the_standard_error(fitted: ThermalFit) -> Non
     for name in SEGMENT_FIELDS:
         low, high = fitted.segment.ranges[name]
         value, error = getattr(fitted.parameters, name), getattr(fitted.standard_errors, name)
-        assert low == pytest.approx(
-            min(getattr(fitted.smallest, name), value - 1.645 * error), rel=1e-3
-        )
-        assert high == pytest.approx(
-            max(getattr(fitted.largest, name), value + 1.645 * error), rel=1e-3
-        )
+        spread = max(1.645 * error, LOGS_DIFFER * value)
+        assert low == pytest.approx(min(getattr(fitted.smallest, name), value - spread), rel=1e-3)
+        assert high == pytest.approx(max(getattr(fitted.largest, name), value + spread), rel=1e-3)
         for part in fitted.held_out:
             inside = getattr(part.parameters, name)
             assert getattr(fitted.smallest, name) <= inside <= getattr(fitted.largest, name)

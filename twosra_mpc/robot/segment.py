@@ -59,7 +59,7 @@ class Segment(Tagged):
 
     @property
     def thresholds_C(self) -> tuple[float, float] | None:
-        """Readings up to which it is solid, and from which on liquid; None: a melting plateau."""
+        """Temperatures by the sensor of solid and of liquid; None: those of its model."""
         return None
 
     @property
