@@ -385,6 +385,9 @@ def _check(logged: list[LoggedTransition], source: str) -> None:
                 " are labels swapped?"
             )
             raise InputError("kind", value, allowed, source)
+        if kind == "melt":
+            rates = [rise / each.duration_s for rise, each in zip(rises, of_kind, strict=True)]
+            plausibility.check_rate(float(np.median(rates)), "duration_s", source)
     if logged[0].kind == "freeze":
         raise InputError("kind, first row", "freeze", "a melt: what freezes has melted", source)
 

@@ -247,17 +247,18 @@ class TwoNodeSegment(Segment):
             core_heat_J_per_K=self.core_heat_J_per_K,
             full_current_A=heater.melt_current_A,
             solid_level=self.solid_below_C,
-            liquid_level=self._evidently_liquid_C(heater, ambient_C),
+            liquid_level=self._evidently_liquid_C(heater),
             ambient_C=ambient_C,
         )
 
-    def _evidently_liquid_C(self, heater: Heater, ambient_C: float) -> float:
+    def _evidently_liquid_C(self, heater: Heater) -> float:
         """Core at which the sensor shows a melt from cold as done; at most the set-point.
 
         The core rises at p - a (T_c - T_a) at least, and leads a sensor of two lags by twice the
         lag times that.
         """
-        rate = self.power_K_per_s - self.coupling_per_s * (self.liquid_above_C - ambient_C)
+        above_K = self.liquid_above_C - heater.ambient_C
+        rate = self.power_K_per_s - self.coupling_per_s * above_K
         evident = self.liquid_above_C + 2 * self.sensor_lag_s * max(0.0, rate)
         return max(self.liquid_above_C, min(evident, heater.soft_setpoint_C))
 
