@@ -12,7 +12,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.identification.heating_log import LEAST_SAMPLES, EvenLog, HeatingLog, runs
-from twosra_mpc.identification.log_fit import Bounded, Residuals
+from twosra_mpc.identification.log_fit import Bounded, Fitted, Residuals
 
 AIR_C = (-10.0, 45.0)
 FASTEST_K_PER_S = 8.0  # heaters of these robots warm their segments by 1 to 3 K/s
@@ -76,9 +76,9 @@ def check_scored(log: EvenLog, source: str) -> None:
 
 
 def check_fit(
-    parameters: Mapping[str, Bounded], values: Sequence[float], off: Residuals, source: str
+    parameters: Mapping[str, Bounded], found: Fitted, off: Residuals, source: str
 ) -> None:
-    """Refuse a fit that does not explain its log, or only by parameters at their bounds.
+    """Refuse a fit that does not explain its log, or whose parameters the log does not tell.
 
     Raises:
         InputError: Naming the residual or the parameter.
@@ -89,7 +89,13 @@ def check_fit(
             "of time_s and temp_C, the labels in mode, and the air's temperature (--ambient)"
         )
         raise InputError("residual", f"{off.rms_C:.3g} C", allowed, source)
-    check_bounds(parameters, values, source)
+    check_bounds(parameters, found.values, source)
+    for (name, each), value, error in zip(parameters.items(), *found[:2], strict=True):
+        if each.positive and not error < value:
+            allowed = (
+                "less than the parameter: a longer log that starts cold, or more of its cycles"
+            )
+            raise InputError(f"standard error of {name}", float(f"{error:.3g}"), allowed, source)
 
 
 def check_bounds(parameters: Mapping[str, Bounded], values: Sequence[float], source: str) -> None:

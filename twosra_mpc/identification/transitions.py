@@ -93,7 +93,7 @@ class TransitionFit:
         source: Name of the file of transitions.
         robot: Name of the robot.
         segment: Its segment with the fitted parameters and their ranges.
-        smallest: Of each fitted parameter over the fits that leave a part out.
+        smallest: Of each fitted parameter over the fits that leave a part, or a half, out.
         largest: The same.
         predictions: For every transition of the log.
     """
@@ -222,6 +222,10 @@ def identify_transitions(
             parts.append(fit.values)
         left_out_s[out] = predict(parts[-1])[out]
         done(part + 2)
+    if len(logged) >= 4 * LEAST_OF_A_KIND:  # logs differ by more than a tenth of one does
+        half = np.arange(len(logged)) < len(logged) / 2
+        for kept in (counted & half, counted & ~half):
+            parts.append(_fitted(predict, logged, kept, best.values, own.body_ratio).values)
     smallest, largest = (
         dict(zip(_FITTED, pick(np.array(parts), axis=0).tolist(), strict=True))
         for pick in (np.min, np.max)
