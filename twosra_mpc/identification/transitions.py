@@ -224,8 +224,10 @@ def identify_transitions(
         done(part + 2)
     if len(logged) >= 4 * LEAST_OF_A_KIND:  # logs differ by more than a tenth of one does
         half = np.arange(len(logged)) < len(logged) / 2
-        for kept in (counted & half, counted & ~half):
-            parts.append(_fitted(predict, logged, kept, best.values, own.body_ratio).values)
+        parts += [
+            _fitted(predict, logged, counted & kept, best.values, own.body_ratio).values
+            for kept in (half, ~half)
+        ]
     smallest, largest = (
         dict(zip(_FITTED, pick(np.array(parts), axis=0).tolist(), strict=True))
         for pick in (np.min, np.max)
