@@ -195,8 +195,8 @@ def test_longer_segments_take_longer() -> None:
 
 def test_thresholds_and_windows_are_of_each_segment() -> None:
     problem = thermal_problem(MIXED, transition_quantile=0.9)
-    assert problem.segment_thresholds_C == ((61.0, 61.0), (53.0, 62.0), (61.0, 61.0))
-    assert problem.stiffness_thresholds_C == (53.0, 62.0)
+    assert problem.segment_thresholds_C == ((61.0, 61.0), (53.0, 65.0), (61.0, 61.0))
+    assert problem.stiffness_thresholds_C == (53.0, 65.0)
     first, second, third = (one.windows for one in thermal_model(problem).plans)
     twin = thermal_model(thermal_problem(V2, ambient_C=25.0, transition_quantile=0.9)).plans[0]
     assert second == twin.windows

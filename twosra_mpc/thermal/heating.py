@@ -180,9 +180,9 @@ class HeatingPlan:
         return self.windows.melt_early * until
 
     def melting_s(self, state: State) -> float:
-        """Latest end of melting after heater on."""
+        """Latest end of melting after heater on, surely liquid: rounding included."""
         until = self.model.time_until(state, self.melt_current_A, self.model.liquid_level)
-        return self.windows.melt_late * until
+        return self.windows.melt_late * until + _ROUNDING_S
 
     def coasting_s(self, state: State) -> float:
         """Earliest onset of freezing after heater off."""
@@ -192,8 +192,9 @@ class HeatingPlan:
         return self.windows.freeze_early * until
 
     def freezing_s(self, state: State) -> float:
-        """Latest end of freezing after heater off."""
-        return self.windows.freeze_late * self.model.time_until(state, 0.0, self.model.solid_level)
+        """Latest end of freezing after heater off, surely solid: rounding included."""
+        until = self.model.time_until(state, 0.0, self.model.solid_level)
+        return self.windows.freeze_late * until + _ROUNDING_S
 
     def _from(self, to: Stiffness, start_s: float, state: State) -> tuple[Piece, ...]:
         """Bring a segment to the soft set-point and hold it there, or switch its heater off."""
