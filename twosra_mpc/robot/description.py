@@ -43,11 +43,13 @@ class Robot(Value):
 
     ``segment`` describes how every segment warms and cools, ``segments`` each for itself; timing
     "thermal" needs one of them. In a file, ``segments = 3`` gives the number of segments that are
-    alike (2 if left out), and a list ``[[segment]]`` each with its ``length_m``.
+    alike (2 if left out), and a list ``[[segment]]`` each with its ``length_m``. ``robot_id`` is
+    for firmware that expects the robot's number as the last one of every line.
     """
 
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
+    robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
     geometry: Geometry
     path: PathRecord
     limits: MotionLimits
