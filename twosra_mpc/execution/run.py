@@ -17,6 +17,8 @@ from twosra_mpc.version import __version__
 
 EventKind = Literal["plan", "drive", "confirmed", "look", "correct", "replan", "failure", "end"]
 
+Executed = Literal["optimal", "greedy", "stream"]
+
 FORMAT, FORMAT_VERSION = "twosra-run", 1
 CHANGING = 0.5  # between 0, rigid, and 1, soft, in ``RunLog.stiffness``
 
@@ -30,6 +32,7 @@ class Ending(enum.StrEnum):
     HEATER_FAILED = "heater failed"  # and what is left without it has no plan
     GAVE_UP = "gave up"  # replanned or corrected too often, or no mode comes nearer
     TIME_LIMIT = "time limit"  # the run took too long
+    LOGGED = "logged"  # written down as it was; nobody has judged where it ended
 
 
 class RunEvent(NamedTuple):
@@ -69,6 +72,8 @@ class RunLog:
         stiffness: As reported: 0 rigid, 0.5 changing, 1 soft, NaN not, (rows, n).
         setpoint_C: Set-points sent until the next, (rows, n).
         wheel_rad_s: Wheel speeds sent until the next, (rows, 4).
+        mode: Mode in which the wheels are driven until the next: 0 rigid, 1 soft, NaN while they
+            stand, (rows, n).
     """
 
     time_s: Array
@@ -79,6 +84,7 @@ class RunLog:
     stiffness: Array
     setpoint_C: Array
     wheel_rad_s: Array
+    mode: Array
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -91,7 +97,7 @@ class Run:
 
     Attributes:
         problem: What was asked.
-        executor: "optimal" or "greedy".
+        executor: "optimal" or "greedy"; "stream" if a plan was sent without a camera.
         accuracy: How near to the goal was near enough.
         plans: Plans in the order in which they were followed; none by the greedy executor.
         ending: How it ended.
@@ -107,7 +113,7 @@ class Run:
     """
 
     problem: Problem
-    executor: Literal["optimal", "greedy"]
+    executor: Executed
     accuracy: Accuracy
     plans: tuple[Plan, ...]
     ending: Ending
