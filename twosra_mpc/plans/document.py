@@ -118,7 +118,7 @@ def plan_within(document: dict[str, Any], robot: dict[str, Any], source: str) ->
     """
     unsaid: dict[str, Any] = {"status": Status.FEASIBLE, "message": "", "stopped_early": False}
     head = {"format": FORMAT, "version": FORMAT_VERSION, "package": "", "robot": robot}
-    stats = vars(Stats()).copy()
+    stats = vars(Stats(0.0, 0, 0, 0)).copy()
     try:
         whole = json.dumps({**head, **unsaid, "stats": stats, **document})
         return _result(PlanDocument.model_validate_json(whole), source).require()
