@@ -15,7 +15,8 @@ from conftest import Planned
 from problems import ROBOT
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc import InputError, NoPlanError, Plan
+from twosra_mpc import InputError, NoPlanError, Plan, load_problem
+from twosra_mpc import plan as find_plan
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.runner import WheelCommand, wheel_commands
 from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
@@ -127,12 +128,14 @@ def test_without_reports_everything_happens_at_the_plans_times(
 
 
 @pytest.mark.parametrize("confirm", Confirm)
-@pytest.mark.parametrize("robot", ["2sra-v1", "2sr-v2"])
+@pytest.mark.parametrize(("robot", "bend"), [("2sra-v1", 30.0), ("2sr-v2", 10.0)])
 def test_firmware_that_does_not_regulate_melts_what_must_be_soft_and_overheats_nothing(
-    planned: Planned, connect: Connected, confirm: Confirm, robot: str
+    connect: Connected, confirm: Confirm, robot: str, bend: float
 ) -> None:
-    asked = {"transition_quantile": 0.9} if confirm is Confirm.NEVER else {}
-    plan = planned("shape-change" if robot == "2sr-v2" else "paper-2", robot=robot, **asked)
+    asked: dict[str, object] = {"goal": {"kappa_per_m": [bend, 0.0]}, "robot": robot}
+    if confirm is Confirm.NEVER:
+        asked["transition_quantile"] = 0.9
+    plan = find_plan(load_problem("shape-change", **asked)).require()
     numbers, silent = int(robot == "2sr-v2"), lambda _t, _j, _temperature: b""
     firmware = connect(plan, regulates=False, numbers=numbers)
     if confirm is Confirm.NEVER:
@@ -157,7 +160,6 @@ def test_a_plan_that_waits_for_no_slow_metal_is_not_sent_without_reports(planned
 def test_reports_that_do_not_change_are_reports(planned: Planned, connect: Connected) -> None:
     plan = planned("rigid-move")
     firmware = connect(plan, reports=lambda _t, j, _temperature: b"%c24.9\n" % (65 + j))
-    firmware.at[3.0] = lambda: firmware.sleep(0.0)
     assert send(plan, firmware, patience=Patience(silent_s=1.0))
 
 

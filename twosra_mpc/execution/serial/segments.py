@@ -17,8 +17,9 @@ from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 
 MEDIAN_OF = 3  # reports: single ones can be far off
-PULSE_S = 1.0  # a heater that holds is on for at least so long
-BAND_K = 2.0  # a hold by duty is corrected when the model is so far from the set-point
+PULSE_S = 0.5  # a heater that holds by duty is on for at least so long
+ABOVE_K = 1.0  # a hold begins so far above the set-point, for plans count on no less than that
+MOST_K = 2.0  # and so far above it nothing is heated
 
 
 class HeatedBySwitch(Protocol):
@@ -49,9 +50,9 @@ class HeatedBySwitch(Protocol):
 class ModelledSegment:
     """A segment that reports nothing: heated by the energy that its model needs.
 
-    ``melt_current_A`` is on until the model has reached the soft set-point, and then for the
-    robot's duty of the time. The model, propagated with what was switched, corrects the hold where
-    that duty is too much or too little.
+    ``melt_current_A`` is on until the model is a little above the soft set-point, and then for the
+    robot's duty of the time, as long as the model, propagated with what was switched, is not below
+    the set-point.
     """
 
     temperature_C, stiffness, faulty = math.nan, None, False
@@ -82,9 +83,9 @@ class ModelledSegment:
     def _share(self) -> float:
         """Share of the time for which the heater should be on."""
         above_K = self.model.temperature_C(self.state) - self._heater.soft_setpoint_C
-        if above_K < (-BAND_K if self._held else 0.0):
+        if above_K < (0.0 if self._held else ABOVE_K):
             return 1.0
-        return 0.0 if above_K > BAND_K else self._heater.duty_of_hold
+        return 0.0 if above_K > MOST_K else self._heater.duty_of_hold
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
         """Nothing is reported."""
