@@ -58,6 +58,12 @@ class Cable:
             raise OSError(5, "Input/output error")
 
 
+def raw_C(segment: HeatedSegment) -> float:
+    """What the firmware reads off a segment's thermistor."""
+    rule = segment.controller
+    return rule.ambient_C + rule.sensor_gain * (segment.measured_C - rule.ambient_C)
+
+
 class FullCurrent(HeatedSegment):
     """A segment whose firmware lets the melting current flow for as long as it is told to."""
 
@@ -169,4 +175,4 @@ class SimulatedFirmware:
 
     def _report(self) -> None:
         for j, segment in enumerate(self.segments):
-            self._cable.to_computer += self.reports(self._now_s, j, segment.measured_C)
+            self._cable.to_computer += self.reports(self._now_s, j, raw_C(segment))
