@@ -123,7 +123,7 @@ def preview(plan: Plan, rate_Hz: float = RATE_HZ) -> list[SentLine]:
     """
     check_sendable(plan)
     clock = SteppedClock()
-    line = _Recorder(clock)
+    line = Recorder(clock)
     chosen = rate_Hz, Confirm.NEVER, None, Patience()
     _Stream(plan, clock, lambda state: None, None).run(line, *chosen)
     return line.sent
@@ -153,16 +153,19 @@ def check_sendable(plan: Plan, confirm: Confirm | None = None) -> None:
         raise InputError("transition_quantile", None, allowed)
 
 
-class _Recorder:
+class Recorder:
     """A line to nowhere that keeps what is sent."""
 
     def __init__(self, clock: SteppedClock) -> None:
+        """Nothing is sent yet."""
         self._clock, self.sent = clock, list[SentLine]()
 
     def write(self, data: bytes) -> None:
+        """Keep a line."""
         self.sent.append(SentLine(self._clock.now_s(), data.decode("ascii")))
 
     def read_lines(self) -> list[bytes]:
+        """Nothing ever comes back."""
         return []
 
 
