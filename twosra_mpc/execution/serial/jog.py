@@ -19,7 +19,7 @@ from twosra_mpc.execution.serial.port import Port
 from twosra_mpc.execution.serial.robot import RATE_HZ, connected
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import rigid_wheel_speeds
-from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
@@ -117,8 +117,8 @@ class Keys:
     def __post_init__(self) -> None:
         """Raises: InputError: If a speed is beyond the robot's limits."""
         v, r = self.speed_m_s, self.turn_rad_s
-        twists = {"w": (v, 0, 0), "s": (-v, 0, 0), "q": (0, v, 0), "e": (0, -v, 0)}
-        twists |= {"a": (0, 0, r), "d": (0, 0, -r)}
+        twists = {"w": (v, 0.0, 0.0), "s": (-v, 0.0, 0.0), "q": (0.0, v, 0.0), "e": (0.0, -v, 0.0)}
+        twists |= {"a": (0.0, 0.0, r), "d": (0.0, 0.0, -r)}
         self._wheels = {key: wheels_of_twist(self.robot, twist) for key, twist in twists.items()}
         single = np.eye(WHEELS) * v / self.robot.geometry.wheel_radius_m
         check_wheels(self.robot, single.max(axis=0))
@@ -176,7 +176,9 @@ def jog(
         RobotError: If a segment is too hot or silent, or is to be heated and nobody knows how warm
             it is; or the line does not work any more.
     """
-    problem = Problem(robot=robot, start=_anywhere(robot), goal={"x_m": 0.0})  # type: ignore[arg-type]
+    anywhere = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0}
+    start = {**anywhere, "kappa_per_m": (0.0,) * robot.coordinates.segments}
+    problem = Problem.parse({"robot": robot, "start": start, "goal": anywhere}, robot.name)
     heater, wheels = robot.heater, np.zeros(WHEELS)
     with connected(problem, port, clock, patience=patience) as line:
         line.listen()
@@ -193,7 +195,7 @@ def jog(
 
 
 def ramped(before: Array, wanted: Array, step_rad_s: float) -> Array:
-    """Wheel speeds after ``before`` on the way to ``wanted`` (4,); nothing wanted counts at once."""
+    """Wheel speeds after ``before`` on the way to ``wanted`` (4,); at once to nothing."""
     change = wanted - before
     largest = float(np.abs(change).max())
     if not wanted.any() or largest <= step_rad_s:
@@ -212,8 +214,3 @@ def heated_mode(robot: Robot, segments: tuple[int, ...]) -> Mode:
         if not 1 <= segment <= count:
             raise InputError("heat", segment, f"a segment from 1 to {count}")
     return tuple(int(j + 1 in segments) for j in range(count))
-
-
-def _anywhere(robot: Robot) -> Start:
-    straight = (0.0,) * robot.coordinates.segments
-    return Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=straight)
