@@ -6,7 +6,7 @@ import os
 import select
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import click
 import numpy as np
@@ -152,10 +152,14 @@ def _pressed() -> Iterator[Callable[[], str]]:
     def receive() -> str:
         if not select.select([source], [], [], 0.0)[0]:
             return ""
-        return os.read(source, 1024).decode("ascii", errors="replace") or "x"  # closed: the end
+        try:
+            return os.read(source, 1024).decode("ascii", errors="replace") or "x"
+        except OSError:  # the terminal is closed: the end
+            return "x"
 
     try:
         tty.setcbreak(source)  # Ctrl-C stays what it is
         yield receive
     finally:
-        termios.tcsetattr(source, termios.TCSADRAIN, before)
+        with suppress(termios.error):
+            termios.tcsetattr(source, termios.TCSADRAIN, before)
