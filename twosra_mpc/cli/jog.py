@@ -47,9 +47,7 @@ See what would be sent, without a robot:
 Which way does wheel 1 turn? (with the robot on blocks)
   twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --wheel 1 2.0 --for 1
 Does heater 1 warm segment 1?
-  twosra jog --robot 2sr-v2 --port /dev/ttyUSB0 --heat 1 --for 20
-By keys:
-  twosra jog --robot 2sra-v1 --port /dev/ttyUSB0
+  twosra jog --robot 2sra-v1 --port /dev/ttyUSB0 --heat 1 --for 20
 """
 _KEYED_M_S, _KEYED_RAD_S = 0.01, 0.1
 

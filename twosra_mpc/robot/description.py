@@ -49,7 +49,6 @@ class Robot(Value):
 
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
-    robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
     geometry: Geometry
     path: PathRecord
     limits: MotionLimits
@@ -57,6 +56,7 @@ class Robot(Value):
     segment: AnySegment | None = None
     segments: Annotated[tuple[AnySegment, ...], BeforeValidator(plain)] = ()
     timing: Annotated[dict[str, AnyTiming], Field(min_length=1), AfterValidator(FrozenDict)]
+    robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
 
     @model_validator(mode="before")
     @classmethod
