@@ -24,7 +24,7 @@ from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.run_log import RunFile, load_run
 from twosra_mpc.execution.serial.firmware_lines import stop_command
 from twosra_mpc.execution.serial.pose_lines import LATEST_S, PoseLines, pose_lines
-from twosra_mpc.execution.serial.robot import STOPS, connected, while_standing
+from twosra_mpc.execution.serial.robot import STOPS, SerialRobot, connected, while_standing
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream
 from twosra_mpc.execution.session import Session
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
@@ -266,6 +266,51 @@ def test_an_interrupt_does_not_wait_for_what_is_computed(planned: Planned) -> No
     never.set()
     assert firmware.now_s() < 6.0
     assert_off(firmware)
+    firmware.close()
+
+
+@pytest.mark.parametrize("part", ["read", "send", "wait", "find_plan"])
+def test_whatever_raises_the_last_command_is_a_stop(
+    planned: Planned, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    plan = planned("rigid-move")
+    firmware = SeenByLines(plan)
+    push = np.array([0.0, 0.15, 0.0, 0.0, 0.0])
+    firmware.at[4.0] = lambda: setattr(firmware, "q", firmware.q + push)
+
+    def broken(*given: object) -> object:
+        if part == "find_plan" or firmware.now_s() > 4.0:
+            raise ZeroDivisionError(part)
+        return whole(*given)
+
+    if part == "find_plan":
+        monkeypatch.setattr("twosra_mpc.execution.executor.find_plan", broken)
+    else:
+        whole = getattr(SerialRobot, part)
+        monkeypatch.setattr(SerialRobot, part, broken)
+    with pytest.raises(ZeroDivisionError, match=part):
+        stream(plan, firmware.port, firmware, poses=firmware.poses)
+    assert firmware.moves
+    assert_off(firmware)
+    firmware.close()
+
+
+def test_a_stop_that_fails_in_an_unknown_way_is_tried_again(planned: Planned) -> None:
+    plan = planned("rigid-move")
+    firmware = SimulatedFirmware(plan)
+    write, tries = firmware.port.write, list[bytes]()
+
+    def fails_once(data: bytes) -> None:
+        if data == stop_command(2) and firmware.moves:
+            tries.append(data)
+            if len(tries) == 2:  # the first is the end of the plan
+                raise RuntimeError("what is this")
+        write(data)
+
+    firmware.port.write = fails_once  # type: ignore[method-assign]
+    stream(plan, firmware.port, firmware)
+    firmware.receive()
+    assert not any(firmware.received[-1].wheel_rad_s)
     firmware.close()
 
 
