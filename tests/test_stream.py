@@ -15,7 +15,7 @@ from conftest import Planned
 from problems import ROBOT
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc import InputError, NoPlanError, Plan, load_problem
+from twosra_mpc import InputError, NoPlanError, Plan, load_problem, load_robot
 from twosra_mpc import plan as find_plan
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.runner import WheelCommand, wheel_commands
@@ -23,6 +23,7 @@ from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.firmware_lines import stop_command
 from twosra_mpc.execution.serial.port import PortError
 from twosra_mpc.execution.serial.robot import STOPS
+from twosra_mpc.execution.serial.segments import ModelledSegment
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, StreamState, stream
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.modes import Mode
@@ -147,6 +148,20 @@ def test_firmware_that_does_not_regulate_melts_what_must_be_soft_and_overheats_n
     assert soft_C - 4.0 < firmware.hottest_C < soft_C + (3.0 if confirm is Confirm.NEVER else 15.0)
     assert not any(segment.soft for segment in firmware.segments)
     assert_off(firmware)
+
+
+def test_a_heater_holds_by_pulses_unless_the_firmware_is_known_to_regulate() -> None:
+    robot = load_robot("2sra-v1")
+    told = robot.with_values(heater=robot.heater.with_values(hold_duty=1.0))
+    times_s = np.arange(0.0, 600.0, 0.2).tolist()
+    pulsed, left_on = (ModelledSegment(each, 25.0, 0, 25.0, 0.0) for each in (robot, told))
+    on = np.array([pulsed.switched(True, time_s) for time_s in times_s])
+    assert all(left_on.switched(True, time_s) for time_s in times_s)
+    assert on[: int(60 / 0.2)].all()
+    assert on[-1000:].mean() == pytest.approx(robot.heater.duty_of_hold, rel=0.05)
+    soft_C = robot.heater.soft_setpoint_C
+    assert soft_C - 0.3 < pulsed.model.temperature_C(pulsed.state) < soft_C + 1.5
+    assert not pulsed.switched(False, 601.0)
 
 
 def test_a_plan_that_waits_for_no_slow_metal_is_not_sent_without_reports(planned: Planned) -> None:

@@ -15,7 +15,8 @@ class Heater(Value):
     """Temperatures, currents and coil of one segment's heater.
 
     ``hold_duty`` is the share of the time for which ``melt_current_A`` is on while a robot that
-    reports nothing is held soft; left out, the share that heats as ``hold_current_A`` does.
+    reports nothing is held soft; left out, the share that heats as ``hold_current_A`` does. It is 1
+    only for firmware that is known to regulate: then the host never switches off to hold.
     """
 
     melting_point_C: Number
@@ -27,7 +28,7 @@ class Heater(Value):
     current_max_A: Positive
     melt_current_A: Positive
     hold_current_A: Positive
-    hold_duty: Annotated[float, Field(gt=0.0, lt=1.0), BeforeValidator(plain)] | None = None
+    hold_duty: Annotated[float, Field(gt=0.0, le=1.0), BeforeValidator(plain)] | None = None
     resistance_ohm: Positive
     cooling_time_constant_s: Positive
 

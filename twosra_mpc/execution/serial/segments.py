@@ -82,6 +82,8 @@ class ModelledSegment:
 
     def _share(self) -> float:
         """Share of the time for which the heater should be on."""
+        if self._heater.hold_duty == 1.0:  # the firmware regulates
+            return 1.0
         above_K = self.model.temperature_C(self.state) - self._heater.soft_setpoint_C
         if above_K < (0.0 if self._held else ABOVE_K):
             return 1.0
