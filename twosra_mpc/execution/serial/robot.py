@@ -25,7 +25,6 @@ from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrup
 from twosra_mpc.execution.serial.port import Port, PortError
 from twosra_mpc.execution.serial.segments import (
     MEDIAN_OF,
-    HeatedBySwitch,
     ModelledSegment,
     ReportedSegment,
 )
@@ -131,7 +130,7 @@ class SerialRobot:
 
     def __post_init__(self) -> None:
         start = self.clock.now_s(), self.problem.temperatures
-        self._segments: list[HeatedBySwitch] = [
+        self._segments: list[ModelledSegment | ReportedSegment] = [
             ModelledSegment(self.robot, self.problem.ambient, j, start[1][j], start[0])
             for j in range(self._count)
         ]

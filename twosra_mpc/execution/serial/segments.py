@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import statistics
-from typing import Protocol
 
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.stiffness import KnownStiffness
@@ -20,31 +19,6 @@ MEDIAN_OF = 3  # reports: single ones can be far off
 PULSE_S = 0.5  # a heater that holds by duty is on for at least so long
 ABOVE_K = 1.0  # a hold begins so far above the set-point, for plans count on no less than that
 MOST_K = 2.0  # and so far above it nothing is heated
-
-
-class HeatedBySwitch(Protocol):
-    """A segment whose heater the host switches."""
-
-    @property
-    def temperature_C(self) -> float:
-        """By its sensor; NaN if it does not report."""
-
-    @property
-    def stiffness(self) -> KnownStiffness | None:
-        """What it is known to be; None if it does not report."""
-
-    @property
-    def faulty(self) -> bool:
-        """Whether heating does not warm it."""
-
-    def switched(self, asked: bool, time_s: float) -> bool:
-        """Whether the heater is on from now on, if the segment is asked to be soft or not."""
-
-    def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
-        """Take in the reports since the last time, during which it was asked to be soft or not."""
-
-    def trouble(self, time_s: float, silent_s: float) -> str | None:
-        """Why the robot must be stopped now, in words."""
 
 
 class ModelledSegment:
