@@ -26,7 +26,7 @@ from test_cli import SHARED_BEND
 from test_problem import write
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.cli import options, output, planning, simulate, stream
+from twosra_mpc.cli import jog, options, output, planning, robot_line, simulate, stream
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.plotting import film, paper_figures
@@ -357,8 +357,9 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
         def connect_once(numbers: int) -> None:
             firmware = SimulatedFirmware(planned("shape-change"), numbers=numbers)
             stack.callback(firmware.close)
-            monkeypatch.setattr(stream, "open_serial_port", lambda _: firmware.port)
-            monkeypatch.setattr(stream, "SystemClock", lambda: firmware)
+            monkeypatch.setattr(robot_line, "open_serial_port", lambda _: firmware.port)
+            for module in (stream, jog):
+                monkeypatch.setattr(module, "SystemClock", lambda: firmware)
 
         yield connect_once
 

@@ -14,12 +14,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.flow import runge_kutta
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.robot.coordinates import POSE, WHEELS
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -92,3 +93,16 @@ def _unit_centre(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
     end = fibre_end_pose(geometry, q, unit)
     outward = (-1, 1)[unit] * geometry.front_wheel_m[0]
     return ca.vertcat(end[0] + outward * ca.cos(end[2]), end[1] + outward * ca.sin(end[2]))
+
+
+def rigid_wheel_speeds(body: Body, q: Array, twist: Array) -> Array:
+    """Wheel speeds (4,) [rad/s] of a robot of shape q (3 + n,), all solid, that moves so.
+
+    Args:
+        body: The robot.
+        q: Its configuration.
+        twist: Speed along x and y of b0 and turning rate, (3,) [m/s, m/s, rad/s].
+    """
+    matrix = kinematics(body).wheel_matrix(q, np.zeros(body.geometry.segments)).full()
+    speeds: Array = matrix[:, 2:] @ twist
+    return speeds
