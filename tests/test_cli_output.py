@@ -21,6 +21,8 @@ import pytest
 from conftest import Planned, Run, Solved
 from heating import true_history, write_log
 from matplotlib.figure import Figure
+from melts import made_up
+from melts import write as write_rows
 from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
 from test_problem import write
@@ -374,6 +376,8 @@ def test_every_example_runs(
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
     write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
+    for rows, name in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
+        write_rows(rows, tmp_path / name)
     for example in examples(name):
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]

@@ -252,7 +252,7 @@ class TwoNodeSegment(Segment):
         )
 
     def _evidently_liquid_C(self, heater: Heater) -> float:
-        """Core at which the sensor shows a melt from cold as done; at most the set-point.
+        """Core at which the sensor shows a melt from cold as done; at most halfway to set-point.
 
         The core rises at p - a (T_c - T_a) at least, and leads a sensor of two lags by twice the
         lag times that.
@@ -260,7 +260,8 @@ class TwoNodeSegment(Segment):
         above_K = self.liquid_above_C - heater.ambient_C
         rate = self.power_K_per_s - self.coupling_per_s * above_K
         evident = self.liquid_above_C + 2 * self.sensor_lag_s * max(0.0, rate)
-        return max(self.liquid_above_C, min(evident, heater.soft_setpoint_C))
+        halfway = (self.liquid_above_C + heater.soft_setpoint_C) / 2
+        return max(self.liquid_above_C, min(evident, halfway))
 
     def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
         """Scale full power; or both flows of heat, or the body alone would do the cooling."""
