@@ -14,12 +14,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import fibre_end_pose
 from twosra_mpc.model.flow import runge_kutta
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.robot.coordinates import POSE, WHEELS
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
@@ -55,6 +56,14 @@ def rolling(body: Body, mode: Mode) -> ca.Function:
     drift = ca.SX.sym("drift", 3)
     after = runge_kutta(lambda at: _rate(body, mode, at, turned, drift), q)
     return ca.Function("rolling", [q, turned, drift], [ca.densify(after)])
+
+
+def rolled(body: Body, mode: Mode, start: Array, turned: Array) -> Array:
+    """Configurations (m + 1, 3 + n) from ``start`` on, as the wheels turn by ``turned`` (m, 4)."""
+    chain = rolling(body, mode).mapaccum(len(turned))
+    still = np.zeros((3, len(turned)))
+    reached: Array = np.vstack([start, chain(start, turned.T, still).full().T])
+    return reached
 
 
 def _rate(body: Body, mode: Mode, q: ca.SX, turned: ca.SX, drift: ca.SX) -> ca.SX:
