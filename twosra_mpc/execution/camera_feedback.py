@@ -22,6 +22,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
+_STIFF = 0.7  # of the bend: soft segments differ by up to 0.44 of it, a stiff one by all of it
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
 
@@ -73,7 +74,7 @@ class _TrackedPhase:
         self.session, self.patience = run.session, run.patience
         self.phase, self.last = run.plan.phases[index], index == len(run.plan.phases) - 1
         self.rigid = is_rigid(self.phase.mode)
-        self.scale = by.accuracy.scale(run.plan.robot.coordinates)
+        self.scale, self.begun = by.accuracy.scale(run.plan.robot.coordinates), run.session.q.copy()
 
     def drive(self) -> Abort | None:
         before = off = math.inf
@@ -157,8 +158,11 @@ class _TrackedPhase:
         if self.rigid and (far_m > patience.corridor_m or abs(turn) > patience.corridor_rad):
             text = f"the robot is {1e3 * far_m:.0f} mm and {abs(turn):.2f} rad from the plan"
             return Abort("corridor", text)
-        apart = float(np.ptp(away[POSE:][soft])) / 2 if soft else 0.0
-        if apart > patience.stiff_per_m:
+        if not soft:
+            return None
+        apart = float(np.ptp(away[POSE:][soft])) / 2
+        bent = abs(float((session.q - self.begun)[POSE:][soft].mean()))
+        if apart > max(patience.stiff_per_m, _STIFF * bent):
             text = f"the segments bend unequally, by {apart:.1f} 1/m more and less than planned"
             return Abort("corridor", text, stiff=True)
         return None

@@ -9,7 +9,8 @@ is the integral of the sum of (wheel speed / largest wheel speed)^2 of its quick
     c^T t \le C
 
 is a small convex program over the event times of the temporal network: waiting time is used to
-drive slowly, and what the plan may cost more is spent where it helps most. What happens before a
+drive slowly, and what the plan may cost more is spent where it helps most. Only a part of it is used:
+a drive that lasts until a melt must begin would hold the heater up if it took longer. What happens before a
 transition decides how long it takes, so the schedule of the durations found is made anew.
 """
 
@@ -32,6 +33,7 @@ Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fu
 
 ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
+_SPARED = 0.6  # part of the time to spare that is used: the rest is for what takes longer than planned
 _STEP_S = 1e-3  # of durations, and more than the solver leaves of its constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
@@ -56,7 +58,7 @@ def gentle(
     efforts = np.array([profile.effort_s for profile in profiles]) * quickest
     for share in _SHARES:
         wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
-        durations = quickest + np.floor(share * (wanted - quickest) / _STEP_S) * _STEP_S
+        durations = quickest + np.floor(share * _SPARED * (wanted - quickest) / _STEP_S) * _STEP_S
         found = feasible_schedule(network, durations, problem)
         if found is not None and _cost(found, problem) <= (1 + ROUNDING) * most:
             slower = zip(profiles, durations.tolist(), strict=True)
