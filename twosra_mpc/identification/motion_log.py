@@ -30,7 +30,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 LEAST_ROWS = 3
-LONGEST_STEP_S = 5.0  # a longer one ends a phase: the robot waits for its metal
+LONGEST_STEP_S = 30.0  # a longer one ends a phase: the robot waits for its metal
 
 _V = ("v1", "v2", "u0", "v0", "r0")
 _UNITS = tuple(f"LU{unit} {name}" for unit in (1, 2) for name in ("x", "y", "th"))
