@@ -25,8 +25,8 @@ TRIAL = "x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time"
 POSES = ",time stamp,LU1 x,LU1 y,LU1 th,LU2 x,LU2 y,LU2 th"
 RATE_HZ = 15
 
-# First and last rows of the phase [1,1] of trial 1 and rows of its phase [0,0], as its authors logged
-# them (2sr-agent-control, mainExperiment5.csv); columns of the model's state left out.
+# First and last rows of the phases [1,1] and [0,0] of trial 1 as its authors logged them, rounded
+# (2sr-agent-control, mainExperiment5.csv); columns of the model's state left out.
 TRIAL_1 = """\
 0.239,0.279,-0.225,-38.0,-22.0,0.0091080,0.0096707,0.0,0.0,0.0,1,1,15:30:16
 0.239,0.279,-0.225,-37.0,-22.0,0.0090913,0.0090634,0.0,0.0,0.0,1,1,15:30:16

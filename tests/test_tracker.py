@@ -330,7 +330,9 @@ def test_small_deviations_decay_with_the_response_time(planned: Planned) -> None
         q = moved(tracker, RIGID, q, tracker.step(Measurement(100.0, 0, q)).v)
         np.testing.assert_allclose((q - end)[:3], setup.decay * before, rtol=1e-4)
         before = (q - end)[:3]
-    assert setup.decay == pytest.approx(math.exp(-tracker.period_s / tracker.weights.response_s), rel=0.05)
+    assert setup.decay == pytest.approx(
+        math.exp(-tracker.period_s / tracker.weights.response_s), rel=0.05
+    )
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -229,12 +229,16 @@ def _configurations(robot: Robot, poses: Array, mode: Mode) -> Array:
     q = np.zeros((len(poses), robot.coordinates.size))
     bend = headings[:, 1] - headings[:, 0]
     bend -= math.tau * np.round(bend[0] / math.tau)
-    q[:, [POSE + j for j in soft]] = (bend / sum(robot.geometry.lengths_m[j] for j in soft))[:, None]
+    q[:, [POSE + j for j in soft]] = (bend / sum(robot.geometry.lengths_m[j] for j in soft))[
+        :, None
+    ]
     shape = robot_shape(robot.geometry, q, 2)  # b0 at the origin, along x
     q[:, 2] = headings[:, 1] - np.unwrap(shape.ends[:, 1, 2])
     c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
     middle = shape.centres.mean(axis=1)
-    turned = np.column_stack([c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]])
+    turned = np.column_stack(
+        [c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]]
+    )
     q[:, :2] = centres.mean(axis=1) - turned
     return q
 

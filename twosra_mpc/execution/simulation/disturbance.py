@@ -3,8 +3,7 @@
 Pairs are ranges to draw from, evenly; other numbers are standard deviations about the model, except
 slip, rounding and ``split``, which is the largest. Pivot, slide, unequal bending and the share of
 the bend are drawn once for each soft mode, the others once a run. Thermal parameters are drawn from
-the ranges in the robot file (5 % and 95 % values). ``twosra replay`` makes the numbers that are from
-logs of motion.
+the ranges in the robot file (5 % and 95 % values). ``twosra replay`` makes the numbers from logs.
 """
 
 from __future__ import annotations
@@ -68,7 +67,8 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "slip_noise": (0.02, 0.05, 0.10),  # the same
     "dead_zone_rad_s": (0.05, 0.2, 0.5),  # assumed: 0.5 to 5 % of the largest command
     "motor_lag_s": (0.1, 0.1, 0.1),  # follow-up robot's motor log: settled in 0.2 to 0.35 s
-    # Nine stability logs: 0.7 to 2.4, median 1.1. Mild: half of the least; moderate: up to the median.
+    # Nine stability logs: 0.7 to 2.4, median 1.1. Mild: up to half of the least; moderate: the
+    # milder half.
     "pivot_rad_per_rad": ((0.0, 0.35), (0.7, 1.1), (0.7, 2.4)),
     "slide_m_per_rad": (0.002, 0.008, 0.048),  # experiment 6: b0 moved 48 mm sideways a radian
     "split": (0.01, 0.10, 0.44),  # the three trials in mode [1,1]: 1, 10 and 44 %

@@ -56,8 +56,8 @@ class TrackerLimits(Value):
         deviation_m: Larger deviations of x and y are taken as this: the wheels run at their limit
             anyway, and the linearised limits hold near the plan.
         deviation_rad: The same for the heading.
-        deviation_soft_rad: The same in soft modes: a heading that a rigid drive can correct must not
-            use up the speed that is there for bending.
+        deviation_soft_rad: The same in soft modes: a heading that a rigid drive can correct must
+            not use up the speed that is there for bending.
         deviation_per_m: The same for a curvature.
     """
 
