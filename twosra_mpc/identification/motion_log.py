@@ -3,8 +3,8 @@
 - Trials: columns x, y, angle, k1 ... kn (measured), v1, v2, u0, v0, r0 (inputs), s1 ... sn (mode)
   and time, in SI units; the model's state, where logged too, is ignored. ``export plan.csv`` writes
   the same columns.
-- Wheels: columns ``time stamp``, ``LU1 x``, ``LU1 y``, ``LU1 th`` and the same of LU2: poses of both
-  units in an image [mm, degrees], y down; the wheel speeds, constant, are not in the file.
+- Wheels: columns ``time stamp``, ``LU1 x``, ``LU1 y``, ``LU1 th`` and the same of LU2: poses of
+  both units in an image [mm, degrees], y down; the wheel speeds, constant, are not in the file.
 
 Times are seconds, or times of day to a second: the rows of a second are then spread over it.
 """
@@ -12,6 +12,7 @@ Times are seconds, or times of day to a second: the rows of a second are then sp
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ from scipy.ndimage import median_filter
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import read_text
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
@@ -64,15 +65,14 @@ class MotionLog:
     @property
     def by_wheels(self) -> bool:
         """Whether wheel speeds are known, not inputs."""
-        return self.commands.shape[1] == WHEELS
+        return bool(self.commands.shape[1] == WHEELS)
 
     @property
     def phases(self) -> list[slice]:
         """Rows of one mode without a long pause between them, at least two."""
         switches = np.diff(self.mode, axis=0).any(axis=1) | (np.diff(self.time_s) > LONGEST_STEP_S)
         edges = [0, *(np.flatnonzero(switches) + 1).tolist(), len(self.time_s)]
-        spans = zip(edges[:-1], edges[1:], strict=True)
-        return [slice(first, end) for first, end in spans if end - first > 1]
+        return [slice(first, end) for first, end in itertools.pairwise(edges) if end - first > 1]
 
 
 def read_motion_log(
@@ -156,7 +156,7 @@ def _times(texts: list[str], name: str, source: str) -> Array:
         if len(parts) not in (1, 3) or not np.isfinite(parts).all():
             allowed = "a time of day, hh:mm:ss, or a number of seconds"
             raise InputError(f"{name}, row {number}", text, allowed, source)
-        seconds.append(sum(part * unit for part, unit in zip(parts[::-1], (1, 60, 3600))))  # noqa: B905
+        seconds.append(sum(part * 60.0**k for k, part in enumerate(reversed(parts))))
     time_s = np.array(seconds)
     if ":" in texts[0]:
         time_s = np.unwrap(time_s, period=86400.0)  # midnight
@@ -183,7 +183,8 @@ def _spread(time_s: Array) -> Array:
         each = 1.0 / max(rows, usual) if begin or end else 1.0 / rows
         shift = 1.0 - rows * each if begin and not end else 0.0
         placed[at : at + rows] = stamp + shift + each * np.arange(rows)
-    return placed - placed[0]
+    since: Array = placed - placed[0]
+    return since
 
 
 def _found(values: Array, source: str) -> Array:
@@ -229,18 +230,11 @@ def _configurations(robot: Robot, poses: Array, mode: Mode) -> Array:
     q = np.zeros((len(poses), robot.coordinates.size))
     bend = headings[:, 1] - headings[:, 0]
     bend -= math.tau * np.round(bend[0] / math.tau)
-    q[:, [POSE + j for j in soft]] = (bend / sum(robot.geometry.lengths_m[j] for j in soft))[
-        :, None
-    ]
+    length_m = sum(robot.geometry.lengths_m[j] for j in soft)
+    q[:, [POSE + j for j in soft]] = bend[:, None] / length_m
     shape = robot_shape(robot.geometry, q, 2)  # b0 at the origin, along x
     q[:, 2] = headings[:, 1] - np.unwrap(shape.ends[:, 1, 2])
     c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
-    middle = shape.centres.mean(axis=1)
-    turned = np.column_stack(
-        [c * middle[:, 0] - s * middle[:, 1], s * middle[:, 0] + c * middle[:, 1]]
-    )
-    q[:, :2] = centres.mean(axis=1) - turned
+    x, y = shape.centres.mean(axis=1).T
+    q[:, :2] = centres.mean(axis=1) - np.column_stack([c * x - s * y, s * x + c * y])
     return q
-
-
-assert len(_V) == INPUTS

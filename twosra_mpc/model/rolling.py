@@ -5,8 +5,8 @@ wheel matrix V of the mode's inputs, the robot moves with
 
 .. math:: v = \arg\min_v |A(q)\,v - \omega|^2, \qquad \dot q = J(q, \sigma)\,v + d(q, v).
 
-d is what the model does not know (`Drift`): a unit that is meant to hold is dragged round by the one
-that bends the fibre, and slides, and two soft segments do not bend equally.
+d is what the model does not know (`Drift`): a unit that is meant to hold is dragged round by the
+one that bends the fibre, and slides, and two soft segments do not bend equally.
 """
 
 from __future__ import annotations
