@@ -114,7 +114,7 @@ def test_the_holding_unit_pivots_about_its_centre() -> None:
     turning = rolling(robot, SOFT_2)(q, turned, Drift(pivot, 0.0, 0.0)).full().ravel()
     bend = robot.geometry.lengths_m[0] * (turning[4] - q[4])
     assert turning[3:] == pytest.approx(still[3:], abs=1e-9)
-    assert turning[2] - still[2] == pytest.approx(pivot * bend, abs=1e-6)
+    assert turning[2] - still[2] == pytest.approx(-pivot * bend, abs=1e-6)  # as unit 1 turns
     centres = [robot_shape(robot.geometry, at).units[1].mean(axis=0) for at in (q, still, turning)]
     assert centres[1] == pytest.approx(centres[0], abs=1e-6)
     assert centres[2] == pytest.approx(centres[0], abs=1e-6)
@@ -291,14 +291,42 @@ def test_a_seed_is_a_robot() -> None:
 
 
 def test_levels_grow() -> None:
-    not_sizes = ("camera", "delay_frames")
+    not_sizes = ("camera", "delay_frames", "bend_share")
     sizes = [item.name for item in fields(Disturbance) if item.name not in not_sizes]
     levels = list(LEVELS.values())
     assert list(LEVELS) == ["none", "mild", "moderate", "hard"]
     assert levels[0] == Disturbance()
     for milder, harder in itertools.pairwise(levels):
         assert all(getattr(milder, name) <= getattr(harder, name) for name in sizes)
+        assert milder.bend_share[0] >= harder.bend_share[0]
         assert milder != harder
+
+
+def test_motors_follow_with_a_lag_and_lose_no_travel() -> None:
+    def reached(lag_s: float, waits: int) -> np.ndarray:
+        robot = SimulatedRobot(problem(), "arc", Disturbance(motor_lag_s=lag_s))
+        turning = kinematics(robot.robot).wheel_matrix(robot.q, RIGID).full()[:, 2] * 0.02
+        robot.send(turning, set_point(OFF_C))
+        robot.wait(3 / robot.camera.rate_Hz)
+        robot.send(np.zeros(4), set_point(OFF_C))
+        for _ in range(waits):
+            robot.wait(1 / robot.camera.rate_Hz)
+        return robot.q - problem().start.configuration
+
+    at_once, late = reached(0.0, 1), reached(0.1, 1)
+    assert np.hypot(*late[:2]) < 0.9 * np.hypot(*at_once[:2])
+    assert reached(0.1, 15) == pytest.approx(at_once, abs=2e-5)
+
+
+def test_a_soft_phase_reaches_its_share_of_the_bend() -> None:
+    def bent(share: float) -> float:
+        robot = SimulatedRobot(problem(start=HOT), "arc", Disturbance(bend_share=(share, share)))
+        before = robot.q.copy()
+        robot.send(np.array([0.5, 0.0, -0.5, 0.0]), set_point(SOFT_C))
+        robot.wait(1 / robot.camera.rate_Hz)
+        return float((robot.q - before)[3])
+
+    assert bent(0.3) == pytest.approx(0.3 * bent(1.0), rel=1e-2)
 
 
 def test_lengths_are_drawn_about_the_robots() -> None:
