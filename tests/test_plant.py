@@ -8,11 +8,15 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from conftest import Planned
 
 from twosra_mpc import InputError, Plan, Problem, load_problem
+from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.heater_schedule import warm_setpoint_C
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
+from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
@@ -375,3 +379,32 @@ def test_a_start_above_the_melting_point_is_soft() -> None:
     assert robot.mode == SOFT_BOTH
     assert robot.read().stiffness == ("soft", "soft")
     assert math.isclose(robot.segments[0].measured_C, 66.0, abs_tol=0.1)
+
+
+# --- the plan's heating is the controllers' ------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2", "paper-5"])
+def test_set_points_played_at_plan_times_melt_and_freeze_what_the_plan_says(
+    name: str, planned: Planned
+) -> None:
+    made, step_s = planned(name), 0.1
+    at_s = np.arange(0.0, made.duration_s + step_s, step_s)
+    setpoint_C = made.trajectory.heater_setpoint_C(at_s)
+    for j in range(2):
+        segment = HeatedSegment(
+            model=segment_model(made.robot, made.problem.ambient, j),
+            sensor=temperature_sensor(made.robot, made.problem.ambient, j),
+            controller=stiffness_controller(made.robot, made.problem.ambient, j),
+            start_C=made.problem.temperatures[j],
+            rng=np.random.default_rng(0),
+            rigid_setpoint_C=made.robot.heater.rigid_setpoint_C,
+        )
+        molten = []
+        for each_C in setpoint_C[:, j].tolist():
+            molten.append(segment.melt_fraction)
+            segment.advance(each_C, step_s)
+        for phase in made.phases:
+            during = np.array(molten)[(at_s > phase.start_s) & (at_s < phase.end_s)]
+            assert (during > 0.99 if phase.mode[j] else during < 0.01).all()
+        assert molten[-1] < 0.01  # every segment is rigid at the end
