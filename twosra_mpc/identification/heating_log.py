@@ -207,8 +207,8 @@ def read_heating_log(path: str | Path, ambient_C: float | None = None) -> Heatin
         raise InputError(f"column {missing[0]}", "missing", allowed, source)
     times, readings, words = [], [], []
     for index, row in enumerate(rows, 1):
-        times.append(number(row, "time_s", index, source))
-        readings.append(number(row, "temp_C", index, source))
+        times.append(number_in(row, "time_s", index, source))
+        readings.append(number_in(row, "temp_C", index, source))
         word = (row["mode"] or "").strip()
         words.append(SYNONYMS.get(word, word))
     if not times:
@@ -285,7 +285,7 @@ def _running_median(values: Array, width: int) -> Array:
     return filtered
 
 
-def number(row: Mapping[str, str], column: str, index: int, source: str) -> float:
+def number_in(row: Mapping[str, str], column: str, index: int, source: str) -> float:
     """Return the finite number in a column of a row (from 1).
 
     Raises:
