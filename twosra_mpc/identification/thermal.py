@@ -33,7 +33,7 @@ from twosra_mpc.thermal.two_node import TwoNode
 
 OnProgress = Callable[[int, int], None]
 
-# Ranges are at least this wide on either side: fits to two logs of one segment, taken on one day, and
+# Ranges are at least this wide on either side: fits to two logs of one segment, from one day, and
 # to parts of them spread from 0.0030 to 0.0038 1/s in loss, and from 2.6 to 3.2 s in lag.
 LOGS_DIFFER = 0.3
 
