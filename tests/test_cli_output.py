@@ -376,8 +376,8 @@ def test_every_example_runs(
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
     write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
-    for rows, name in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
-        write_rows(rows, tmp_path / name)
+    for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
+        write_rows(rows, tmp_path / file)
     for example in examples(name):
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]

@@ -388,3 +388,16 @@ def test_two_heaters_on_at_once_are_named_where_one_is_allowed(planned: Planned)
     spoilt = case.set("heater_current_A", row, 1, 0.1)
     when = re.escape(f"at {case.samples.t_s[row]:.3f} s both heaters are on")
     assert_found(spoilt, f"^{when}$")
+
+
+@pytest.mark.parametrize("kappa_per_m", [(12.0, -1.0), (2.0, 10.0)])
+def test_a_plans_own_end_temperatures_are_a_start(kappa_per_m: tuple[float, float]) -> None:
+    """53.00000000000001 C was neither solid nor liquid."""
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(2.0, -1.0))
+    goal = Goal(x_m=0.1, y_m=-0.1, phi_rad=0.2, kappa_per_m=kappa_per_m)
+    problem = Problem(robot=V2, start=start, goal=goal)
+    made = plan(problem).require()
+    ends = tuple(made.samples.temperature_C[-1].tolist())
+    assert max(ends) == pytest.approx(53.0, abs=1e-6)
+    again = start.model_copy(update={"temperature_C": ends})
+    assert problem.with_values(start=again).start_mode == (0, 0)

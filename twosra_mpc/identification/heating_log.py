@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -198,21 +198,12 @@ def read_heating_log(path: str | Path, ambient_C: float | None = None) -> Heatin
         InputError: If the file cannot be read, lacks a column, or is no such log.
     """
     source = str(path)
-    rows = csv.DictReader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
-    names = [name.strip() for name in rows.fieldnames or ()]
-    rows.fieldnames = names
-    missing = [column for column in COLUMNS if column not in names]
-    if missing:
-        allowed = f"a CSV file with a heading of at least {', '.join(COLUMNS)}"
-        raise InputError(f"column {missing[0]}", "missing", allowed, source)
     times, readings, words = [], [], []
-    for index, row in enumerate(rows, 1):
-        times.append(number(row, "time_s", index, source))
-        readings.append(number(row, "temp_C", index, source))
+    for index, row in enumerate(rows_in(path, COLUMNS), 1):
+        times.append(number_in(row, "time_s", index, source))
+        readings.append(number_in(row, "temp_C", index, source))
         word = (row["mode"] or "").strip()
         words.append(SYNONYMS.get(word, word))
-    if not times:
-        raise InputError("rows", 0, "at least one row below the heading", source)
     time, sensor = np.array(times), np.array(readings)
     if ambient_C is None:
         first = sensor[~spikes(time, sensor)]
@@ -285,7 +276,27 @@ def _running_median(values: Array, width: int) -> Array:
     return filtered
 
 
-def number(row: Mapping[str, str], column: str, index: int, source: str) -> float:
+def rows_in(path: str | Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Return the rows of a CSV file that has these columns.
+
+    Raises:
+        InputError: If it cannot be read, lacks a column, or has no row.
+    """
+    source = str(path)
+    rows = csv.DictReader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
+    names = [name.strip() for name in rows.fieldnames or ()]
+    rows.fieldnames = names
+    for column in columns:
+        if column not in names:
+            allowed = f"a CSV file with a heading of at least {', '.join(columns)}"
+            raise InputError(f"column {column}", "missing", allowed, source)
+    found = list(rows)
+    if not found:
+        raise InputError("rows", 0, "at least one row below the heading", source)
+    return found
+
+
+def number_in(row: Mapping[str, str], column: str, index: int, source: str) -> float:
     """Return the finite number in a column of a row (from 1).
 
     Raises:

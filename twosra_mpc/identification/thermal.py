@@ -33,8 +33,8 @@ from twosra_mpc.thermal.two_node import TwoNode
 
 OnProgress = Callable[[int, int], None]
 
-# Ranges are at least this wide on either side: of two logs of one segment, taken on one day, the
-# one tells a loss of 0.0030 1/s, the other of 0.0038 (and 2.7 and 3.2 s of lag).
+# Ranges are at least this wide on either side: fits to two logs of one segment, from one day, and
+# to parts of them spread from 0.0030 to 0.0038 1/s in loss, and from 2.6 to 3.2 s in lag.
 LOGS_DIFFER = 0.3
 
 _SIGNIFICANT = 5  # digits of what goes into a robot file

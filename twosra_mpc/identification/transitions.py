@@ -14,7 +14,6 @@ durations, with a loss (soft L1) that bears outliers, the body's heat near that 
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,9 +24,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text
 from twosra_mpc.identification import plausibility
-from twosra_mpc.identification.heating_log import check_readings, number
+from twosra_mpc.identification.heating_log import Flags, check_readings, number_in, rows_in
 from twosra_mpc.identification.log_plants import TwoNodePlant, driven
 from twosra_mpc.identification.log_response import SensorLag
 from twosra_mpc.identification.thermal import (
@@ -144,17 +142,15 @@ def read_transitions(
     targets, sensors = [f"target{j}" for j in numbers], [f"reading{j}_C" for j in numbers]
     seen: dict[int, list[list[float]]] = {}
     columns = ("time_s", *sensors)
-    for i, row in enumerate(_rows(readings, ("transition", *columns)), 1):
-        index = int(number(row, "transition", i, other))
-        seen.setdefault(index, []).append([number(row, name, i, other) for name in columns])
+    for i, row in enumerate(rows_in(readings, ("transition", *columns)), 1):
+        index = int(number_in(row, "transition", i, other))
+        seen.setdefault(index, []).append([number_in(row, name, i, other) for name in columns])
     every = np.array([row[1:] for rows in seen.values() for row in rows])
     check_readings(every, ", ".join(sensors), other)
     found = []
-    for i, row in enumerate(_rows(path, ("transition", "kind", *targets, "duration_s")), 1):
-        index, duration_s = (
-            int(number(row, "transition", i, source)),
-            number(row, "duration_s", i, source),
-        )
+    for i, row in enumerate(rows_in(path, ("transition", "kind", *targets, "duration_s")), 1):
+        index = int(number_in(row, "transition", i, source))
+        duration_s = number_in(row, "duration_s", i, source)
         if index not in seen:
             allowed = f"a transition that {other} has readings of"
             raise InputError(f"transition, row {i}", index, allowed, source)
@@ -163,7 +159,10 @@ def read_transitions(
         if duration_s <= 0 or abs(last_s - duration_s) > _ENDS_S + _ENDS * last_s:
             allowed = f"seconds, about those of its readings ({last_s:g}): minutes, hours?"
             raise InputError(f"duration_s, row {i}", duration_s, allowed, source)
-        kind, soft = row["kind"].strip(), [number(row, name, i, source) for name in targets]
+        kind, soft = (
+            (row["kind"] or "").strip(),
+            [number_in(row, name, i, source) for name in targets],
+        )
         if kind not in get_args(Kind) or not set(soft) <= {0.0, 1.0}:
             allowed = f"{' or '.join(get_args(Kind))}, targets 1 (soft) or 0 (rigid)"
             raise InputError(f"kind, row {i}", f"{kind}, {soft}", allowed, source)
@@ -197,11 +196,15 @@ def identify_transitions(
     start = tuple(SEGMENT_PARAMETERS[name].start for name in _FITTED)
     predict = _predictor(logged, own, robot.heater)
 
-    def done(number: int) -> None:
+    def done(fits: int) -> None:
         if on_progress is not None:
-            on_progress(number, PARTS + 1)
+            on_progress(fits, PARTS + 1)
 
-    best = _fitted(predict, logged, counted, start, own.body_ratio)
+    def fitted(kept: Flags, near: tuple[float, ...]) -> _Fitted:
+        return _fitted(predict, logged, counted & kept, near, own.body_ratio)
+
+    number = np.arange(len(logged))
+    best = fitted(number >= 0, start)
     done(1)
     fitted_s = predict(best.values)
     off = np.abs(fitted_s / [each.duration_s for each in logged] - 1)[counted]
@@ -215,19 +218,14 @@ def identify_transitions(
     plausibility.check_bounds(bounds, best.values, source)
     left_out_s, parts = np.empty(len(logged)), [best.values]
     for part in range(PARTS):
-        out = np.arange(len(logged)) % PARTS == part
+        out = number % PARTS == part
         if (out & counted).any():
-            part_of = counted & ~out
-            fit = _fitted(predict, logged, part_of, best.values, own.body_ratio)
-            parts.append(fit.values)
+            parts.append(fitted(~out, best.values).values)
         left_out_s[out] = predict(parts[-1])[out]
         done(part + 2)
     if len(logged) >= 4 * LEAST_OF_A_KIND:  # logs differ by more than a tenth of one does
-        half = np.arange(len(logged)) < len(logged) / 2
-        parts += [
-            _fitted(predict, logged, counted & kept, best.values, own.body_ratio).values
-            for kept in (half, ~half)
-        ]
+        half = number < len(logged) / 2
+        parts += [fitted(kept, best.values).values for kept in (half, ~half)]
     smallest, largest = (
         dict(zip(_FITTED, pick(np.array(parts), axis=0).tolist(), strict=True))
         for pick in (np.min, np.max)
@@ -252,7 +250,7 @@ class _Fitted(NamedTuple):
 def _fitted(
     predict: Callable[[tuple[float, ...]], Array],
     logged: tuple[LoggedTransition, ...],
-    counted: Array,
+    counted: Flags,
     start: tuple[float, ...],
     body_ratio: float,
 ) -> _Fitted:
@@ -396,21 +394,3 @@ def _check(logged: list[LoggedTransition], source: str) -> None:
             plausibility.check_rate(float(np.median(rates)), "duration_s", source)
     if logged[0].kind == "freeze":
         raise InputError("kind, first row", "freeze", "a melt: what freezes has melted", source)
-
-
-def _rows(path: str | Path, columns: tuple[str, ...]) -> list[dict[str, str]]:
-    """Rows of a CSV file that has these columns.
-
-    Raises:
-        InputError: If it cannot be read, lacks a column, or is empty.
-    """
-    rows = list(
-        csv.DictReader(read_text(Path(path), str(path)).removeprefix("\ufeff").splitlines())
-    )
-    if not rows:
-        raise InputError("rows", 0, "at least one row below the heading", str(path))
-    missing = [column for column in columns if column not in rows[0]]
-    if missing:
-        allowed = f"a CSV file with a heading of at least {', '.join(columns)}"
-        raise InputError(f"column {missing[0]}", "missing", allowed, str(path))
-    return rows
