@@ -74,7 +74,7 @@ class _Execution:
         self.session = Session(robot, plan.problem, executor.on_command)
         self.plans, self.begun = [plan], [0]
         self.broken: set[int] = set()
-        self.replans = self.corrections = 0
+        self.replans = self.corrections = self.melted_on = 0
         self.session.tell("plan", _summary(plan))
 
     def run(self) -> Run:
@@ -129,8 +129,9 @@ class _Execution:
         return None
 
     def _melt_on(self) -> None:
-        """Hold the soft segments for a while, so that the last of their metal melts."""
-        end_s = self.session.now_s + self.settings.patience.melt_on_s
+        """Hold the soft segments for a while, twice as long each time, so that all of it melts."""
+        end_s = self.session.now_s + self.settings.patience.melt_on_s * 2**self.melted_on
+        self.melted_on += 1
         while self.session.now_s < end_s:
             self.session.rest(self._as_they_become(), self.settings.patience.rest_s)
 

@@ -15,7 +15,8 @@ class Patience(Value):
         late: A transition that takes so many times the planned time has failed.
         least_transition_s: What is taken for the planned time, at least.
         longest_change_s: A segment that has been changing for so long keeps nobody waiting.
-        melt_on_s: How long a segment that seems to be stiff is held soft before planning again.
+        melt_on_s: How long a segment that seems to be stiff is held soft before planning again;
+            twice as long each time.
         come_nearer_s: How long the end of a phase is tried for after its time.
         look_s: Longest look at the resting robot.
         long_look_s: The same, before a melt is decided on.
