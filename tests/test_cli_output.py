@@ -147,7 +147,7 @@ def test_simulations_are_json(run: Run) -> None:
 
 
 def test_a_simulated_heater_is_json(run: Run) -> None:
-    found = json.loads(run("simulate-heater", "--profile", "soft:60", "--json").out)
+    found = json.loads(run("simulate-heater", "--profile", "soft:90", "--json").out)
     (stretch,) = found["stretches"]
     assert stretch["setpoint"] == "soft"
     assert found["events"][-1]["kind"] == "soft"

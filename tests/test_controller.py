@@ -64,7 +64,7 @@ def test_output_is_proportional_part_plus_integrator() -> None:
 
 
 def test_the_integrator_stops_while_the_output_is_saturated_towards_the_error() -> None:
-    assert PAPER.pi_law(0.1, 25.0, 0.1) == (0.9, 0.1)
+    assert PAPER.pi_law(0.1, 25.0, 0.1) == (0.8, 0.1)
     assert PAPER.pi_law(0.1, 80.0, 0.1) == (0.0, 0.1)
     output, integrator = PAPER.pi_law(0.3, 66.0, 0.1)  # unwinds
     assert output == pytest.approx(0.1)

@@ -121,10 +121,10 @@ def test_v1_melts_at_full_current_and_stays_below_73() -> None:
     run = V1.run([(0.0, "soft")], 200.0)
     (soft,) = stretches(run, SOFT_C)
     assert soft.peak_C <= 73.0
-    assert soft.peak_C == pytest.approx(69.9, abs=0.5)
-    bound = fastest_melt_s(V1.plant, 0.9)
+    assert soft.peak_C == pytest.approx(68.5, abs=0.5)
+    bound = fastest_melt_s(V1.plant, 0.8)  # as plans melt
     assert bound <= soft.changed_s <= 1.05 * bound
-    assert soft.settled_s == pytest.approx(69.0, abs=3.0)
+    assert soft.settled_s == pytest.approx(103.0, abs=5.0)
 
 
 def test_v2_melts_at_full_power_and_stays_below_its_limit() -> None:
@@ -154,7 +154,7 @@ def test_v1_stays_below_75_in_every_corner(corner_runs: list[HeaterRun]) -> None
 
 
 def test_v1_melts_in_every_corner(corner_runs: list[HeaterRun]) -> None:
-    assert max(stretches(run, SOFT_C)[0].changed_s for run in corner_runs) <= 80.0
+    assert max(stretches(run, SOFT_C)[0].changed_s for run in corner_runs) <= 100.0
 
 
 @pytest.mark.parametrize(("start_C", "limit_C"), [(None, 82.0), (45.0, 83.0)])
@@ -357,8 +357,8 @@ def test_v2s_reports_are_true_in_every_corner() -> None:
 
 def test_the_estimate_follows_the_melt() -> None:
     """Within 2 % of the metal if the segment is known, also through a melt that is broken off."""
-    run = V1.run([(0.0, "soft"), (35.0, "rigid"), (100.0, "soft"), (200.0, "rigid")], 550.0)
-    assert run.melt_fraction[int(34.0 / 0.1)] == pytest.approx(0.5, abs=0.1)
+    run = V1.run([(0.0, "soft"), (45.0, "rigid"), (110.0, "soft"), (210.0, "rigid")], 560.0)
+    assert run.melt_fraction[int(44.0 / 0.1)] == pytest.approx(0.5, abs=0.1)
     assert np.abs(run.estimated_melt_fraction - run.melt_fraction).max() < 0.02
 
 
@@ -409,10 +409,10 @@ def test_the_papers_line_serves_as_a_sensor() -> None:
 
 
 def test_a_stretch_that_ends_too_early_has_no_times() -> None:
-    melt, freeze = stretches(V1.run([(0.0, "soft"), (30.0, "rigid")], 60.0), SOFT_C)
+    melt, freeze = stretches(V1.run([(0.0, "soft"), (45.0, "rigid")], 75.0), SOFT_C)
     assert all(math.isnan(t) for t in (melt.changed_s, melt.told_s, melt.settled_s))
     assert all(math.isnan(t) for t in (freeze.changed_s, freeze.told_s, freeze.settled_s))
-    assert (melt.start_s, melt.end_s, freeze.end_s) == pytest.approx((0.0, 30.0, 60.0))
+    assert (melt.start_s, melt.end_s, freeze.end_s) == pytest.approx((0.0, 45.0, 75.0))
 
 
 @pytest.mark.parametrize(

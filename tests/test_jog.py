@@ -185,7 +185,7 @@ def test_a_dry_run_sends_the_robots_number(run: Run) -> None:
     lines = outcome.out.split()[1::2]
     assert outcome.code == 0
     assert all(line.endswith("\\n1\\n") and line.count("\\n") == 7 for line in lines)
-    assert "s0.000\\n1.000\\n0.000\\n-1.000\\n0\\n0\\n1\\n" in lines
+    assert "s0.000\\n-1.000\\n0.000\\n-1.000\\n0\\n0\\n1\\n" in lines
 
 
 def test_keys_beyond_the_limits_are_refused() -> None:

@@ -35,7 +35,7 @@ def replay_command(
     plot: Path | None,
     output: Output,
 ) -> None:
-    """Predict every phase of LOG by the model, and say how far off it ends.
+    """Predict the phases of a LOG, and say how far off they end.
 
     LOG is a CSV file: a trial (x, y, angle, k1, k2, v1, v2, u0, v0, r0, s1, s2, time, as the
     authors of the robot log and `twosra export plan.csv` writes), or poses of both units while
