@@ -37,7 +37,7 @@ _COMMANDS = {
     },
     "Simulate": {
         "simulate": ("simulate", "Plan and run in closed loop on a simulated robot."),
-        "replay": ("replay", "Predict a log of motion by the model, and say how far off it ends."),
+        "replay": ("replay", "Predict a log of motion, and say how far off it ends."),
         "simulate-heater": ("heater_loop", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {
