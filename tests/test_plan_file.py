@@ -72,7 +72,7 @@ CONTRACT = {
         *("duration_s", "lower_bound_s", "gap", "cost", "phases", "transitions", "samples"),
         *("verification", "stats"),
     },
-    "cost": {"total", "time_s", "energy_J", "transitions"},
+    "cost": {"total", "time_s", "energy_J", "transitions", "effort_s"},
     "phases": {"mode", "start_s", "end_s"},
     "transitions": {"segment", "to", "heater_s", "onset_s", "done_s"},
     "samples": {

@@ -23,7 +23,7 @@ from twosra_mpc.files import read_text
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.plans.trajectory import Samples, wheel_speeds
 from twosra_mpc.problem.limits import UNITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Coordinates
@@ -31,6 +31,7 @@ from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import mode_name
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
+EFFORT_TOLERANCE = 1e-3  # of the effort: how a wheel's speed bends between samples
 TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
 BOUND_TOLERANCE = 1e-6  # relative: a bound comes from a solver
 _UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
@@ -145,8 +146,26 @@ def _cost(plan: Plan) -> Iterator[Check]:
     weights = plan.problem.cost_weights
     total = cost.time_s + weights.energy_s_per_J * cost.energy_J
     total += weights.transition_s * cost.transitions
-    text = f"{cost.total:.3f} s; time, energy and transitions weigh {total:.3f} s"
+    if cost.effort_s is not None or weights.effort:
+        effort, stated = effort_s(plan.problem, samples), cost.effort_s or 0.0
+        same = math.isclose(stated, effort, rel_tol=EFFORT_TOLERANCE, abs_tol=1e-6)
+        yield Check("cost.effort_s", f"{stated:.4f} s; the wheels take {effort:.4f} s", same)
+        total += weights.effort * stated
+    text = f"{cost.total:.3f} s; time, energy, transitions and effort weigh {total:.3f} s"
     yield Check("cost.total", text, math.isclose(cost.total, total, rel_tol=TOLERANCE))
+
+
+def effort_s(problem: Problem, samples: Samples) -> float:
+    """Integral of the sum of (wheel speed / largest wheel speed)^2 over the samples, by Simpson."""
+    robot, at = problem.robot, np.flatnonzero(samples.moves[:-1])
+    dt, q, q_end = np.diff(samples.t_s)[at], samples.q[at], samples.q[at + 1]
+    v, gained, mode = samples.v[at], samples.a[at] * dt[:, None], samples.mode[at]
+    places = ((1, q, v), (4, (q + q_end) / 2, v + gained / 2), (1, q_end, v + gained))
+    squares = [
+        weight * (wheel_speeds(robot, shape, inputs, mode) ** 2).sum(axis=1)
+        for weight, shape, inputs in places
+    ]
+    return float(np.sum(squares, axis=0) @ dt) / 6 / robot.limits.wheel_speed_rad_s**2
 
 
 def energy_J(problem: Problem, samples: Samples) -> float:

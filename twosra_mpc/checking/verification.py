@@ -16,13 +16,16 @@ from scipy.integrate import solve_ivp
 
 from twosra_mpc.checking.transitions import transition_problems
 from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations
+from twosra_mpc.model.outline import outline_points
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.problem.limits import (
     WHEEL_ACCELERATION,
     WHEEL_SPEED,
+    WORKSPACE,
     settled,
     verified_margins,
+    workspace_margins,
 )
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
@@ -32,6 +35,7 @@ from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
+_CUT = 1e-3  # m or rad: displacement between the places where the outline is looked at
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _JUMP = 1e-6  # of the largest wheel speed: less is no jump
 _ROUNDING = 1e-9  # of a product of two inputs
@@ -75,7 +79,7 @@ def examine(trajectory: Trajectory) -> Findings:
     }
     problems = [
         *_motion_problems(problem.robot.coordinates, defect, goal_error),
-        *(f"limit {name} exceeded by {-m:.3g}" for name, m in limits.items() if m < 0),
+        *(_exceeded(name, -margin) for name, margin in limits.items() if margin < 0),
         *itertools.chain.from_iterable(rules.values()),
     ]
     verification = Verification(
@@ -86,6 +90,12 @@ def examine(trajectory: Trajectory) -> Findings:
         problems=tuple(problems),
     )
     return Findings(verification, rules)
+
+
+def _exceeded(name: str, by: float) -> str:
+    if name == WORKSPACE:
+        return f"the robot leaves the workspace by {1e3 * by:.3g} mm"
+    return f"limit {name} exceeded by {by:.3g}"
 
 
 def reintegrate(problem: Problem, samples: Samples) -> Array:
@@ -264,9 +274,40 @@ def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     if (most := limits.wheel_acceleration_rad_s2) is not None:
         rates = _wheel_accelerations(problem, samples)
         used[WHEEL_ACCELERATION] = rates.max(initial=0.0), most
+    if problem.workspace is not None:
+        margins[WORKSPACE] = _workspace_margin(problem, samples)
     for name, (value, limit) in used.items():
         margins[name] = min(margins.get(name, np.inf), settled(float(limit - value), limit))
     return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
+
+
+def _workspace_margin(problem: Problem, samples: Samples) -> float:
+    """Least distance of the robot to the edge of its workspace, also between samples [m].
+
+    Intervals are cut where a unit has moved a millimetre, and integrated anew. Within a cut, a
+    point strays from its chord by an eighth of its second difference there; a quarter is taken off.
+    """
+    dt = np.diff(samples.t_s)
+    moved = np.abs((samples.v[:-1] + samples.a[:-1] * dt[:, None] / 2) * dt[:, None]).max(axis=1)
+    cuts = np.where(moved > 0, np.ceil(moved / _CUT) + 1, 1).astype(int)
+    at = np.repeat(np.arange(len(cuts)), cuts)
+    share = np.concatenate([np.arange(count) / count for count in cuts])
+    t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])
+    at = np.append(at, len(cuts))
+    v = samples.v[at] + samples.a[at] * (t - samples.t_s[at])[:, None]
+    held = {item.name: getattr(samples, item.name)[at] for item in fields(samples)}
+    fine = Samples(**{**held, "t_s": t, "v": v})
+    q = reintegrate(problem, fine)
+    if not np.isfinite(q).all():
+        return -np.inf
+    margins = workspace_margins(problem, q)
+    points = outline_points(problem.robot.geometry)(q.T).full().T.reshape(len(q), -1, 2)
+    bent = np.abs(np.diff(points, 2, axis=0)).max(axis=(1, 2), initial=0.0)
+    off = np.zeros(len(q))
+    off[1:-1] = np.where(at[2:] == at[:-2], bent, 0.0)  # corners of a path lie between intervals
+    off[:-1] = np.maximum(off[:-1], off[1:])
+    off[1:] = np.maximum(off[1:], off[:-1])
+    return float((margins - off / 4).min())
 
 
 def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:

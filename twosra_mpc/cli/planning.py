@@ -92,6 +92,8 @@ def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
     if plan.gap is not None:
         yield "lower bound", f"{plan.lower_bound:.2f} s (gap {100 * plan.gap:.3f} %)"
     yield "energy", f"{cost.energy_J:.0f} J in {cost.transitions} transitions"
+    if plan.problem.weights.effort:
+        yield "effort", f"{cost.effort_s:.3f} s, with which the plan costs {cost.total:.2f} s"
     for phase in plan.phases:
         yield f"drive {mode_name(phase.mode)}", f"{phase.start_s:8.2f} s to {phase.end_s:8.2f} s"
     for item in plan.transitions:

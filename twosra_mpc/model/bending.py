@@ -89,6 +89,28 @@ class Bending:
         steady = max(turned) / (limits.bend_rate_rad_s or math.inf)
         return max(from_rest_to_rest(at_speed, _unit_ramp_s(self.body)), steady)
 
+    def least_effort_s2(self, mode: Mode, origin: Intervals, bend: float) -> float:
+        """Lower bound on effort times duration of such a bend [s2]; 0 where no wheel rolls v_j.
+
+        Else wheels of radius R turn at v_j / R. With p_j the bend dW per travel of unit j,
+        abs(dW/dt) <= |p| |v|, so the effort is at least the integral of
+        (dW/dt / (|p| R omega_max))^2. By Cauchy and Schwarz, that times the duration is at least
+        the square of the integral of abs(dW) / (|p| R omega_max), which is bounded by pieces as
+        in ``least_time``.
+
+        Args:
+            mode: A soft mode.
+            origin: Bounds of the W of every segment before.
+            bend: Least change of W, with its sign.
+        """
+        if not path_model(self.body).rolls_v:
+            return 0.0
+        low, high = zip(*origin, strict=True)
+        boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
+        paces = np.hypot(*_largest_paces(self.body, mode, *boxes))
+        full_m_s = self.body.limits.wheel_speed_rad_s * self.body.geometry.wheel_radius_m
+        return float(np.sum(abs(bend) / _PIECES / (paces * full_m_s))) ** 2
+
     def shapes_on_the_way(self, mode: Mode, origin: Intervals, bend: float) -> tuple[Array, Array]:
         """Shapes that every such bend passes, and how far off they may be, (m, n) and (n,) [1/m].
 
@@ -223,9 +245,15 @@ def _rates(body: Body, mode: Mode) -> ca.Function:
 
 def _largest_rate(body: Body, mode: Mode, lower: Array, upper: Array) -> Array:
     """Enclosed maximum of abs(dW/dt) in each box of curvatures, both units at full speed."""
+    rate: Array = _largest_paces(body, mode, lower, upper).sum(axis=0) * _unit_speed(body)
+    return rate
+
+
+def _largest_paces(body: Body, mode: Mode, lower: Array, upper: Array) -> Array:
+    """Enclosed maximum of abs(dW/ds) in each box, per travel of LU1 and of LU2, (2, m)."""
     low, high = enclose(_rates(body, mode), lower, upper)
-    per_travel: Array = np.maximum(np.abs(low), np.abs(high)).sum(axis=0)
-    return np.where(np.isnan(per_travel), np.inf, per_travel) * _unit_speed(body)
+    per_travel = np.maximum(np.abs(low), np.abs(high))
+    return np.where(np.isnan(per_travel), np.inf, per_travel)
 
 
 @per_body(64)

@@ -15,6 +15,8 @@ from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
 
+FEW_POINTS = 7  # along a segment
+
 _CORNERS = ca.DM([(-1, -1), (1, -1), (1, 1), (-1, 1)]).T
 
 
@@ -64,6 +66,17 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShap
         for values, shape in zip(columns, shapes, strict=True)
     )
     return RobotShape(at[..., :2], *parts)
+
+
+@lru_cache(maxsize=32)
+def outline_points(geometry: Geometry) -> ca.Function:
+    """Q -> points of the outline whose hull holds the robot but for the arcs between them, (2, m).
+
+    Corners of units and wheels, and a few points of each segment; these come last.
+    """
+    q = ca.SX.sym("q", Coordinates(geometry.segments).size)
+    segments, _, units, wheels, _ = _outline(geometry, FEW_POINTS)(q)
+    return ca.Function("outline_points", [q], [ca.horzcat(units, wheels, segments)], {"cse": True})
 
 
 @lru_cache(maxsize=32)

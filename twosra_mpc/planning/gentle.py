@@ -13,10 +13,14 @@ drive slowly, and what the plan may cost more is spent where it helps most. No p
 time it has to spare: a drive that lasts right up to a melt holds the heater up as soon as it takes
 longer than planned. What happens before a transition decides how long it takes, so the schedule of
 the durations found is made anew.
+
+Where the cost itself weighs effort by w > 0, nothing may cost more: the objective is then
+:math:`c^T t + w \sum_i E_i T_{min,i} / (t_{end,i} - t_{start,i})`, without the last constraint.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +43,31 @@ _STEP_S = 1e-3  # of durations, and more than the solver leaves of its constrain
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
 
+def cheapest(problem: Problem, candidate: Candidate, network: TemporalNetwork) -> Candidate:
+    """Return the candidate at the durations of least cost, where the cost weighs effort.
+
+    Args:
+        problem: The problem.
+        candidate: A feasible plan at the highest speed.
+        network: The temporal network of its sequence.
+    """
+    weight, best = problem.cost_weights.effort, candidate
+    quickest, slowest, efforts = _durations_and_efforts(problem, candidate)
+    made = feasible_schedule(network, quickest, problem) if weight and quickest.any() else None
+    least = math.inf if made is None else _cost(made, problem) + weight * candidate.effort_s
+    for _ in _SHARES:
+        if made is None:
+            break
+        durations = _least_effort(problem, made, efforts, quickest, slowest, math.inf)
+        made = feasible_schedule(network, durations, problem)
+        slower = _lasting(candidate, durations, made) if made else best
+        cost = _cost(made, problem) + weight * slower.effort_s if made else math.inf
+        if cost >= (1 - ROUNDING) * least:
+            break
+        best, least = slower, cost
+    return best
+
+
 def gentle(
     problem: Problem, candidate: Candidate, network: TemporalNetwork, most: float
 ) -> Candidate | None:
@@ -50,24 +79,34 @@ def gentle(
         network: The temporal network of its sequence.
         most: What it may cost [s].
     """
-    profiles = candidate.profiles
-    quickest = np.array([profile.duration_s for profile in profiles])
-    slowest = np.array([profile.duration_s * _slower(profile, problem) for profile in profiles])
+    quickest, slowest, efforts = _durations_and_efforts(problem, candidate)
     made = feasible_schedule(network, quickest, problem)
     if made is None or (slowest <= quickest).all():
         return None
-    efforts = np.array([profile.effort_s for profile in profiles]) * quickest
     for share in _SHARES:
         wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
         durations = quickest + np.floor(share * (wanted - quickest) / _STEP_S) * _STEP_S
         found = feasible_schedule(network, durations, problem)
         if found is not None and _cost(found, problem) <= (1 + ROUNDING) * most:
-            slower = zip(profiles, durations.tolist(), strict=True)
-            stretched = tuple(profile.lasting(duration) for profile, duration in slower)
-            return replace(candidate, profiles=stretched, times=found[0])
+            return _lasting(candidate, durations, found)
         if found is not None:  # what these durations need of the metal is known now
             made = (made[0], found[1])
     return None
+
+
+def _durations_and_efforts(problem: Problem, candidate: Candidate) -> tuple[Array, Array, Array]:
+    """Least and largest durations of the phases [s], and E T_min [s2], each (phases,)."""
+    profiles = candidate.profiles
+    quickest = np.array([profile.duration_s for profile in profiles])
+    slowest = np.array([profile.duration_s * _slower(profile, problem) for profile in profiles])
+    return quickest, slowest, np.array([profile.effort_s for profile in profiles]) * quickest
+
+
+def _lasting(candidate: Candidate, durations: Array, found: Schedule) -> Candidate:
+    """The candidate with phases of these durations."""
+    slower = zip(candidate.profiles, durations.tolist(), strict=True)
+    stretched = tuple(profile.lasting(duration) for profile, duration in slower)
+    return replace(candidate, profiles=stretched, times=found[0])
 
 
 def _slower(profile: SpeedProfile, problem: Problem) -> float:
@@ -85,7 +124,7 @@ def _cost(found: Schedule, problem: Problem) -> float:
 def _least_effort(
     problem: Problem, made: Schedule, efforts: Array, quickest: Array, slowest: Array, most: float
 ) -> Array:
-    """Durations of the convex program, (phases,) [s]; ``efforts`` are E T_min of the phases."""
+    """Durations of the convex program, (phases,) [s]; ``most`` is inf where effort has a weight."""
     times, network = made
     layout, moving = network.layout, np.flatnonzero(quickest)
     cost, constant = cost_coefficients(network, problem.cost_weights)
@@ -99,13 +138,25 @@ def _least_effort(
     slowest = np.minimum(slowest[moving], quickest[moving] + extra)
     since, until = np.nonzero(np.isfinite(apart))
     lasting = of[np.searchsorted(kept, ends)] - of[np.searchsorted(kept, starts)]
-    scale, at_first = float(quickest.sum()), float((efforts[moving] / quickest[moving]).sum())
+    scale, unit = float(quickest.sum()), float((efforts[moving] / quickest[moving]).sum())
+    price, weight = np.zeros(len(kept)), problem.cost_weights.effort
+    if weight:
+        unit += scale / weight
+        price = cost[kept] * scale / (weight * unit)
 
     def effort(t: Array) -> tuple[float, Array]:
         duration = np.maximum(lasting @ t, 1e-9)
-        each = efforts[moving] / (at_first * scale) / duration
-        return float(each.sum()), lasting.T @ (-each / duration)
+        each = efforts[moving] / (unit * scale) / duration
+        return float(each.sum() + price @ t), lasting.T @ (-each / duration) + price
 
+    constraints = [
+        LinearConstraint(of[until] - of[since], apart[since, until] / scale, np.inf),
+        LinearConstraint(lasting, quickest[moving] / scale, np.inf),
+        LinearConstraint(lasting, -np.inf, slowest / scale),
+    ]
+    if not weight:
+        within = (most - _STEP_S - constant) / scale
+        constraints.append(LinearConstraint(cost[kept], -np.inf, within))
     solver: Any = minimize  # its stubs know of no options of a single method
     found = solver(
         effort,
@@ -113,12 +164,7 @@ def _least_effort(
         jac=True,
         method="SLSQP",
         bounds=[(0.0, 0.0 if event == layout.origin else None) for event in kept],
-        constraints=[
-            LinearConstraint(of[until] - of[since], apart[since, until] / scale, np.inf),
-            LinearConstraint(lasting, quickest[moving] / scale, np.inf),
-            LinearConstraint(lasting, -np.inf, slowest / scale),
-            LinearConstraint(cost[kept], -np.inf, (most - _STEP_S - constant) / scale),
-        ],
+        constraints=constraints,
         options={"maxiter": 200, "ftol": 1e-10},
     )
     durations = quickest.copy()

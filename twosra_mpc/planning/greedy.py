@@ -20,6 +20,7 @@ import numpy as np
 
 from twosra_mpc.model.flow import interval_flow, roll_out
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.gentle import cheapest
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.plans.plan import Plan, Status
@@ -113,7 +114,9 @@ def plan_greedily(problem: Problem) -> Result:
         motion = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
         network = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
         candidate = scheduled(motion, network, problem, iterations=0)
-        made = verified(problem, candidate, network, "greedy") if candidate else None
+        if candidate is not None:
+            candidate = cheapest(problem, candidate, network)
+            made = verified(problem, candidate, network, "greedy")
     stats = Stats(time.perf_counter() - started, 0, 0, 0)
     if made is None:
         reason = path.ending.value

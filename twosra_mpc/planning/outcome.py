@@ -32,15 +32,17 @@ def verified(
     finish = times[layout.finish]
     samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)
     trajectory = Trajectory(problem, samples, phases, transitions)
-    cost = _cost(problem, samples, transitions)
+    cost = _cost(problem, samples, transitions, candidate.effort_s)
     return Plan(planner, trajectory, cost, verify(trajectory), lower_bound=None)
 
 
-def _cost(problem: Problem, samples: Samples, transitions: Sequence[Transition]) -> Cost:
+def _cost(
+    problem: Problem, samples: Samples, transitions: Sequence[Transition], effort_s: float
+) -> Cost:
     """Cost of what will be executed."""
     seconds, count = float(samples.t_s[-1]), len(transitions)
     heating = transition_model(problem).heating(transitions)
     energy = sum(item.energy_J(seconds) for item in heating)
     weights = problem.cost_weights
     total = seconds + weights.energy_s_per_J * energy + weights.transition_s * count
-    return Cost(total, seconds, energy, count)
+    return Cost(total + weights.effort * effort_s, seconds, energy, count, effort_s)

@@ -14,10 +14,10 @@ import numpy as np
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.planning.gentle import ROUNDING, gentle
+from twosra_mpc.planning.gentle import ROUNDING, cheapest, gentle
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
-from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends
+from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends, moved_inside
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
@@ -32,6 +32,7 @@ from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import (
     CURVATURE,
     check_shapes,
+    check_workspace,
     interval_durations,
     may_drive,
     rigid_ramp_s,
@@ -74,9 +75,11 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
         on_progress: Called as the search proceeds.
 
     Raises:
-        InputError: If the locomotion units would overlap at the start or at the goal.
+        InputError: If the locomotion units would overlap at the start or at the goal, or the robot
+            would be outside of its workspace there.
     """
     check_shapes(problem)
+    check_workspace(problem)
     if problem.planner == "greedy":
         return plan_greedily(problem)
     return plan_without(problem, frozenset(), on_progress=on_progress)
@@ -177,13 +180,16 @@ class SequenceSolver:
     def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
         problem, sequence = self.problem, network.sequence
         start, usable = problem.start.configuration, may_drive(problem, sequence)
-        return guess_motion(problem.robot, start, problem.goal, sequence, bends, INTERVALS, usable)
+        goal = problem.goal
+        made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
+        return moved_inside(made, problem)
 
     def _checked(
         self, candidate: Candidate | None, network: TemporalNetwork
     ) -> tuple[float, Solved] | None:
         if candidate is None:
             return None
+        candidate = cheapest(self.problem, candidate, network)
         checked = verified(self.problem, candidate, network)
         if not checked.verification.ok:
             return None
@@ -216,6 +222,7 @@ def bending_task(problem: Problem) -> BendingTask:
         rate=facts.fastest,
         origin=origin,
         least_time=facts.least_time,
+        least_effort=facts.least_effort_s2,
         forbidden=forbidden,
         beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
         shape=", ".join(words),
@@ -354,17 +361,19 @@ def _proof(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved
 
 def _failure(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str:
     """Why no plan was found although one may exist, and what to change."""
+    within = "" if problem.workspace is None else " within the workspace"
     if (ending := search.ending) is not Ending.EXHAUSTED:
         effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
-        return f"no plan found ({_STOPPED[ending]}): {_ADVICE[ending]} ({effort})"
-    tried = f"no plan found ({search.solved} mode sequences tried)"
+        return f"no plan found{within} ({_STOPPED[ending]}): {_ADVICE[ending]} ({effort})"
+    tried = f"no plan found{within} ({search.solved} mode sequences tried)"
     if search.solved == 0:
         return f"{tried}: {too_few_phases(tree)}"
     rigid = problem.robot.rigid
     if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
         only = f"without mode {mode_name(rigid)} the pose changes only by bending"
         return f"{tried}: {only}: add {mode_name(rigid)} to modes"
-    return f"{tried}: raise max_phases, allow more modes, or widen the goal's tolerance"
+    wider = "the workspace" if within else "the goal's tolerance"
+    return f"{tried}: raise max_phases, allow more modes, or widen {wider}"
 
 
 _STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}

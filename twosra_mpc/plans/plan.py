@@ -25,12 +25,13 @@ class Status(enum.StrEnum):
 
 
 class Cost(NamedTuple):
-    """Cost of a plan in s, and what it is made of."""
+    """Cost of a plan in s, and what it is made of; files of older versions say no effort."""
 
     total: float
     time_s: float
     energy_J: float
     transitions: int
+    effort_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -78,17 +78,30 @@ class SpeedProfile:
 def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
     """The quickest speed profile of each phase within the robot's limits."""
     if motion.robot.limits.wheel_acceleration_rad_s2 is None:
-        return tuple(map(_at_constant_speed, interval_durations(motion), motion.states))
+        durations = interval_durations(motion)
+        return tuple(_at_constant_speed(motion, i, own) for i, own in enumerate(durations))
     return tuple(_phase(motion, i) for i in range(len(motion.sequence)))
 
 
-def _at_constant_speed(durations: Array, states: Array) -> SpeedProfile:
+def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedProfile:
     """Each interval in its least time; empty ones are left out."""
-    used = durations > 0
-    x = np.append(np.flatnonzero(used), len(durations))
-    time = np.append(0.0, np.cumsum(durations[used]))
-    still = np.zeros(int(used.sum()))
-    return SpeedProfile(x.astype(float), states[x], time, 1 / durations[used], still, 0.0, 0.0)
+    used, states = np.flatnonzero(durations > 0), motion.states[phase]
+    x, lasting = np.append(used, len(durations)), durations[used]
+    v = motion.inputs[phase][used] / lasting[:, None]
+    modes = np.tile(np.array(motion.sequence[phase]), (len(used), 1))
+    turned = np.array(
+        [wheel_speeds(motion.robot, q, v, modes) for q in (states[used], states[used + 1])]
+    )
+    mean = (turned[0] ** 2 + turned[0] * turned[1] + turned[1] ** 2).sum(axis=1) / 3
+    return SpeedProfile(
+        x=x.astype(float),
+        q=states[x],
+        time_s=np.append(0.0, np.cumsum(lasting)),
+        speed=1 / lasting,
+        acceleration=np.zeros(len(used)),
+        effort_s=float(mean @ lasting) / motion.robot.limits.wheel_speed_rad_s**2,
+        peak_rad_s=float(np.abs(turned).max(initial=0.0)),
+    )
 
 
 def _phase(motion: Motion, phase: int) -> SpeedProfile:
@@ -96,7 +109,7 @@ def _phase(motion: Motion, phase: int) -> SpeedProfile:
     inputs, mode = motion.inputs[phase], motion.sequence[phase]
     moving = np.flatnonzero(np.linalg.norm(inputs, axis=1) > _NOTHING)
     if not len(moving):
-        return _at_constant_speed(np.zeros(len(inputs)), motion.states[phase])
+        return _at_constant_speed(motion, phase, np.zeros(len(inputs)))
     parts = [
         _between_corners(motion.robot, motion.states[phase], inputs, mode, part)
         for part in _smooth_parts(motion, phase, moving)

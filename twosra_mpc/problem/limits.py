@@ -20,6 +20,7 @@ from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
+from twosra_mpc.model.outline import FEW_POINTS, outline_points
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
@@ -164,6 +165,8 @@ SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED, BEND_RATE, SPEED, TURN_RATE)
 
 UNITS = {limit.name: limit.unit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
 UNITS |= {WHEEL_ACCELERATION: "rad/s2"}
+WORKSPACE = "workspace_m"  # margin to the box of the scenario, no limit of the robot
+UNITS |= {WORKSPACE: "m"}
 
 
 # Shapes.
@@ -255,6 +258,43 @@ def check_shapes(problem: Problem) -> None:
             amount = f"{1e3 * short:.1f} mm" if limit.unit == "m" else f"{short:.3g} {limit.unit}"
             allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
             raise InputError(f"{name}.kappa_per_m", tuple(q[POSE:].tolist()), allowed)
+
+
+def workspace_margins(problem: Problem, q: Array) -> Array:
+    """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
+
+    An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.
+    """
+    geometry, workspace = problem.robot.geometry, problem.workspace
+    points = outline_points(geometry)(q.T).full().T.reshape(len(q), -1, 2)
+    if workspace is None:
+        return np.full(len(q), np.inf)
+    lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
+    arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
+    own = FEW_POINTS * geometry.segments
+    body, fibre = workspace.margin_m(points[:, :-own]), workspace.margin_m(points[:, -own:])
+    margins: Array = np.minimum(body.min(axis=1), fibre.min(axis=1) - arc)
+    return np.where(np.abs(margins) <= TOUCHING_M, 0.0, margins)
+
+
+def check_workspace(problem: Problem) -> None:
+    """Refuse a start outside of the workspace, and goals with nothing inside near them.
+
+    Raises:
+        InputError: Naming the end, and by how much it is outside.
+    """
+    goal = problem.goal
+    corners = [*itertools.product(*([-1, 1] if w else [0] for w in goal.half_width))]
+    ends = goal.configuration + goal.half_width * np.array(
+        [np.zeros(len(goal.half_width)), *corners]
+    )
+    for name, q in (("start", problem.start.configuration[None]), ("goal", ends)):
+        if problem.workspace is None or not np.isfinite(q).all():
+            continue
+        margins = workspace_margins(problem, q)
+        if margins.max() < 0:
+            allowed = f"a robot inside the workspace; here it is {-1e3 * margins[0]:.1f} mm outside"
+            raise InputError(name, tuple(q[0].tolist()), allowed)
 
 
 def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:

@@ -22,6 +22,7 @@ from pydantic import (
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
 from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
+from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
@@ -58,10 +59,14 @@ _LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's
 
 
 class Weights(Value):
-    """Weights of the cost, which is in seconds: duration counts 1."""
+    """Weights of the cost, which is in seconds: duration counts 1.
+
+    ``effort`` weighs the integral of the sum of (wheel speed / largest wheel speed)^2 [s].
+    """
 
     energy_s_per_J: NonNegative = 0.0
     transition_s: NonNegative = 0.0
+    effort: NonNegative = 0.0
 
 
 class Problem(Value):
@@ -74,7 +79,9 @@ class Problem(Value):
     ``heaters_at_once`` heaters are on at a time: one, or all. ``transition_quantile`` reserves
     windows that hold this share of early and of late transitions, given the ranges of the robot's
     parameters. ``motion`` says what is done with time to spare, and with the ``gap`` that is asked
-    for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can.
+    for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can. With
+    ``weights.effort`` the cost itself says how fast, and ``motion`` has nothing to add. No point of
+    the robot leaves the ``workspace``.
     """
 
     description: str = ""
@@ -82,6 +89,7 @@ class Problem(Value):
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
     goal: SerializeAsAny[GoalSet]
+    workspace: Workspace | None = None
     weights: Weights = Weights()
     timing: str = "nominal"
     ambient_C: Number | None = None
@@ -282,9 +290,12 @@ class Problem(Value):
 
     @property
     def drives_gently(self) -> bool:
-        """Whether time to spare is used to drive slowly: a robot that may jump needs none."""
+        """Whether time to spare is used to drive slowly: a robot that may jump needs none.
+
+        Nor does a plan whose cost already says what effort is worth.
+        """
         limited = self.robot.limits.wheel_acceleration_rad_s2 is not None
-        return self.motion == "gentle" and limited
+        return self.motion == "gentle" and limited and self.weights.effort == 0
 
     @property
     def cost_weights(self) -> Weights:

@@ -116,6 +116,11 @@ def _cost_formula(problem: Problem) -> str:
         terms.append(f"{weights.energy_s_per_J:g} s for every joule of heater energy")
     if weights.transition_s:
         terms.append(f"{weights.transition_s:g} s for every melt or freeze")
+    if weights.effort:
+        terms.append(
+            f"{weights.effort:g} times the effort: the sum of the squared wheel speeds, each over"
+            " the largest, integrated"
+        )
     return " + ".join(terms) if len(terms) > 1 else "the duration, nothing else"
 
 

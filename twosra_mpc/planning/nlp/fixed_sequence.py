@@ -9,11 +9,16 @@ import casadi as ca
 import numpy as np
 
 from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.planning.nlp.guess import spared_corners
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correct_end
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
-from twosra_mpc.problem.limits import interval_durations, may_drive, shapes_allowed
+from twosra_mpc.problem.limits import (
+    interval_durations,
+    may_drive,
+    shapes_allowed,
+)
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
@@ -71,6 +76,11 @@ class Candidate:
     times: Array
     iterations: int
 
+    @property
+    def effort_s(self) -> float:
+        """Effort of all phases [s]."""
+        return sum(profile.effort_s for profile in self.profiles)
+
 
 def scheduled(
     motion: Motion, network: TemporalNetwork, problem: Problem, iterations: int
@@ -111,14 +121,15 @@ def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidat
     """Solve the multiple-shooting program of the sequence from ``guess`` and correct its end."""
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     curved = None if problem.goal.is_box else problem.goal
-    program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS)
+    inside = problem.workspace is not None
+    program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS, inside)
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:
         return None
     cost, _ = cost_coefficients(network, problem.cost_weights)
     lower, upper = _decision_bounds(program, network, problem, guess)
-    g_lower, g_upper = _constraint_bounds(program, network)
+    g_lower, g_upper = _constraint_bounds(program, network, problem)
     iterations = 0
     for share in _STARTS:
         solution = solver(
@@ -162,7 +173,9 @@ def _decision_bounds(
     return program.pack(low, -inputs, np.zeros_like(used)), program.pack(high, inputs, used)
 
 
-def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tuple[Array, Array]:
+def _constraint_bounds(
+    program: Transcription, network: TemporalNetwork, problem: Problem
+) -> tuple[Array, Array]:
     """Bounds on the constraints: defects and linkages zero, limits one-sided, network active."""
     size = program.nlp["g"].numel()
     lower, upper = np.full(size, -np.inf), np.zeros(size)
@@ -179,4 +192,13 @@ def _constraint_bounds(program: Transcription, network: TemporalNetwork) -> tupl
     rows = program.rows["network"]
     upper[rows] = np.inf
     lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]
+    if problem.workspace is not None:
+        rows = program.rows["inside"]
+        shape = (2 * program.phases * program.intervals + program.phases, -1, 2)
+        low, high = (
+            np.broadcast_to(end / program.scale[:2], lower[rows].reshape(shape).shape).copy()
+            for end in spared_corners(problem, problem.workspace)
+        )
+        low[0], high[0] = -np.inf, np.inf  # the start is given
+        lower[rows], upper[rows] = low.ravel(), high.ravel()
     return lower, upper

@@ -15,13 +15,18 @@ import numpy as np
 
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, bending_chain, roll_out
+from twosra_mpc.model.outline import outline_points
 from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.limits import workspace_margins
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 
 _STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
 _MOST_STEPS = 64
+_STRAYING_M = 2e-3  # out of a workspace between nodes
 _NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
 _EXACTLY = 1e6  # times as much as others count the segments whose bend leaves no choice
 
@@ -58,6 +63,45 @@ def guess_motion(
     if rigid:
         inputs[rigid[0]] = rigid_move(states[rigid[0]], q, goal) / intervals
     return roll_out(robot, start, sequence, inputs)
+
+
+def moved_inside(motion: Motion, problem: Problem) -> Motion:
+    """Return the motion with all between its first and last drive shifted into the workspace.
+
+    As it is where there is no workspace, no second drive, or nothing leaves.
+    """
+    drives = [i for i, mode in enumerate(motion.sequence) if is_rigid(mode)]
+    if problem.workspace is None or len(drives) < 2:
+        return motion
+    first, last = drives[0], drives[-1]
+    states, inputs = motion.states, motion.inputs.copy()
+    visited = states[first + 1 : last].reshape(-1, states.shape[-1])
+    points = outline_points(motion.robot.geometry)(visited.T).full().T.reshape(-1, 2)
+    low, high = spared_corners(problem, problem.workspace)
+    shift = np.maximum(low - points.min(axis=0), 0.0) - np.maximum(points.max(axis=0) - high, 0.0)
+    if not shift.any():
+        return motion
+    by = np.array([*shift, 0.0])
+    for i, here, end in (
+        (first, states[first, 0, :3], states[first, -1, :3] + by),
+        (last, states[last, 0, :3] + by, states[last, -1, :3]),
+    ):
+        move = np.linalg.solve(_matrix(here), _matrix(end))
+        screw = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
+        inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
+    return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
+
+
+def spared_corners(problem: Problem, workspace: Workspace) -> Array:
+    """Corners of the workspace, less what the robot may stray between nodes, (2, 2) [m].
+
+    It keeps no farther away than it is at the start and at the goal.
+    """
+    goal = problem.goal.aim(problem.start.configuration)
+    ends = workspace_margins(problem, np.array([problem.start.configuration, goal]))
+    spared = min(_STRAYING_M, max(0.0, float(ends.min())))
+    corners: Array = workspace.corners_m + np.array([[spared], [-spared]])
+    return corners
 
 
 def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:

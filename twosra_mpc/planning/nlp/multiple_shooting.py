@@ -28,6 +28,7 @@ import numpy as np
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
+from twosra_mpc.model.outline import outline_points
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
@@ -55,7 +56,8 @@ class Transcription:
         layout: Numbering of the events.
         intervals: Shooting intervals per phase.
         nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
-        rows: Slices of g by name: defects, linkage, terminal, speed, shape, driving, network.
+        rows: Slices of g by name: defects, linkage, terminal, speed, shape, driving, network, and
+            where the robot is to be, if it is to be inside.
     """
 
     scale: Array
@@ -89,11 +91,18 @@ class Transcription:
 
 @per_body(32)
 def transcribe(
-    robot: Body, goal: GoalSet | None, phases: int, intervals: int, steps: int
+    robot: Body,
+    goal: GoalSet | None,
+    phases: int,
+    intervals: int,
+    steps: int,
+    inside: bool = False,
 ) -> Transcription:
     """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval.
 
-    A ``goal`` that is no box adds the equations that its members fulfil; None: it is one.
+    A ``goal`` that is no box adds the equations that its members fulfil; None: it is one. With
+    ``inside`` the places of the outline's points at all nodes and midway between them are rows, in
+    units of 0.1 m.
     """
     segments, scale = robot.geometry.segments, state_scale(robot)
     layout = EventLayout(phases, segments)
@@ -136,6 +145,10 @@ def transcribe(
         "driving": _rows_of(margins[:, nodes[:, 0].tolist()], driving=True),
         "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
     }
+    if inside:
+        visited = ca.horzcat(q, flow(q[:, before], s / 2, mode_of))
+        places = outline_points(robot.geometry).map(visited.size2())(visited)
+        blocks["inside"] = places / float(scale[0])
     g, rows = _stacked(blocks)
     objective = ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs)
     nlp = {
@@ -183,9 +196,10 @@ def ipopt(
     intervals: int,
     steps: int,
     max_iterations: int,
+    inside: bool = False,
 ) -> tuple[Transcription, ca.Function]:
     """Compile the program of ``transcribe`` for IPOPT."""
-    transcription = transcribe(robot, goal, phases, intervals, steps)
+    transcription = transcribe(robot, goal, phases, intervals, steps, inside)
     options: dict[str, Any] = {
         "expand": True,
         "ipopt.print_level": 0,

@@ -12,11 +12,13 @@ the change of W in soft phase i,
 
 and the partial sums after every phase within what the curvature limits allow. Where the sequence
 leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
-a bend that must pass a forbidden shape rules the sequence out. Every plan of the sequence satisfies
-these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j is rigid;
-so the optimum of this linear program bounds its cost from below. Where that is not enough, a goal
-pose adds the constraint of ``pose_bound``. A sequence that never melts anything is bounded by
-``rigid_motion.least_time`` as well.
+a bend that must pass a forbidden shape rules the sequence out. Where the cost weighs effort by w_u,
+w_u sum e_i is added, with e_i at least tangents of E_i / (t_{end,i} - t_{start,i}) for the least
+effort times duration E_i that such a bend takes (rigid drives: none). Every plan of the sequence
+satisfies these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j
+is rigid; so the optimum of this linear program bounds its cost from below. Where that is not
+enough, a goal pose adds the constraint of ``pose_bound``. A sequence that never melts anything is
+bounded by ``rigid_motion.least_time`` as well.
 """
 
 from __future__ import annotations
@@ -45,6 +47,7 @@ from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 Intervals = tuple[tuple[float, float], ...]  # (low, high) of every segment
 
+_TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
 REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
 
 
@@ -70,6 +73,7 @@ class BendingTask:
         origin: W of each segment at t = 0.
         least_time: (mode, bounds of W before, least change of W of the soft segments) -> lower
             bound on the time it takes.
+        least_effort: The same -> lower bound on effort times duration [s2].
         forbidden: (mode, bounds of W before, change of W) -> what is wrong with a shape that every
             such bend passes, in words; None if nothing is.
         beyond: Where ``room`` ends, in words.
@@ -86,6 +90,7 @@ class BendingTask:
     rate: Callable[[Mode, tuple[float | None, ...]], float]
     origin: tuple[float, ...]
     least_time: Callable[[Mode, Intervals, float], float]
+    least_effort: Callable[[Mode, Intervals, float], float]
     forbidden: Callable[[Mode, Intervals, float], str | None]
     beyond: str
     shape: str
@@ -191,7 +196,7 @@ def sequence_bound(
 ) -> SequenceBound | None:
     """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
     bends = determined_bends(network.sequence, task)
-    if bends is not None and weights.energy_s_per_J == 0:
+    if bends is not None and weights.energy_s_per_J == weights.effort == 0:
         return _longest_path_bound(network, bends, weights, least_durations)
     return _linear_program_bound(network, task, weights, least_durations)
 
@@ -281,7 +286,8 @@ def _linear_program_bound(
     pose: PoseConstraint | None = None,
 ) -> SequenceBound | None:
     layout, n = network.layout, network.layout.phases
-    width = layout.count + n
+    efforts = _least_efforts(network.sequence, task) if weights.effort else []
+    width = layout.count + n + len(efforts)
     rows: list[Array] = []
     limits: list[float] = []
 
@@ -311,6 +317,17 @@ def _linear_program_bound(
             at_least(bends, low)
             at_least(dict.fromkeys(bends, -1.0), -high)
 
+    for i, effort in enumerate(efforts):
+        for slope in _TANGENTS if effort else ():
+            at_least(
+                {
+                    layout.count + n + i: 1.0,
+                    layout.end(i): slope,
+                    layout.start(i): -slope,
+                },
+                2 * math.sqrt(slope * effort),
+            )
+
     if pose is not None:
         drives: dict[int, float] = {}
         for i, rate in enumerate(pose.rates.tolist()):
@@ -320,13 +337,15 @@ def _linear_program_bound(
     objective, constant = cost_coefficients(network, weights)
     bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in network.sequence]
     bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
-    optimum = minimise(
-        np.concatenate([objective, np.zeros(n)]), np.array(rows), np.array(limits), bounds
-    )
+    bounds += [(0.0, None)] * len(efforts)
+    objective = np.concatenate([objective, np.zeros(n), np.full(len(efforts), weights.effort)])
+    optimum = minimise(objective, np.array(rows), np.array(limits), bounds)
     if optimum is None:
         return None
     value, x = optimum
-    return SequenceBound(value + constant, times=x[: layout.count], bends=x[layout.count :])
+    return SequenceBound(
+        value + constant, times=x[: layout.count], bends=x[layout.count : layout.count + n]
+    )
 
 
 def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
@@ -425,6 +444,15 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
         if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
             durations[i] = math.inf
     return durations
+
+
+def _least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
+    """Least effort times duration of the phases, as far as the task says how far they bend [s2]."""
+    steps = bend_steps(sequence, task) or ()
+    return [
+        task.least_effort(step.mode, _pairs(step.before), step.surely) if step.surely else 0.0
+        for step in steps
+    ]
 
 
 def _pairs(bounds: Array) -> Intervals:
