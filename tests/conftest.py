@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import pytest
 from hypothesis import settings
+from problems import exactly
 
 from twosra_mpc import Plan, Result, cli, load_problem, plan
 
@@ -32,13 +33,14 @@ PLANNERS_AND_TIMINGS = [
 
 @pytest.fixture(scope="session")
 def solved() -> Solved:
-    """Plan a built-in scenario with overrides (hashable values), once each."""
+    """Plan a built-in scenario with overrides (hashable values), exactly if asked, once each."""
     known: dict[object, Result] = {}
 
-    def get(scenario: str = "paper-1", **overrides: Any) -> Result:
-        key = (scenario, *sorted(overrides.items()))
+    def get(scenario: str = "paper-1", exact: bool = False, **overrides: Any) -> Result:
+        key = (scenario, exact, *sorted(overrides.items()))
         if key not in known:
-            known[key] = plan(load_problem(scenario, **overrides))
+            problem = load_problem(scenario, **overrides)
+            known[key] = plan(exactly(problem) if exact else problem)
         return known[key]
 
     return get

@@ -16,7 +16,7 @@ from twosra_mpc.identification.thermal import Parameters
 Array = NDArray[np.float64]
 
 TRUE = Parameters(
-    power_K_per_s=1.45,
+    power_K_per_s=1.09,
     coupling_per_s=0.0175,
     body_ratio=3.5,
     body_loss_per_s=0.0033,
@@ -24,7 +24,7 @@ TRUE = Parameters(
     law_gain_per_K=0.037,
     law_duty_at_54C=0.40,
 )
-GAIN, AIR_C = 0.75, 22.6
+GAIN, AIR_C = 1.0, 22.6
 SOFT_C, ENOUGH_C = 53.5, 40.0  # readings that end a heating and, if not said otherwise, a cooling
 
 

@@ -25,6 +25,11 @@ def at_once(robot: Robot) -> Robot:
     return robot.with_values(limits=type(robot.limits)(**limits))
 
 
+def exactly(problem: Problem) -> Problem:
+    """The problem with its goal to be met exactly."""
+    return problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
+
+
 def random_problem(seed: int, robot: Robot = ROBOT, **overrides: Any) -> Problem:
     """abs(kappa) <= 60 1/m, positions within 0.25 m, any heading, units apart at both ends."""
     rng = np.random.default_rng(seed)

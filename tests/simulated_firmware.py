@@ -58,6 +58,26 @@ class Cable:
             raise OSError(5, "Input/output error")
 
 
+def raw_C(segment: HeatedSegment) -> float:
+    """What the firmware reads off a segment's thermistor."""
+    rule = segment.controller
+    return rule.ambient_C + rule.sensor_gain * (segment.measured_C - rule.ambient_C)
+
+
+class FullCurrent(HeatedSegment):
+    """A segment whose firmware lets the melting current flow for as long as it is told to."""
+
+    melt_current_A, heated = 0.0, False
+
+    @property
+    def current_A(self) -> float:
+        return self.melt_current_A * self.heated
+
+    def advance(self, setpoint_C: float, duration_s: float) -> None:
+        self.heated = setpoint_C > self.rigid_setpoint_C
+        super().advance(setpoint_C, duration_s)
+
+
 class SimulatedFirmware:
     """Parses commands, heats segments, reports temperatures; is also the stream's clock."""
 
@@ -67,6 +87,7 @@ class SimulatedFirmware:
         reports: Callable[[float, int, float], bytes] = lambda _t, j, T: b"%c%.2f\n" % (65 + j, T),
         broken_heaters: tuple[int, ...] = (),
         numbers: int = 0,
+        regulates: bool = True,
     ) -> None:
         """Start it.
 
@@ -75,13 +96,17 @@ class SimulatedFirmware:
             reports: Bytes to report at a time for a segment (0, 1) at a temperature [C].
             broken_heaters: Segments whose heaters are broken.
             numbers: How many numbers a command has beyond wheels and heaters.
+            regulates: Whether it holds segments at the soft set-point by itself.
         """
         self._cable = Cable()
         self.port = SerialPort(self._cable)  # type: ignore[arg-type]
         self.reports, self._numbers = reports, 4 + plan.robot.coordinates.segments + numbers
         robot, problem = plan.robot, plan.problem
+        kind = HeatedSegment if regulates else FullCurrent
+        FullCurrent.melt_current_A = robot.heater.melt_current_A
+        self.hottest_C = 0.0
         self.segments = [
-            HeatedSegment(
+            kind(
                 segment_model(robot, problem.ambient, j),
                 temperature_sensor(robot, problem.ambient, j),
                 stiffness_controller(robot, problem.ambient, j),
@@ -114,6 +139,7 @@ class SimulatedFirmware:
         self._now_s += duration_s
         for segment, heated in zip(self.segments, self.heated, strict=True):
             segment.advance(self._setpoints[heated], duration_s)
+            self.hottest_C = max(self.hottest_C, segment.temperature_C)
         for time_s in [time_s for time_s in self.at if time_s <= self._now_s]:
             self.at.pop(time_s)()
         if self._now_s >= self._next_report_s and not self._cable.dead:
@@ -149,4 +175,4 @@ class SimulatedFirmware:
 
     def _report(self) -> None:
         for j, segment in enumerate(self.segments):
-            self._cable.to_computer += self.reports(self._now_s, j, segment.measured_C)
+            self._cable.to_computer += self.reports(self._now_s, j, raw_C(segment))

@@ -182,6 +182,17 @@ def test_every_option_overrides_the_file(
     assert {**before, key: expected} == after
 
 
+def test_a_goal_is_met_exactly_if_asked(run: Run, tmp_path: Path) -> None:
+    for options in ([], ["--exact"]):
+        assert run("plan", "rigid-move", *options, "--out", f"{len(options)}.json").code == 0
+    widths = [
+        json.loads((tmp_path / name).read_text(encoding="utf-8"))["scenario"]["goal"]["tolerance"]
+        for name in ("0.json", "1.json")
+    ]
+    assert min(widths[0]["x_m"], widths[0]["phi_rad"], *widths[0]["kappa_per_m"]) > 0
+    assert widths[1] == {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+
+
 def test_the_path_model_overrides_that_of_the_robot(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

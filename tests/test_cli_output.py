@@ -21,14 +21,18 @@ import pytest
 from conftest import Planned, Run, Solved
 from heating import true_history, write_log
 from matplotlib.figure import Figure
+from melts import made_up
+from melts import write as write_rows
 from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
 from test_problem import write
+from test_replay import TRIAL, TRIAL_1, wheel_log
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.cli import options, output, planning, simulate, stream
+from twosra_mpc.cli import jog, options, output, planning, robot_line, simulate, stream
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
+from twosra_mpc.model.rolling import Drift
 from twosra_mpc.plotting import film, paper_figures
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
@@ -145,7 +149,7 @@ def test_simulations_are_json(run: Run) -> None:
 
 
 def test_a_simulated_heater_is_json(run: Run) -> None:
-    found = json.loads(run("simulate-heater", "--profile", "soft:60", "--json").out)
+    found = json.loads(run("simulate-heater", "--profile", "soft:90", "--json").out)
     (stretch,) = found["stretches"]
     assert stretch["setpoint"] == "soft"
     assert found["events"][-1]["kind"] == "soft"
@@ -357,8 +361,9 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
         def connect_once(numbers: int) -> None:
             firmware = SimulatedFirmware(planned("shape-change"), numbers=numbers)
             stack.callback(firmware.close)
-            monkeypatch.setattr(stream, "open_serial_port", lambda _: firmware.port)
-            monkeypatch.setattr(stream, "SystemClock", lambda: firmware)
+            monkeypatch.setattr(robot_line, "open_serial_port", lambda _: firmware.port)
+            for module in (stream, jog):
+                monkeypatch.setattr(module, "SystemClock", lambda: firmware)
 
         yield connect_once
 
@@ -373,6 +378,12 @@ def test_every_example_runs(
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
     write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
+    for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
+        write_rows(rows, tmp_path / file)
+    (tmp_path / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
+    poses, _ = wheel_log(tmp_path, Drift(), seconds=1)
+    for log in ("s1_v1_6.csv", "poses.csv"):
+        (tmp_path / log).write_bytes(poses.read_bytes())
     for example in examples(name):
         words = shlex.split(example)[1:]
         words = words[: next((i for i, word in enumerate(words) if word in (">", "&&")), None)]

@@ -24,7 +24,7 @@ RUNS = [("paper-2", 2), ("paper-4", 2), ("paper-1", 4)]
 
 
 def true_error(simulation: Simulation) -> np.ndarray:
-    return simulation.run.problem.goal.error(simulation.truth.q[-1].copy())
+    return simulation.run.goal.error(simulation.truth.q[-1].copy())
 
 
 @pytest.mark.parametrize(("name", "seed"), RUNS)

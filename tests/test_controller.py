@@ -64,7 +64,7 @@ def test_output_is_proportional_part_plus_integrator() -> None:
 
 
 def test_the_integrator_stops_while_the_output_is_saturated_towards_the_error() -> None:
-    assert PAPER.pi_law(0.1, 25.0, 0.1) == (0.9, 0.1)
+    assert PAPER.pi_law(0.1, 25.0, 0.1) == (0.8, 0.1)
     assert PAPER.pi_law(0.1, 80.0, 0.1) == (0.0, 0.1)
     output, integrator = PAPER.pi_law(0.3, 66.0, 0.1)  # unwinds
     assert output == pytest.approx(0.1)
@@ -78,16 +78,18 @@ def test_the_integrator_is_clamped_to_what_holding_needs() -> None:
 
 
 def test_a_share_of_power_goes_with_the_square_of_the_current() -> None:
-    """61 C is 4 K below: a share of 0.4 of full power, 0.63 of full current."""
-    state, _ = stepped(LOGGED, started(LOGGED, 61.0), "soft", 61.0)
+    """4 K below the set-point: a share of 0.4 of full power, 0.63 of full current."""
+    state, _ = stepped(LOGGED, started(LOGGED, 70.5), "soft", 70.5)
     assert state.current_A == pytest.approx(0.8 * math.sqrt(0.10 * 4.0))
     state, _ = stepped(PAPER, started(PAPER, 61.0), "soft", 61.0)
     assert state.current_A == pytest.approx(0.20 * 4.0)
 
 
 def test_the_sensor_is_scaled_to_the_segment() -> None:
-    """Rescaled temperature Ta + (y - Ta) / 0.75."""
-    assert LOGGED.segment_C(54.4) == pytest.approx(22.6 + (54.4 - 22.6) / 0.75)
+    """Rescaled temperature Ta + (y - Ta) / gain; the follow-up robot's is not used any more."""
+    scaled = replace(LOGGED, sensor_gain=0.75)
+    assert scaled.segment_C(54.4) == pytest.approx(22.6 + (54.4 - 22.6) / 0.75)
+    assert LOGGED.segment_C(54.4) == pytest.approx(54.4)
     assert PAPER.segment_C(54.4) == pytest.approx(54.4)
 
 
@@ -186,7 +188,10 @@ def test_a_sensor_that_has_come_off_is_a_fault(controller: StiffnessController) 
 
 @BOTH
 def test_one_reading_that_is_far_off_changes_nothing(controller: StiffnessController) -> None:
-    state, _ = stepped(controller, started(controller, 65.0), "soft", 64.0, 3.0)
+    """One K from the set-point, where the integrator moves the current by less than the limit."""
+    held_C = controller.soft_setpoint_C - 1.0
+    state, _ = stepped(controller, started(controller, held_C), "soft", held_C, 3.0)
+    assert 0 < state.current_A < controller.full_current_A
     for spike_C in (84.0, 30.0):
         after, events = stepped(controller, state, "soft", spike_C)
         assert not events

@@ -12,9 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from twosra_mpc import Goal, GoalSet, Problem, Start, Tolerance, load_robot, plan
+from twosra_mpc import Goal, GoalSet, InputError, Problem, Start, Tolerance, load_robot, plan
 from twosra_mpc.planning.nlp.fixed_sequence import solve
-from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends
+from twosra_mpc.robot.accuracy import PLANNED, Accuracy
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.timing import transition_model
 
 Array = NDArray[np.float64]
@@ -28,8 +30,8 @@ class OnCircle(GoalSet):
     radius_m: float
     kappa_per_m: tuple[float, ...]
 
-    def of_segments(self, segments: int) -> Self:
-        assert len(self.kappa_per_m) == segments
+    def of_robot(self, robot: Robot) -> Self:
+        assert len(self.kappa_per_m) == robot.coordinates.segments
         return self
 
     def box(self, near: Array) -> tuple[Array, Array]:
@@ -111,8 +113,9 @@ def test_a_box_says_of_itself_what_is_true(
     assert (aimed <= goal.box(aimed)[1] + 1e-9).all()
     assert np.abs(goal.error(aimed)).max() < 1e-9
     assert goal.is_box
-    wider = goal.loosened(np.array([0.5, 0.0]))
-    assert wider.half_width == pytest.approx(goal.half_width + np.array([0, 0, 0, 0.5, 0]))
+    by = np.array([0.1, 0.0, -0.2, 0.5, 0.0])
+    other = goal.loosened(by)
+    assert other.half_width == pytest.approx(np.maximum(goal.half_width + by, 0.0))
 
 
 def test_a_problem_is_a_tuple_of_stages() -> None:
@@ -120,3 +123,49 @@ def test_a_problem_is_a_tuple_of_stages() -> None:
     (stage,) = problem.stages
     assert stage.goal is problem.goal
     assert stage.mode == (0, 0)
+
+
+def test_a_goal_without_a_tolerance_is_met_within_the_robots_accuracy() -> None:
+    start, where = Start(x_m=0, y_m=0, phi_rad=0, kappa_per_m=(0, 0)), {"x_m": 0.1, "y_m": 0.0}
+    accuracy = ARC.ends_within
+    assert ARC.accuracy == accuracy
+    default = Problem(robot=ARC, start=start, goal=where).goal
+    assert isinstance(default, Goal)
+    x_m, y_m, *rest = default.half_width.tolist()
+    assert math.hypot(x_m, y_m) == pytest.approx(PLANNED * accuracy.position_m)
+    assert rest == pytest.approx(
+        PLANNED * np.array([accuracy.heading_rad, *[accuracy.curvature_per_m] * 2])
+    )
+    exact = Problem(robot=ARC, start=start, goal={**where, "tolerance": "exact"}).goal
+    given = Problem(robot=ARC, start=start, goal={**where, "tolerance": {"x_m": 0.5}}).goal
+    assert not exact.half_width.any()
+    assert given.half_width.tolist() == [0.5, 0.0, 0.0, 0.0, 0.0]
+    bare = ARC.with_values(accuracy=None)
+    assert not Problem(robot=bare, start=start, goal=where).goal.half_width.any()
+    assert bare.ends_within == Accuracy()
+    # What was filled in is a tolerance like any other: a problem of another robot keeps it.
+    again = Problem.parse(Problem(robot=ARC, start=start, goal=where).scenario(), "again")
+    assert again.goal.half_width == pytest.approx(default.half_width)
+
+
+@pytest.mark.parametrize("wrong", ["close", 1.0, {"z_m": 1.0}, {"x_m": -1.0}])
+def test_a_tolerance_that_is_none_is_refused(wrong: object) -> None:
+    with pytest.raises(InputError, match="tolerance"):
+        Goal(x_m=0.0, tolerance=wrong)
+
+
+@given(st.data())
+def test_plans_end_inside_where_the_sequence_can(data: st.DataObject) -> None:
+    number, width = st.floats(-5, 5), st.floats(0, 2)
+    sequence = ((0, 0), *data.draw(st.permutations([(1, 0), (0, 1), (1, 1)]))[:2])
+    incidence = np.array(sequence, dtype=float).T
+    bends = np.array([0.0, *(data.draw(number) for _ in range(2))])
+    ends = incidence @ bends
+    half = np.array([data.draw(width) for _ in range(2)])
+    middle = ends + np.array([data.draw(st.floats(-1, 1)) for _ in range(2)]) * half
+    box, inner = np.array([middle - half, middle + half]), np.array([middle, middle])
+    found = inner_bends(sequence, bends, box, inner)
+    assert (box[0] - 1e-6 <= incidence @ found).all()
+    assert (incidence @ found <= box[1] + 1e-6).all()
+    if (half > 0).all():  # of two soft phases every end can be had
+        assert incidence @ found == pytest.approx(middle, abs=1e-6)

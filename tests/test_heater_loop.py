@@ -41,7 +41,7 @@ from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.two_node import TwoNode
 
-SOFT_C = 65.0
+SOFT_C, SOFT_V2_C = 65.0, 74.5
 MELT_AND_FREEZE: Profile = [(0.0, "soft"), (200.0, "rigid")]
 TWICE: Profile = [(0.0, "soft"), (120.0, "rigid"), (400.0, "soft"), (520.0, "rigid")]
 
@@ -121,16 +121,16 @@ def test_v1_melts_at_full_current_and_stays_below_73() -> None:
     run = V1.run([(0.0, "soft")], 200.0)
     (soft,) = stretches(run, SOFT_C)
     assert soft.peak_C <= 73.0
-    assert soft.peak_C == pytest.approx(69.9, abs=0.5)
-    bound = fastest_melt_s(V1.plant, 0.9)
+    assert soft.peak_C == pytest.approx(68.5, abs=0.5)
+    bound = fastest_melt_s(V1.plant, 0.8)  # as plans melt
     assert bound <= soft.changed_s <= 1.05 * bound
-    assert soft.settled_s == pytest.approx(69.0, abs=3.0)
+    assert soft.settled_s == pytest.approx(103.0, abs=5.0)
 
 
 def test_v2_melts_at_full_power_and_stays_below_its_limit() -> None:
     run = V2.run([(0.0, "soft")], 200.0)
-    (soft,) = stretches(run, SOFT_C)
-    assert soft.peak_C == pytest.approx(65.4, abs=0.3)
+    (soft,) = stretches(run, SOFT_V2_C)
+    assert soft.peak_C == pytest.approx(74.6, abs=0.3)
     bound = fastest_melt_s(V2.plant, 0.8)
     assert bound <= soft.changed_s <= 1.05 * bound
     assert soft.settled_s <= 62.0
@@ -138,7 +138,7 @@ def test_v2_melts_at_full_power_and_stays_below_its_limit() -> None:
 
 def test_v2_stays_below_its_limit_from_a_warm_start() -> None:
     run = V2.run([(0.0, "soft")], 200.0, start_C=45.0)
-    assert run.temperature_C.max() <= 67.0
+    assert run.temperature_C.max() <= 76.0
 
 
 @pytest.fixture(scope="module")
@@ -154,22 +154,23 @@ def test_v1_stays_below_75_in_every_corner(corner_runs: list[HeaterRun]) -> None
 
 
 def test_v1_melts_in_every_corner(corner_runs: list[HeaterRun]) -> None:
-    assert max(stretches(run, SOFT_C)[0].changed_s for run in corner_runs) <= 80.0
+    assert max(stretches(run, SOFT_C)[0].changed_s for run in corner_runs) <= 100.0
 
 
-@pytest.mark.parametrize(("start_C", "limit_C"), [(None, 71.6), (45.0, 75.0)])
+@pytest.mark.parametrize(("start_C", "limit_C"), [(None, 82.0), (45.0, 83.0)])
 def test_v2_stays_below_its_limit_in_every_corner(start_C: float | None, limit_C: float) -> None:
     for loop in logged_corners():
         run = loop.run([(0.0, "soft")], 150.0, start_C=start_C, step_s=0.2)
         assert run.temperature_C.max() <= limit_C
-        assert np.isfinite(stretches(run, SOFT_C)[0].changed_s)
+        assert np.isfinite(stretches(run, SOFT_V2_C)[0].changed_s)
 
 
 @pytest.mark.parametrize("step_s", [1 / 15, 0.1, 0.2])
 @BOTH
 def test_the_rate_of_the_controller_hardly_matters(loop: Loop, step_s: float) -> None:
-    (soft,) = stretches(loop.run([(0.0, "soft")], 120.0, step_s=step_s), SOFT_C)
-    assert soft.peak_C <= 71.0
+    setpoint_C = loop.controller.soft_setpoint_C
+    (soft,) = stretches(loop.run([(0.0, "soft")], 120.0, step_s=step_s), setpoint_C)
+    assert soft.peak_C <= setpoint_C + 6.0
     bound = fastest_melt_s(loop.plant, loop.controller.full_current_A)
     assert soft.changed_s <= 1.05 * bound
 
@@ -240,15 +241,16 @@ def test_segments_are_what_is_reported_when_it_is_reported(loop: Loop) -> None:
     assert run.melt_fraction[known_rigid].max() < 0.02
 
 
-def test_v2_is_rigid_at_53_and_soft_at_62() -> None:
+def test_v2_is_rigid_and_soft_when_its_sensor_shows_53_and_63() -> None:
     run = V2.run(TWICE, 900.0)
+    assert all(run.measured_C[i] >= 62.9 for i in at_events(run, "soft"))
     assert all(51.0 <= run.temperature_C[i] <= 53.0 for i in at_events(run, "rigid"))
-    assert all(62.0 <= run.temperature_C[i] <= 66.0 for i in at_events(run, "soft"))
+    assert all(68.0 <= run.temperature_C[i] <= 72.0 for i in at_events(run, "soft"))
 
 
 def test_nobody_waits_for_25() -> None:
     """The rigid set-point is the temperature of the air."""
-    for loop, needed_s, late_s in ((V1, 253.0, 25.0), (V2, 46.0, 10.0)):
+    for loop, needed_s, late_s in ((V1, 253.0, 25.0), (V2, 73.5, 10.0)):
         _, freeze = stretches(loop.run(MELT_AND_FREEZE, 600.0), SOFT_C)
         assert freeze.changed_s == pytest.approx(needed_s, rel=0.05)
         assert freeze.changed_s < freeze.told_s < freeze.changed_s + late_s
@@ -355,8 +357,8 @@ def test_v2s_reports_are_true_in_every_corner() -> None:
 
 def test_the_estimate_follows_the_melt() -> None:
     """Within 2 % of the metal if the segment is known, also through a melt that is broken off."""
-    run = V1.run([(0.0, "soft"), (35.0, "rigid"), (100.0, "soft"), (200.0, "rigid")], 550.0)
-    assert run.melt_fraction[int(34.0 / 0.1)] == pytest.approx(0.5, abs=0.1)
+    run = V1.run([(0.0, "soft"), (45.0, "rigid"), (110.0, "soft"), (210.0, "rigid")], 560.0)
+    assert run.melt_fraction[int(44.0 / 0.1)] == pytest.approx(0.5, abs=0.1)
     assert np.abs(run.estimated_melt_fraction - run.melt_fraction).max() < 0.02
 
 
@@ -407,10 +409,10 @@ def test_the_papers_line_serves_as_a_sensor() -> None:
 
 
 def test_a_stretch_that_ends_too_early_has_no_times() -> None:
-    melt, freeze = stretches(V1.run([(0.0, "soft"), (30.0, "rigid")], 60.0), SOFT_C)
+    melt, freeze = stretches(V1.run([(0.0, "soft"), (45.0, "rigid")], 75.0), SOFT_C)
     assert all(math.isnan(t) for t in (melt.changed_s, melt.told_s, melt.settled_s))
     assert all(math.isnan(t) for t in (freeze.changed_s, freeze.told_s, freeze.settled_s))
-    assert (melt.start_s, melt.end_s, freeze.end_s) == pytest.approx((0.0, 30.0, 60.0))
+    assert (melt.start_s, melt.end_s, freeze.end_s) == pytest.approx((0.0, 45.0, 75.0))
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,11 @@ from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
 from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, read_heating_log, resample
 from twosra_mpc.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
-from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
+from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant, driven
 from twosra_mpc.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
 from twosra_mpc.identification.robot_files import write_identified_robot
 from twosra_mpc.identification.thermal import (
+    LOGS_DIFFER,
     SEGMENT_FIELDS,
     UNIT,
     Parameters,
@@ -88,7 +89,7 @@ def test_two_nodes_take_the_steps_of_the_differential_equation() -> None:
     p, a, beta, b = TRUE[:4]
     plant = TwoNodePlant(TwoNode(p, a, beta, b, *UNIT), 0.5)
     duty = np.random.default_rng(0).random(60)
-    states = plant.driven((10.0, 4.0), duty)
+    states = driven(plant, (10.0, 4.0), duty)
     x = np.array([10.0, 4.0])
     for k, u in enumerate(duty):
         done = solve_ivp(
@@ -107,16 +108,16 @@ def test_two_nodes_take_the_steps_of_the_differential_equation() -> None:
 
 def test_the_body_of_a_led_core_is_the_body_of_a_driven_one() -> None:
     plant = TwoNodePlant(TwoNode(*TRUE[:4], *UNIT), 0.5)
-    driven = plant.driven((30.0, 10.0), np.linspace(0.0, 0.4, 200))
-    led = plant.led(10.0, driven[:, 0])
-    assert led[:, 0].tolist() == driven[:, 0].tolist()
-    assert led[:, 1] == pytest.approx(driven[:, 1], abs=1e-3)
+    free = driven(plant, (30.0, 10.0), np.linspace(0.0, 0.4, 200))
+    led = plant.led(10.0, free[:, 0])
+    assert led[:, 0].tolist() == free[:, 0].tolist()
+    assert led[:, 1] == pytest.approx(free[:, 1], abs=1e-3)
 
 
 def test_a_long_cooled_segment_keeps_its_shape_while_it_cools() -> None:
     plant = TwoNodePlant(TwoNode(*TRUE[:4], *UNIT), 0.5)
     start = plant.resting(10.0)
-    states = plant.driven(start, np.zeros(600))
+    states = driven(plant, start, np.zeros(600))
     assert start[0] == 10.0
     assert states[:, 1] / states[:, 0] == pytest.approx(start[1] / 10.0, rel=1e-6)
     assert 0 < states[-1, 0] < 8.0
@@ -126,7 +127,7 @@ def test_one_node_melts_over_its_interval_and_keeps_the_heat() -> None:
     p, b, latent, low, high = 0.8, 0.006, 20.0, 30.0, 38.0
     plant = OneNodePlant(p, b, latent, (low, high), 0.5)
     duty = np.concatenate([np.ones(200), np.zeros(300)])
-    states = plant.driven(plant.resting(0.0), duty)
+    states = driven(plant, plant.resting(0.0), duty)
 
     def rate(t: float, heat: Array) -> Array:
         temperature = np.interp(
@@ -151,7 +152,7 @@ def test_the_sensor_is_two_lags_behind_a_share_of_the_core() -> None:
 
     done = solve_ivp(rate, (0.0, time_s[-1]), (20.0, 18.0), t_eval=time_s, max_step=0.1)
     assert first == pytest.approx(done.y[0], abs=2e-3)
-    assert second == pytest.approx(done.y[1], abs=5e-3)
+    assert second == pytest.approx(done.y[1], abs=7e-3)
 
 
 def test_the_inverted_sensor_finds_the_core_behind_readings() -> None:
@@ -167,9 +168,8 @@ def test_the_inverted_sensor_finds_the_core_behind_readings() -> None:
 
 def test_the_heater_law_is_a_clipped_straight_line() -> None:
     law = HeaterLaw(0.05, 0.4)
-    assert law.duty(np.array([54.0, 50.0, 42.0, 20.0, 62.0, 80.0])) == pytest.approx(
-        [0.4, 0.6, 1.0, 1.0, 0.0, 0.0]
-    )
+    duties = [law.duty(reading_C) for reading_C in (54.0, 50.0, 42.0, 20.0, 62.0, 80.0)]
+    assert duties == pytest.approx([0.4, 0.6, 1.0, 1.0, 0.0, 0.0])
 
 
 # --- recovering what a log was made with ---------------------------------------------------------
@@ -291,12 +291,9 @@ def test_ranges_hold_every_fit_and_the_standard_error(fitted: ThermalFit) -> Non
     for name in SEGMENT_FIELDS:
         low, high = fitted.segment.ranges[name]
         value, error = getattr(fitted.parameters, name), getattr(fitted.standard_errors, name)
-        assert low == pytest.approx(
-            min(getattr(fitted.smallest, name), value - 1.645 * error), rel=1e-3
-        )
-        assert high == pytest.approx(
-            max(getattr(fitted.largest, name), value + 1.645 * error), rel=1e-3
-        )
+        spread = max(1.645 * error, LOGS_DIFFER * value)
+        assert low == pytest.approx(min(getattr(fitted.smallest, name), value - spread), rel=1e-3)
+        assert high == pytest.approx(max(getattr(fitted.largest, name), value + spread), rel=1e-3)
         for part in fitted.held_out:
             inside = getattr(part.parameters, name)
             assert getattr(fitted.smallest, name) <= inside <= getattr(fitted.largest, name)

@@ -28,7 +28,7 @@ def problem(
     """Bend from ``start`` to ``goal`` [1/m]; ``goal_*`` keys go into the goal."""
     asked = {key.removeprefix("goal_"): other.pop(key) for key in list(other) if "goal_" in key}
     here = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=start)
-    there = Goal(kappa_per_m=goal, **asked)
+    there = Goal(kappa_per_m=goal, **{"tolerance": "exact", **asked})
     return Problem(**{"robot": ROBOT, "start": here, "goal": there, **other})
 
 

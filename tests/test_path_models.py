@@ -16,7 +16,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.problem.limits import UNIT_GAP, surely_broken
+from twosra_mpc.problem.limits import UNIT_GAP, broken_by_shapes, surely_broken
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.paths import ArcPath
 
@@ -167,7 +167,25 @@ def test_a_bend_through_overlapping_units_is_forbidden() -> None:
     facts = bending(ROBOT)
     origin = (facts.coordinate(59.0), facts.coordinate(0.0))
     bend = facts.coordinate(59.0)
-    assert surely_broken(ROBOT, facts.shapes_on_the_way(SOFT_2, origin, bend)) is UNIT_GAP
+    shapes, off = facts.shapes_on_the_way(SOFT_2, [(w, w) for w in origin], bend)
+    assert not off.any()
+    assert surely_broken(ROBOT, shapes) is UNIT_GAP
+
+
+def test_what_is_forbidden_though_a_shape_is_known_to_within_bounds_is_forbidden_anywhere() -> None:
+    facts, rng = bending(ROBOT), np.random.default_rng(5)
+    for width in rng.uniform(0, 4, 40).tolist():
+        middle, bend = rng.uniform(-50, 50, 2), facts.coordinate(float(rng.uniform(-59, 59)))
+        box = np.array([middle - width, middle + width])
+        low, high = (facts.coordinates(k.tolist()) for k in box)
+        shapes, off = facts.shapes_on_the_way(SOFT_2, list(zip(low, high, strict=True)), bend)
+        if surely_broken(ROBOT, shapes, off) is None:
+            continue
+        for _ in range(5):
+            exactly = facts.coordinates(rng.uniform(*box).tolist())
+            some, none = facts.shapes_on_the_way(SOFT_2, [(w, w) for w in exactly], bend)
+            assert not none.any()
+            assert broken_by_shapes(ROBOT, some) is UNIT_GAP
 
 
 @pytest.mark.parametrize("model", PATH_MODELS)

@@ -8,11 +8,15 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from conftest import Planned
 
 from twosra_mpc import InputError, Plan, Problem, load_problem
+from twosra_mpc.control.controller import stiffness_controller
+from twosra_mpc.control.thermistor import temperature_sensor
 from twosra_mpc.execution.heater_schedule import warm_setpoint_C
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance, disturbance_level
+from twosra_mpc.execution.simulation.heated_segment import HeatedSegment
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot, plant_robot
 from twosra_mpc.model.flow import drive, interval_flow
 from twosra_mpc.model.kinematics import kinematics
@@ -114,7 +118,7 @@ def test_the_holding_unit_pivots_about_its_centre() -> None:
     turning = rolling(robot, SOFT_2)(q, turned, Drift(pivot, 0.0, 0.0)).full().ravel()
     bend = robot.geometry.lengths_m[0] * (turning[4] - q[4])
     assert turning[3:] == pytest.approx(still[3:], abs=1e-9)
-    assert turning[2] - still[2] == pytest.approx(pivot * bend, abs=1e-6)
+    assert turning[2] - still[2] == pytest.approx(-pivot * bend, abs=1e-6)  # as unit 1 turns
     centres = [robot_shape(robot.geometry, at).units[1].mean(axis=0) for at in (q, still, turning)]
     assert centres[1] == pytest.approx(centres[0], abs=1e-6)
     assert centres[2] == pytest.approx(centres[0], abs=1e-6)
@@ -291,14 +295,42 @@ def test_a_seed_is_a_robot() -> None:
 
 
 def test_levels_grow() -> None:
-    not_sizes = ("camera", "delay_frames")
+    not_sizes = ("camera", "delay_frames", "bend_share")
     sizes = [item.name for item in fields(Disturbance) if item.name not in not_sizes]
     levels = list(LEVELS.values())
     assert list(LEVELS) == ["none", "mild", "moderate", "hard"]
     assert levels[0] == Disturbance()
     for milder, harder in itertools.pairwise(levels):
         assert all(getattr(milder, name) <= getattr(harder, name) for name in sizes)
+        assert milder.bend_share[0] >= harder.bend_share[0]
         assert milder != harder
+
+
+def test_motors_follow_with_a_lag_and_lose_no_travel() -> None:
+    def reached(lag_s: float, waits: int) -> np.ndarray:
+        robot = SimulatedRobot(problem(), "arc", Disturbance(motor_lag_s=lag_s))
+        turning = kinematics(robot.robot).wheel_matrix(robot.q, RIGID).full()[:, 2] * 0.02
+        robot.send(turning, set_point(OFF_C))
+        robot.wait(3 / robot.camera.rate_Hz)
+        robot.send(np.zeros(4), set_point(OFF_C))
+        for _ in range(waits):
+            robot.wait(1 / robot.camera.rate_Hz)
+        return robot.q - problem().start.configuration
+
+    at_once, late = reached(0.0, 1), reached(0.1, 1)
+    assert np.hypot(*late[:2]) < 0.9 * np.hypot(*at_once[:2])
+    assert reached(0.1, 15) == pytest.approx(at_once, abs=2e-5)
+
+
+def test_a_soft_phase_reaches_its_share_of_the_bend() -> None:
+    def bent(share: float) -> float:
+        robot = SimulatedRobot(problem(start=HOT), "arc", Disturbance(bend_share=(share, share)))
+        before = robot.q.copy()
+        robot.send(np.array([0.5, 0.0, -0.5, 0.0]), set_point(SOFT_C))
+        robot.wait(1 / robot.camera.rate_Hz)
+        return float((robot.q - before)[3])
+
+    assert bent(0.3) == pytest.approx(0.3 * bent(1.0), rel=1e-2)
 
 
 def test_lengths_are_drawn_about_the_robots() -> None:
@@ -347,3 +379,32 @@ def test_a_start_above_the_melting_point_is_soft() -> None:
     assert robot.mode == SOFT_BOTH
     assert robot.read().stiffness == ("soft", "soft")
     assert math.isclose(robot.segments[0].measured_C, 66.0, abs_tol=0.1)
+
+
+# --- the plan's heating is the controllers' ------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["paper-1", "paper-2", "paper-5"])
+def test_set_points_played_at_plan_times_melt_and_freeze_what_the_plan_says(
+    name: str, planned: Planned
+) -> None:
+    made, step_s = planned(name), 0.1
+    at_s = np.arange(0.0, made.duration_s + step_s, step_s)
+    setpoint_C = made.trajectory.heater_setpoint_C(at_s)
+    for j in range(2):
+        segment = HeatedSegment(
+            model=segment_model(made.robot, made.problem.ambient, j),
+            sensor=temperature_sensor(made.robot, made.problem.ambient, j),
+            controller=stiffness_controller(made.robot, made.problem.ambient, j),
+            start_C=made.problem.temperatures[j],
+            rng=np.random.default_rng(0),
+            rigid_setpoint_C=made.robot.heater.rigid_setpoint_C,
+        )
+        molten = []
+        for each_C in setpoint_C[:, j].tolist():
+            molten.append(segment.melt_fraction)
+            segment.advance(each_C, step_s)
+        for phase in made.phases:
+            during = np.array(molten)[(at_s > phase.start_s) & (at_s < phase.end_s)]
+            assert (during > 0.99 if phase.mode[j] else during < 0.01).all()
+        assert molten[-1] < 0.01  # every segment is rigid at the end

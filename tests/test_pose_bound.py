@@ -20,6 +20,7 @@ from twosra_mpc.planning.search.bounds import least_durations, pose_bound
 from twosra_mpc.planning.search.rigid_motion import twist_vertices
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import fastest
+from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 
@@ -53,9 +54,13 @@ def unit_speed(robot: Robot) -> float:
 
 
 def problem_between(
-    robot: Robot, start: Array, end: Array, modes: tuple[Mode, Mode] = (RIGID, RIGID)
+    robot: Robot,
+    start: Array,
+    end: Array,
+    modes: tuple[Mode, Mode] = (RIGID, RIGID),
+    half_width: Array | None = None,
 ) -> Problem:
-    """From q ``start`` to q ``end``, with these stiffnesses at the start and at the end."""
+    """From q ``start`` to a box about q ``end``, with these stiffnesses at start and end."""
     warm = tuple(80.0 if soft else 25.0 for soft in modes[0])
     x, y, phi, *kappa = end.tolist()
     return Problem(
@@ -67,7 +72,10 @@ def problem_between(
             kappa_per_m=start[3:],
             temperature_C=warm,
         ),
-        goal=Goal(x_m=x, y_m=y, phi_rad=phi, kappa_per_m=kappa, mode=modes[1]),
+        goal=Goal(
+            **{"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa, "mode": modes[1]},
+            tolerance="exact" if half_width is None else Tolerance.of(half_width),
+        ),
     )
 
 
@@ -88,10 +96,10 @@ def test_what_each_unit_does_to_the_robot_is_enclosed(robot: Robot, mode: Mode) 
     limit = robot.limits.curvature_per_m
     for _ in range(4):
         kappa = rng.uniform(-0.5 * limit, 0.5 * limit, 2)
-        origin = (facts.coordinate(float(kappa[0])), facts.coordinate(float(kappa[1])))
+        origin = facts.coordinates(kappa.tolist())
         reach = 0.3 * facts.coordinate(limit)
         along = np.linspace(-reach, reach, 13)
-        low, high = facts.motions_between(mode, origin, along)
+        low, high = facts.motions_between(mode, [(w, w) for w in origin], along)
         for box, share in enumerate(rng.uniform(size=12)):
             change = along[box] + share * (along[box + 1] - along[box])
             shape = np.array(facts.curvatures(np.array(origin) + np.array(mode) * change))
@@ -157,10 +165,9 @@ def test_no_random_plan_costs_less_than_its_bound(robot: Robot) -> None:
         motion = random_motion(robot, np.random.default_rng(seed))
         if motion is None:
             continue
-        sequence = motion.sequence
-        problem = problem_between(
-            robot, motion.states[0, 0], motion.end, (sequence[0], sequence[-1])
-        )
+        sequence, start = motion.sequence, motion.states[0, 0]
+        modes = sequence[0], sequence[-1]
+        problem = problem_between(robot, start, motion.end, modes)
         if not np.isfinite(least_durations(sequence, bending_task(problem))).all():
             continue  # the units overlap on the way
         network = network_of(problem, sequence, sequence[-1])
@@ -168,8 +175,37 @@ def test_no_random_plan_costs_less_than_its_bound(robot: Robot) -> None:
         times = schedule(network, durations, problem.cost_weights)
         assert times is not None
         coefficients, constant = cost_coefficients(network, problem.cost_weights)
-        assert proved(problem, sequence) <= float(coefficients @ times) + constant + 1e-9, seed
+        cost = float(coefficients @ times) + constant
+        assert proved(problem, sequence) <= cost + 1e-9, seed
+        for share in (1.0, 5.0, 0.1):  # boxes that hold the end of the motion somewhere
+            box = share * np.array([2e-3, 2e-3, 0.02, 1.0, 1.0])
+            off = np.random.default_rng(seed).uniform(-1, 1, 5) * box
+            boxed = problem_between(robot, start, motion.end + off, modes, box)
+            if (np.abs(boxed.goal.configuration[3:]) > robot.limits.curvature_per_m).any():
+                continue
+            assert proved(boxed, sequence) <= cost + 1e-9, (seed, share)
         judged += 1
+    assert judged >= 2
+
+
+@each_robot
+def test_small_boxes_are_bounded_about_as_well_as_points(robot: Robot) -> None:
+    robot, judged = fast(robot, 5000.0), 0
+    for seed in range(8):
+        motion = random_motion(robot, np.random.default_rng(seed))
+        if motion is None or len(motion.sequence) == 1:
+            continue
+        sequence, start = motion.sequence, motion.states[0, 0]
+        box = np.array([1e-5, 1e-5, 1e-4, 1e-3, 1e-3])
+        exact, boxed = (
+            proved(
+                problem_between(robot, start, motion.end, (sequence[0], sequence[-1]), b), sequence
+            )
+            for b in (None, box)
+        )
+        if np.isfinite(exact) and exact > 0.1:
+            assert boxed >= 0.98 * exact - 1e-2, (seed, exact, boxed)
+            judged += 1
     assert judged >= 2
 
 

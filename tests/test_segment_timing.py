@@ -195,10 +195,11 @@ def test_longer_segments_take_longer() -> None:
 
 def test_thresholds_and_windows_are_of_each_segment() -> None:
     problem = thermal_problem(MIXED, transition_quantile=0.9)
-    assert problem.segment_thresholds_C == ((61.0, 61.0), (53.0, 62.0), (61.0, 61.0))
-    assert problem.stiffness_thresholds_C == (53.0, 62.0)
+    assert problem.segment_thresholds_C == ((61.0, 61.0), (53.0, 64.0), (61.0, 61.0))
+    assert problem.stiffness_thresholds_C == (53.0, 64.0)
     first, second, third = (one.windows for one in thermal_model(problem).plans)
-    twin = thermal_model(thermal_problem(V2, ambient_C=25.0, transition_quantile=0.9)).plans[0]
+    alike = V2.with_values(heater=V1.heater)
+    twin = thermal_model(thermal_problem(alike, transition_quantile=0.9)).plans[0]
     assert second == twin.windows
     assert len({first, second, third}) == 3  # a longer one loses less at its ends
     warm = thermal_problem(MIXED, temperature_C=(60.0, 52.0, 62.5))

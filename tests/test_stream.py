@@ -15,13 +15,15 @@ from conftest import Planned
 from problems import ROBOT
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc import InputError, NoPlanError, Plan
+from twosra_mpc import InputError, NoPlanError, Plan, load_problem, load_robot
+from twosra_mpc import plan as find_plan
 from twosra_mpc.execution.run import Drive
 from twosra_mpc.execution.runner import WheelCommand, wheel_commands
 from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.firmware_lines import stop_command
 from twosra_mpc.execution.serial.port import PortError
 from twosra_mpc.execution.serial.robot import STOPS
+from twosra_mpc.execution.serial.segments import ModelledSegment
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, StreamState, stream
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.modes import Mode
@@ -37,7 +39,7 @@ def connect() -> Connected:
 
 
 def send(plan: Plan, firmware: SimulatedFirmware, **options: object) -> tuple[Drive, ...]:
-    return stream(plan, firmware.port, firmware, **options)  # type: ignore[arg-type]
+    return stream(plan, firmware.port, firmware, **options).drives  # type: ignore[arg-type]
 
 
 def commands_of(plan: Plan, rate_Hz: float = RATE_HZ) -> list[tuple[Mode, WheelCommand]]:
@@ -107,9 +109,9 @@ def test_confirmed_phases_are_sent_as_planned_and_only_when_the_metal_is_ready(
 def test_without_reports_everything_happens_at_the_plans_times(
     planned: Planned, connect: Connected
 ) -> None:
-    plan = planned("paper-2")
+    plan = planned("paper-2", transition_quantile=0.9)
     firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
-    drives = send(plan, firmware)
+    drives = send(plan, firmware, confirm=Confirm.NEVER)
     begun_s = drives[0].start_s - plan.phases[0].start_s
     for drive, phase in zip(drives, plan.phases, strict=True):
         assert abs(drive.start_s - begun_s - phase.start_s) < 0.2
@@ -121,9 +123,59 @@ def test_without_reports_everything_happens_at_the_plans_times(
         before = np.searchsorted(plan.samples.t_s, item.time_s - begun_s, side="right") - 1
         if at.all():
             planned_soft = plan.samples.heater_setpoint_C[before] >= soft_C
-            assert item.heated == tuple(planned_soft.astype(int))
+            assert (item.heated <= planned_soft).all()  # pulses hold it
     assert abs(firmware.now_s() - begun_s - plan.samples.t_s[-1]) < 0.6
     assert_off(firmware)
+
+
+@pytest.mark.parametrize("confirm", Confirm)
+@pytest.mark.parametrize(("robot", "bend"), [("2sra-v1", 30.0), ("2sr-v2", 10.0)])
+def test_firmware_that_does_not_regulate_melts_what_must_be_soft_and_overheats_nothing(
+    connect: Connected, confirm: Confirm, robot: str, bend: float
+) -> None:
+    asked: dict[str, object] = {"goal": {"kappa_per_m": [bend, 0.0]}, "robot": robot}
+    if confirm is Confirm.NEVER:
+        asked["transition_quantile"] = 0.9
+    plan = find_plan(load_problem("shape-change", **asked)).require()
+    numbers, silent = int(robot == "2sr-v2"), lambda _t, _j, _temperature: b""
+    firmware = connect(plan, regulates=False, numbers=numbers)
+    if confirm is Confirm.NEVER:
+        firmware.reports = silent
+    send(plan, firmware, confirm=confirm, rate_Hz=SLOW_HZ)
+    modes = [mode for mode, _ in commands_of(plan, SLOW_HZ)]
+    assert [move.truly_soft for move in firmware.moves] == modes
+    soft_C = plan.robot.heater.soft_setpoint_C
+    assert soft_C - 4.0 < firmware.hottest_C < soft_C + (3.0 if confirm is Confirm.NEVER else 15.0)
+    assert not any(segment.soft for segment in firmware.segments)
+    assert_off(firmware)
+
+
+def test_a_heater_holds_by_pulses_unless_the_firmware_is_known_to_regulate() -> None:
+    robot = load_robot("2sra-v1")
+    told = robot.with_values(heater=robot.heater.with_values(hold_duty=1.0))
+    times_s = np.arange(0.0, 600.0, 0.2).tolist()
+    pulsed, left_on = (ModelledSegment(each, 25.0, 0, 25.0, 0.0) for each in (robot, told))
+    on = np.array([pulsed.switched(True, time_s) for time_s in times_s])
+    assert all(left_on.switched(True, time_s) for time_s in times_s)
+    assert on[: int(60 / 0.2)].all()
+    assert on[-1000:].mean() == pytest.approx(robot.heater.duty_of_hold, rel=0.05)
+    soft_C = robot.heater.soft_setpoint_C
+    assert soft_C - 0.3 < pulsed.model.temperature_C(pulsed.state) < soft_C + 1.5
+    assert not pulsed.switched(False, 601.0)
+
+
+def test_a_plan_that_waits_for_no_slow_metal_is_not_sent_without_reports(planned: Planned) -> None:
+    port = FailingPort(0, -1)
+    with pytest.raises(InputError, match="transition_quantile") as caught:
+        stream(planned("paper-2"), port, SteppedClock(), confirm=Confirm.NEVER)
+    assert "nothing confirms that a segment is soft or rigid" in str(caught.value)
+    assert not port.tries
+
+
+def test_reports_that_do_not_change_are_reports(planned: Planned, connect: Connected) -> None:
+    plan = planned("rigid-move")
+    firmware = connect(plan, reports=lambda _t, j, _temperature: b"%c24.9\n" % (65 + j))
+    assert send(plan, firmware, patience=Patience(silent_s=1.0))
 
 
 def test_single_readings_that_are_far_off_and_lines_that_are_none_change_nothing(
@@ -163,19 +215,19 @@ def test_a_slow_computer_does_not_turn_the_wheels_further(
 
 
 def test_the_number_of_the_robot_ends_each_command(planned: Planned, connect: Connected) -> None:
-    plan = planned("rigid-move")
+    plan = planned("rigid-move", robot=ROBOT.with_values(robot_id=12))
     firmware = connect(plan, numbers=1)
-    send(plan, firmware, robot_id=12)
+    send(plan, firmware)
     assert {item.tail for item in firmware.received} == {(12,)}
     assert_off(firmware)
 
 
 def test_a_standing_robot_is_told_again_once_a_second(planned: Planned, connect: Connected) -> None:
-    plan = planned("paper-2")
+    plan = planned("paper-2", transition_quantile=0.9)
     firmware = connect(plan, reports=lambda _t, _j, _temperature: b"")
-    send(plan, firmware, rate_Hz=SLOW_HZ)
+    send(plan, firmware, confirm=Confirm.NEVER, rate_Hz=SLOW_HZ)
     times = [item.time_s for item in firmware.received]
-    assert 0.9 < np.diff(times).max() < 1.1
+    assert 0.9 < np.diff(times).max() < 1.1  # the keep-alive: at most 1.3 s
 
 
 def test_the_state_is_told_in_words(planned: Planned, connect: Connected) -> None:
@@ -195,7 +247,9 @@ def test_the_state_is_told_in_words(planned: Planned, connect: Connected) -> Non
 # --- other endings -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [getattr(signal, f"SIG{name}") for name in ("INT", "TERM", "HUP", "QUIT", "TSTP")]
+)
 @pytest.mark.parametrize("when_s", [0.4, 2.0, 40.0])
 def test_a_signal_stops_the_robot_however_often_it_comes(
     planned: Planned, connect: Connected, number: signal.Signals, when_s: float
@@ -373,9 +427,9 @@ class FailingPort:
 def test_a_line_that_fails_once_carries_the_stop_and_a_dead_one_is_told_even_of_an_interrupt(
     planned: Planned, last: float, words: str
 ) -> None:
-    port = FailingPort(10, last)
+    plan, port = planned("paper-2", transition_quantile=0.9), FailingPort(10, last)
     with pytest.raises(StreamError, match=f"cannot write; .*{words}"):
-        stream(planned("paper-2"), port, SteppedClock(), confirm=Confirm.NEVER)
+        stream(plan, port, SteppedClock(), confirm=Confirm.NEVER)
     assert port.tries == 10 + STOPS
     assert port.sent[9:] == ([stop_command(2)] * STOPS if last == 10 else [])
 

@@ -42,14 +42,14 @@ SCENARIOS: list[tuple[str, Document, str, object, str]] = [
         {"start__temperature_C": [53.1, 22.0]},
         "start.temperature_C.0",
         53.1,
-        r"^at most 53 C \(solid\) or at least 62 C \(liquid\)$",
+        r"^at most 53 C \(solid\) or at least 68.3642 C \(liquid\)$",
     ),
     (
         "2sr-v2",
         {"start__temperature_C": [22.0, 61.9]},
         "start.temperature_C.1",
         61.9,
-        r"at most 53 C \(solid\) or at least 62 C \(liquid\)",
+        r"at most 53 C \(solid\) or at least 68.3642 C \(liquid\)",
     ),
     (
         "2sra-v1",
@@ -112,7 +112,7 @@ def test_a_mistake_in_a_thermal_scenario_is_named(
 
 @pytest.mark.parametrize("robot", ["2sra-v1", "2sr-v2"])
 def test_the_limits_of_what_is_refused_are_accepted(robot: str) -> None:
-    solid, liquid = {"2sra-v1": (60.99, 61.01), "2sr-v2": (53.0, 62.0)}[robot]
+    solid, liquid = {"2sra-v1": (60.99, 61.01), "2sr-v2": (53.0, 68.365)}[robot]
     problem = Problem(**scenario(robot, start__temperature_C=[solid, liquid], ambient_C=0.0))
     assert problem.start_mode == (0, 1)
     assert Problem(**scenario(robot, ambient_C=solid - 0.01)).ambient == solid - 0.01

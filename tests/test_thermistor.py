@@ -212,7 +212,7 @@ def test_a_sensor_touches_its_share_of_the_excess_over_the_air() -> None:
 
 def test_a_robots_file_says_how_its_sensor_lags() -> None:
     logged = temperature_sensor(load_robot("2sr-v2"), 22.6, 0)
-    assert (logged.gain, logged.lags_s) == (0.75, (2.85, 2.85))
+    assert (logged.gain, logged.lags_s) == (1.0, (2.85, 2.85))
     paper = temperature_sensor(load_robot("2sra-v1"), 25.0, 0)
     assert (paper.gain, paper.lags_s) == (1.0, (4.0, 4.0))
     line = temperature_sensor(load_robot("2sra-v1"), 25.0, 0, LINE)

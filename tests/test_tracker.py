@@ -330,7 +330,9 @@ def test_small_deviations_decay_with_the_response_time(planned: Planned) -> None
         q = moved(tracker, RIGID, q, tracker.step(Measurement(100.0, 0, q)).v)
         np.testing.assert_allclose((q - end)[:3], setup.decay * before, rtol=1e-4)
         before = (q - end)[:3]
-    assert setup.decay == pytest.approx(math.exp(-tracker.period_s / 0.3), rel=0.05)
+    assert setup.decay == pytest.approx(
+        math.exp(-tracker.period_s / tracker.weights.response_s), rel=0.05
+    )
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -371,7 +373,7 @@ def test_warm_starts_save_iterations(planned: Planned) -> None:
             assert program is not None
             spent[tracker] += program.iterations
         q = moved(warm, RIGID, q, command.v)
-    assert spent[warm] < 0.6 * spent[cold]
+    assert spent[warm] < 0.65 * spent[cold]
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -419,12 +421,42 @@ def test_a_far_robot_drives_at_its_limit_and_arrives(planned: Planned) -> None:
     tracker.reset(of)
     end = configuration(of, of.phases[0].end_s)
     q, fastest = end + np.array([0.3, -0.2, 2.5, 0.0, 0.0]), 0.0
-    for _ in range(200):
+    for _ in range(400):
         command = tracker.step(Measurement(100.0, 0, q))
         fastest = max(fastest, np.abs(command.wheel_rad_s).max())
         q = moved(tracker, RIGID, q, command.v)
     np.testing.assert_allclose(q, end, atol=1e-5)
     assert fastest > 0.99 * of.robot.limits.wheel_speed_rad_s
+
+
+def test_the_robots_own_wheel_acceleration_is_kept(planned: Planned) -> None:
+    of = planned("paper-2")
+    tracker = Tracker(of.robot)
+    tracker.reset(of)
+    q, most = configuration(of, 0.0) + 3 * DEVIATION, of.robot.limits.wheel_acceleration_rad_s2
+    assert most is not None
+    changes = []
+    for _ in range(20):
+        before = tracker.last_command.wheel_rad_s
+        command = tracker.step(Measurement(0.0, 0, q))
+        changes.append(np.abs(command.wheel_rad_s - before).max())
+        q = moved(tracker, RIGID, q, command.v)
+    assert max(changes) == pytest.approx(most * tracker.period_s, rel=1e-2)
+    assert max(changes) <= most * tracker.period_s + OUT_OF_BOUNDS
+
+
+def test_a_soft_phase_gives_way_to_a_heading_far_off(planned: Planned) -> None:
+    """A heading that a rigid drive can correct does not use up the speed there is for bending."""
+    of = planned("paper-2")
+    end = configuration(of, of.phases[1].end_s)
+    bent = []
+    for turned in (0.0, 1.5):
+        tracker, q = Tracker(of.robot), end + np.array([0.0, 0.0, turned, -8.0, 0.0])
+        tracker.reset(of)
+        for _ in range(30):
+            q = moved(tracker, SOFT_1, q, tracker.step(Measurement(200.0, 1, q)).v)
+        bent.append(q[3] - end[3] + 8.0)
+    assert bent[1] > 0.5 * bent[0] > 0.0
 
 
 def test_wheels_turn_as_the_input_asks(planned: Planned) -> None:
@@ -446,7 +478,9 @@ def test_wheels_turn_as_the_input_asks(planned: Planned) -> None:
 def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: int) -> None:
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(side * 60.0, side * 10.0))
     goal = Goal(kappa_per_m=(side * 78.5, side * 10.0))
-    of = plan(Problem(robot=ROBOT, start=start, goal=goal)).require()
+    limits = ROBOT.limits.with_values(wheel_acceleration_rad_s2=None)
+    robot = ROBOT.with_values(limits=limits)  # so that the tracker's rate counts
+    of = plan(Problem(robot=robot, start=start, goal=goal)).require()
     index, phase, limit = len(of.phases) - 1, of.phases[-1], of.robot.limits.curvature_per_m
     tracker = Tracker(of.robot)
     tracker.reset(of)
@@ -472,7 +506,7 @@ def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: in
             assert command.status is CommandStatus.SOLVED
             program = tracker.quadratic_program()
             assert program is not None
-            assert (program.x[-1] > 0.1) == (slow and k < 2)
+            assert (program.x[-1] > 0.1) == (slow and k < 5)
             q = moved(tracker, phase.mode, q, command.v)
         assert abs(q[3]) < limit + 0.01
 
@@ -668,7 +702,7 @@ def test_heaters_follow_the_plan(planned: Planned) -> None:
 
 
 def test_no_wheel_is_told_to_turn_slower_than_it_can(planned: Planned) -> None:
-    of = planned("paper-2")
+    of = planned("paper-2", robot="2sra-v1-paper")  # whose wheels may change as fast as asked here
     zone = 1.5
     tracker = Tracker(of.robot, limits=TrackerLimits(dead_zone_rad_s=zone, wheel_rate_rad_s2=1e4))
     tracker.reset(of)
@@ -683,7 +717,7 @@ def test_no_wheel_is_told_to_turn_slower_than_it_can(planned: Planned) -> None:
 
 
 def test_the_dead_zone_yields_to_the_rate_limit(planned: Planned) -> None:
-    of = planned("paper-2")
+    of = planned("paper-2", robot="2sra-v1-paper")
     limits = TrackerLimits(dead_zone_rad_s=3.0, wheel_rate_rad_s2=15.0)
     tracker = Tracker(of.robot, limits=limits)
     tracker.reset(of)
@@ -720,7 +754,9 @@ def test_fast_wheels_are_stopped_between_phases(planned: Planned) -> None:
     later_s = of.phases[1].end_s  # by now the plan has switched the heater off
     q = configuration(of, of.phases[1].start_s)
     fast = [tracker.step(Measurement(0.5, 0, q)) for _ in range(3)][-1]
-    assert np.abs(fast.wheel_rad_s).max() > 100.0 * tracker.period_s
+    most = of.robot.limits.wheel_acceleration_rad_s2
+    assert most is not None
+    assert np.abs(fast.wheel_rad_s).max() > most * tracker.period_s
     stopped = tracker.step(Measurement(later_s, 1, q))
     assert stopped.status is CommandStatus.HELD
     assert not stopped.wheel_rad_s.any()
@@ -753,6 +789,6 @@ def test_other_path_models_are_tracked_too(model: str) -> None:
     tracker.reset(of)
     q = of.problem.start.configuration.copy()
     for i, phase in enumerate(of.phases):
-        q = drive(tracker, of, i, q)
+        q = drive(tracker, of, i, q, rest_s=8.0)
         np.testing.assert_allclose(q, configuration(of, phase.end_s), atol=1e-4)
     assert any(phase.mode != RIGID for phase in of.phases)

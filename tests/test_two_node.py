@@ -12,19 +12,14 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from twosra_mpc.robot.description import load_robot, segment_model
+from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 
 AMBIENT_C = 22.6
 
 
-def logged_segment() -> TwoNode:
-    """A segment of the follow-up robot in the air of its log."""
-    model = segment_model(load_robot("2sr-v2"), AMBIENT_C, 0)
-    assert isinstance(model, TwoNode)
-    return model
-
-
-LOGGED = logged_segment()
+# A segment of the follow-up robot as its heating logs of May 2024 have it, with a gain of 0.75.
+LOGGED = TwoNode(1.429, 0.01730, 3.41, 0.00339, 0.95, 0.8, 53.0, 62.0, AMBIENT_C)
 FULL_A = LOGGED.full_current_A
 
 MODELS = st.builds(
@@ -240,3 +235,20 @@ def test_a_warm_body_delays_freezing(body_C: float, freeze_s: float) -> None:
     """From 64 C to 53 C by the sensor, whose two lags of 2.85 s add to the core's time."""
     needed = LOGGED.time_until((64.0, body_C), 0.0, 53.0) + 2 * 2.85
     assert needed == pytest.approx(freeze_s, rel=0.1)
+
+
+def test_the_sensor_of_a_segment_shows_liquid_when_its_model_is() -> None:
+    """Both lags integrated along a melt from cold: the reading is at the threshold, within 1 K."""
+    robot = load_robot("2sr-v2")
+    assert isinstance(robot.segment, TwoNodeSegment)
+    model, lag_s = segment_model(robot, AMBIENT_C, 0), robot.segment.sensor_lag_s
+    molten_s = model.time_until(model.initial(AMBIENT_C), 0.8, model.liquid_level)
+    times = np.linspace(0.0, molten_s, 2001)
+    step_s, one, two = times[1], AMBIENT_C, AMBIENT_C
+    for time in times[1:].tolist():
+        core = model.level(model.propagate(model.initial(AMBIENT_C), 0.8, time))
+        one += step_s / lag_s * (core - one)
+        two += step_s / lag_s * (one - two)
+    assert two == pytest.approx(robot.segment.liquid_above_C, abs=1.0)
+    weak = robot.heater.with_values(soft_setpoint_C=64.0)
+    assert robot.segment.thermal_model(0.077, weak, AMBIENT_C).liquid_level == 63.5

@@ -94,8 +94,8 @@ def case_of(some: Plan) -> Case:
 
 @pytest.fixture(scope="module")
 def case(request: pytest.FixtureRequest, planned: Planned) -> Case:
-    """Optimal plan of paper-1; its timing is the parameter."""
-    return case_of(planned("paper-1", timing=request.param))
+    """Optimal plan of paper-1, met exactly; its timing is the parameter."""
+    return case_of(planned("paper-1", exact=True, timing=request.param))
 
 
 all_timings = pytest.mark.parametrize("case", TIMINGS, indirect=True)
@@ -131,7 +131,8 @@ def test_plans_of_both_planners_hold_with_all_timings(any_plan: Plan) -> None:
 def test_reintegration_starts_at_the_start_and_ends_at_the_goal(any_plan: Plan) -> None:
     reached = reintegrate(any_plan.problem, any_plan.samples)
     assert np.array_equal(reached[0], any_plan.problem.start.configuration)
-    assert reached[-1] == pytest.approx(any_plan.problem.goal.configuration, abs=1e-6)
+    off = np.abs(reached[-1] - any_plan.problem.goal.configuration)
+    assert (off <= any_plan.problem.goal.half_width + 1e-6).all()
     assert reached == pytest.approx(any_plan.samples.q, abs=1e-6)
 
 

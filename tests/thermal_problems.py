@@ -73,8 +73,8 @@ def thermal_problems(draw: st.DrawFn, robots: Sequence[Robot] = (V1, V2), **fixe
         st.just(ambient),
         st.floats(0.0, solid - 0.01),
         st.floats(solid - 5.0, solid - 0.01),
-        st.floats(liquid + 0.01, 66.0),
-        st.floats(66.0, 85.0),
+        st.floats(liquid + 0.01, liquid + 5.0),
+        st.floats(liquid + 5.0, 85.0),
     )
     temperatures = [draw(temperature) for _ in range(robot.coordinates.segments)]
     if fixed.get("heaters_at_once") == 1:  # at most one segment is liquid at the start

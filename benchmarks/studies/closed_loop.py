@@ -60,11 +60,13 @@ class ClosedLoop(Study):
             yield from (Case(drives, model, label, seed) for label in labelled(self.problems))
 
     def run(self, case: Case) -> dict[str, Any]:
-        """Run one case on a robot of exact arcs; the record is that of its ``Metrics``."""
+        """Run one case on a robot of exact arcs; its ``Metrics``, and what its plan asked for."""
         problem = labelled(self.problems)[case.problem]
         problem = problem.with_values(robot=with_path_model(problem.robot, case.path_model))
         done = simulate(problem, disturbance=self.level, seed=case.seed, executor=case.executor)
-        return done.metrics._asdict()
+        planned_s = done.run.plans[0].duration_s if done.run.plans else None
+        over = None if planned_s is None else done.run.duration_s / planned_s
+        return {**done.metrics._asdict(), "planned_s": planned_s, "over_planned": over}
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """Runs that melted or froze more than their plans asked for."""

@@ -34,9 +34,11 @@ _COMMANDS = {
         "animate": ("plan_files", "Animate a plan."),
         "figures": ("figures", "Draw the paper's figures from our own runs."),
         "stream": ("stream", "Send a plan to a robot over a serial line."),
+        "jog": ("jog", "Drive a robot by hand, over a serial line."),
     },
     "Simulate": {
         "simulate": ("simulate", "Plan and run in closed loop on a simulated robot."),
+        "replay": ("replay", "Predict a log of motion, and say how far off it ends."),
         "simulate-heater": ("heater_loop", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {

@@ -28,7 +28,7 @@ EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
 @command("compare")
 @click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...", **SCENARIO)
-@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
+@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s", "exact")
 @plot_option("Draw them on one time axis")
 def compare_command(
     scenarios: tuple[str, ...], load: Load, plot: Path | None, output: Output
@@ -127,7 +127,7 @@ def _print_records(records: Sequence[dict[str, Any]]) -> None:
 
 @command("compare-models")
 @click.argument("scenario", **SCENARIO)
-@scenario_options("robot", "timing", "gap", "time_limit_s")
+@scenario_options("robot", "timing", "gap", "time_limit_s", "exact")
 def compare_models_command(scenario: str, load: Load, output: Output) -> None:
     """Plan SCENARIO under each path model, and execute each plan under the others.
 
@@ -189,7 +189,7 @@ def _end_error(error: Any) -> str:
 
 @command("explain")
 @click.argument("scenario", **SCENARIO)
-@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s")
+@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s", "exact")
 def explain_command(scenario: str, load: Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 

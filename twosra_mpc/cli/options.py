@@ -46,6 +46,7 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "timing": click.option("--timing", help="Override the set of transition times, e.g. paper."),
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
     "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
+    "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
     "max_phases": click.option("--max-phases", type=int, help="Longest mode sequence searched."),
 }
 
@@ -74,7 +75,7 @@ def scenario_options(*names: str) -> Decorator:
     """Add options that override keys of a scenario; the command is given ``load``, to load one so.
 
     Args:
-        names: Keys of a scenario file, or ``path_model``, which is the robot's.
+        names: Keys of a scenario file; or ``path_model``, the robot's, and ``exact``, the goal's.
     """
 
     def decorate(function: Function) -> Function:
@@ -92,8 +93,12 @@ def scenario_options(*names: str) -> Decorator:
     return decorate
 
 
-def _load(scenario: str, path_model: str | None = None, **overrides: Any) -> Problem:
+def _load(
+    scenario: str, path_model: str | None = None, exact: bool = False, **overrides: Any
+) -> Problem:
     problem = load_problem(scenario, **overrides)
+    if exact:
+        problem = problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
     if path_model is None:
         return problem
     from twosra_mpc.identification.path_choice import with_path_model  # CasADi takes a second

@@ -25,7 +25,7 @@ from twosra_mpc.robot.modes import mode_name
 @options.rate_option("Rows per second of --csv; default: the plan's grid.")
 @options.plot_option("Draw the plan")
 @options.scenario_options(
-    "planner", "robot", "path_model", "timing", "gap", "time_limit_s", "max_phases"
+    "planner", "robot", "path_model", "timing", "gap", "time_limit_s", "max_phases", "exact"
 )
 def plan_command(
     scenario: str,

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from contextlib import closing
-from typing import Any
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import command, plan_to_drive
+from twosra_mpc.cli import robot_line
+from twosra_mpc.cli.options import command, ending, file_option, plan_to_drive
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
-from twosra_mpc.errors import InputError
-from twosra_mpc.execution.run import Drive
-from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
-from twosra_mpc.execution.serial.port import Port, open_serial_port
+from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.serial.clock import SystemClock
+from twosra_mpc.execution.serial.pose_lines import pose_lines
 from twosra_mpc.execution.serial.robot import RATE_HZ
 from twosra_mpc.execution.serial.stream import (
     Confirm,
-    StreamError,
     StreamState,
     check_sendable,
+    preview,
     stream,
 )
 from twosra_mpc.execution.settings import Patience
@@ -29,15 +30,24 @@ from twosra_mpc.robot.modes import mode_name
 _HELP = f"""Send PLAN to a robot over a serial line, and switch the robot off at the end.
 
 Wheel speeds [rad/s] and heater states go out in the line format of the authors' firmware at 115200
-baud. If the robot reports temperatures (lines A58.2, B24.9 and so on: readings of segments 1 and 2
-in C), a phase begins when they confirm that the segments are soft and rigid as it needs. If nothing
-is reported within {Patience().listen_s:g} s, phases begin at the plan's times.
+baud. The robot must report temperatures (lines A58.2, B24.9 and so on: readings of segments 1 and 2
+in C) within {Patience().listen_s:g} s: a phase begins when they confirm that the segments are soft
+and rigid as it needs, and heaters are switched by them.
+
+A robot that reports nothing is driven with --confirm never: phases begin at the plan's times, and
+heaters are switched by the model's heat. That needs a plan made with transition_quantile, which
+waits for slow segments too, and segments as cold as the plan says.
+
+With --camera the plan is tracked by what a tracking system sees, corrected, and planned again. It
+writes lines, on standard input or to a UDP port of this computer: Unix time [s], x, y [m], phi
+[rad], and the curvature [1/m] of each segment, separated by spaces or commas.
 
 Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 45 % of what
 is planned. Plan with 2sra-v1.
 
-Ctrl-C, SIGTERM, a closed terminal and every error stop the wheels and switch the heaters off. Keep
-a hand at the switch all the same: the robot goes on with its last command if the line breaks.
+Ctrl-C, SIGTERM, Ctrl-Z, a closed terminal and every error stop the wheels and switch the heaters
+off. Keep a hand at the switch all the same: the robot goes on with its last command if the line
+breaks, unless its firmware has the watchdog of docs/hardware.md.
 
 Needs pyserial: {install_command("serial")}
 
@@ -45,8 +55,10 @@ Needs pyserial: {install_command("serial")}
 See what would be sent, without a robot:
   twosra plan paper-2 --out plan.json
   twosra stream plan.json --dry-run
-Send it, and refuse to drive on trust:
-  twosra stream plan.json --port /dev/ttyUSB0 --confirm required
+Send it, and write down what was sent and reported:
+  twosra stream plan.json --port /dev/ttyUSB0 --log run.json
+Follow it by a tracking system that writes lines of poses:
+  tracker | twosra stream plan.json --port /dev/ttyUSB0 --camera - --rate 20
 One of several robots on the same radio:
   twosra stream plan.json --port COM3 --robot-id 1
 """
@@ -54,106 +66,94 @@ One of several robots on the same radio:
 
 @command("stream", _HELP)
 @plan_to_drive
-@click.option("--port", help="Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.")
-@click.option("--dry-run", is_flag=True, help="Print times and lines; needs no port.")
+@robot_line.PORT
+@robot_line.DRY_RUN
 @click.option(
     "--rate",
     "rate_Hz",
     type=float,
     metavar="HZ",
     default=RATE_HZ,
-    help="Commands per second while driving; the default is that of the authors' controller.",
+    help="Commands (and camera frames) per second; the default is the authors' controller's.",
 )
 @click.option(
     "--confirm",
     type=click.Choice([choice.value for choice in Confirm]),
-    default=Confirm.IF_REPORTED.value,
-    help="Whether temperature reports are needed for a phase to begin.",
+    default=Confirm.REQUIRED.value,
+    help="Whether phases begin by temperature reports, or at the plan's times.",
 )
-@click.option("--robot-id", type=click.IntRange(min=0), help="Sent at the end of each command.")
+@click.option("--camera", metavar="-|PORT", help="Follow poses: standard input, or a UDP port.")
+@file_option("--log", "Write what was sent and reported, as a run (.json).", ending(".json"))
+@robot_line.ROBOT_ID
 def stream_command(
     plan: Plan,
     port: str | None,
     dry_run: bool,
     rate_Hz: float,
     confirm: str,
+    camera: str | None,
+    log: Path | None,
     robot_id: int | None,
     output: Output,
 ) -> int:
     """Send a plan; see ``_HELP``."""
-    if (port is None) != dry_run:
-        given = "both" if dry_run else "neither"
-        raise InputError("port or dry-run", given, "a --port, or --dry-run without one")
-    check_sendable(plan)
+    robot_line.check_line(port, dry_run)
+    robot = robot_line.numbered(plan.robot, robot_id)
+    problem = plan.problem.with_values(robot=robot)
+    plan = replace(plan, trajectory=replace(plan.trajectory, problem=problem))
     if port is None:
-        _show(plan, output, rate_Hz=rate_Hz, robot_id=robot_id)
+        sent = preview(plan, rate_Hz)
+        output.report(lambda: sent, lambda: robot_line.show_lines(sent))
         return EXIT_PLANNED
-    asked: dict[str, Any] = {"rate_Hz": rate_Hz, "robot_id": robot_id, "confirm": Confirm(confirm)}
-    with closing(open_serial_port(port)) as opened:
-        return _send(plan, opened, output, **asked)
+    check_sendable(plan, Confirm(confirm))
+    with ExitStack() as open_until_the_end:
+        opened = open_until_the_end.enter_context(robot_line.opened_line(port))
+        poses = None
+        if camera is not None:
+            poses = open_until_the_end.enter_context(pose_lines(camera, robot, rate_Hz))
+
+        def drive() -> int:
+            with output.progress("opening the line") as tell:
+                run = stream(
+                    plan,
+                    opened,
+                    SystemClock(),
+                    rate_Hz=rate_Hz,
+                    confirm=Confirm(confirm),
+                    poses=poses,
+                    log=log,
+                    on_state=_Progress(tell),
+                )
+            return _told(plan, run, output)
+
+        return robot_line.told_ending(drive)
 
 
-class _Recorder:
-    """A line to nowhere that keeps what is sent."""
-
-    def __init__(self, clock: SteppedClock) -> None:
-        self._clock = clock
-        self.sent: list[dict[str, Any]] = []
-
-    def write(self, data: bytes) -> None:
-        self.sent.append({"time_s": self._clock.now_s(), "line": data.decode("ascii")})
-
-    def read_lines(self) -> list[bytes]:
-        return []
-
-
-def _show(plan: Plan, output: Output, **options: Any) -> None:
-    """Print what would be sent, and when."""
-    clock = SteppedClock()
-    line = _Recorder(clock)
-    stream(plan, line, clock, confirm=Confirm.NEVER, **options)
-    shown = [f"{item['time_s']:10.3f}  {item['line']}".replace("\n", "\\n") for item in line.sent]
-    output.report(lambda: line.sent, lambda: click.echo("\n".join(shown)))
-
-
-def _send(plan: Plan, port: Port, output: Output, **options: Any) -> int:
-    """Send a plan, with its progress on standard error."""
-    try:
-        with output.progress("opening the line") as tell:
-            drives = stream(plan, port, SystemClock(), on_state=_Progress(tell), **options)
-    except StreamError as error:
-        click.echo(f"twosra: {error}", err=True)
-        return EXIT_NO_PLAN
-    except KeyboardInterrupt:
-        click.echo("twosra: interrupted; wheels and heaters are off", err=True)
-        return EXIT_NO_PLAN
-    output.report(lambda: {"drives": drives}, lambda: _print_drives(plan, drives))
-    return EXIT_PLANNED
+def _told(plan: Plan, run: Run, output: Output) -> int:
+    """Say how a stream ended that came to its end."""
+    document = {"ending": run.ending, "reason": run.reason, "drives": run.drives}
+    output.report(lambda: document, lambda: _print_drives(plan, run))
+    if run.ending in (Ending.LOGGED, Ending.REACHED):
+        return EXIT_PLANNED
+    click.echo(f"twosra: {run.ending}: {run.reason}", err=True)
+    return EXIT_NO_PLAN
 
 
 class _Progress:
-    """Tells where a stream is, and once if nothing confirms what it does."""
+    """Tells where a stream is."""
 
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
-        self._warned = False
 
     def __call__(self, state: StreamState) -> None:
-        if state.reported is False and not self._warned:
-            self._warned = True
-            words = "nothing confirms the temperatures: phases begin at the plan's times"
-            click.echo(f"twosra: {words}", err=True)
         known = f"  ({state.known})" if state.known else ""
         self._tell(f"{state.time_s:7.1f} s  {state.during}{known}")
 
 
-def _print_drives(plan: Plan, drives: tuple[Drive, ...]) -> None:
+def _print_drives(plan: Plan, run: Run) -> None:
     rows = [
-        (
-            f"drive {mode_name(drive.mode)}",
-            f"{drive.start_s:8.2f} s to {drive.end_s:8.2f} s",
-            f"{phase.start_s:8.2f} s to {phase.end_s:8.2f} s",
-        )
-        for drive, phase in zip(drives, plan.phases, strict=True)
+        (words, f"{mode_name(mode)}", f"{start_s:8.2f} s to {end_s:8.2f} s")
+        for words, drives in (("planned", plan.phases), ("driven", run.drives))
+        for mode, start_s, end_s in drives
     ]
-    print_table(("phase", "driven", "planned"), rows)
+    print_table((run.reason, "mode", "from and to"), rows)

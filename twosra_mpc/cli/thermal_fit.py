@@ -14,6 +14,12 @@ from twosra_mpc.identification import thermal
 from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.identification.log_response import CORRECTED_S
 from twosra_mpc.identification.robot_files import write_identified_robot
+from twosra_mpc.identification.transitions import (
+    SHORTEST_S,
+    TransitionFit,
+    identify_transitions,
+    read_transitions,
+)
 from twosra_mpc.robot.description import Robot, load_robot
 
 Scores = list[tuple[HeatingLog, thermal.Score]]
@@ -47,6 +53,11 @@ _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
     type=FILE,
     help="Score the fit on this log too, with nothing fitted to it; may be given several times.",
 )
+@click.option(
+    "--readings",
+    type=FILE,
+    help="LOG has melts and freezes: their temperatures (transition, time_s, reading1_C, ...).",
+)
 @click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
 def fit_thermal_command(
     log: Path,
@@ -55,20 +66,30 @@ def fit_thermal_command(
     out: Path | None,
     plot: Path | None,
     others: tuple[Path, ...],
+    readings: Path | None,
     only_score: bool,
     output: Output,
 ) -> None:
-    """Identify the segments of a robot from LOG, a CSV file of heating and cooling.
+    """Identify the segments of a robot from LOG, a CSV file of heating and cooling, or of melts.
 
-    LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling).
+    LOG has the columns time_s, temp_C (raw sensor) and mode (heating, hold, cooling); or, with
+    --readings, transition, target1, target2 (1 soft), kind (melt, freeze) and duration_s. A log in
+    wrong units or with swapped labels, or a fit that tells nothing, is refused: no file is written.
 
     \b
     Fit the robot's segment, and see how well each cycle is told by the others:
       twosra fit-thermal heating.csv --robot 2sr-v2 --out fitted.toml --plot fit.png
     How well does the robot as it is explain a log?
       twosra fit-thermal heating.csv --robot 2sr-v2 --score
+    Fit the durations of melts and freezes of a robot in use:
+      twosra fit-thermal melts.csv --readings readings.csv --robot 2sr-v2 --out fitted.toml
     """
     described = load_robot(robot)
+    if readings is not None:
+        if only_score or others or plot or ambient_C is not None:
+            raise click.UsageError("--readings goes with --robot and --out only")
+        _fit_transitions(log, readings, described, robot, out, output)
+        return
     if only_score and (out or plot):
         raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
     recorded = read_heating_log(log, ambient_C)
@@ -89,6 +110,68 @@ def fit_thermal_command(
     scores = [(each, thermal.score(each, fit.segment, fit.parameters.law)) for each in unseen]
     output.report(
         lambda: _document(fit, scores), lambda: _print_fit(recorded, fit, described, scores)
+    )
+
+
+def _fit_transitions(
+    log: Path, readings: Path, robot: Robot, source: str, out: Path | None, output: Output
+) -> None:
+    """Fit melts and freezes, and tell every one of them."""
+    logged = read_transitions(log, readings, robot.geometry.segments)
+    with output.progress("fitting") as tell:
+        fit = identify_transitions(
+            logged, robot, str(log), lambda n, m: tell(f"fitting: {n} of {m} done")
+        )
+        if out is not None:
+            write_identified_robot(source, out, fit)
+    output.report(lambda: _transition_document(fit), lambda: _print_transitions(fit, robot))
+
+
+def _transition_document(fit: TransitionFit) -> dict[str, Any]:
+    """The fit as plain data."""
+    return {
+        "log": fit.source,
+        "robot": fit.robot,
+        "segment": fit.segment.model_dump(mode="json"),
+        "error_median": fit.quantile(0.5),
+        "error_p90": fit.quantile(0.9),
+        "within_35_percent": fit.within(0.35),
+        "transitions": [
+            {
+                "transition": each.logged.number,
+                "kind": each.logged.kind,
+                "logged_s": each.logged.duration_s,
+                "fitted_s": each.fitted_s,
+                "left_out_s": each.left_out_s,
+                "error": each.error,
+            }
+            for each in fit.predictions
+        ],
+    }
+
+
+def _print_transitions(fit: TransitionFit, robot: Robot) -> None:
+    own, rows = thermal.two_node_segment(robot), []
+    for name in fit.fitted:
+        span = f"{fit.smallest[name]:.4g} to {fit.largest[name]:.4g}"
+        known = f"{getattr(own, name):.4g}"
+        rows.append((_NAMES[name], f"{getattr(fit.segment, name):.4g}", span, known))
+    print_table(("parameter", "identified", "with a part left out", f"in {robot.name}"), rows)
+    times = [
+        (
+            f"{each.logged.number}",
+            each.logged.kind,
+            *(f"{s:.1f}" for s in (each.logged.duration_s, each.fitted_s, each.left_out_s)),
+            f"{each.error:+.0%}",
+        )
+        for each in fit.predictions
+    ]
+    header = ("transition", "kind", "logged [s]", "fitted [s]", "left out [s]", "error")
+    print_table(header, times)
+    click.echo(
+        f"Each left out of the fit, durations are off by {fit.quantile(0.5):.1%} (median), nine of"
+        f" ten within {fit.quantile(0.9):.1%}; {fit.within(0.35)} of {len(fit.predictions)} within"
+        f" 35 %. What lasted less than {SHORTEST_S:g} s is told, but not fitted."
     )
 
 

@@ -120,6 +120,7 @@ class StiffnessController:
         resume_C: And is on again below this.
         stuck_after_s: Full current that does not warm the sensor for so long is a fault.
         stuck_below_K: Less than this is not warming.
+        plateau_K: So near to melting the sensor may show metal that melts, at one temperature.
     """
 
     gains: ControllerGains
@@ -132,6 +133,7 @@ class StiffnessController:
     resume_C: float
     stuck_after_s: float = 20.0
     stuck_below_K: float = 2.0
+    plateau_K: float = 5.0
 
     def start(self, measured_C: float) -> ControllerState:
         """State for a segment that has rested, its heater off, at a measured temperature.
@@ -226,7 +228,8 @@ class StiffnessController:
 
     def _stuck(self, state: ControllerState, here_C: float, dt_s: float) -> tuple[float, float]:
         """How long full current has not warmed the sensor, and from which temperature on."""
-        heated = state.current_A == self.full_current_A and here_C < self.rule.solid_below_C
+        solid = here_C < self.rule.solid_below_C - self.plateau_K
+        heated = state.current_A == self.full_current_A and solid
         if heated and here_C < state.stuck_C + self.stuck_below_K:
             return state.stuck_s + dt_s, state.stuck_C
         return 0.0, here_C

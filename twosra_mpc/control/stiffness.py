@@ -17,7 +17,7 @@ above it says so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from twosra_mpc.control.thermistor import Lag, follow
@@ -197,11 +197,14 @@ class StiffnessRule:
 def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRule:
     """Build the rule for a segment (from 0): about its melting plateau, or between its thresholds.
 
+    Thresholds are of readings, which lag; when a plan counts on liquid metal, the sensor shows it.
+
     Raises:
         InputError: If the robot file has no ``[segment]``, or nothing would freeze in this air.
     """
     model = segment_model(robot, ambient_C, segment)
-    _, lags_s = robot.thermal_segment(segment).sensor_gain_and_lags_s
+    described = robot.thermal_segment(segment)
+    _, lags_s = described.sensor_gain_and_lags_s
     solid_C, liquid_C = thresholds_C(model)
     if solid_C == liquid_C:  # a plateau: its temperature is known only so well, and tells nothing
         about_C = (solid_C - CLEARLY_LIQUID_K, solid_C + CLEARLY_LIQUID_K)
@@ -213,8 +216,9 @@ def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRul
             rigid_until_C=solid_C - SURELY_SOLID_K,
         )
     else:
-        observer = MeltObserver(model, lags_s, None)
-        rule = StiffnessRule(observer, liquid_C, solid_C, liquid_C, solid_C)
+        solid_C, read_C = described.thresholds_C or (solid_C, liquid_C)
+        observer = MeltObserver(replace(model, liquid_level=model.level_at(read_C)), lags_s, None)
+        rule = StiffnessRule(observer, read_C, solid_C, liquid_C, solid_C)
     if not ambient_C < rule.solid_below_C:
         allowed = f"less than {rule.solid_below_C:g} C, below which the segment is rigid"
         raise InputError("ambient_C", ambient_C, allowed)

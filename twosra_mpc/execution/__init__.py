@@ -3,7 +3,8 @@
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError, RobotInterface
 from twosra_mpc.execution.run import Ending, Run
-from twosra_mpc.execution.serial.robot import PoseSource, SerialRobot, connected
+from twosra_mpc.execution.run_log import load_run
+from twosra_mpc.execution.serial.robot import PoseSource, SerialRobot, connected, while_standing
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS, Disturbance
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
@@ -31,6 +32,8 @@ __all__ = [
     "Spread",
     "Truth",
     "connected",
+    "load_run",
     "simulate",
     "spread",
+    "while_standing",
 ]

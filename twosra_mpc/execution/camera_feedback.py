@@ -22,6 +22,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 _ABOVE = 1.5  # times the dead zone: so that the slower wheels of a motion turn as well
+_STIFF = 0.7  # of the bend: soft segments differ by up to 0.44 of it, a stiff one by all of it
 _HALVINGS = 60  # of an interval of deviations, down to rounding
 
 
@@ -73,6 +74,7 @@ class _TrackedPhase:
         self.phase, self.last = run.plan.phases[index], index == len(run.plan.phases) - 1
         self.rigid = is_rigid(self.phase.mode)
         self.scale = self.session.accuracy.scale(run.plan.robot.coordinates)
+        self.begun = run.session.q.copy()
 
     def drive(self) -> Abort | None:
         before = off = math.inf
@@ -86,7 +88,7 @@ class _TrackedPhase:
     def _travel(self) -> Abort | None:
         """Track the phase until it ends where it should, or comes no nearer."""
         run, session, phase = self.run, self.session, self.phase
-        until_s = session.now_s + self.patience.come_nearer_s
+        until_s, best = session.now_s + self.patience.come_nearer_s, math.inf
         while session.now_s < until_s:
             if (left := run.wait_for(phase.mode, run.clock_s, held=phase.mode)) is not None:
                 return left
@@ -104,7 +106,8 @@ class _TrackedPhase:
             if not over:
                 pace = min(1.0, self.patience.tube / off) if off else 1.0
                 run.clock_s = min(run.clock_s + pace * session.period_s, phase.end_s)
-                until_s = session.now_s + self.patience.come_nearer_s
+            if not over or off < self.patience.stuck * best:
+                until_s, best = session.now_s + self.patience.come_nearer_s, off
         return None
 
     def _unseen(self) -> Abort | None:
@@ -137,26 +140,29 @@ class _TrackedPhase:
         return min(patience.near_enough * loose, max(certain, patience.finest))
 
     def _outputs(self, difference: Array) -> Array:
-        """Outputs of the phase's mode of a difference of q, in units of the accuracy."""
-        selection, scale = outputs_of(self.phase.mode).selection, self.scale.copy()
-        turned = difference.copy()
+        """What the phase is judged by of a difference of q, in units of the accuracy.
+
+        The pose in a rigid phase; in a soft one the mean of the bends alone: how far the units are
+        dragged while they bend is not known, and a rigid drive corrects the pose.
+        """
+        selection, turned = outputs_of(self.phase.mode).selection, difference.copy()
         turned[2] = math.remainder(turned[2], math.tau)
-        if not self.rigid:
-            scale[2] *= self.patience.loose
-        shares: Array = (selection @ turned) / (selection @ scale)
-        return shares
+        shares: Array = (selection @ turned) / (selection @ self.scale)
+        return shares if self.rigid else shares[-1:]
 
     def _outside(self, planned: Array) -> Abort | None:
-        """Whether the robot has left the corridor around the plan."""
+        """Whether a rigid robot has left the corridor, or soft segments have bent apart."""
         session, patience = self.session, self.patience
         away, soft = session.q - planned, list(soft_segments(self.phase.mode))
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
-        bent = away[POSE:][soft]
-        if far_m > patience.corridor_m or abs(turn) > patience.corridor_rad:
+        if self.rigid and (far_m > patience.corridor_m or abs(turn) > patience.corridor_rad):
             text = f"the robot is {1e3 * far_m:.0f} mm and {abs(turn):.2f} rad from the plan"
-            return Abort("corridor", text, stiff=bool((np.abs(bent) > patience.stiff_per_m).any()))
-        apart = float(np.ptp(bent)) / 2 if soft else 0.0
-        if apart > patience.stiff_per_m:
+            return Abort("corridor", text)
+        if not soft:
+            return None
+        apart = float(np.ptp(away[POSE:][soft])) / 2
+        bent = abs(float((session.q - self.begun)[POSE:][soft].mean()))
+        if apart > max(patience.stiff_per_m, _STIFF * bent):
             text = f"the segments bend unequally, by {apart:.1f} 1/m more and less than planned"
             return Abort("corridor", text, stiff=True)
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +17,7 @@ from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.tracking.tracker import Tracker
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
@@ -24,15 +25,31 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
 
 _ROUNDING = 1e-9
+Meanwhile = Callable[[Callable[[], Result], Callable[[], None]], Result]
+
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
+
+
+def at_once(work: Callable[[], Result], _rest: Callable[[], None]) -> Result:
+    """Plan while no time passes for the robot, as a simulated one."""
+    return work()
 
 
 @dataclass(frozen=True)
 class Executor:
-    """Runs plans on a robot: by events, with a camera, planning again where it must."""
+    """Runs plans on a robot: by events, with a camera, planning again where it must.
+
+    Attributes:
+        robot: The robot.
+        settings: When it is content, and when it gives up.
+        on_command: Called after every command.
+        meanwhile: Plans, and lets the robot rest as long as that takes.
+    """
 
     robot: RobotInterface
     settings: ExecutorSettings = field(default_factory=ExecutorSettings)
+    on_command: Callable[[Session], None] = lambda session: None
+    meanwhile: Meanwhile = at_once
 
     def run(self, plan: Plan) -> Run:
         """Run a plan; the robot must be where it starts.
@@ -44,19 +61,20 @@ class Executor:
         if plan.robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
-        return _Execution(self.robot, self.settings, plan).run()
+        return _Execution(self, plan).run()
 
 
 class _Execution:
     """One run of the executor."""
 
-    def __init__(self, robot: RobotInterface, settings: ExecutorSettings, plan: Plan) -> None:
-        self.settings, self.problem = settings, plan.problem
+    def __init__(self, executor: Executor, plan: Plan) -> None:
+        robot, self.settings, self.problem = executor.robot, executor.settings, plan.problem
+        self.meanwhile = executor.meanwhile
         self.tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
-        self.session = Session(robot, plan.problem)
+        self.session = Session(robot, plan.problem, executor.on_command)
         self.plans, self.begun = [plan], [0]
         self.broken: set[int] = set()
-        self.replans = self.corrections = 0
+        self.replans = self.corrections = self.melted_on = 0
         self.session.tell("plan", _summary(plan))
 
     def run(self) -> Run:
@@ -111,8 +129,9 @@ class _Execution:
         return None
 
     def _melt_on(self) -> None:
-        """Hold the soft segments for a while, so that the last of their metal melts."""
-        end_s = self.session.now_s + self.settings.patience.melt_on_s
+        """Hold the soft segments for a while, twice as long each time, so that all of it melts."""
+        end_s = self.session.now_s + self.settings.patience.melt_on_s * 2**self.melted_on
+        self.melted_on += 1
         while self.session.now_s < end_s:
             self.session.rest(self._as_they_become(), self.settings.patience.rest_s)
 
@@ -127,7 +146,10 @@ class _Execution:
         try:
             now = session.q, session.reading.temperature_C, mode
             rest = remaining_problem(self.problem, *now, self.broken)
-            result = find_plan(rest)
+            result = self.meanwhile(
+                lambda: find_plan(rest),
+                lambda: session.rest(self._as_they_become(), self.settings.patience.rest_s),
+            )
         except InputError as error:
             return self._no_plan(str(error))
         if result.plan is None:
@@ -237,7 +259,7 @@ def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -
 def _goal(problem: Problem, q: Array, broken: Collection[int]) -> GoalSet:
     """The middle of the goal, with curvature tolerances within which nothing needs to melt."""
     scale = problem.robot.ends_within.scale(problem.robot.coordinates)
-    goal = problem.goal.loosened(-scale)
+    goal = problem.judged_goal
     off = np.abs(goal.error(q.copy())) / scale
     kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off) - POSE)]
     bends = off[POSE:]

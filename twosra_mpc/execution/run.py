@@ -18,6 +18,8 @@ from twosra_mpc.version import __version__
 
 EventKind = Literal["plan", "drive", "confirmed", "look", "correct", "replan", "failure", "end"]
 
+Executed = Literal["optimal", "greedy", "stream"]
+
 FORMAT, FORMAT_VERSION = "twosra-run", 1
 CHANGING = 0.5  # between 0, rigid, and 1, soft, in ``RunLog.stiffness``
 
@@ -31,6 +33,7 @@ class Ending(enum.StrEnum):
     HEATER_FAILED = "heater failed"  # and what is left without it has no plan
     GAVE_UP = "gave up"  # replanned or corrected too often, or no mode comes nearer
     TIME_LIMIT = "time limit"  # the run took too long
+    LOGGED = "logged"  # written down as it was; nobody has judged where it ended
 
 
 class RunEvent(NamedTuple):
@@ -70,6 +73,8 @@ class RunLog:
         stiffness: As reported: 0 rigid, 0.5 changing, 1 soft, NaN not, (rows, n).
         setpoint_C: Set-points sent until the next, (rows, n).
         wheel_rad_s: Wheel speeds sent until the next, (rows, 4).
+        mode: Mode in which the wheels are driven until the next: 0 rigid, 1 soft, NaN while they
+            stand, (rows, n).
     """
 
     time_s: Array
@@ -80,6 +85,7 @@ class RunLog:
     stiffness: Array
     setpoint_C: Array
     wheel_rad_s: Array
+    mode: Array
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -92,9 +98,7 @@ class Run:
 
     Attributes:
         problem: What was asked.
-        executor: "optimal" or "greedy".
-        goal: What the run is measured by.
-        accuracy: How near to that is near enough.
+        executor: "optimal" or "greedy"; "stream" if a plan was sent without a camera.
         plans: Plans in the order in which they were followed; none by the greedy executor.
         ending: How it ended.
         reason: Why, in a sentence.
@@ -109,9 +113,7 @@ class Run:
     """
 
     problem: Problem
-    executor: Literal["optimal", "greedy"]
-    goal: GoalSet
-    accuracy: Accuracy
+    executor: Executed
     plans: tuple[Plan, ...]
     ending: Ending
     reason: str
@@ -128,6 +130,16 @@ class Run:
     def reached(self) -> bool:
         """Whether the goal was reached, as far as the robot can tell."""
         return self.ending is Ending.REACHED
+
+    @property
+    def goal(self) -> GoalSet:
+        """What the run is measured by."""
+        return self.problem.judged_goal
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """How near to that is near enough."""
+        return self.problem.robot.ends_within
 
     @property
     def duration_s(self) -> float:

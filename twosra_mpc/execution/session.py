@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class Session:
         during: What the run is at, in words.
         reading: The last reading.
         accuracy: How near to the goal is near enough.
-        goal: What the run is measured by: with the accuracy added, it is what was asked for.
+        goal: What the run is measured by.
         setpoint_C: Set-points last sent, (n,).
         events: What happened.
         changes: Melts and freezes so far.
@@ -55,7 +54,7 @@ class Session:
         """
         self.robot, self.problem, self.during = robot, problem, "before the plan begins"
         self.accuracy = problem.robot.ends_within
-        self.goal = problem.goal.loosened(-self.accuracy.scale(problem.robot.coordinates))
+        self.goal = problem.judged_goal
         self._on_command, segments = on_command, problem.robot.coordinates.segments
         self.reading: Reading = robot.read()
         self._filter = CameraFilter(robot.camera, problem.start.configuration, self.reading.time_s)
@@ -66,9 +65,10 @@ class Session:
         self.events: list[run.RunEvent] = []
         self.changes: list[run.Change] = []
         self.drives: list[run.Drive] = []
+        self._turns = False
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
-        self._planned = self._unknown
+        self._planned, self._no_mode = self._unknown, (np.nan,) * segments
         self._rows: list[tuple[object, ...]] = []  # in the order of the log's columns
 
     @property
@@ -80,6 +80,11 @@ class Session:
     def period_s(self) -> float:
         """Time from a camera frame to the next."""
         return self.robot.camera.period_s
+
+    @property
+    def stands(self) -> bool:
+        """Whether the wheels were last told to stand."""
+        return not self._turns
 
     @property
     def unseen_s(self) -> float:
@@ -119,7 +124,7 @@ class Session:
 
     def rest(self, setpoint_C: Array, at_most_s: float, planned: Array | None = None) -> None:
         """Stand still until time is up or the robot has news; ``planned`` as in ``drive``."""
-        self._pass(_STILL, setpoint_C, at_most_s, planned)
+        self._pass(_STILL, setpoint_C, at_most_s, planned, self._no_mode)
         self._believe(np.zeros_like(self.q))
 
     def drive(
@@ -134,7 +139,7 @@ class Session:
             planned: Where the plan is now, (3 + n,).
         """
         begun_s, before = self.now_s, self.q.copy()
-        self._pass(wheel_rad_s, setpoint_C, self.period_s, planned)
+        self._pass(wheel_rad_s, setpoint_C, self.period_s, planned, mode)
         duration_s = self.now_s - begun_s
         turned = wheel_rad_s * duration_s
         after = rolling(self.problem.robot, mode)(before, turned, NO_DRIFT).full().ravel()
@@ -159,7 +164,7 @@ class Session:
 
     def finish(
         self,
-        executor: Literal["optimal", "greedy"],
+        executor: run.Executed,
         ending: run.Ending,
         reason: str,
         plans: tuple[Plan, ...] = (),
@@ -172,14 +177,23 @@ class Session:
             self.setpoint_C[np.array(self.problem.goal.mode) == 1] = heater.soft_setpoint_C
         self.robot.send(_STILL, self.setpoint_C)
         self.tell("end", reason)
-        self._note(_STILL, self.setpoint_C, self._unknown)
+        self._note(_STILL, self.setpoint_C, self._unknown, self._no_mode)
+        return self.so_far(executor, ending, reason, plans, begun)
+
+    def so_far(
+        self,
+        executor: run.Executed,
+        ending: run.Ending,
+        reason: str,
+        plans: tuple[Plan, ...] = (),
+        begun: tuple[int, ...] = (),
+    ) -> run.Run:
+        """Return the run as it is written down up to now; the robot is told nothing."""
         kinds = [event.kind for event in self.events]
         columns = (np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
         return run.Run(
             problem=self.problem,
             executor=executor,
-            goal=self.goal,
-            accuracy=self.accuracy,
             plans=plans,
             ending=ending,
             reason=reason,
@@ -194,13 +208,18 @@ class Session:
         )
 
     def _pass(
-        self, wheels: Array, setpoint_C: Array, at_most_s: float, planned: Array | None
+        self,
+        wheels: Array,
+        setpoint_C: Array,
+        at_most_s: float,
+        planned: Array | None,
+        mode: tuple[float, ...],
     ) -> None:
         self._planned = self._unknown if planned is None else planned
-        self._note(wheels, setpoint_C, self._planned)
+        self._note(wheels, setpoint_C, self._planned, mode)
         for segment in np.flatnonzero(setpoint_C != self.setpoint_C):
             self._since[segment] = self.now_s
-        self.setpoint_C = setpoint_C.copy()
+        self.setpoint_C, self._turns = setpoint_C.copy(), bool(wheels.any())
         self.robot.send(wheels, setpoint_C)
         self._on_command(self)
         self.robot.wait(at_most_s)
@@ -223,9 +242,11 @@ class Session:
                 self.tell("confirmed", f"segment {segment + 1} is {now}")
             self._last_known[segment] = now
 
-    def _note(self, wheels: Array, setpoint_C: Array, planned: Array) -> None:
+    def _note(
+        self, wheels: Array, setpoint_C: Array, planned: Array, mode: tuple[float, ...]
+    ) -> None:
         reading = self.reading
         seen = reading.frames.mean(axis=0) if len(reading.frames) else self._unknown
         stiffness = tuple(_CODES[now] for now in reading.stiffness)
         known = (reading.time_s, self.q, seen, planned, reading.temperature_C, stiffness)
-        self._rows.append((*known, setpoint_C, wheels))
+        self._rows.append((*known, setpoint_C, wheels, mode))

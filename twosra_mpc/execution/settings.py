@@ -15,21 +15,23 @@ class Patience(Value):
         late: A transition that takes so many times the planned time has failed.
         least_transition_s: What is taken for the planned time, at least.
         longest_change_s: A segment that has been changing for so long keeps nobody waiting.
-        melt_on_s: How long a segment that seems to be stiff is held soft before planning again.
+        melt_on_s: How long a segment that seems to be stiff is held soft before planning again;
+            twice as long each time.
         come_nearer_s: How long the end of a phase is tried for after its time.
         look_s: Longest look at the resting robot.
         long_look_s: The same, before a melt is decided on.
         unseen_s: Nobody drives by a camera that has sent no frame for so long.
         near_enough: Share at which a phase may end.
         finest: Share below which nothing is asked for, however certain the belief is.
-        loose: Headings of soft phases, and poses of phases that are not the last, may be so many
-            times farther off.
+        loose: Poses of rigid phases that are not the last may be so many times farther off.
         tube: Share beyond which the plan's clock slows down for a robot that lags behind.
+        stuck: After its time a phase is given as long again whenever the deviation has come down
+            to this part of what it was.
         nearer: A phase whose deviation is not less than this part of the one before it ends.
         certain: Share that the standard deviation shall come down to in a look.
         certain_of_a_melt: The same in a long look.
         doubtful: Distance of a share from a decision that makes it worth a long look.
-        corridor_m: A robot farther from its plan has left it.
+        corridor_m: A robot that drives as a rigid body farther from its plan has left it.
         corridor_rad: The same for its heading.
         stiff_per_m: A curvature farther from the plan is of metal that is not yet all liquid.
         listen_s: How long a robot is listened to for its first temperature reports.
@@ -50,7 +52,8 @@ class Patience(Value):
     finest: Positive = 3e-5
     loose: Positive = 3.0
     tube: Positive = 5.0
-    nearer: Positive = 0.7
+    stuck: Positive = 0.7
+    nearer: Positive = 0.9
     certain: Positive = 0.15
     certain_of_a_melt: Positive = 0.08
     doubtful: Positive = 0.3

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -39,6 +40,11 @@ LONGEST_STEP_S = 5.0  # slower samples miss the sensor's lag
 LONGEST_GAP_S = 60.0  # how long readings may be missing
 COLDER_THAN_AIR_K = 1.0  # noise and drift of the room
 
+READINGS_C = (-40.0, 125.0)  # what thermistors are made for
+_OTHER_UNITS = (
+    ("kelvin", (240.0, 420.0), "subtract 273.15"),
+    ("Fahrenheit", (50.0, 230.0), "subtract 32 and divide by 1.8"),
+)
 _STEPS_S = (0.5, 1.0)  # finest and coarsest grid: the sensor lags by seconds
 _SPIKE_K = 0.5  # a reading this far from its neighbours', and farther than they can have moved
 _FASTEST_K_PER_S = 1.0
@@ -80,8 +86,8 @@ class HeatingLog:
         """Number of the cycle of each sample, from 0 (which also holds what came before)."""
         heating = self.mode == "heating"
         starts = heating & ~np.append(False, heating[:-1])
-        number: NDArray[np.int_] = np.maximum(np.cumsum(starts) - 1, 0)
-        return number
+        found: NDArray[np.int_] = np.maximum(np.cumsum(starts) - 1, 0)
+        return found
 
     @cached_property
     def spikes(self) -> Flags:
@@ -114,6 +120,7 @@ class HeatingLog:
             raise self._refuse(f"time_s, row {wrong[0] + 2}", value, allowed)
 
     def _check_course(self) -> None:
+        check_readings(self.despiked_C, "temp_C", self.source)
         for word in ("heating", "cooling"):
             count = int(np.sum(self.mode == word))
             if count < LEAST_SAMPLES:
@@ -191,26 +198,34 @@ def read_heating_log(path: str | Path, ambient_C: float | None = None) -> Heatin
         InputError: If the file cannot be read, lacks a column, or is no such log.
     """
     source = str(path)
-    rows = csv.DictReader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
-    names = [name.strip() for name in rows.fieldnames or ()]
-    rows.fieldnames = names
-    missing = [column for column in COLUMNS if column not in names]
-    if missing:
-        allowed = f"a CSV file with a heading of at least {', '.join(COLUMNS)}"
-        raise InputError(f"column {missing[0]}", "missing", allowed, source)
     times, readings, words = [], [], []
-    for number, row in enumerate(rows, 1):
-        times.append(_number(row, "time_s", number, source))
-        readings.append(_number(row, "temp_C", number, source))
+    for index, row in enumerate(rows_in(path, COLUMNS), 1):
+        times.append(number_in(row, "time_s", index, source))
+        readings.append(number_in(row, "temp_C", index, source))
         word = (row["mode"] or "").strip()
         words.append(SYNONYMS.get(word, word))
-    if not times:
-        raise InputError("rows", 0, "at least one row below the heading", source)
     time, sensor = np.array(times), np.array(readings)
     if ambient_C is None:
         first = sensor[~spikes(time, sensor)]
         ambient_C = float(first[0]) if len(first) else math.nan
     return HeatingLog(source, time, sensor, np.array(words), ambient_C)
+
+
+def check_readings(readings_C: Array, column: str, source: str) -> None:
+    """Refuse readings that are no temperatures in degrees Celsius.
+
+    Raises:
+        InputError: Saying what they look like: kelvin, Fahrenheit, or counts of a converter.
+    """
+    low, high = float(readings_C.min()), float(readings_C.max())
+    if READINGS_C[0] <= low and high <= READINGS_C[1]:
+        return
+    looks = "counts or volts of a converter: turn them into degrees Celsius"
+    for unit, (least, most), turned in _OTHER_UNITS:
+        if least <= low and high <= most:
+            looks = f"{unit}: {turned}"
+    allowed = f"degrees Celsius, from {READINGS_C[0]:g} to {READINGS_C[1]:g}; these look like "
+    raise InputError(column, f"{low:g} to {high:g}", allowed + looks, source)
 
 
 def resample(log: HeatingLog) -> EvenLog:
@@ -261,12 +276,37 @@ def _running_median(values: Array, width: int) -> Array:
     return filtered
 
 
-def _number(row: dict[str, str], column: str, number: int, source: str) -> float:
+def rows_in(path: str | Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Return the rows of a CSV file that has these columns.
+
+    Raises:
+        InputError: If it cannot be read, lacks a column, or has no row.
+    """
+    source = str(path)
+    rows = csv.DictReader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
+    names = [name.strip() for name in rows.fieldnames or ()]
+    rows.fieldnames = names
+    for column in columns:
+        if column not in names:
+            allowed = f"a CSV file with a heading of at least {', '.join(columns)}"
+            raise InputError(f"column {column}", "missing", allowed, source)
+    found = list(rows)
+    if not found:
+        raise InputError("rows", 0, "at least one row below the heading", source)
+    return found
+
+
+def number_in(row: Mapping[str, str], column: str, index: int, source: str) -> float:
+    """Return the finite number in a column of a row (from 1).
+
+    Raises:
+        InputError: If it is none.
+    """
     text = row[column]
     try:
         value = float(text)
     except (TypeError, ValueError):
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f"{column}, row {number}", text, "a finite number", source)
+        raise InputError(f"{column}, row {index}", text, "a finite number", source)
     return value

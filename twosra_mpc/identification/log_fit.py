@@ -145,7 +145,7 @@ def _standard_errors(jacobian: Array, off: Array, log: EvenLog) -> Array:
         spread += (1 - lag / reach) * (together + together.T)
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     plain, correlated = np.diag(bread) * np.mean(off**2), np.diag(bread @ spread @ bread)
-    variance = np.maximum(plain, correlated) * points / max(1, points - count)
+    variance = np.maximum(np.maximum(plain, correlated), 0.0) * points / max(1, points - count)
     known = np.linalg.norm(jacobian, axis=0) > 1e-9 * np.linalg.norm(jacobian)
     return np.where(known, np.sqrt(variance), np.inf)
 

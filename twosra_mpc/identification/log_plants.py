@@ -6,6 +6,7 @@ shares of full power, constant over a step.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,6 +16,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.thermal.two_node import TwoNode
 
 State = tuple[float, float]
+Step = Callable[[State, float], State]
 
 
 class Plant(Protocol):
@@ -23,11 +25,19 @@ class Plant(Protocol):
     def resting(self, core_K: float) -> State:
         """State with this core that has cooled for a long time."""
 
-    def driven(self, start: State, duty: Array) -> Array:
-        """States (n + 1, 2) from ``start`` on under the duties (n,) of n steps."""
+    def stepper(self) -> Step:
+        """Return what takes a state and a duty to the state a step later."""
 
     def led(self, other: float, core_K: Array) -> Array:
         """States (n, 2) whose core is given (n,), from another state ``other`` on."""
+
+
+def driven(plant: Plant, start: State, duty: Array) -> Array:
+    """States (n + 1, 2) from ``start`` on under the duties (n,) of n steps."""
+    step, states = plant.stepper(), [start]
+    for u in duty.tolist():
+        states.append(step(states[-1], u))
+    return np.array(states)
 
 
 @dataclass(frozen=True)
@@ -47,18 +57,18 @@ class TwoNodePlant:
         core, body = self.model.propagate((1.0, 1.0), 0.0, 20 / self.model.coupling_per_s)
         return core_K, core_K * body / core
 
-    def driven(self, start: State, duty: Array) -> Array:
+    def stepper(self) -> Step:
         """Propagate; the model is linear, so three of its steps tell all others."""
         (cc, bc), (cb, bb), (cu, bu) = (
             self.model.propagate(state, current, self.step_s)
             for state, current in (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((0.0, 0.0), 1.0))
         )
-        core, body = start
-        states = [start]
-        for u in duty.tolist():
-            core, body = cc * core + cb * body + cu * u, bc * core + bb * body + bu * u
-            states.append((core, body))
-        return np.array(states)
+
+        def step(state: State, u: float) -> State:
+            core, body = state
+            return cc * core + cb * body + cu * u, bc * core + bb * body + bu * u
+
+        return step
 
     def led(self, other: float, core_K: Array) -> Array:
         """Propagate the body; during a step the core is taken as the mean of its ends."""
@@ -94,17 +104,17 @@ class OneNodePlant:
         """Return the one state with this temperature."""
         return core_K, float(self._heat(np.array(core_K)))
 
-    def driven(self, start: State, duty: Array) -> Array:
+    def stepper(self) -> Step:
         """Propagate by the midpoint rule."""
         h, p, b = self.step_s, self.power_K_per_s, self.loss_per_s
-        core, heat = start
-        states = [start]
-        for u in duty.tolist():
+
+        def step(state: State, u: float) -> State:
+            core, heat = state
             middle = self._temperature(heat + h / 2 * (p * u - b * core))
             heat += h * (p * u - b * middle)
-            core = self._temperature(heat)
-            states.append((core, heat))
-        return np.array(states)
+            return self._temperature(heat), heat
+
+        return step
 
     def led(self, other: float, core_K: Array) -> Array:
         """Return the heat that goes with the temperature."""

@@ -1,7 +1,8 @@
 r"""What a model makes of a log: heater by the firmware's law, segment, sensor.
 
 While heating, the firmware gives :math:`v = \mathrm{clip}(v_0 + K_p (54 - y), 0, 1)` of full power
-at reading y; while cooling, nothing. In both the model runs free. In a hold the power is unknown,
+at reading y, which is the model's own, never the measured one; while cooling, nothing. In both the
+model runs free. In a hold the power is unknown,
 so the core is what the readings say through the inverted sensor, and the model only carries on
 what lies behind the core.
 
@@ -12,7 +13,10 @@ the hold's smoothing lacks is put down to the segment (a coupling 17 % too small
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -21,8 +25,10 @@ from scipy.linalg import solveh_banded
 from scipy.signal import lfilter
 
 from twosra_mpc.identification.heating_log import EvenLog, runs
-from twosra_mpc.identification.log_plants import Plant
+from twosra_mpc.identification.log_plants import Plant, driven
 from twosra_mpc.robot.coordinates import Array
+
+Lags = tuple[float, float]
 
 LAW_REFERENCE_C = 54.0  # reading at which the law's duty is quoted
 
@@ -48,9 +54,10 @@ class HeaterLaw(NamedTuple):
     gain_per_K: float
     duty_at_54C: float
 
-    def duty(self, sensor_C: Array) -> Array:
-        """Share of full power at these raw readings."""
-        return np.clip(self.duty_at_54C + self.gain_per_K * (LAW_REFERENCE_C - sensor_C), 0.0, 1.0)
+    def duty(self, sensor_C: float) -> float:
+        """Share of full power at a raw reading."""
+        wanted = self.duty_at_54C + self.gain_per_K * (LAW_REFERENCE_C - sensor_C)
+        return min(1.0, max(0.0, wanted))
 
 
 @dataclass(frozen=True)
@@ -72,11 +79,26 @@ class SensorLag:
         first = self._lagged(self.gain * core_K, lags_K[0])
         return np.stack([first, self._lagged(first, lags_K[1])], axis=1)
 
+    def stepper(self) -> Callable[[Lags, float, float], Lags]:
+        """Return what takes both lags, and the core before and after, to the lags a step later."""
+        kept, old, new = self._weights
+
+        def step(lags: Lags, before_K: float, after_K: float) -> Lags:
+            first = kept * lags[0] + self.gain * (old * before_K + new * after_K)
+            return first, kept * lags[1] + old * lags[0] + new * first
+
+        return step
+
+    @cached_property
+    def _weights(self) -> tuple[float, float, float]:
+        """Weights of a lag's output, and of its input before and after a step."""
+        kept = math.exp(-self.step_s / self.lag_s)
+        mean = (1 - kept) * self.lag_s / self.step_s
+        return kept, mean - kept, 1 - mean
+
     def _lagged(self, driver: Array, start: float) -> Array:
         """One lag behind values joined by straight lines, exactly."""
-        kept = np.exp(-self.step_s / self.lag_s)
-        mean = (1 - kept) * self.lag_s / self.step_s
-        old, new = mean - kept, 1 - mean
+        kept, old, new = self._weights
         state = [old * driver[0] + kept * start]
         later, _ = lfilter([new, old], [1.0, -kept], driver[1:], zi=state)
         return np.append(start, later)
@@ -132,9 +154,9 @@ def respond(log: EvenLog, plant: Plant, sensor: SensorLag, law: HeaterLaw) -> Re
     long.
     """
     n, air = len(log.time_s), log.ambient_C
-    reading = log.sensor_C - air
-    duty = law.duty(log.sensor_C)
-    duty = log.heating_share * (duty[1:] + duty[:-1]) / 2
+    loop = _ClosedLoop(plant, sensor, law, air)
+    reading, share = log.sensor_C - air, log.heating_share
+    duty = np.full(n - 1, np.nan)
     states, lags = np.empty((n, 2)), np.empty((n, 2))
     states[0] = plant.resting(float(reading[0]) / sensor.gain)
     lags[0] = reading[0]
@@ -143,40 +165,62 @@ def respond(log: EvenLog, plant: Plant, sensor: SensorLag, law: HeaterLaw) -> Re
     for (first, end), (next_hold, _) in pairwise(spans):
         free, held = slice(at, first + 1), slice(first, end)
         if first > at:
-            states[free], lags[free] = _driven(plant, sensor, states[at], lags[at], duty[at:first])
+            states[free], lags[free], duty[at:first] = loop.run(
+                states[at], lags[at], share[at:first]
+            )
         if end > first:
             core, *behind = sensor.core_behind(reading[held])
             states[held] = plant.led(float(states[first, 1]), core)
             lags[held] = np.stack(behind, axis=1)
             at, after = end - 1, min(end + round(CORRECTED_S / log.step_s), next_hold + 1)
             states[at, 0], lags[at, 0] = _corrected(
-                plant, sensor, states[at], lags[at], duty[at : after - 1], reading[end:after]
+                loop, states[at], lags[at], share[at : after - 1], reading[end:after]
             )
-            duty[first:at] = np.nan
     return Response(states[:, 0] + air, states[:, 1], lags[:, 1] + air, duty)
 
 
-def _driven(
-    plant: Plant, sensor: SensorLag, state: Array, lags: Array, duty: Array
-) -> tuple[Array, Array]:
-    """States and lags (n + 1, 2) under the duties (n,) of n steps."""
-    states = plant.driven((float(state[0]), float(state[1])), duty)
-    return states, sensor.follow(states[:, 0], lags)
+@dataclass(frozen=True)
+class _ClosedLoop:
+    """Segment, sensor and firmware, whose law sees what the sensor shows."""
+
+    plant: Plant
+    sensor: SensorLag
+    law: HeaterLaw
+    ambient_C: float
+
+    def run(self, state: Array, lags: Array, share: Array) -> tuple[Array, Array, Array]:
+        """States and lags (n + 1, 2) and duties (n,) where the heater heats in shares of n steps.
+
+        The law takes the reading in the middle of a step, as it changes at the step's begin.
+        """
+        if not share.any():
+            cooling = driven(self.plant, (float(state[0]), float(state[1])), share)
+            return cooling, self.sensor.follow(cooling[:, 0], lags), share
+        step, behind = self.plant.stepper(), self.sensor.stepper()
+        ahead = self.sensor.step_s / 2 / self.sensor.lag_s
+        here, lag = (float(state[0]), float(state[1])), (float(lags[0]), float(lags[1]))
+        states, followed, duties = [here], [lag], []
+        for heated in share.tolist():
+            middle = lag[1] + ahead * (lag[0] - lag[1])
+            duties.append(heated * self.law.duty(self.ambient_C + middle))
+            before, here = here[0], step(here, duties[-1])
+            lag = behind(lag, before, here[0])
+            states.append(here)
+            followed.append(lag)
+        return np.array(states), np.array(followed), np.array(duties)
 
 
-def _corrected(
-    plant: Plant, sensor: SensorLag, state: Array, lags: Array, duty: Array, reading: Array
-) -> Array:
+def _corrected(loop: _ClosedLoop, state: Array, lags: Array, share: Array, reading: Array) -> Array:
     """Core and first lag (2,), corrected by the readings (n,) after each of n steps.
 
     Least squares, linear about the given state, with ``_END_K`` as the prior's spread.
     """
-    if len(duty) == 0:
+    if len(share) == 0:
         return np.array([state[0], lags[0]])
 
     def off(core: float, lag: float) -> Array:
         start, behind = np.add(state, (core, 0.0)), np.add(lags, (lag, 0.0))
-        return _driven(plant, sensor, start, behind, duty)[1][1:, 1] - reading
+        return loop.run(start, behind, share)[1][1:, 1] - reading
 
     now, small = off(0.0, 0.0), 0.01
     slopes = np.stack([off(small, 0.0) - now, off(0.0, small) - now], axis=1) / small

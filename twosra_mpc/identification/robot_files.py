@@ -11,7 +11,8 @@ from tomlkit.items import Table
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import locate, read_text, write_text
 from twosra_mpc.identification.path_fitting import fitted_path_tables
-from twosra_mpc.identification.thermal import SEGMENT_FIELDS, ThermalFit
+from twosra_mpc.identification.thermal import LOGS_DIFFER, ThermalFit
+from twosra_mpc.identification.transitions import TransitionFit
 from twosra_mpc.robot.description import Robot
 
 
@@ -33,7 +34,9 @@ def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, mod
     write_text(target, tomlkit.dumps(document))
 
 
-def write_identified_robot(source: str | Path, target: str | Path, fit: ThermalFit) -> None:
+def write_identified_robot(
+    source: str | Path, target: str | Path, fit: ThermalFit | TransitionFit
+) -> None:
     """Write a copy of a robot file whose ``[segment]`` has the identified values and ranges.
 
     Everything else, comments included, stays as it is.
@@ -44,17 +47,19 @@ def write_identified_robot(source: str | Path, target: str | Path, fit: ThermalF
     document = _robot_document(source)
     segment = document["segment"]
     assert isinstance(segment, Table)
-    for name in SEGMENT_FIELDS:
+    for name in fit.fitted:
         segment[name] = getattr(fit.segment, name)
-    log, rms = Path(fit.source).name, fit.residuals.rms_C
-    segment.comment(f"identified anew from {log}: residual {rms:.2g} C (RMS) at the sensor")
+    segment.comment(f"identified anew from {fit.summary}")
     if "ranges" not in segment:
         segment["ranges"] = tomlkit.table()
     ranges = segment["ranges"]
     assert isinstance(ranges, Table)
-    for name in SEGMENT_FIELDS:
+    for name in fit.fitted:
         ranges[name] = list(fit.segment.ranges[name])
-    ranges.comment("5 % to 95 % by the fit's standard error, and all fits without a cycle")
+    ranges.comment(
+        "5 to 95 %: standard error, all fits that leave a part out, and at least"
+        f" {100 * LOGS_DIFFER:g} % on either side, as fits to logs of one segment differ"
+    )
     write_text(target, tomlkit.dumps(document))
 
 

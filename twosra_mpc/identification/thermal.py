@@ -7,21 +7,22 @@ heating is fitted with the segment, but belongs to the log, not to the robot fil
 How sure is it? Standard errors cover noise and what the model lacks while heating and cooling, not
 errors of the core found in holds, nor when between two samples the heater was switched. The fits
 that leave a cycle out show how much it matters which cycles were seen. Neither shows how logs
-differ from one day to another: that takes a second log.
+differ, so ranges are never narrower than `LOGS_DIFFER` on either side.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.identification import log_fit
+from twosra_mpc.identification import log_fit, plausibility
 from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, resample
 from twosra_mpc.identification.log_fit import Bounded, Family, Fitted, Residuals
 from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant
@@ -31,6 +32,10 @@ from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 
 OnProgress = Callable[[int, int], None]
+
+# Ranges are at least this wide on either side: fits to two logs of one segment, from one day, and
+# to parts of them spread from 0.0030 to 0.0038 1/s in loss, and from 2.6 to 3.2 s in lag.
+LOGS_DIFFER = 0.3
 
 _SIGNIFICANT = 5  # digits of what goes into a robot file
 _NORMAL_95 = 1.6449  # 95 % value of the standard normal distribution
@@ -85,6 +90,7 @@ class Parameters(NamedTuple):
 
 
 SEGMENT_FIELDS = Parameters._fields[:5]
+SEGMENT_PARAMETERS = dict(zip(SEGMENT_FIELDS, _TWO_NODES, strict=False))
 
 
 class HeldOut(NamedTuple):
@@ -137,7 +143,7 @@ class ThermalFit:
         source: Name of the log.
         robot: Name of the robot.
         segment: Its segment with the identified parameters, and ranges from the 5 % to the 95 %
-            value, widened to hold every fit that leaves a cycle out.
+            value, widened to hold every fit that leaves a cycle out, and what logs differ by.
         parameters: Best fit to all cycles.
         standard_errors: Of these, allowing for correlated residuals; infinite if unknown.
         smallest: Over the fits that leave a cycle out; those of the fit without any.
@@ -162,6 +168,17 @@ class ThermalFit:
     log: EvenLog
     response: Response
 
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Fields of the segment that were fitted."""
+        return SEGMENT_FIELDS
+
+    @property
+    def summary(self) -> str:
+        """Where the fit comes from, for the robot file."""
+        log, rms = Path(self.source).name, self.residuals.rms_C
+        return f"{log}: residual {rms:.2g} C (RMS) at the sensor"
+
 
 def identify(log: HeatingLog, robot: Robot, on_progress: OnProgress | None = None) -> ThermalFit:
     """Fit the two-node model to a log, cross-validate it, and compare it with others.
@@ -172,14 +189,17 @@ def identify(log: HeatingLog, robot: Robot, on_progress: OnProgress | None = Non
         on_progress: Called with the number of fits done and to do.
 
     Raises:
-        InputError: If the robot's segments are not described by two nodes.
+        InputError: If the robot's segments are not described by two nodes, or the log or what is
+            fitted to it is not plausible (see `plausibility`).
     """
     own = two_node_segment(robot)
-    even = resample(log)
+    even = _plausible(log)
     families = two_nodes(own.sensor_gain), _one_node(own.sensor_gain, robot.heater.melting_point_C)
     cycles = _separable_cycles(even)
     done = _counted(on_progress, len(families) * (1 + len(cycles)))
     two, one = (_study(family, even, cycles, done) for family in families)
+    named = dict(zip(Parameters._fields, _TWO_NODES, strict=True))
+    plausibility.check_fit(named, two.best, two.residuals, log.source)
     found, errors = Parameters(*two.best.values), Parameters(*two.best.standard_errors)
     held_out = tuple(HeldOut(k, Parameters(*part.values), unseen) for k, part, unseen in two.parts)
     every = [found, *(part.parameters for part in held_out)]
@@ -197,7 +217,7 @@ def identify(log: HeatingLog, robot: Robot, on_progress: OnProgress | None = Non
     return ThermalFit(
         source=log.source,
         robot=robot.name,
-        segment=_described(own, found, errors, smallest, largest),
+        segment=described(own, *map(_by_name, (found, errors, smallest, largest))),
         parameters=found,
         standard_errors=errors,
         smallest=smallest,
@@ -219,13 +239,21 @@ def score(log: HeatingLog, segment: TwoNodeSegment, law: HeaterLaw | None = None
         law: The firmware's law while heating, e.g. of a fit to another log; without it, its two
             parameters alone are fitted to this log, since no robot file has them.
     """
-    even = resample(log)
+    even = _plausible(log)
     fixed = tuple(getattr(segment, name) for name in SEGMENT_FIELDS)
     whole = two_nodes(segment.sensor_gain)
     if law is None:
         part = Family(_LAW, lambda values, log: whole.respond((*fixed, *values), log))
         law = HeaterLaw(*log_fit.fit(part, even).values)
     return Score(log_fit.residuals(even, whole.respond((*fixed, *law), even)), law)
+
+
+def _plausible(log: HeatingLog) -> EvenLog:
+    """Log on an even grid, if it can be one of a segment at all."""
+    plausibility.check_log(log)
+    even = resample(log)
+    plausibility.check_scored(even, log.source)
+    return even
 
 
 def two_node_segment(robot: Robot) -> TwoNodeSegment:
@@ -301,18 +329,34 @@ def _study(
     return _Study(best, response, log_fit.residuals(log, response), parts)
 
 
-def _described(
-    own: TwoNodeSegment, found: Parameters, errors: Parameters, low: Parameters, high: Parameters
+def described(
+    own: TwoNodeSegment,
+    found: Mapping[str, float],
+    errors: Mapping[str, float],
+    low: Mapping[str, float],
+    high: Mapping[str, float],
 ) -> TwoNodeSegment:
-    """The robot's segment with what was found, rounded as a file has it."""
+    """The robot's segment with what was found, rounded as a file has it, and its ranges.
+
+    Args:
+        own: The robot's segment.
+        found: Values of some of its parameters.
+        errors: Their standard errors.
+        low: Smallest over fits that leave a part out.
+        high: Largest.
+    """
     ranges: dict[str, tuple[float, float]] = dict(own.ranges)
-    for name in SEGMENT_FIELDS:
-        value, spread = getattr(found, name), _NORMAL_95 * getattr(errors, name)
+    for name, value in found.items():
+        spread = max(_NORMAL_95 * errors[name], LOGS_DIFFER * value)
         spread = min(spread, 0.9 * value)  # of what the log does not tell
-        ends = min(getattr(low, name), value - spread), max(getattr(high, name), value + spread)
+        ends = min(low[name], value - spread), max(high[name], value + spread)
         ranges[name] = (_rounded(ends[0]), _rounded(ends[1]))
-    values = {name: _rounded(getattr(found, name)) for name in SEGMENT_FIELDS}
+    values = {name: _rounded(value) for name, value in found.items()}
     return own.with_values(**values, ranges=ranges)
+
+
+def _by_name(of: Parameters) -> dict[str, float]:
+    return dict(zip(SEGMENT_FIELDS, of, strict=False))
 
 
 def _rounded(value: float) -> float:

@@ -9,8 +9,10 @@ is the integral of the sum of (wheel speed / largest wheel speed)^2 of its quick
     c^T t \le C
 
 is a small convex program over the event times of the temporal network: waiting time is used to
-drive slowly, and what the plan may cost more is spent where it helps most. What happens before a
-transition decides how long it takes, so the schedule of the durations found is made anew.
+drive slowly, and what the plan may cost more is spent where it helps most. No phase uses all the
+time it has to spare: a drive that lasts right up to a melt holds the heater up as soon as it takes
+longer than planned. What happens before a transition decides how long it takes, so the schedule of
+the durations found is made anew.
 
 Where the cost itself weighs effort by w > 0, nothing may cost more: the objective is then
 :math:`c^T t + w \sum_i E_i T_{min,i} / (t_{end,i} - t_{start,i})`, without the last constraint.
@@ -36,6 +38,7 @@ Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fu
 
 ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
+_SPARED = 0.6  # part of its time to spare that a phase uses
 _STEP_S = 1e-3  # of durations, and more than the solver leaves of its constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
@@ -127,7 +130,12 @@ def _least_effort(
     cost, constant = cost_coefficients(network, problem.cost_weights)
     starts, ends = (np.array([at(i) for i in moving.tolist()]) for at in (layout.start, layout.end))
     kept = np.union1d(np.flatnonzero(cost), [*starts, *ends, layout.origin])
-    apart, of = _longest_paths(network)[np.ix_(kept, kept)], np.eye(len(kept))
+    longest, of = _longest_paths(network), np.eye(len(kept))
+    apart = longest[np.ix_(kept, kept)]
+    more = (most - float(cost @ times) - constant) / max(float(cost[layout.finish]), _STEP_S)
+    spare = times[layout.finish] - longest[layout.origin, starts] - longest[ends, layout.finish]
+    extra = np.maximum(_SPARED * (spare - quickest[moving]), max(more, 0.0))
+    slowest = np.minimum(slowest[moving], quickest[moving] + extra)
     since, until = np.nonzero(np.isfinite(apart))
     lasting = of[np.searchsorted(kept, ends)] - of[np.searchsorted(kept, starts)]
     scale, unit = float(quickest.sum()), float((efforts[moving] / quickest[moving]).sum())
@@ -144,7 +152,7 @@ def _least_effort(
     constraints = [
         LinearConstraint(of[until] - of[since], apart[since, until] / scale, np.inf),
         LinearConstraint(lasting, quickest[moving] / scale, np.inf),
-        LinearConstraint(lasting, -np.inf, slowest[moving] / scale),
+        LinearConstraint(lasting, -np.inf, slowest / scale),
     ]
     if not weight:
         within = (most - _STEP_S - constant) / scale
@@ -160,7 +168,7 @@ def _least_effort(
         options={"maxiter": 200, "ftol": 1e-10},
     )
     durations = quickest.copy()
-    durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest[moving])
+    durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest)
     return durations
 
 

@@ -3,9 +3,10 @@
 At every step each mode proposes to remove as much of the error as its Jacobian can, the mode whose
 proposal ends nearest the goal (unweighted norm, as published) is taken and kept until it no longer
 moves the robot. Melting and freezing play no part in the choice. What differs from the published
-loop (``greedy.published``): the Jacobian is the autonomous one, steps follow the exact flow, and a
-step never removes more than the whole error, so the loop cannot diverge. The resulting path gets
-the same transition model, speed limits and verification as every plan.
+loop (``greedy.published``): the Jacobian is the autonomous one, steps follow the exact flow, a step
+never removes more than the whole error, so the loop cannot diverge, and it heads for the middle of
+the goal and ends as soon as it is in it. The resulting path gets the same transition model, speed
+limits and verification as every plan.
 """
 
 from __future__ import annotations
@@ -66,9 +67,9 @@ def greedy_path(problem: Problem) -> GreedyPath:
     modes: list[Mode] = []
     steps: list[Array] = []
     for iteration in range(1, MAX_ITERATIONS + 1):
-        error = goal.error(q.copy())
-        if np.linalg.norm(error) <= _REACHED:
+        if np.linalg.norm(goal.error(q.copy())) <= _REACHED:
             return GreedyPath(tuple(modes), tuple(steps), GreedyEnding.REACHED)
+        error = q - goal.aim(q)
         t = iteration * STEP_S
         gain = min(1.0, t * (1 - math.exp(-t)) * STEP_S)
         proposals = {mode: _proposal(problem, q, error, mode) for mode in problem.modes}

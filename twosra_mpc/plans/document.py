@@ -105,6 +105,28 @@ def load_plan(path: str | Path) -> Result:
         raise InputError("plan", str(error), "values that fit together", source) from error
 
 
+def plan_within(document: dict[str, Any], robot: dict[str, Any], source: str) -> Plan:
+    """Read back a plan that another file holds, as ``Plan.to_dict`` wrote it.
+
+    Args:
+        document: The plan.
+        robot: Its robot, as the file has it.
+        source: The file.
+
+    Raises:
+        InputError: If it is no plan, or does not fit together.
+    """
+    unsaid: dict[str, Any] = {"status": Status.FEASIBLE, "message": "", "stopped_early": False}
+    head = {"format": FORMAT, "version": FORMAT_VERSION, "package": "", "robot": robot}
+    stats = vars(Stats(0.0, 0, 0, 0)).copy()
+    try:
+        whole = json.dumps({**head, **unsaid, "stats": stats, **document})
+        return _result(PlanDocument.model_validate_json(whole), source).require()
+    except ValidationError as error:
+        first = named_problem(PlanDocument, error.errors()[0])
+        raise first.within("plans", source) from None
+
+
 def _result(data: PlanDocument, source: str) -> Result:
     robot = Robot.parse(data.robot, f"{source} (robot)")
     problem = Problem.parse({**data.scenario, "robot": robot}, f"{source} (scenario)")

@@ -269,6 +269,12 @@ class Problem(Value):
         return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
 
     @property
+    def judged_goal(self) -> GoalSet:
+        """What runs are measured by: with the robot's accuracy added, it is what was asked for."""
+        robot = self.robot
+        return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
+
+    @property
     def stages(self) -> tuple[Stage, ...]:
         """What is to be reached, one after the other: so far, one goal."""
         return (Stage(self.goal, self.goal.mode),)

@@ -45,7 +45,8 @@ class Robot(Value):
     ``segment`` describes how every segment warms and cools, ``segments`` each for itself; timing
     "thermal" needs one of them. In a file, ``segments = 3`` gives the number of segments that are
     alike (2 if left out), and a list ``[[segment]]`` each with its ``length_m``. ``accuracy`` is
-    how near to their goals runs end; where it is missing, plans meet theirs exactly.
+    how near to their goals runs end; where it is missing, plans meet theirs exactly. ``robot_id``
+    is for firmware that expects the robot's number as the last one of every line.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -58,6 +59,7 @@ class Robot(Value):
     segment: AnySegment | None = None
     segments: Annotated[tuple[AnySegment, ...], BeforeValidator(plain)] = ()
     timing: Annotated[dict[str, AnyTiming], Field(min_length=1), AfterValidator(FrozenDict)]
+    robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
 
     @model_validator(mode="before")
     @classmethod

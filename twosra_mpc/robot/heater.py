@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from typing import Annotated
 
-from pydantic import model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import Number, Positive, Value
+from twosra_mpc.validation import Number, Positive, Value, plain
 
 
 class Heater(Value):
-    """Temperatures, currents and coil of one segment's heater."""
+    """Temperatures, currents and coil of one segment's heater.
+
+    ``hold_duty`` is the share of the time for which ``melt_current_A`` is on while a robot that
+    reports nothing is held soft; left out, the share that heats as ``hold_current_A`` does. It is 1
+    only for firmware that is known to regulate: then the host never switches off to hold.
+    """
 
     melting_point_C: Number
     soft_setpoint_C: Number
@@ -22,6 +28,7 @@ class Heater(Value):
     current_max_A: Positive
     melt_current_A: Positive
     hold_current_A: Positive
+    hold_duty: Annotated[float, Field(gt=0.0, le=1.0), BeforeValidator(plain)] | None = None
     resistance_ohm: Positive
     cooling_time_constant_s: Positive
 
@@ -51,3 +58,8 @@ class Heater(Value):
     def power_W(self, current_A: float) -> float:
         """Heat of a coil whose resistance is kept."""
         return current_A**2 * self.resistance_ohm
+
+    @property
+    def duty_of_hold(self) -> float:
+        """Share of the time for which ``melt_current_A`` is on to hold a segment soft."""
+        return self.hold_duty or (self.hold_current_A / self.melt_current_A) ** 2

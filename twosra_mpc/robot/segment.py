@@ -58,6 +58,11 @@ class Segment(Tagged):
         return 1.0, (4.0, 4.0)  # 2 to 8 s in all: how the sensor is embedded is not published
 
     @property
+    def thresholds_C(self) -> tuple[float, float] | None:
+        """Temperatures by the sensor of solid and of liquid; None: those of its model."""
+        return None
+
+    @property
     def fibre_diameter_m(self) -> float | None:
         """Outer diameter, if it is known."""
         return None
@@ -200,7 +205,10 @@ class TwoNodeSegment(Segment):
     With core temperature T_c, body temperature T_b, ambient T_a and heater duty u (share of full
     power), ``dT_c/dt = power u - coupling (T_c - T_b)`` and
     ``dT_b/dt = coupling / body_ratio (T_c - T_b) - body_loss (T_b - T_a)``.
-    ``solid_below_C`` and ``liquid_above_C`` are the two thresholds of the stiffness.
+    ``solid_below_C`` and ``liquid_above_C`` are the two thresholds of the stiffness, on what the
+    sensor shows (over its gain). A sensor lags, so a melt lasts until the core is as far above
+    ``liquid_above_C`` as it leads the sensor by; a freeze, slow in the end, until the core is at
+    ``solid_below_C``.
     ``core_heat_J_per_K`` turns rates of temperature into power.
     """
 
@@ -239,14 +247,31 @@ class TwoNodeSegment(Segment):
             core_heat_J_per_K=self.core_heat_J_per_K,
             full_current_A=heater.melt_current_A,
             solid_level=self.solid_below_C,
-            liquid_level=self.liquid_above_C,
+            liquid_level=self._evidently_liquid_C(heater),
             ambient_C=ambient_C,
         )
+
+    def _evidently_liquid_C(self, heater: Heater) -> float:
+        """Core at which the sensor shows a melt from cold as done; at most halfway to set-point.
+
+        The core rises at p - a (T_c - T_a) at least, and leads a sensor of two lags by twice the
+        lag times that.
+        """
+        above_K = self.liquid_above_C - heater.ambient_C
+        rate = self.power_K_per_s - self.coupling_per_s * above_K
+        evident = self.liquid_above_C + 2 * self.sensor_lag_s * max(0.0, rate)
+        halfway = (self.liquid_above_C + heater.soft_setpoint_C) / 2
+        return max(self.liquid_above_C, min(evident, halfway))
 
     def weakened(self, cause: Literal["loss", "power"], share: float) -> Self:
         """Scale full power; or both flows of heat, or the body alone would do the cooling."""
         keys = ("coupling_per_s", "body_loss_per_s") if cause == "loss" else ("power_K_per_s",)
         return self._scaled(share, keys, {key: share * getattr(self, key) for key in keys})
+
+    @property
+    def thresholds_C(self) -> tuple[float, float]:
+        """Those of its authors."""
+        return self.solid_below_C, self.liquid_above_C
 
     @property
     def sensor_gain_and_lags_s(self) -> tuple[float, tuple[float, float]]:

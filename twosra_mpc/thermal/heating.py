@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Stiffness = Literal["soft", "rigid"]
 
 _ROUNDING_S = 1e-6  # what is saved must be more
+_SURELY_S = 1e-8  # after a transition's end the segment is beyond its threshold, not rounded to it
 
 
 class Piece(NamedTuple):
@@ -182,7 +183,7 @@ class HeatingPlan:
     def melting_s(self, state: State) -> float:
         """Latest end of melting after heater on."""
         until = self.model.time_until(state, self.melt_current_A, self.model.liquid_level)
-        return self.windows.melt_late * until
+        return self.windows.melt_late * until + _SURELY_S
 
     def coasting_s(self, state: State) -> float:
         """Earliest onset of freezing after heater off."""
@@ -193,7 +194,8 @@ class HeatingPlan:
 
     def freezing_s(self, state: State) -> float:
         """Latest end of freezing after heater off."""
-        return self.windows.freeze_late * self.model.time_until(state, 0.0, self.model.solid_level)
+        until = self.model.time_until(state, 0.0, self.model.solid_level)
+        return self.windows.freeze_late * until + _SURELY_S
 
     def _from(self, to: Stiffness, start_s: float, state: State) -> tuple[Piece, ...]:
         """Bring a segment to the soft set-point and hold it there, or switch its heater off."""

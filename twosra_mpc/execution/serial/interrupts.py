@@ -7,7 +7,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one when a terminal is closed; not on Windows
+# Every signal by which a person or the system ends or suspends a program; SIGKILL cannot be caught.
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")  # Windows knows the first two
 
 
 class Interrupts:

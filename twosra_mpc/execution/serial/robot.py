@@ -1,34 +1,38 @@
 """A robot on a serial line, as an executor drives it; it is switched off whatever happens.
 
 The firmware reports raw readings of thermistors, if anything. What they mean is decided by the same
-stiffness controller that the simulated robot has, run beside the real one: it assumes the current
-that it would apply itself, and knows soft from rigid by the reading and by its observer.
+stiffness controller that the simulated robot has, run beside the real one; `segments` says when a
+heater is on. A command is sent at least every 1.3 s, also while the robot stands and while the rest
+of a task is planned: firmware may take 3 s of silence for a dead host, and stop.
 """
 
 from __future__ import annotations
 
 import math
-import statistics
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from twosra_mpc.control.controller import StiffnessController, stiffness_controller
-from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial import firmware_lines
 from twosra_mpc.execution.serial.clock import Clock
 from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.serial.port import Port, PortError
+from twosra_mpc.execution.serial.segments import (
+    MEDIAN_OF,
+    ModelledSegment,
+    ReportedSegment,
+)
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, Stiffness, rigid_mode
+from twosra_mpc.robot.modes import Mode, rigid_mode
 
 RATE_HZ = 15.0  # of the authors' controller in their published trials, by their logs
 REPEAT_S = 1.0  # while the robot stands, a command is sent again so often
@@ -38,7 +42,9 @@ _STILL = np.zeros(WHEELS)
 _LONGEST_NAP_S = 0.1  # an interrupt waits no longer than this
 _LONGEST_REST_S = 0.2  # the follow-up robot reports once a second
 _SAME_TIME_S = 1e-6
-_MEDIAN_OF = 3  # reports: single ones can be far off
+_JOIN_S = 0.01
+
+Made = TypeVar("Made")
 
 
 class PoseSource(Protocol):
@@ -59,21 +65,19 @@ def connected(
     clock: Clock,
     *,
     rate_Hz: float = RATE_HZ,
-    robot_id: int | None = None,
     poses: PoseSource | None = None,
     patience: Patience | None = None,
 ) -> Iterator[SerialRobot]:
     """Connect to a robot; it stands, heaters off, at the end of the block.
 
     Only a line that is dead prevents that, and then the error says so. In the block Ctrl-C, SIGTERM
-    and SIGHUP interrupt the robot's ``wait`` alone, so no second one cuts the stop short.
+    and their relatives interrupt the robot's ``wait`` alone, so no second one cuts the stop short.
 
     Args:
-        problem: The robot, where it starts, and its air.
+        problem: The robot with its number, where and how warm it starts, and its air.
         port: The line to the robot.
         clock: Time.
         rate_Hz: Commands per second while driving; with ``poses`` the camera's rate counts.
-        robot_id: Number of the robot, if the firmware expects one.
         poses: What sees the robot; without it the robot is driven blind.
         patience: How long to wait for what.
 
@@ -87,8 +91,8 @@ def connected(
         allowed = f"from 1 to {most_Hz:g} Hz, which the line carries"
         raise InputError("rate", camera.rate_Hz, allowed)
     with deferred_interrupts() as interrupts:
-        connection = port, clock, interrupts, robot_id, poses, patience or Patience()
-        robot = SerialRobot(problem.robot, camera, problem.ambient, *connection)
+        connection = port, clock, interrupts, poses, patience or Patience()
+        robot = SerialRobot(problem, camera, *connection)
         failure = ""
         try:
             yield robot
@@ -107,37 +111,43 @@ class SerialRobot:
     """A robot on a serial line; made by ``connected``, which also stops it.
 
     Attributes:
-        robot: The robot as described.
+        problem: The robot as described, how warm its segments are at first, and its air.
         camera: What sees it, or the rate of commands alone.
-        air_C: Temperature of the air.
         port: The line to it.
         clock: Time.
         interrupts: Whether to interrupt it.
-        robot_id: Its number, if the firmware expects one.
         poses: What sees it.
         patience: How long to wait for what.
     """
 
-    robot: Robot
+    problem: Problem
     camera: Camera
-    air_C: float
     port: Port
     clock: Clock
     interrupts: Interrupts
-    robot_id: int | None
     poses: PoseSource | None
     patience: Patience
 
     def __post_init__(self) -> None:
-        self._segments: list[_ReportedSegment] = []
-        self._heated: Mode = rigid_mode(self._count)
+        start = self.clock.now_s(), self.problem.temperatures
+        self._segments: list[ModelledSegment | ReportedSegment] = [
+            ModelledSegment(self.robot, self.problem.ambient, j, start[1][j], start[0])
+            for j in range(self._count)
+        ]
+        self._reports = False
+        self._asked: Mode = rigid_mode(self._count)
         self._sent, self._sent_s = b"", -math.inf
         self._turns, self._due_s = False, 0.0
 
     @property
+    def robot(self) -> Robot:
+        """The robot as described."""
+        return self.problem.robot
+
+    @property
     def reports(self) -> bool:
         """Whether its temperatures are known."""
-        return bool(self._segments)
+        return self._reports
 
     def listen(self) -> None:
         """Wait at rest for reports of all segments; afterwards it is known whether there are any.
@@ -148,19 +158,37 @@ class SerialRobot:
         heard: list[list[float]] = [[] for _ in range(self._count)]
         until_s = self.clock.now_s() + self.patience.listen_s
         off_C = np.full(self._count, self.robot.heater.rigid_setpoint_C)
-        while self.clock.now_s() < until_s - _SAME_TIME_S and min(map(len, heard)) < _MEDIAN_OF:
+        while self.clock.now_s() < until_s - _SAME_TIME_S and min(map(len, heard)) < MEDIAN_OF:
             self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
             heard = [before + new for before, new in zip(heard, self._heard(), strict=True)]
         if any(heard) and not all(heard):
             raise RobotError(f"segment {heard.index([]) + 1} does not report its temperature")
         if all(heard):
+            self._reports, now_s, air_C = True, self.clock.now_s(), self.problem.ambient
             self._segments = [
-                _ReportedSegment(
-                    stiffness_controller(self.robot, self.air_C, j), first_C, self.clock.now_s()
-                )
+                ReportedSegment(self.robot, air_C, j, first_C, now_s)
                 for j, first_C in enumerate(heard)
             ]
+
+    def look_out(self, seen: Callable[[], bool], describe: Callable[[], str]) -> None:
+        """Wait at rest until it is seen.
+
+        Args:
+            seen: Whether it is.
+            describe: What has come in instead, in words.
+
+        Raises:
+            RobotError: If nothing sees it, or the line does not work any more.
+        """
+        until_s = self.clock.now_s() + self.patience.listen_s
+        while not seen():
+            if self.clock.now_s() >= until_s:
+                known = f"no pose within {self.patience.listen_s:g} s"
+                raise RobotError(f"{known}: {describe()}")
+            self.send(_STILL, np.full(self._count, self.robot.heater.rigid_setpoint_C))
+            self.wait(self.camera.period_s)
+            self.read()
 
     def read(self) -> Reading:
         """Return what is known now.
@@ -170,15 +198,14 @@ class SerialRobot:
         """
         now_s, heard = self.clock.now_s(), self._heard()
         for j, segment in enumerate(self._segments):
-            segment.take(heard[j], bool(self._heated[j]), now_s)
+            segment.take(heard[j], bool(self._asked[j]), now_s)
             if (trouble := segment.trouble(now_s, self.patience.silent_s)) is not None:
                 raise RobotError(f"segment {j + 1}: {trouble}")
         taken_s, frames = np.empty(0), np.empty((0, self.robot.coordinates.size))
         if self.poses is not None:
             taken_s, frames = self.poses.frames(now_s)
         known = [(item.temperature_C, item.stiffness, item.faulty) for item in self._segments]
-        unknown = [(math.nan, None, False)] * self._count
-        return Reading(now_s, taken_s, frames, *zip(*(known or unknown), strict=True))
+        return Reading(now_s, taken_s, frames, *zip(*known, strict=True))
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Send a command, unless the robot stands and has just been told the same.
@@ -186,9 +213,13 @@ class SerialRobot:
         The firmware can heat a segment or not: one to be kept warm is not heated.
         """
         soft_C = self.robot.heater.soft_setpoint_C
-        self._heated = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
-        line = firmware_lines.command(wheel_rad_s.tolist(), self._heated, self.robot_id)
         now_s, turned = self.clock.now_s(), self._turns
+        self._asked = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
+        heated = tuple(
+            int(segment.switched(bool(asked), now_s))
+            for segment, asked in zip(self._segments, self._asked, strict=True)
+        )
+        line = firmware_lines.command(wheel_rad_s.tolist(), heated, self.robot.robot_id)
         self._turns = bool(wheel_rad_s.any())
         if not (self._turns and turned):
             self._due_s = now_s
@@ -219,13 +250,15 @@ class SerialRobot:
         """Tell the robot several times to stand and let its heaters cool; an error if none went."""
         failure: PortError | None = None
         sent = 0
-        stop = firmware_lines.stop_command(self._count, self.robot_id)
+        stop = firmware_lines.stop_command(self._count, self.robot.robot_id)
         for _ in range(STOPS):
             try:
                 self.port.write(stop)
                 sent += 1
             except PortError as error:
                 failure = error
+            except Exception as error:  # whatever it is, the next try may get through
+                failure = PortError(f"cannot write ({error})")
             self.clock.sleep(STOP_PAUSE_S)
         return None if sent else failure
 
@@ -242,46 +275,29 @@ class SerialRobot:
         return heard
 
 
-class _ReportedSegment:
-    """One segment, known by the last of its reports."""
+def while_standing(work: Callable[[], Made], rest: Callable[[], None]) -> Made:
+    """Have something computed while the robot is told again and again to stand.
 
-    def __init__(
-        self, controller: StiffnessController, first_C: list[float], time_s: float
-    ) -> None:
-        """Start with the first reports of a segment that has rested."""
-        self._controller, self._recent_C, self._last_s = controller, first_C[-_MEDIAN_OF:], time_s
-        self._state = controller.start(statistics.median(self._recent_C))
+    An interrupt, or trouble with the robot, leaves the computation behind.
 
-    @property
-    def stiffness(self) -> KnownStiffness:
-        """What the controller knows, unless the reading says the opposite: it only ever lags."""
-        known, rule = self._state.stiffness, self._controller.rule
-        frozen = known == "soft" and self.temperature_C < rule.solid_below_C
-        molten = known == "rigid" and self.temperature_C > rule.liquid_above_C
-        return "changing" if frozen or molten else known
+    Args:
+        work: What to compute, in a thread of its own.
+        rest: Lets the robot stand for a moment; raises if it has to be stopped.
+    """
+    made: list[Made] = []
+    failures: list[BaseException] = []
 
-    @property
-    def temperature_C(self) -> float:
-        return self._controller.segment_C(statistics.median(self._recent_C))
+    def compute() -> None:
+        try:
+            made.append(work())
+        except BaseException as error:
+            failures.append(error)
 
-    @property
-    def faulty(self) -> bool:
-        """Whether heating does not warm it."""
-        return self._state.protection == "fault"
-
-    def take(self, readings_C: list[float], heated: bool, time_s: float) -> None:
-        """Take in the reports since the last time, during which it was heated or not."""
-        self._recent_C = [*self._recent_C, *readings_C][-_MEDIAN_OF:]
-        if readings_C and (duration_s := time_s - self._last_s) > 0:
-            setpoint: Stiffness = "soft" if heated else "rigid"
-            measured_C = statistics.median(self._recent_C)
-            self._state, _ = self._controller.step(self._state, setpoint, measured_C, duration_s)
-            self._last_s = time_s
-
-    def trouble(self, time_s: float, silent_s: float) -> str | None:
-        """Why the robot must be stopped now, in words."""
-        if time_s - self._last_s > silent_s:
-            return f"no readable temperature report for {time_s - self._last_s:.0f} s"
-        if self._state.protection == "tripped":
-            return f"too hot, {self.temperature_C:.1f} C"
-        return None
+    thread = threading.Thread(target=compute, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        rest()
+        thread.join(_JOIN_S)
+    if failures:
+        raise failures[0]
+    return made[0]

@@ -1,30 +1,38 @@
-"""A plan sent to a robot over a serial line, without a camera; at the end the robot is off."""
+"""A plan sent to a robot over a serial line; at the end the robot is off, however it ends.
+
+With poses of a camera the plan is tracked, corrected and planned again; without, it is played: by
+temperature reports, or by the clock and the model's heat if the robot reports nothing.
+"""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
+from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.run import Drive
+from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.run_log import RunFile
 from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
-from twosra_mpc.execution.serial.clock import Clock
+from twosra_mpc.execution.serial.clock import Clock, SteppedClock
+from twosra_mpc.execution.serial.interrupts import deferred_interrupts
 from twosra_mpc.execution.serial.port import Port
-from twosra_mpc.execution.serial.robot import RATE_HZ, connected
+from twosra_mpc.execution.serial.pose_lines import PoseLines
+from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected, while_standing
 from twosra_mpc.execution.session import Session
-from twosra_mpc.execution.settings import Patience
+from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.plans.plan import Plan, Status
 
 
 class Confirm(enum.StrEnum):
     """When the phases of a stream begin."""
 
-    IF_REPORTED = "if-reported"  # by temperature reports if there are any, else by time
     REQUIRED = "required"  # by temperature reports, or not at all
-    NEVER = "never"  # at the plan's times
+    NEVER = "never"  # at the plan's times; heaters by the model
 
 
 class StreamError(TwosraError):
@@ -50,13 +58,18 @@ class StreamState(NamedTuple):
         time_s: Since the stream began.
         during: Which phase it is in, or waits for.
         known: What is known about the segments, in words; empty while it listens for that.
-        reported: Whether the robot reports temperatures; None while that is not known.
     """
 
     time_s: float
     during: str
     known: str = ""
-    reported: bool | None = None
+
+
+class SentLine(NamedTuple):
+    """A line to the robot, and when it is sent, from the beginning [s]."""
+
+    time_s: float
+    line: str
 
 
 def stream(
@@ -65,66 +78,64 @@ def stream(
     clock: Clock,
     *,
     rate_Hz: float = RATE_HZ,
-    robot_id: int | None = None,
-    confirm: Confirm = Confirm.IF_REPORTED,
+    confirm: Confirm = Confirm.REQUIRED,
+    poses: PoseLines | None = None,
+    log: Path | None = None,
     patience: Patience | None = None,
     on_state: Callable[[StreamState], None] = lambda state: None,
-) -> tuple[Drive, ...]:
-    """Send a plan to a robot and return the phases as they were driven.
+) -> Run:
+    """Send a plan to a robot and return what happened.
 
     The robot stands, heaters off, when this returns or raises; only a line that is dead prevents
-    it, and then the error says so. Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt.
+    it, and then the error says so. Ctrl-C, SIGTERM and their relatives raise KeyboardInterrupt.
 
     Args:
         plan: A plan that is verified, here once more.
         port: The line to the robot.
         clock: Time.
-        rate_Hz: Commands per second while driving.
-        robot_id: Number of the robot, if the firmware expects one.
+        rate_Hz: Commands per second while driving; with ``poses`` the camera's rate counts.
         confirm: When phases begin.
+        poses: What sees the robot; without, it is driven blind.
+        log: File for the run, written while it goes on and at every ending.
         patience: How long to wait for what.
         on_state: Called with every command.
 
     Raises:
         NoPlanError: If the plan is not verified.
-        InputError: If the line cannot carry the plan or the rate.
+        InputError: If the line cannot carry the plan or the rate, the plan cannot be sent without
+            reports, or poses are to be followed without them.
         StreamError: If the stream ended before the plan did.
     """
+    check_sendable(plan, confirm)
+    if poses is not None and confirm is Confirm.NEVER:
+        allowed = "required: a robot that is followed by a camera begins its phases by reports"
+        raise InputError("confirm", str(confirm), allowed)
+    chosen = rate_Hz, confirm, poses, patience or Patience()
+    return _Stream(plan, clock, on_state, log).run(port, *chosen)
+
+
+def preview(plan: Plan, rate_Hz: float = RATE_HZ) -> list[SentLine]:
+    """Return what would be sent to a robot that reports nothing; takes no time.
+
+    Raises:
+        NoPlanError: If the plan is not verified.
+        InputError: If the line cannot carry the plan or the rate.
+    """
     check_sendable(plan)
-    patience, during = patience or Patience(), "before the plan began"
-
-    def tell(session: Session) -> None:
-        nonlocal during
-        during, reading, reported = session.during, session.reading, robot.reports
-        words = ", ".join(map(reading.describe, range(len(reading.stiffness))))
-        known = words if reported else "by the plan's times"
-        on_state(StreamState(clock.now_s(), during, known, reported))
-
-    try:
-        with connected(
-            plan.problem, port, clock, rate_Hz=rate_Hz, robot_id=robot_id, patience=patience
-        ) as robot:
-            if confirm is not Confirm.NEVER:
-                on_state(StreamState(clock.now_s(), "listening for temperatures"))
-                robot.listen()
-            if confirm is Confirm.REQUIRED and not robot.reports:
-                raise RobotError(f"no temperature report within {patience.listen_s:g} s")
-            session = Session(robot, plan.problem, tell)
-            feedback = ByReports() if robot.reports else ByClock()
-            runner = PlanRunner(session, plan, feedback, patience)
-            if (left := runner.follow()) is not None:
-                raise RobotError(left.text)
-    except RobotError as error:
-        raise StreamError(clock.now_s(), during, str(error)) from error
-    return tuple(runner.driven)
+    clock = SteppedClock()
+    line = Recorder(clock)
+    chosen = rate_Hz, Confirm.NEVER, None, Patience()
+    _Stream(plan, clock, lambda state: None, None).run(line, *chosen)
+    return line.sent
 
 
-def check_sendable(plan: Plan) -> None:
-    """Check that a plan may be sent.
+def check_sendable(plan: Plan, confirm: Confirm | None = None) -> None:
+    """Check that a plan may be sent, so confirmed.
 
     Raises:
         NoPlanError: If it does not pass the check again.
-        InputError: If it keeps a segment warm, which the firmware's commands cannot say.
+        InputError: If it keeps a segment warm, which the firmware's commands cannot say; or if
+            nothing is to confirm its transitions, and it reserves no time for slow ones.
     """
     if not (checked := verify(plan.trajectory)).ok:
         raise NoPlanError(Status.FAILED, f"verified again, {checked.problems[0]}")
@@ -132,3 +143,99 @@ def check_sendable(plan: Plan) -> None:
     if ((setpoint_C > heater.rigid_setpoint_C) & (setpoint_C < heater.soft_setpoint_C)).any():
         allowed = "another: the firmware can heat a segment or not, but not keep it warm"
         raise InputError("heating", plan.problem.heating, allowed)
+    reserved = plan.problem.transition_quantile is not None or not plan.transitions
+    if confirm is Confirm.NEVER and not reserved:
+        allowed = (
+            "a share such as 0.9 in the scenario: where nothing confirms that a segment is soft or"
+            " rigid, the plan must wait for those that melt and freeze slowly; or --confirm"
+            " required, with a robot that reports"
+        )
+        raise InputError("transition_quantile", None, allowed)
+
+
+class Recorder:
+    """A line to nowhere that keeps what is sent."""
+
+    def __init__(self, clock: SteppedClock) -> None:
+        """Nothing is sent yet."""
+        self._clock, self.sent = clock, list[SentLine]()
+
+    def write(self, data: bytes) -> None:
+        """Keep a line."""
+        self.sent.append(SentLine(self._clock.now_s(), data.decode("ascii")))
+
+    def read_lines(self) -> list[bytes]:
+        """Nothing ever comes back."""
+        return []
+
+
+class _Stream:
+    """One stream on its way."""
+
+    def __init__(
+        self, plan: Plan, clock: Clock, on_state: Callable[[StreamState], None], log: Path | None
+    ) -> None:
+        self.plan, self.clock, self.on_state = plan, clock, on_state
+        self.during = "before the plan began"
+        self.file = None if log is None else RunFile(log, plan)
+
+    def run(
+        self,
+        port: Port,
+        rate_Hz: float,
+        confirm: Confirm,
+        poses: PoseLines | None,
+        patience: Patience,
+    ) -> Run:
+        at = self.plan.problem, port, self.clock
+        with deferred_interrupts():  # none while the log is written
+            try:
+                with connected(*at, rate_Hz=rate_Hz, poses=poses, patience=patience) as robot:
+                    if confirm is Confirm.REQUIRED:
+                        self._listen(robot)
+                    run = self._played(robot) if poses is None else self._tracked(robot, poses)
+            except BaseException as error:
+                if self.file is not None:
+                    words = "interrupted" if isinstance(error, KeyboardInterrupt) else error
+                    self.file.end(f"{self.during}: {words}")
+                if isinstance(error, RobotError):
+                    raise StreamError(self.clock.now_s(), self.during, str(error)) from error
+                raise
+            if self.file is not None:
+                self.file.save(run)
+        return run
+
+    def _listen(self, robot: SerialRobot) -> None:
+        self.on_state(StreamState(self.clock.now_s(), "listening for temperatures"))
+        robot.listen()
+        if not robot.reports:
+            raise RobotError(f"no temperature report within {robot.patience.listen_s:g} s")
+
+    def _played(self, robot: SerialRobot) -> Run:
+        """Send the plan as it is."""
+        session = Session(robot, self.plan.problem, self._tell)
+        feedback = ByReports() if robot.reports else ByClock()
+        runner = PlanRunner(session, self.plan, feedback, robot.patience)
+        if (left := runner.follow()) is not None:
+            raise RobotError(left.text)
+        begun = (runner.schedule.begun(runner.progress),)
+        reason = "the plan was sent to its end"
+        return session.finish("stream", Ending.LOGGED, reason, (self.plan,), begun)
+
+    def _tracked(self, robot: SerialRobot, poses: PoseLines) -> Run:
+        """Follow the plan by what is seen, to its goal."""
+        robot.look_out(lambda: poses.taken > 0, poses.describe)
+        settings = ExecutorSettings(
+            patience=robot.patience, dead_zone_rad_s=robot.robot.limits.wheel_speed_min_rad_s
+        )
+        return Executor(robot, settings, self._tell, while_standing).run(self.plan)
+
+    def _tell(self, session: Session) -> None:
+        """Note a command."""
+        self.during, reading = session.during, session.reading
+        reported = None not in reading.stiffness
+        words = ", ".join(map(reading.describe, range(len(reading.stiffness))))
+        known = words if reported else "by the plan's times"
+        if self.file is not None:
+            self.file.note(session)
+        self.on_state(StreamState(self.clock.now_s(), self.during, known))

@@ -1,8 +1,9 @@
 """How a real robot differs from its model, in four levels with the sources of their numbers.
 
-Except slip and rounding, numbers are standard deviations about the model; pivot, slide and unequal
-bending are drawn once for each soft mode, the others once a run. Thermal parameters are drawn from
-the ranges in the robot file (5 % and 95 % values).
+Pairs are ranges to draw from, evenly; other numbers are standard deviations about the model, except
+slip, rounding and ``split``, which is the largest. Pivot, slide, unequal bending and the share of
+the bend are drawn once for each soft mode, the others once a run. Thermal parameters are drawn from
+the ranges in the robot file (5 % and 95 % values). ``twosra replay`` makes the numbers from logs.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ class Disturbance:
         slip_spread: Standard deviation of that share between wheels.
         slip_noise: Standard deviation of that share from frame to frame.
         dead_zone_rad_s: Slower wheel commands do not turn a wheel.
-        pivot_rad_per_rad: Turn of the unit that should hold, per bending angle.
+        motor_lag_s: Time constant of the wheels' motors.
+        pivot_rad_per_rad: Turn of the unit that should hold, per bending angle of the other.
         slide_m_per_rad: Sideways shift of the robot, per bending angle.
-        split: Unequal bending of soft segments, relative to their mean.
+        split: Unequal bending of soft segments, relative to their mean, at most.
+        bend_share: Share of the commanded bending rate that is reached.
         lengths: Relative errors of the geometry's lengths.
         thermal_ranges: Width of the thermal parameters' ranges, 1: as in the robot file.
         thermistor: Relative errors of the thermistor and its resistor.
@@ -37,9 +40,11 @@ class Disturbance:
     slip_spread: float = 0.0
     slip_noise: float = 0.0
     dead_zone_rad_s: float = 0.0
-    pivot_rad_per_rad: float = 0.0
+    motor_lag_s: float = 0.0
+    pivot_rad_per_rad: tuple[float, float] = (0.0, 0.0)
     slide_m_per_rad: float = 0.0
     split: float = 0.0
+    bend_share: tuple[float, float] = (1.0, 1.0)
     lengths: float = 0.0
     thermal_ranges: float = 0.0
     thermistor: float = 0.0
@@ -61,9 +66,15 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "slip_spread": (0.01, 0.03, 0.06),  # the same
     "slip_noise": (0.02, 0.05, 0.10),  # the same
     "dead_zone_rad_s": (0.05, 0.2, 0.5),  # assumed: 0.5 to 5 % of the largest command
-    "pivot_rad_per_rad": (0.05, 0.15, 0.36),  # experiment 3_2: the held unit turned 0.36 a radian
+    "motor_lag_s": (0.1, 0.1, 0.1),  # follow-up robot's motor log: settled in 0.2 to 0.35 s
+    # Nine stability logs: 0.7 to 2.4, median 1.1. Mild: up to half of the least; moderate: the
+    # milder half.
+    "pivot_rad_per_rad": ((0.0, 0.35), (0.7, 1.1), (0.7, 2.4)),
     "slide_m_per_rad": (0.002, 0.008, 0.048),  # experiment 6: b0 moved 48 mm sideways a radian
-    "split": (0.005, 0.02, 0.10),  # experiments 1 and 3: 44 % and 1 %
+    "split": (0.01, 0.10, 0.44),  # the three trials in mode [1,1]: 1, 10 and 44 %
+    # Stability logs: 0.1 to 0.3 of a run's bend, up to 1 in its best second. Moderate: from the
+    # best of the runs on.
+    "bend_share": ((0.7, 1.0), (0.3, 1.0), (0.1, 1.0)),
     "lengths": (0.005, 0.01, 0.02),  # assumed: measuring 40 mm to 0.2 to 0.8 mm
     "thermal_ranges": (0.5, 1.0, 1.0),  # half of the ranges in the robot file, or all
     "thermistor": (0.005, 0.01, 0.02),  # parts of 1 % are the ones that are sold

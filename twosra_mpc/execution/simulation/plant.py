@@ -6,6 +6,7 @@ of camera, sensors and wheels comes from another stream of the same seed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
@@ -28,6 +29,7 @@ from twosra_mpc.thermal.uncertainty import Ranges, drawn
 
 AS_PLANNED = "as-planned"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
+_AT_REST_RAD_S = 1e-3  # a motor that runs down to this stands
 _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
 
 
@@ -105,12 +107,13 @@ class SimulatedRobot:
         modes = all_modes(problem.robot.coordinates.segments)[1:]
         by_number = sorted(modes, key=lambda mode: (sum(mode), mode[::-1]))  # [1,0] first
         self._drift = {mode: _drift(what, drawn) for mode in by_number}
+        self._bends = {mode: drawn.uniform(*what.bend_share) for mode in by_number}
         self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
         self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
         self.q = problem.start.configuration.copy()
-        self._wheels = np.zeros(WHEELS)
+        self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
         self._on_the_way: list[tuple[int, Array]] = []
@@ -141,17 +144,17 @@ class SimulatedRobot:
         """Set wheels and heaters; wheels that are told to turn too fast turn at their limit."""
         most = self.robot.limits.wheel_speed_rad_s
         told = np.clip(wheel_rad_s, -most, most)
-        self._wheels = np.where(np.abs(told) < self._disturbance.dead_zone_rad_s, 0.0, told)
+        self._told_rad_s = np.where(np.abs(told) < self._disturbance.dead_zone_rad_s, 0.0, told)
         self._setpoint_C = heater_setpoint_C.tolist()
 
     def wait(self, at_most_s: float) -> None:
         """Let whole camera periods pass, at least one, until a segment reports a new stiffness."""
         left = max(1, round(at_most_s * self.camera.rate_Hz))
-        moving = bool(self._wheels.any())
-        most = 1 if moving else max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))
+        still = max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))
         before = [segment.stiffness for segment in self.segments]
         while left > 0 and before == [segment.stiffness for segment in self.segments]:
-            ticks = min(left, most)
+            moving = bool(self._told_rad_s.any() or self._turning_rad_s.any())
+            ticks = 1 if moving else min(left, still)
             if moving:
                 self._roll()
             for segment, setpoint_C in zip(self.segments, self._setpoint_C, strict=True):
@@ -177,10 +180,18 @@ class SimulatedRobot:
         """Turn the wheels for one period; metal that is changing does not bend yet."""
         period_s, what = self.camera.period_s, self._disturbance
         grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(WHEELS))
-        drift = self._drift.get(self.mode, Drift())
+        drift, share = self._drift.get(self.mode, Drift()), self._bends.get(self.mode, 1.0)
         flow = rolling(self._true, self.mode)
-        self.q = flow(self.q, self._wheels * grip * period_s, drift).full().ravel()
+        self.q = flow(self.q, self._turned(period_s) * grip * share, drift).full().ravel()
         self._forced += any(0 < segment.melt_fraction < 1 for segment in self.segments)
+
+    def _turned(self, period_s: float) -> Array:
+        """How far the motors turn in a period, (4,) [rad]: each goes to its command with a lag."""
+        lag_s, told = self._disturbance.motor_lag_s, self._told_rad_s
+        behind = self._turning_rad_s - told
+        left = behind * math.exp(-period_s / lag_s) if lag_s > 0 else np.zeros(WHEELS)
+        self._turning_rad_s = np.where(np.abs(told + left) < _AT_REST_RAD_S, 0.0, told + left)
+        return told * period_s + lag_s * (behind - left)
 
     def _photograph(self, ticks: int) -> None:
         """Take a frame at each of the last ``ticks`` periods, during which the robot rested."""
@@ -282,5 +293,6 @@ def true_sensor(
 
 
 def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
-    pivot, slide, split = drawn.standard_normal(3).tolist()
-    return Drift(what.pivot_rad_per_rad * pivot, what.slide_m_per_rad * slide, what.split * split)
+    slide_m = what.slide_m_per_rad * drawn.standard_normal()
+    split = drawn.uniform(-what.split, what.split)
+    return Drift(drawn.uniform(*what.pivot_rad_per_rad), slide_m, split)

@@ -41,7 +41,7 @@ class TrackerWeights(Value):
     position_m: Positive = 0.005
     heading_rad: Positive = 0.05
     curvature_per_m: Positive = 2.0
-    response_s: Positive = 0.3
+    response_s: Positive = 1.0
     curvature_penalty: Positive = 100.0
 
 
@@ -49,12 +49,15 @@ class TrackerLimits(Value):
     """Limits of the drives, and how far from the plan the prediction starts at most.
 
     Attributes:
-        wheel_rate_rad_s2: Largest change of a wheel command per second; stopping is exempt.
+        wheel_rate_rad_s2: Largest change of a wheel command per second, for a robot whose file has
+            no ``wheel_acceleration_rad_s2``; stopping is exempt.
         dead_zone_rad_s: Smallest wheel command that turns a wheel. A smaller one is sent as zero or
             as this, whichever is nearer, as far as the rate limit lets it.
         deviation_m: Larger deviations of x and y are taken as this: the wheels run at their limit
             anyway, and the linearised limits hold near the plan.
         deviation_rad: The same for the heading.
+        deviation_soft_rad: The same in soft modes: a heading that a rigid drive can correct must
+            not use up the speed that is there for bending.
         deviation_per_m: The same for a curvature.
     """
 
@@ -62,6 +65,7 @@ class TrackerLimits(Value):
     dead_zone_rad_s: NonNegative = 0.0
     deviation_m: Positive = 0.05
     deviation_rad: Positive = 0.5
+    deviation_soft_rad: Positive = 0.1
     deviation_per_m: Positive = 20.0
 
 
@@ -76,7 +80,7 @@ class SolverSettings(Value):
     """
 
     tolerance: Positive = 3e-4
-    max_iterations: Annotated[int, Field(ge=1)] = 100
+    max_iterations: Annotated[int, Field(ge=1)] = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +157,8 @@ class Setup:
     def largest_deviation(self) -> Array:
         """Deviation of each output at which a prediction starts at most, (m,)."""
         limits = self.limits
-        return self._of_outputs(limits.deviation_m, limits.deviation_rad, limits.deviation_per_m)
+        turn_rad = limits.deviation_rad if is_rigid(self.mode) else limits.deviation_soft_rad
+        return self._of_outputs(limits.deviation_m, turn_rad, limits.deviation_per_m)
 
     def _of_outputs(self, position: float, heading: float, curvature: float) -> Array:
         each = self.coordinates.each(position, heading, curvature)
@@ -178,4 +183,5 @@ class Setup:
     @property
     def wheel_change(self) -> float:
         """Largest change of a wheel command from one period to the next [rad/s]."""
-        return self.limits.wheel_rate_rad_s2 * self.period_s
+        own = self.body.limits.wheel_acceleration_rad_s2
+        return (own or self.limits.wheel_rate_rad_s2) * self.period_s

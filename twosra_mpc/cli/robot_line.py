@@ -1,0 +1,64 @@
+"""What ``stream`` and ``jog`` share: options of the line to a robot, and its ending in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+import click
+
+from twosra_mpc.cli.output import EXIT_NO_PLAN
+from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.execution.serial.port import Port, open_serial_port
+from twosra_mpc.execution.serial.stream import SentLine
+from twosra_mpc.robot.description import Robot
+
+PORT = click.option("--port", help="Serial port of the robot, e.g. /dev/ttyUSB0 or COM3.")
+DRY_RUN = click.option("--dry-run", is_flag=True, help="Print times and lines; needs no port.")
+ROBOT_ID = click.option(
+    "--robot-id",
+    type=click.IntRange(min=0),
+    help="Sent at the end of each line, instead of the robot file's.",
+)
+
+
+def check_line(port: str | None, dry_run: bool) -> None:
+    """Refuse a line to a robot together with a dry run, and neither of them.
+
+    Raises:
+        InputError: If so.
+    """
+    if (port is None) != dry_run:
+        given = "both" if dry_run else "neither"
+        raise InputError("port or dry-run", given, "a --port, or --dry-run without one")
+
+
+def numbered(robot: Robot, robot_id: int | None) -> Robot:
+    """The robot, with another number if there is one."""
+    return robot if robot_id is None else robot.with_values(robot_id=robot_id)
+
+
+def show_lines(sent: list[SentLine]) -> None:
+    """Print what would be sent, and when."""
+    shown = [f"{time_s:10.3f}  {line}".replace("\n", "\\n") for time_s, line in sent]
+    click.echo("\n".join(shown))
+
+
+@contextmanager
+def opened_line(name: str) -> Iterator[Port]:
+    """Open the line to a robot, and close it at the end of the block."""
+    with closing(open_serial_port(name)) as port:
+        yield port
+
+
+def told_ending(drive: Callable[[], int]) -> int:
+    """Drive, and say in words what ended that early; returns the exit code."""
+    try:
+        return drive()
+    except InputError:
+        raise
+    except TwosraError as error:
+        click.echo(f"twosra: {error}", err=True)
+    except KeyboardInterrupt:
+        click.echo("twosra: interrupted; wheels and heaters are off", err=True)
+    return EXIT_NO_PLAN

@@ -1,0 +1,118 @@
+"""Runs as files: written so that an ending of any kind leaves one, and read back."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.execution.run import (
+    FORMAT,
+    FORMAT_VERSION,
+    Change,
+    Drive,
+    Ending,
+    Run,
+    RunEvent,
+    RunLog,
+)
+from twosra_mpc.execution.session import Session
+from twosra_mpc.files import read_document, write_json
+from twosra_mpc.plans.document import plan_within
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.description import Robot
+
+SAVED_EVERY_S = 10.0  # of a run under way, whenever it stands: a power cut costs no more
+_SHARE = 0.02  # of the time, at most, is spent on that
+
+
+class RunFile:
+    """The file of a run under way: whole at any time, and never older than a few seconds.
+
+    It is replaced when the robot stands and the last one is `SAVED_EVERY_S` old, and at the end.
+    """
+
+    def __init__(self, path: Path, plan: Plan) -> None:
+        """Nothing is written yet.
+
+        Args:
+            path: The file.
+            plan: What is carried out.
+        """
+        self.path, self._plan = path, plan
+        self._session: Session | None = None
+        self._due_s = time.monotonic() + SAVED_EVERY_S
+
+    def note(self, session: Session) -> None:
+        """Look at a run after each of its commands."""
+        self._session = session
+        if session.stands and (begun_s := time.monotonic()) >= self._due_s:
+            self.end("the run was still under way")
+            took_s = time.monotonic() - begun_s
+            self._due_s = begun_s + max(SAVED_EVERY_S, took_s / _SHARE)
+
+    def end(self, reason: str) -> None:
+        """Write down a run that ended so, if it has begun."""
+        if self._session is not None:
+            judged = Ending.LOGGED, reason, (self._plan,)
+            self.save(self._session.so_far("stream", *judged))
+
+    def save(self, run: Run) -> None:
+        """Write a run that has come to its own end."""
+        write_json(self.path, run.to_dict())
+
+
+def load_run(path: str | Path) -> Run:
+    """Read a run back that was saved, by `RunFile` or from ``Run.to_dict``.
+
+    Raises:
+        InputError: If the file is no run of this version, or does not fit together.
+    """
+    source = str(path)
+    document = read_document(Path(path), source)
+    found = document.get("format"), document.get("version")
+    if found != (FORMAT, FORMAT_VERSION):
+        raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", source)
+    try:
+        return _run(document, source)
+    except InputError as error:
+        raise error.within("", source) from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError("run", str(error), "values that fit together", source) from error
+
+
+def _run(data: dict[str, Any], source: str) -> Run:
+    robot = Robot.parse(data["robot"], f"{source} (robot)")
+    return Run(
+        problem=Problem.parse({**data["scenario"], "robot": robot}, f"{source} (scenario)"),
+        executor=data["executor"],
+        plans=tuple(plan_within(each, data["robot"], source) for each in data["plans"]),
+        ending=Ending(data["ending"]),
+        reason=data["reason"],
+        error=np.array(data["error"], dtype=float),
+        replans=data["replans"],
+        corrections=data["corrections"],
+        begun=tuple(data["begun"]),
+        changes=tuple(Change(**each) for each in data["changes"]),
+        drives=tuple(Drive(**{**each, "mode": tuple(each["mode"])}) for each in data["drives"]),
+        events=tuple(RunEvent(**each) for each in data["events"]),
+        log=_log(data["log"]),
+    )
+
+
+def _log(columns: dict[str, Any]) -> RunLog:
+    arrays: dict[str, Array] = {
+        item.name: np.array(columns[item.name], dtype=float)  # None becomes NaN
+        for item in fields(RunLog)
+        if item.name != "mode" or "mode" in columns
+    }
+    arrays.setdefault("mode", np.full_like(arrays["stiffness"], np.nan))  # younger than version 1
+    if len({len(column) for column in arrays.values()}) != 1:
+        raise ValueError("the columns of the log differ in length")
+    return RunLog(**arrays)

@@ -1,0 +1,240 @@
+"""Logs of motion: what was commanded, and what a camera saw; the two formats of the authors.
+
+- Trials: columns x, y, angle, k1 ... kn (measured), v1, v2, u0, v0, r0 (inputs), s1 ... sn (mode)
+  and time, in SI units; the model's state, where logged too, is ignored. ``export plan.csv`` writes
+  the same columns.
+- Wheels: columns ``time stamp``, ``LU1 x``, ``LU1 y``, ``LU1 th`` and the same of LU2: poses of
+  both units in an image [mm, degrees], y down; the wheel speeds, constant, are not in the file.
+
+Times are seconds, or times of day to a second: the rows of a second are then spread over it.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import read_text
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
+
+LEAST_ROWS = 3
+LONGEST_STEP_S = 30.0  # a longer one ends a phase: the robot waits for its metal
+
+_V = ("v1", "v2", "u0", "v0", "r0")
+_UNITS = tuple(f"LU{unit} {name}" for unit in (1, 2) for name in ("x", "y", "th"))
+_NAMED = re.compile(r"s(\d)_v(\d)_(-?\d+(?:\.\d+)?)$")  # segment, wheel and its speed [rad/s]
+_SMOOTHED = 9  # rows, about half a second: headings of a unit jump by 0.2 rad from frame to frame
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLog:
+    """A checked log of n rows; arrays read-only.
+
+    Attributes:
+        source: Name of the file.
+        time_s: Time of each row since the first, increasing, (rows,).
+        q: Configuration measured [m, m, rad, 1/m ...], heading without jumps, (rows, 3 + n).
+        mode: Mode in each row, (rows, n).
+        commands: What was commanded from each row to the next: inputs [v1, v2 m/s, u0, v0 m/s,
+            r0 rad/s], (rows, 5), or wheel speeds [rad/s], (rows, 4).
+    """
+
+    source: str
+    time_s: Array
+    q: Array
+    mode: NDArray[np.int_]
+    commands: Array
+
+    def __post_init__(self) -> None:
+        for values in (self.time_s, self.q, self.mode, self.commands):
+            values.setflags(write=False)
+
+    @property
+    def by_wheels(self) -> bool:
+        """Whether wheel speeds are known, not inputs."""
+        return bool(self.commands.shape[1] == WHEELS)
+
+    @property
+    def phases(self) -> list[slice]:
+        """Rows of one mode without a long pause between them, at least two."""
+        switches = np.diff(self.mode, axis=0).any(axis=1) | (np.diff(self.time_s) > LONGEST_STEP_S)
+        edges = [0, *(np.flatnonzero(switches) + 1).tolist(), len(self.time_s)]
+        return [slice(first, end) for first, end in itertools.pairwise(edges) if end - first > 1]
+
+
+def read_motion_log(
+    path: str | Path,
+    robot: Robot,
+    *,
+    wheel_rad_s: Sequence[float] | None = None,
+    mode: Mode | None = None,
+) -> MotionLog:
+    """Read a CSV file in one of the two formats.
+
+    Args:
+        path: The file.
+        robot: The robot that was driven.
+        wheel_rad_s: Speeds of the four wheels, for a log of wheels; default: by the file's name,
+            ``s1_v1_6.csv`` if segment 1 is soft and wheel 1 turns at 6 rad/s.
+        mode: Mode of such a log; default: by the file's name.
+
+    Raises:
+        InputError: If the file cannot be read or is no such log, naming column and row, or what
+            was driven is not known.
+    """
+    source = str(path)
+    rows = csv.reader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
+    names = [name.strip() for name in next(rows, [])]
+    segments = robot.coordinates.segments
+    curvatures, stiffness = ([f"{letter}{j + 1}" for j in range(segments)] for letter in "ks")
+    trial = ("x", "y", "angle", *curvatures, *_V, *stiffness)
+    wheels = "LU1 x" in names
+    clock, wanted = ("time stamp", _UNITS) if wheels else ("time", trial)
+    for name in (clock, *wanted):
+        if names.count(name) != 1:
+            allowed = f"one each of the columns {', '.join((clock, *wanted))}"
+            given = "missing" if name not in names else "given twice"
+            raise InputError(f"column {name}", given, allowed, source)
+    table = [row for row in rows if any(cell.strip() for cell in row)]
+    if len(table) < LEAST_ROWS:
+        raise InputError("rows", len(table), f"at least {LEAST_ROWS} below the heading", source)
+    values = np.array([_column(table, names.index(name), name, source) for name in wanted]).T
+    time_s = _times([_cell(row, names.index(clock)).strip() for row in table], clock, source)
+    if not wheels:
+        bits = values[:, -segments:]
+        for row, column in np.argwhere((bits != 0) & (bits != 1)).tolist():
+            field = f"s{column + 1}, row {row + 1}"
+            raise InputError(field, float(bits[row, column]), "0, rigid, or 1, soft", source)
+        q, v = values[:, : POSE + segments], values[:, POSE + segments : -segments]
+        q[:, 2] = np.unwrap(q[:, 2])
+        return MotionLog(source, time_s, q, bits.astype(int), v)
+    speeds, driven = _what_was_driven(Path(path), robot, wheel_rad_s, mode)
+    q = _configurations(robot, _found(values, source), driven)
+    tiled = [np.tile(each, (len(table), 1)) for each in (np.array(driven), speeds)]
+    return MotionLog(source, time_s, q, *tiled)
+
+
+def _cell(row: list[str], column: int) -> str:
+    return row[column] if column < len(row) else ""
+
+
+def _column(table: list[list[str]], column: int, name: str, source: str) -> list[float]:
+    numbers = []
+    for number, row in enumerate(table, 1):
+        text = _cell(row, column)
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise InputError(f"{name}, row {number}", text, "a finite number", source)
+        numbers.append(value)
+    return numbers
+
+
+def _times(texts: list[str], name: str, source: str) -> Array:
+    """Times since the first row; those of day to a second are spread (see the module)."""
+    seconds = []
+    for number, text in enumerate(texts, 1):
+        try:
+            parts = [float(part) for part in text.split(":")]
+        except ValueError:
+            parts = []
+        if len(parts) not in (1, 3) or not np.isfinite(parts).all():
+            allowed = "a time of day, hh:mm:ss, or a number of seconds"
+            raise InputError(f"{name}, row {number}", text, allowed, source)
+        seconds.append(sum(part * 60.0**k for k, part in enumerate(reversed(parts))))
+    time_s = np.array(seconds)
+    if ":" in texts[0]:
+        time_s = np.unwrap(time_s, period=86400.0)  # midnight
+    back = np.flatnonzero(np.diff(time_s) < 0)
+    if len(back):
+        row = int(back[0]) + 1
+        allowed = f"not before the row above it, {texts[row - 1]}"
+        raise InputError(f"{name}, row {row + 1}", texts[row], allowed, source)
+    return _spread(time_s) if ":" in texts[0] else time_s - time_s[0]
+
+
+def _spread(time_s: Array) -> Array:
+    """Rows of a second evenly within it; in the first and the last of a phase, as close as usual.
+
+    The clock is cut to a second, so a phase's first rows are the last ones of theirs.
+    """
+    stamps, first, count = np.unique(time_s, return_index=True, return_counts=True)
+    begins = np.append(True, np.diff(stamps) > LONGEST_STEP_S)
+    ends = np.append(begins[1:], True)
+    inner = count[~begins & ~ends]
+    usual = float(np.median(inner)) if len(inner) else float(count.max())
+    placed = np.empty_like(time_s)
+    for stamp, at, rows, begin, end in zip(stamps, first, count, begins, ends, strict=True):
+        each = 1.0 / max(rows, usual) if begin or end else 1.0 / rows
+        shift = 1.0 - rows * each if begin and not end else 0.0
+        placed[at : at + rows] = stamp + shift + each * np.arange(rows)
+    since: Array = placed - placed[0]
+    return since
+
+
+def _found(values: Array, source: str) -> Array:
+    """Poses (rows, 6) with lost frames, all zeros, filled in linearly, and smoothed."""
+    here = np.arange(len(values))
+    poses = np.empty_like(values)
+    for unit in (slice(0, 3), slice(3, 6)):
+        seen = values[:, unit].any(axis=1)
+        if np.count_nonzero(seen) < LEAST_ROWS:
+            name = f"LU{1 + unit.start // 3}"
+            raise InputError(name, "never seen", f"in at least {LEAST_ROWS} frames", source)
+        known = values[seen, unit]
+        known[:, 2] = np.degrees(np.unwrap(np.radians(known[:, 2])))
+        for column in range(3):
+            filled = np.interp(here, here[seen], known[:, column])
+            poses[:, unit.start + column] = median_filter(filled, _SMOOTHED, mode="nearest")
+    return poses
+
+
+def _what_was_driven(
+    path: Path, robot: Robot, wheel_rad_s: Sequence[float] | None, mode: Mode | None
+) -> tuple[Array, Mode]:
+    """Wheel speeds (4,) and mode of a log that has neither."""
+    segments, named = robot.coordinates.segments, _NAMED.fullmatch(path.stem)
+    if named and wheel_rad_s is None and 1 <= int(named[2]) <= WHEELS:
+        wheel_rad_s = np.eye(WHEELS)[int(named[2]) - 1] * float(named[3])
+    if named and mode is None:
+        mode = tuple(int(j + 1 == int(named[1])) for j in range(segments))
+    if wheel_rad_s is None or len(wheel_rad_s) != WHEELS or not np.isfinite(wheel_rad_s).all():
+        allowed = "four wheel speeds [rad/s], given or by the file's name, as in s1_v1_6.csv"
+        raise InputError("wheel_rad_s", wheel_rad_s, allowed, str(path))
+    if mode is None or len(mode) != segments or not set(mode) <= {0, 1} or is_rigid(mode):
+        allowed = f"{segments} of 0 and 1, at least one of them 1, or by the file's name"
+        raise InputError("mode", mode, allowed, str(path))
+    return np.array(wheel_rad_s, dtype=float), mode
+
+
+def _configurations(robot: Robot, poses: Array, mode: Mode) -> Array:
+    """Configurations (rows, 3 + n) by poses of the units (rows, 6), rigid segments straight."""
+    centres = 1e-3 * poses.reshape(-1, 2, 3)[..., :2] * (1, -1)  # an image's y axis points down
+    headings = -np.unwrap(np.radians(poses[:, [2, 5]]), axis=0)
+    soft = list(soft_segments(mode))
+    q = np.zeros((len(poses), robot.coordinates.size))
+    bend = headings[:, 1] - headings[:, 0]
+    bend -= math.tau * np.round(bend[0] / math.tau)
+    length_m = sum(robot.geometry.lengths_m[j] for j in soft)
+    q[:, [POSE + j for j in soft]] = bend[:, None] / length_m
+    shape = robot_shape(robot.geometry, q, 2)  # b0 at the origin, along x
+    q[:, 2] = headings[:, 1] - np.unwrap(shape.ends[:, 1, 2])
+    c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+    x, y = shape.centres.mean(axis=1).T
+    q[:, :2] = centres.mean(axis=1) - np.column_stack([c * x - s * y, s * x + c * y])
+    return q
