@@ -147,9 +147,9 @@ def test_ends_outside_are_named() -> None:
         plan(load_problem("paper-1", workspace=wrong))
     goal = points(free("paper-1"), free("paper-1").problem.goal.configuration[None])
     ends = [float(shape[:, 1].max()), float(goal[..., 1].max())]  # the start lies lower
-    wrong = {"y_m": [-9.0, ends[1] - 0.05]}
-    assert ends[0] < ends[1] - 0.05
-    with pytest.raises(InputError, match=r"goal = .*50\.0 mm outside"):
+    wrong = {"y_m": [-9.0, ends[1] - 0.02]}
+    assert ends[0] < ends[1] - 0.02
+    with pytest.raises(InputError, match=r"goal = .*20\.0 mm outside"):
         plan(load_problem("paper-1", workspace=wrong))
     plan(load_problem("paper-1", workspace=wrong, goal={"kappa_per_m": [20.0, "free"]})).require()
 
