@@ -54,7 +54,7 @@ def drawn_problem(seed: int) -> Problem:
     return Problem(
         robot=robot,
         start=Start(**pose(), temperature_C=warm),
-        goal=Goal(**pose()),
+        goal=Goal(**pose(), tolerance="exact"),
         ambient_C=ambient,
         transition_quantile=[None, None, 0.9][rng.integers(3)],
         heating=["fastest", "keep_warm"][rng.integers(2)],

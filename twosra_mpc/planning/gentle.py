@@ -38,7 +38,7 @@ Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fu
 
 ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
-_SPARED = 0.6  # part of its time to spare that a phase uses
+_SPARED = 0.4  # part of its time to spare that a phase uses
 _STEP_S = 1e-3  # of durations, and more than the solver leaves of its constraints
 _SLOWEST = 100.0  # times slower than the limits allow is slow enough
 
