@@ -15,6 +15,7 @@ from problems import ROBOT
 
 from twosra_mpc import InputError, Plan, Problem, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.execution.executor import remaining_problem
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.nlp.multiple_shooting import transcribe
 from twosra_mpc.plotting import plot_plan
@@ -179,3 +180,19 @@ def _document() -> dict[str, Any]:
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
     box = {"y_m": [-0.1, 0.5]}
     return {"robot": "2sra-v1", "start": start, "goal": {"x_m": 0.1}, "workspace": box}
+
+
+def test_a_run_that_has_left_gets_the_room_it_needs() -> None:
+    problem = free("paper-2").problem
+    q, cold = problem.goal.configuration, problem.temperatures
+    edge = float(points(free("paper-2"), q[None])[..., 1].min()) - ROOM_M
+    problem = problem.with_values(workspace=Workspace(y_m=(edge, 9.0)))
+    assert remaining_problem(problem, q, cold, (0, 0)).workspace == problem.workspace
+    strayed = q - [0.0, 0.02, 0.0, 0.0, 0.0]
+    rest = remaining_problem(problem, strayed, cold, (0, 0))
+    least = points(free("paper-2"), strayed[None])[..., 1].min()
+    assert rest.workspace is not None
+    assert rest.workspace.y_m is not None
+    assert rest.workspace.y_m[0] == pytest.approx(least - 1e-3, abs=1e-5)
+    assert rest.workspace.x_m is None
+    assert plan(rest).require().verification.ok

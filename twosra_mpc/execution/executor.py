@@ -15,6 +15,7 @@ from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.tracking.tracker import Tracker
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
@@ -243,7 +244,12 @@ def remaining_problem(
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
     goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken)
-    return problem.with_values(start=start, goal=goal, modes=modes)
+    workspace = problem.workspace
+    if workspace is not None:  # who is out of it already needs so much more room
+        shape = robot_shape(problem.robot.geometry, start.configuration)
+        outline = (shape.units, shape.wheels, shape.segments)
+        workspace = workspace.holding(np.concatenate([part.reshape(-1, 2) for part in outline]))
+    return problem.with_values(start=start, goal=goal, modes=modes, workspace=workspace)
 
 
 def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:

@@ -11,6 +11,8 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Value
 
+_AROUND_M = 1e-3
+
 
 class Workspace(Value):
     """A box along the axes of the plane; an axis that is left out is free."""
@@ -35,6 +37,14 @@ class Workspace(Value):
         """Least and largest x and y, (2, 2); infinite where free."""
         free = (-np.inf, np.inf)
         return np.array([self.x_m or free, self.y_m or free]).T
+
+    def holding(self, points: Array) -> Workspace:
+        """The box, no smaller than these points (..., 2) need with a millimetre around them."""
+        flat, (low, high) = points.reshape(-1, 2), self.corners_m
+        low = np.minimum(low, flat.min(axis=0) - _AROUND_M).tolist()
+        high = np.maximum(high, flat.max(axis=0) + _AROUND_M).tolist()
+        x_m, y_m = zip(low, high, strict=True)
+        return Workspace(x_m=x_m if self.x_m else None, y_m=y_m if self.y_m else None)
 
     def margin_m(self, points: Array) -> Array:
         """How far points (..., 2) are within the box; negative outside, by the farther axis."""
