@@ -24,6 +24,7 @@ RESPONSE_DOUBT = 0.5  # standard deviation of a mode's response about 1 before i
 RESPONSE_WALK = 0.05  # its change from one period of motion to the next
 DRIFT = 0.15  # of the travel: of the pose, besides its response
 ARM_M = 0.1  # at which turning and bending count as travel
+COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
 CREEP = 0.01  # of a frame's standard deviation, per square root of a second
 REMEMBERED_S = 2.0  # no frame arrives later than this
 _NO_NOISE = 1e-18  # variance of a perfect camera, so that it is believed at once
@@ -43,6 +44,7 @@ class CameraFilter:
         self._frame = camera.variance(self._coordinates) + _NO_NOISE
         self.q, self.variance = q.astype(float).copy(), self._frame.copy()
         self._time_s, self._moved = time_s, np.zeros(len(q))
+        self._lately = self._moved
         self._past: deque[tuple[float, Array]] = deque([(time_s, self._moved)])
         self.forget_response()
 
@@ -76,6 +78,9 @@ class CameraFilter:
             self._shared = self._shared + moved * self._doubt
             self._doubt = self._doubt + RESPONSE_WALK**2
             self._moved = self._moved + moved
+        else:  # a robot that was told to stand coasts, and the model does not know how far
+            self.variance += (COASTING * self._lately) ** 2
+        self._lately = moved
         self._time_s = time_s
         self._past.append((time_s, self._moved))
         while self._past[0][0] < time_s - REMEMBERED_S and len(self._past) > 1:
