@@ -180,7 +180,7 @@ def plan_to_drive(function: Function) -> Function:
         if path_model(made.robot).wheel_map == "paper" and not accept_paper_wheels:
             allowed = (
                 "a plan for 2sra-v1, or another robot of exact arcs, or --accept-paper-wheels:"
-                " without slip the paper's wheel map bends a robot by 17 to 45 % of what is planned"
+                " without slip the paper's wheel map bends a robot by 17 to 48 % of what is planned"
             )
             raise InputError("robot.path.model", made.robot.path.model, allowed, str(plan))
         return function(*args, plan=made, **given)

@@ -119,7 +119,7 @@ _EXPORT_HELP = f"""Write PLAN to OUT in the format of another program: a .mcap o
 MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
 configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV has
 the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. Plans with
-the paper's wheel map are refused: without slip they bend it by 17 to 45 % of what is planned.
+the paper's wheel map are refused: without slip they bend it by 17 to 48 % of what is planned.
 
 MCAP needs the package foxglove-sdk: {install_command("mcap")}
 

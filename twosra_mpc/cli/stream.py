@@ -42,7 +42,7 @@ With --camera the plan is tracked by what a tracking system sees, corrected, and
 writes lines, on standard input or to a UDP port of this computer: Unix time [s], x, y [m], phi
 [rad], and the curvature [1/m] of each segment, separated by spaces or commas.
 
-Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 45 % of what
+Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 48 % of what
 is planned. Plan with 2sra-v1.
 
 Ctrl-C, SIGTERM, Ctrl-Z, a closed terminal and every error stop the wheels and switch the heaters
