@@ -30,6 +30,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
+_MOVES = 1e-5  # of W: plans may leave out what is less, and still end at the goal
 _INVERSE_RAD = 1e-8  # more than the error of the inverse of W
 _PIECES = 40  # pieces of a bend whose least time is proved
 
@@ -70,7 +71,8 @@ class Bending:
 
         Whatever the path, W passes every value in between, each at no more than the fastest rate
         there; so the sum over pieces of abs(dW) / (enclosed rate) is a lower bound, which the ramps
-        up to full speed and down to rest raise. No segment bends faster than its limit either.
+        up to full speed and down to rest raise. No segment bends faster than its limit either, and
+        no phase that moves is shorter than its limit.
 
         Args:
             mode: A soft mode.
@@ -87,7 +89,8 @@ class Bending:
             least = float(np.subtract(*self.curvature(np.array(ends), j)))
             turned.append(least * self.body.geometry.lengths_m[j] - _INVERSE_RAD)
         steady = max(turned) / (limits.bend_rate_rad_s or math.inf)
-        return max(from_rest_to_rest(at_speed, _unit_ramp_s(self.body)), steady)
+        shortest = limits.phase_s if abs(bend) > _MOVES else 0.0
+        return max(from_rest_to_rest(at_speed, _unit_ramp_s(self.body)), steady, shortest)
 
     def least_effort_s2(self, mode: Mode, origin: Intervals, bend: float) -> float:
         """Lower bound on effort times duration of such a bend [s2]; 0 where no wheel rolls v_j.

@@ -32,7 +32,6 @@ _CORNER = 5e-8  # relative change of a wheel's turn per x that counts as a corne
 _NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
 _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own
-_LEAST_PERIODS = 3  # control periods of the shortest phase that moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +125,7 @@ def _phase(motion: Motion, phase: int) -> SpeedProfile:
         effort_s=sum(part.effort_s for part in parts),
         peak_rad_s=max(part.peak_rad_s for part in parts),
     )
-    least = max(_LEAST_S, _LEAST_PERIODS * (motion.robot.limits.control_period_s or 0.0))
+    least = max(_LEAST_S, motion.robot.limits.phase_s)
     return made if made.duration_s >= least else made.lasting(least)
 
 

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, ValidationError, field_validator, m
 from twosra_mpc.errors import InputError
 from twosra_mpc.validation import MOST_SEGMENTS, NonNegative, Number, Positive, Value, plain
 
+_LEAST_PERIODS = 3  # of the controller, in a phase that moves
 _LISTED = {"minItems": 1, "maxItems": MOST_SEGMENTS}
 
 
@@ -136,3 +137,8 @@ class MotionLimits(Value):
     turn_rate_rad_s: Positive | None = None
     wheel_speed_min_rad_s: NonNegative = 0.0
     control_period_s: Positive | None = None
+
+    @property
+    def phase_s(self) -> float:
+        """What a phase that moves lasts at least."""
+        return _LEAST_PERIODS * (self.control_period_s or 0.0)
