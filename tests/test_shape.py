@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import ROBOT, random_problem
 
-from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, plan
+from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot, plan
 from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.limits import check_shapes, may_drive, shape_margins
 from twosra_mpc.robot.geometry import Wheel
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_BOTH
@@ -163,3 +164,14 @@ def test_wheels_that_coincide_or_are_missing_are_refused(
     with pytest.raises(InputError) as error:
         Robot(**data)
     assert error.value.field == field
+
+
+def test_units_hang_where_their_wheels_are() -> None:
+    robot = load_robot("2sr-v2")
+    shape = robot_shape(robot.geometry, np.zeros(5))
+    for unit, wheels in ((0, shape.wheels[:2]), (1, shape.wheels[2:])):
+        low, high = shape.units[unit].min(axis=0), shape.units[unit].max(axis=0)
+        assert high[1] == pytest.approx(0.0, abs=1e-12)  # a face is flush with the fibre
+        for corners in wheels:  # beside the square, never in it
+            inner = np.clip(corners.mean(axis=0), low, high)
+            assert np.linalg.norm(corners.mean(axis=0) - inner) == pytest.approx(0.0065, abs=1e-9)

@@ -109,6 +109,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "transition_s": "cost of a transition",
     "transitions": "melts and freezes; in a cost, how many",
     "turns": "turns of the coil",
+    "unit_offset_m": "how far the units lie beside the fibre",
     "v": "input [v1 m/s, v2 m/s, u0 m/s, v0 m/s, r0 rad/s]",
     "verification": "what the independent check found",
     "wall_s": "time spent",

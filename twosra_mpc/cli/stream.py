@@ -101,11 +101,11 @@ def stream_command(
     robot = robot_line.numbered(plan.robot, robot_id)
     problem = plan.problem.with_values(robot=robot)
     plan = replace(plan, trajectory=replace(plan.trajectory, problem=problem))
+    check_sendable(plan, Confirm(confirm))
     if port is None:
         sent = preview(plan, rate_Hz)
         output.report(lambda: sent, lambda: robot_line.show_lines(sent))
         return EXIT_PLANNED
-    check_sendable(plan, Confirm(confirm))
     with ExitStack() as open_until_the_end:
         opened = open_until_the_end.enter_context(robot_line.opened_line(port))
         poses = None

@@ -181,7 +181,9 @@ def unit_gap(geometry: Geometry, kappa: ca.SX) -> ca.SX:
     for unit, side in ((0, -1), (1, 1)):
         end = fibre_end_pose(geometry, q, unit)
         c, s = ca.cos(end[2]), ca.sin(end[2])
-        centres.append(ca.vertcat(end[0] + side * outward * c, end[1] + side * outward * s))
+        along, across = side * outward, geometry.unit_offset_m
+        x, y = end[0] + along * c - across * s, end[1] + along * s + across * c
+        centres.append(ca.vertcat(x, y))
         axes += [ca.vertcat(c, s), ca.vertcat(-s, c)]
     between = centres[1] - centres[0]
     gaps = []

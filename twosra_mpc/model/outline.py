@@ -91,7 +91,7 @@ def _outline(geometry: Geometry, points: int) -> ca.Function:
     tips, units = [], []
     for side, end in zip((-1, 1), ends, strict=True):
         tips.append(placed(end, ca.DM([side * link_m, 0.0])))
-        centre = ca.DM([side * (link_m + half_side), 0.0])
+        centre = ca.DM([side * (link_m + half_side), geometry.unit_offset_m])
         units.append(placed(end, centre + half_side * _CORNERS))
     tread = ca.DM([geometry.wheel_radius_m, geometry.wheel_thickness_m / 2])
     wheels = [placed(poses[:, i], tread * _CORNERS) for i in range(WHEELS)]

@@ -168,7 +168,7 @@ def _draw_phases(ax: Axes, log: EvenLog, values: Array, name: str) -> None:
 def _draw_nodes(ax: Axes, fit: ThermalFit) -> None:
     log, solid, liquid = fit.log, fit.segment.solid_below_C, fit.segment.liquid_above_C
     core = fit.response.core_C
-    label = f"changing, {solid:g} to {liquid:g} °C"
+    label = f"changing, {solid:.3g} to {liquid:.3g} °C"
     ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.4, label=label)
     ax.plot(log.time_s, core, c="#222222", lw=1.5, label="core (in holds from the sensor)")
     body = fit.response.other + log.ambient_C

@@ -201,7 +201,7 @@ def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
 def mark_melting(ax: Axes, melting_C: tuple[float, float]) -> None:
     """Shade the temperatures at which metal melts."""
     solid, liquid = melting_C
-    melting = f"{solid:g} °C" if solid == liquid else f"{solid:g} to {liquid:g} °C"
+    melting = f"{solid:g} °C" if solid == liquid else f"{solid:.3g} to {liquid:.3g} °C"
     ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.5, label=f"changing, {melting}")
 
 

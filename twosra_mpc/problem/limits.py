@@ -220,7 +220,8 @@ def surely_broken(
     """
     geometry = robot.body.geometry
     links_m = (geometry.segments - 1) * geometry.middle_link_m + geometry.end_link_m
-    reach_m = sum(geometry.lengths_m) + links_m + 1.5 * geometry.unit_side_m
+    reach_m = sum(geometry.lengths_m) + links_m
+    reach_m += 1.5 * geometry.unit_side_m + abs(geometry.unit_offset_m)
     moved_m = reach_m * float(np.sum(np.asarray(off_per_m) * geometry.lengths_m))
     margins, scaled = shape_margins(robot, kappa), (UNIT_GAP,)
     surely = (b for b in scaled if margins[b.name].min() < -_CERTAIN * (b.scale or 1.0) - moved_m)

@@ -30,6 +30,7 @@ class Geometry(Value):
     with a middle link between neighbours, an end link. ``segment_length_m`` is one length for all
     of them, or a list.
 
+    ``unit_offset_m`` is how far the units' centres lie beside the fibre, in y of the fibre ends.
     ``wheels`` overrides where the four wheels sit and point (two of LU1, two of LU2); left out,
     they follow from the lengths, with the paper's beta = pi/2, 0, -pi/2, pi.
     """
@@ -41,6 +42,7 @@ class Geometry(Value):
     unit_side_m: Positive
     wheel_thickness_m: Positive
     wheel_radius_m: Positive
+    unit_offset_m: Number = 0.0
     wheels: Annotated[tuple[Wheel, ...], BeforeValidator(plain)] | None = None
 
     @model_validator(mode="after")
