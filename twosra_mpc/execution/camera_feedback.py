@@ -73,6 +73,8 @@ class _TrackedPhase:
         self.session, self.patience = run.session, run.patience
         self.phase, self.last = run.plan.phases[index], index == len(run.plan.phases) - 1
         self.rigid = is_rigid(self.phase.mode)
+        modes = [phase.mode for phase in run.plan.phases[index:]]
+        self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.scale = self.session.accuracy.scale(run.plan.robot.coordinates)
         self.begun = run.session.q.copy()
 
@@ -100,7 +102,7 @@ class _TrackedPhase:
             if (left := self._outside(planned)) is not None:
                 return left
             time_s = run.clock_s + (session.period_s if over else 0.0)  # then the path rests
-            command = self.by.tracker.step(Measurement(time_s, self.index, session.q))
+            command = self.by.tracker.step(Measurement(time_s, self.index, self._seen))
             wheels = self.by.pulses.shape(command.wheel_rad_s)
             session.drive(phase.mode, wheels, run.setpoint_C, planned)
             if not over:
@@ -128,9 +130,22 @@ class _TrackedPhase:
         if self.last or not self.rigid:
             self.session.average(self.run.setpoint_C, scale, self.patience.look_s)
 
+    @property
+    def _seen(self) -> Array:
+        """Where the robot is, (3 + n,), its soft segments as far off as those that settle now.
+
+        The units bend all soft segments at once, so one number can be brought to the plan's: what
+        others miss is made good in the later phases in which they are soft.
+        """
+        q = self.session.q.copy()
+        if not self.rigid:
+            away = (q - self.run.planned)[POSE:]
+            q[POSE:][self.soft] += away[self.settling].mean() - away[self.soft].mean()
+        return q
+
     def _off(self) -> float:
         """Deviation of what the phase controls from the plan, in units of the accuracy."""
-        return float(np.abs(self._outputs(self.session.q - self.run.planned)).max())
+        return float(np.abs(self._outputs(self._seen - self.run.planned)).max())
 
     def _near_enough(self) -> float:
         """Deviation at which the phase may end: no finer than what is believed is certain."""
@@ -153,7 +168,7 @@ class _TrackedPhase:
     def _outside(self, planned: Array) -> Abort | None:
         """Whether a rigid robot has left the corridor, or soft segments have bent apart."""
         session, patience = self.session, self.patience
-        away, soft = session.q - planned, list(soft_segments(self.phase.mode))
+        away, soft = session.q - planned, self.soft
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
         if self.rigid and (far_m > patience.corridor_m or abs(turn) > patience.corridor_rad):
             text = f"the robot is {1e3 * far_m:.0f} mm and {abs(turn):.2f} rad from the plan"
@@ -191,6 +206,15 @@ class _TrackedPhase:
         return self.session.goal.error(np.concatenate([path[-1, :POSE], kappa]))
 
 
+def settling(modes: Sequence[Mode]) -> list[int]:
+    """Segments (from 0) that are soft in the first of these phases for the last time, or all soft.
+
+    They are what it must bring to the plan's curvatures.
+    """
+    soft = list(soft_segments(modes[0]))
+    return [j for j in soft if not any(later[j] for later in modes[1:])] or soft
+
+
 def predicted_curvatures(
     robot: Robot, deviated: Array, path: Sequence[Array], modes: Sequence[Mode]
 ) -> Array:
@@ -198,7 +222,8 @@ def predicted_curvatures(
 
     The locomotion units bend all soft segments at once, each by the same change of its bending
     coordinate W. So in every phase the deviations of W of the soft segments are shifted by one
-    number, and the tracker chooses it: it brings the mean of their curvatures to the plan's.
+    number, and the tracker chooses it: it brings the mean curvature of those that settle to the
+    plan's.
 
     Args:
         robot: The robot.
@@ -212,14 +237,15 @@ def predicted_curvatures(
         return np.array([model.coordinate(kappa) for kappa in q[POSE:].tolist()])
 
     deviation = coordinates(deviated) - coordinates(path[0])
-    for end, mode in zip(path[1:], modes, strict=True):
+    for k, (end, mode) in enumerate(zip(path[1:], modes, strict=True)):
         if soft := list(soft_segments(mode)):
-            planned = coordinates(end)[soft]
+            planned, last = coordinates(end)[soft], settling(modes[k:])
+            counted = [soft.index(j) for j in last]
             low, high = -deviation[soft].max(), -deviation[soft].min()
             for _ in range(_HALVINGS):
                 shift = (low + high) / 2
                 bent = model.curvature(planned + deviation[soft] + shift)
-                less = bent.mean() < end[POSE:][soft].mean()
+                less = bent[counted].mean() < end[POSE:][last].mean()
                 low, high = (shift, high) if less else (low, shift)
             deviation[soft] += shift
     return model.curvature(coordinates(path[-1]) + deviation)
