@@ -15,7 +15,7 @@ from problems import exactly
 from scipy.optimize import newton
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, plan
-from twosra_mpc.execution.camera_feedback import Pulses, predicted_curvatures
+from twosra_mpc.execution.camera_feedback import Pulses, predicted_curvatures, settling
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.executor import Executor, remaining_problem
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
@@ -535,3 +535,25 @@ def test_a_segment_that_bends_alone_loses_its_deviation_and_the_others_keep_thei
     assert alone == pytest.approx([20.0, 4.0], abs=1e-6)
     kept = predicted_curvatures(robot, deviated, [path[0]], [])
     assert kept == pytest.approx([14.0, 4.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["2sra-v1-paper", ARC])
+def test_what_bends_again_later_may_be_missed_and_is_made_good_then(name: str) -> None:
+    robot = load_problem("paper-1", robot=name).robot
+    start = np.array([0.0, 0.0, 0.0, 10.0, 5.0])
+    both = bent_to(robot, (1, 1), start, 20.0)
+    end = bent_to(robot, (1, 0), both, 30.0)
+    deviated = start + np.array([0.0, 0.0, 0.0, 4.0, -3.0])
+    assert settling([(1, 1), (1, 0)]) == [1]
+    assert settling([(1, 1)]) == settling([(1, 1), (0, 0), (1, 1)]) == [0, 1]
+    after = predicted_curvatures(robot, deviated, [start, both, end], [(1, 1), (1, 0)])
+    assert after == pytest.approx(end[3:], abs=2e-4)
+    at_once = predicted_curvatures(robot, deviated, [start, both], [(1, 1)])
+    assert np.abs(at_once - both[3:]).max() > 1.0
+
+
+def test_unequal_bends_are_planned_again_once() -> None:
+    """What split took from one segment it bends alone afterwards; nothing goes to and fro."""
+    done = simulate(problem("paper-3"), disturbance="hard", seed=3)
+    assert done.metrics.reached
+    assert done.metrics.replans <= 2
