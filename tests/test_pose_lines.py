@@ -170,6 +170,20 @@ def test_lines_of_poses_close_the_loop_and_bad_ones_among_them_change_nothing(
     firmware.close()
 
 
+@pytest.mark.parametrize("push", [(0.5, 0.0, 0.0), (0.0, 0.0, 2.0)])
+def test_a_robot_that_is_not_where_the_plan_starts_is_not_driven(
+    planned: Planned, push: tuple[float, float, float]
+) -> None:
+    plan = planned("rigid-move")
+    firmware = SeenByLines(plan)
+    firmware.q = firmware.q + np.array([*push, 0.0, 0.0])
+    with pytest.raises(StreamError, match="are poses in m and rad, and in the plan's frame"):
+        stream(plan, firmware.port, firmware, poses=firmware.poses)
+    assert not any(any(item.wheel_rad_s) for item in firmware.received)
+    assert_off(firmware)
+    firmware.close()
+
+
 def test_the_line_is_not_silent_while_the_rest_is_planned_again(planned: Planned) -> None:
     plan = planned("rigid-move")
     firmware = SeenByLines(plan)

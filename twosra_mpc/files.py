@@ -107,6 +107,14 @@ def write_json(target: str | Path, document: dict[str, Any]) -> None:
 
 
 def write_text(target: str | Path, text: str) -> None:
-    """Write a text file atomically (UTF-8)."""
+    """Write a text file atomically (UTF-8).
+
+    Raises:
+        InputError: If it cannot be written, e.g. on a full disk.
+    """
     with atomic_path(target) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        try:
+            temporary.write_text(text, encoding="utf-8")
+        except OSError as error:
+            allowed = f"a path with room for {len(text)} characters ({error.strerror})"
+            raise InputError("output", str(target), allowed) from error

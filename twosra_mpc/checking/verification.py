@@ -299,7 +299,7 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
     fine = Samples(**{**held, "t_s": t, "v": v})
     q = reintegrate(problem, fine)
     if not np.isfinite(q).all():
-        return -np.inf
+        return -1.0  # it is anywhere
     margins = workspace_margins(problem, q)
     points = outline_points(problem.robot.geometry)(q.T).full().T.reshape(len(q), -1, 2)
     bent = np.abs(np.diff(points, 2, axis=0)).max(axis=(1, 2), initial=0.0)

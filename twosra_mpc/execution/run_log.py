@@ -16,6 +16,7 @@ from twosra_mpc.execution.run import (
     Change,
     Drive,
     Ending,
+    Executed,
     Run,
     RunEvent,
     RunLog,
@@ -38,14 +39,15 @@ class RunFile:
     It is replaced when the robot stands and the last one is `SAVED_EVERY_S` old, and at the end.
     """
 
-    def __init__(self, path: Path, plan: Plan) -> None:
+    def __init__(self, path: Path, plan: Plan, executed: Executed) -> None:
         """Nothing is written yet.
 
         Args:
             path: The file.
             plan: What is carried out.
+            executed: By what.
         """
-        self.path, self._plan = path, plan
+        self.path, self._plan, self._executed = path, plan, executed
         self._session: Session | None = None
         self._due_s = time.monotonic() + SAVED_EVERY_S
 
@@ -61,7 +63,7 @@ class RunFile:
         """Write down a run that ended so, if it has begun."""
         if self._session is not None:
             judged = Ending.LOGGED, reason, (self._plan,)
-            self.save(self._session.so_far("stream", *judged))
+            self.save(self._session.so_far(self._executed, *judged))
 
     def save(self, run: Run) -> None:
         """Write a run that has come to its own end."""

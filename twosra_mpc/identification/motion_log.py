@@ -120,11 +120,18 @@ def read_motion_log(
             raise InputError(field, float(bits[row, column]), "0, rigid, or 1, soft", source)
         q, v = values[:, : POSE + segments], values[:, POSE + segments : -segments]
         q[:, 2] = np.unwrap(q[:, 2])
-        return MotionLog(source, time_s, q, bits.astype(int), v)
+        return _with_phases(MotionLog(source, time_s, q, bits.astype(int), v))
     speeds, driven = _what_was_driven(Path(path), robot, wheel_rad_s, mode)
     q = _configurations(robot, _found(values, source), driven)
     tiled = [np.tile(each, (len(table), 1)) for each in (np.array(driven), speeds)]
-    return MotionLog(source, time_s, q, *tiled)
+    return _with_phases(MotionLog(source, time_s, q, *tiled))
+
+
+def _with_phases(log: MotionLog) -> MotionLog:
+    if not log.phases:
+        allowed = f"one with two rows of one mode, not more than {LONGEST_STEP_S:g} s apart"
+        raise InputError("log", log.source, allowed)
+    return log
 
 
 def _cell(row: list[str], column: int) -> str:
@@ -160,12 +167,13 @@ def _times(texts: list[str], name: str, source: str) -> Array:
     time_s = np.array(seconds)
     if ":" in texts[0]:
         time_s = np.unwrap(time_s, period=86400.0)  # midnight
-    back = np.flatnonzero(np.diff(time_s) < 0)
+    of_day = ":" in texts[0]  # then rows of a second share its time
+    back = np.flatnonzero(np.diff(time_s) < 0 if of_day else np.diff(time_s) <= 0)
     if len(back):
         row = int(back[0]) + 1
-        allowed = f"not before the row above it, {texts[row - 1]}"
+        allowed = f"{'not before' if of_day else 'after'} the row above it, {texts[row - 1]}"
         raise InputError(f"{name}, row {row + 1}", texts[row], allowed, source)
-    return _spread(time_s) if ":" in texts[0] else time_s - time_s[0]
+    return _spread(time_s) if of_day else time_s - time_s[0]
 
 
 def _spread(time_s: Array) -> Array:

@@ -9,8 +9,8 @@ is the integral of the sum of (wheel speed / largest wheel speed)^2 of its quick
     c^T t \le C
 
 is a small convex program over the event times of the temporal network: waiting time is used to
-drive slowly, and what the plan may cost more is spent where it helps most. No phase uses all the
-time it has to spare: a drive that lasts right up to a melt holds the heater up as soon as it takes
+drive slowly, and what the plan may cost more is spent where it helps most. Of waiting time a phase
+uses only a part: a drive that lasts right up to a melt holds the heater up as soon as it takes
 longer than planned. What happens before a transition decides how long it takes, so the schedule of
 the durations found is made anew.
 

@@ -216,7 +216,7 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     for name, (distance, colour) in parts.items():
         ax.plot(record.time_s, np.maximum(distance, 1e-3), c=colour, lw=1.3, label=name)
     position, heading = 1e3 * run.accuracy.position_m, math.degrees(run.accuracy.heading_rad)
-    label = f"{position:g} mm, {heading:g}°, {run.accuracy.curvature_per_m:g} 1/m"
+    label = f"{position:g} mm, {heading:.3g}°, {run.accuracy.curvature_per_m:g} 1/m"
     ax.axhline(1.0, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=label)
     most = max(10.0, *(float(np.nanmax(distance)) for distance, _ in parts.values()))
     ax.set_yscale("log")

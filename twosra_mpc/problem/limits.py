@@ -34,7 +34,8 @@ _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
-_NARROW_PER_M = 1.0  # half-widths: boxes as small are as good as their corners
+# Half-widths: boxes as small are as good as their corners.
+_NARROW_M, _NARROW_RAD, _NARROW_PER_M = 0.01, 0.05, 1.0
 _CERTAIN = 1e-3  # of a limit's scale: beyond what interpolating a shape can feign
 
 
@@ -223,9 +224,8 @@ def surely_broken(
     reach_m = sum(geometry.lengths_m) + links_m
     reach_m += 1.5 * geometry.unit_side_m + abs(geometry.unit_offset_m)
     moved_m = reach_m * float(np.sum(np.asarray(off_per_m) * geometry.lengths_m))
-    margins, scaled = shape_margins(robot, kappa), (UNIT_GAP,)
-    surely = (b for b in scaled if margins[b.name].min() < -_CERTAIN * (b.scale or 1.0) - moved_m)
-    return next(surely, None)
+    least = shape_margins(robot, kappa)[UNIT_GAP.name].min()
+    return UNIT_GAP if least < -_CERTAIN * (UNIT_GAP.scale or 1.0) - moved_m else None
 
 
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
@@ -252,7 +252,7 @@ def check_shapes(problem: Problem) -> None:
         width = problem.goal.half_width[POSE:] if name == "goal" else np.zeros_like(q[POSE:])
         if np.isnan(q[POSE:]).any() or width.max() > _NARROW_PER_M:
             continue
-        corners = q[POSE:] + width * [*itertools.product(*([-1, 1] if w else [0] for w in width))]
+        corners = q[POSE:] + width * _corners(width)
         limit = broken_by_shapes(robot, q[POSE:])
         if limit is not None and (shape_margins(robot, corners)[limit.name] < 0).all():
             short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
@@ -261,15 +261,20 @@ def check_shapes(problem: Problem) -> None:
             raise InputError(f"{name}.kappa_per_m", tuple(q[POSE:].tolist()), allowed)
 
 
+def _corners(width: Array) -> Array:
+    """Signs of the corners of a box of these half-widths, (corners, n)."""
+    return np.array([*itertools.product(*([-1.0, 1.0] if w else [0.0] for w in width))])
+
+
 def workspace_margins(problem: Problem, q: Array) -> Array:
     """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
 
     An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.
     """
     geometry, workspace = problem.robot.geometry, problem.workspace
-    points = outline_points(geometry)(q.T).full().T.reshape(len(q), -1, 2)
     if workspace is None:
         return np.full(len(q), np.inf)
+    points = outline_points(geometry)(q.T).full().T.reshape(len(q), -1, 2)
     lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
     arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
     own = FEW_POINTS * geometry.segments
@@ -279,18 +284,19 @@ def workspace_margins(problem: Problem, q: Array) -> Array:
 
 
 def check_workspace(problem: Problem) -> None:
-    """Refuse a start outside of the workspace, and goals with nothing inside near them.
+    """Refuse a start outside of the workspace, and narrow goals with nothing inside near them.
 
     Raises:
         InputError: Naming the end, and by how much it is outside.
     """
-    goal = problem.goal
-    corners = [*itertools.product(*([-1, 1] if w else [0] for w in goal.half_width))]
-    ends = goal.configuration + goal.half_width * np.array(
-        [np.zeros(len(goal.half_width)), *corners]
-    )
-    for name, q in (("start", problem.start.configuration[None]), ("goal", ends)):
-        if problem.workspace is None or not np.isfinite(q).all():
+    if problem.workspace is None:
+        return
+    goal, start = problem.goal, problem.start.configuration
+    width = goal.half_width
+    ends = goal.configuration + width * np.vstack([np.zeros_like(width), _corners(width)])
+    narrow = problem.robot.coordinates.each(_NARROW_M, _NARROW_RAD, _NARROW_PER_M)
+    for name, q in (("start", start[None]), ("goal", ends)):
+        if not np.isfinite(q).all() or (name == "goal" and (width > narrow).any()):
             continue
         margins = workspace_margins(problem, q)
         if margins.max() < 0:

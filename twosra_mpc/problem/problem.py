@@ -270,7 +270,7 @@ class Problem(Value):
 
     @property
     def judged_goal(self) -> GoalSet:
-        """What runs are measured by: with the robot's accuracy added, it is what was asked for."""
+        """What runs are measured by: the goal narrowed by the robot's accuracy, which is added."""
         robot = self.robot
         return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
 

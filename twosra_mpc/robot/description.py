@@ -132,6 +132,11 @@ class Robot(Value):
             raise InputError("segment", None, f"a thermal description in robot {self.name}")
         return found
 
+    @property
+    def describes_heat(self) -> bool:
+        """Whether its file says how segments warm and cool."""
+        return self.segment is not None or bool(self.segments)
+
     def weakened(self, cause: Literal["loss", "power"], share: float) -> Robot:
         """The robot whose segments give off, or whose heaters give, only a share of the heat."""
         return self.with_values(

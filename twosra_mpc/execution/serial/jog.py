@@ -70,7 +70,9 @@ def check_wheels(robot: Robot, wheel_rad_s: Array) -> None:
 
 
 def _check(name: str, value: float, limit: float | None, key: str, unit: str) -> None:
-    if not value <= (np.inf if limit is None else limit * (1 + _ROUNDING)):
+    if not np.isfinite(value):
+        raise InputError(name, value, f"a number [{unit}]")
+    if limit is not None and value > limit * (1 + _ROUNDING):
         raise InputError(name, value, f"at most limits.{key} of the robot, {limit:g} {unit}")
 
 
@@ -178,7 +180,8 @@ def jog(
     """
     anywhere = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0}
     start = {**anywhere, "kappa_per_m": (0.0,) * robot.coordinates.segments}
-    problem = Problem.parse({"robot": robot, "start": start, "goal": anywhere}, robot.name)
+    given = {"robot": robot, "start": start, "goal": anywhere, "timing": next(iter(robot.timing))}
+    problem = Problem.parse(given, robot.name)
     heater, wheels = robot.heater, np.zeros(WHEELS)
     with connected(problem, port, clock, patience=patience) as line:
         line.listen()

@@ -25,6 +25,7 @@ from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrup
 from twosra_mpc.execution.serial.port import Port, PortError
 from twosra_mpc.execution.serial.segments import (
     MEDIAN_OF,
+    ColdSegment,
     ModelledSegment,
     ReportedSegment,
 )
@@ -130,8 +131,10 @@ class SerialRobot:
 
     def __post_init__(self) -> None:
         start = self.clock.now_s(), self.problem.temperatures
-        self._segments: list[ModelledSegment | ReportedSegment] = [
+        self._segments: list[ModelledSegment | ReportedSegment | ColdSegment] = [
             ModelledSegment(self.robot, self.problem.ambient, j, start[1][j], start[0])
+            if self.robot.describes_heat
+            else ColdSegment(j)
             for j in range(self._count)
         ]
         self._reports = False
@@ -171,8 +174,8 @@ class SerialRobot:
                 for j, first_C in enumerate(heard)
             ]
 
-    def look_out(self, seen: Callable[[], bool], describe: Callable[[], str]) -> None:
-        """Wait at rest until it is seen.
+    def look_out(self, seen: Callable[[], bool], describe: Callable[[], str]) -> Array:
+        """Wait at rest until it is seen; return the frames that came in last, (k, 3 + n).
 
         Args:
             seen: Whether it is.
@@ -181,14 +184,15 @@ class SerialRobot:
         Raises:
             RobotError: If nothing sees it, or the line does not work any more.
         """
-        until_s = self.clock.now_s() + self.patience.listen_s
+        until_s, frames = self.clock.now_s() + self.patience.listen_s, self.read().frames
         while not seen():
             if self.clock.now_s() >= until_s:
                 known = f"no pose within {self.patience.listen_s:g} s"
                 raise RobotError(f"{known}: {describe()}")
             self.send(_STILL, np.full(self._count, self.robot.heater.rigid_setpoint_C))
             self.wait(self.camera.period_s)
-            self.read()
+            frames = self.read().frames
+        return frames
 
     def read(self) -> Reading:
         """Return what is known now.

@@ -2,7 +2,8 @@
 
 What firmware makes of "heat this segment" is not published: it may regulate, or let full current
 flow for as long as it is told to, which takes a segment to 85 C and more. So the host switches
-heaters itself, and never leaves one on because the firmware might know better.
+heaters itself, and leaves one on only where a ``hold_duty`` of 1 in the robot file says that the
+firmware is known to regulate.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import statistics
 
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
 
@@ -62,6 +64,34 @@ class ModelledSegment:
         if above_K < (0.0 if self._held else ABOVE_K):
             return 1.0
         return 0.0 if above_K > MOST_K else self._heater.duty_of_hold
+
+    def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
+        """Nothing is reported."""
+
+    def trouble(self, time_s: float, silent_s: float) -> str | None:
+        """Nothing is known of any."""
+        return None
+
+
+class ColdSegment:
+    """A segment that nothing is known of, neither by reports nor by a model: it is never heated."""
+
+    temperature_C, stiffness, faulty = math.nan, None, False
+
+    def __init__(self, segment: int) -> None:
+        """Name it, from 0."""
+        self._segment = segment
+
+    def switched(self, asked: bool, time_s: float) -> bool:
+        """Leave its heater off.
+
+        Raises:
+            RobotError: If it is asked to be soft.
+        """
+        if asked:
+            words = f"segment {self._segment + 1} reports nothing, and there is no [segment]"
+            raise RobotError(f"{words} in the robot file: nobody knows when it is hot")
+        return False
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
         """Nothing is reported."""

@@ -7,7 +7,9 @@ temperature reports, or by the clock and the model's heat if the robot reports n
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +17,7 @@ from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.run import Ending, Executed, Run
 from twosra_mpc.execution.run_log import RunFile
 from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
 from twosra_mpc.execution.serial.clock import Clock, SteppedClock
@@ -26,6 +28,7 @@ from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected, w
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.robot.coordinates import Array
 
 
 class Confirm(enum.StrEnum):
@@ -111,7 +114,8 @@ def stream(
         allowed = "required: a robot that is followed by a camera begins its phases by reports"
         raise InputError("confirm", str(confirm), allowed)
     chosen = rate_Hz, confirm, poses, patience or Patience()
-    return _Stream(plan, clock, on_state, log).run(port, *chosen)
+    executed: Executed = "stream" if poses is None else "optimal"
+    return _Stream(plan, clock, on_state, log, executed).run(port, *chosen)
 
 
 def preview(plan: Plan, rate_Hz: float = RATE_HZ) -> list[SentLine]:
@@ -173,11 +177,16 @@ class _Stream:
     """One stream on its way."""
 
     def __init__(
-        self, plan: Plan, clock: Clock, on_state: Callable[[StreamState], None], log: Path | None
+        self,
+        plan: Plan,
+        clock: Clock,
+        on_state: Callable[[StreamState], None],
+        log: Path | None,
+        executed: Executed = "stream",
     ) -> None:
         self.plan, self.clock, self.on_state = plan, clock, on_state
         self.during = "before the plan began"
-        self.file = None if log is None else RunFile(log, plan)
+        self.file = None if log is None else RunFile(log, plan, executed)
 
     def run(
         self,
@@ -197,7 +206,8 @@ class _Stream:
             except BaseException as error:
                 if self.file is not None:
                     words = "interrupted" if isinstance(error, KeyboardInterrupt) else error
-                    self.file.end(f"{self.during}: {words}")
+                    with suppress(InputError):  # what stopped the robot is what must be told
+                        self.file.end(f"{self.during}: {words}")
                 if isinstance(error, RobotError):
                     raise StreamError(self.clock.now_s(), self.during, str(error)) from error
                 raise
@@ -224,11 +234,25 @@ class _Stream:
 
     def _tracked(self, robot: SerialRobot, poses: PoseLines) -> Run:
         """Follow the plan by what is seen, to its goal."""
-        robot.look_out(lambda: poses.taken > 0, poses.describe)
+        self._check_place(robot.look_out(lambda: poses.taken > 0, poses.describe), robot.patience)
         settings = ExecutorSettings(
             patience=robot.patience, dead_zone_rad_s=robot.robot.limits.wheel_speed_min_rad_s
         )
         return Executor(robot, settings, self._tell, while_standing).run(self.plan)
+
+    def _check_place(self, frames: Array, patience: Patience) -> None:
+        """Refuse a robot that is seen (k, 3 + n) farther from the plan's start than it may be.
+
+        Raises:
+            RobotError: If it is.
+        """
+        away = frames.mean(axis=0) - self.plan.problem.start.configuration
+        far_m, turn_rad = math.hypot(away[0], away[1]), math.remainder(float(away[2]), math.tau)
+        if far_m > patience.corridor_m or abs(turn_rad) > patience.corridor_rad:
+            seen = (
+                f"the robot is seen {far_m:.2f} m and {abs(turn_rad):.2f} rad from the plan's start"
+            )
+            raise RobotError(f"{seen}: are poses in m and rad, and in the plan's frame?")
 
     def _tell(self, session: Session) -> None:
         """Note a command."""

@@ -103,12 +103,6 @@ class BendingTask:
         """The segments, counted from 0."""
         return range(len(self.change))
 
-    def within(self, segment: int, coordinate: float) -> bool:
-        """Whether the curvature limits allow this W of ``segment`` (from 0)."""
-        change = coordinate - self.origin[segment]
-        low, high = self.room[segment]
-        return low - self.slack <= change <= high + self.slack
-
     def must_bend(self, segment: int) -> bool:
         """Whether the goal asks for another curvature of ``segment`` (from 0)."""
         low, high = self.change[segment]
@@ -249,9 +243,8 @@ def _phase_motions(sequence: ModeSequence, task: BendingTask) -> list[PhaseMotio
         return None
     for i, step in enumerate(steps):
         if any(step.mode):
-            before = _pairs(step.before)
-            room = _room(step.mode, before, task)
-            motions = task.pose.soft_phase(step.mode, before, (step.least, step.most), room)
+            room = _room(step.mode, step.before, task)
+            motions = task.pose.soft_phase(step.mode, step.before, (step.least, step.most), room)
         else:
             motions = task.pose.rigid_phase(*_shapes(sequence, i, step.before, task))
         if motions is None:
@@ -269,11 +262,11 @@ def _room(mode: Mode, here: Intervals, task: BendingTask) -> tuple[float, float]
 
 
 def _shapes(
-    sequence: ModeSequence, phase: int, here: Array, task: BendingTask
+    sequence: ModeSequence, phase: int, here: Intervals, task: BendingTask
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Least and largest curvatures in a rigid phase: the start's, the goal's, or of these W."""
     known = _known_curvatures(sequence, phase, task)
-    low, high = (task.curvature(w) for w in here.tolist())
+    low, high = map(task.curvature, zip(*here, strict=True))
     least = tuple(a if k is None else k for k, a in zip(known, low, strict=True))
     return least, tuple(b if k is None else k for k, b in zip(known, high, strict=True))
 
@@ -392,17 +385,19 @@ class BendStep(NamedTuple):
 
     Attributes:
         mode: Its mode.
-        before: Least and largest W of each segment where it begins, (2, n).
+        before: Bounds of the W of each segment where it begins.
         least: Least change of W of its soft segments, with its sign.
         most: Largest change of W.
-        possible: Whether the curvature limits leave any W where it ends.
+        possible: Whether limits and goal leave any W where it ends.
+        beyond: A segment (from 0) that it bends beyond the curvature limits, whatever it bends.
     """
 
     mode: Mode
-    before: Array
+    before: Intervals
     least: float
     most: float
     possible: bool
+    beyond: int | None
 
     @property
     def surely(self) -> float:
@@ -416,19 +411,27 @@ def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | No
         return None
     here, steps = np.array([task.origin, task.origin]), list[BendStep]()
     for i, mode in enumerate(sequence):
-        bend, before = np.array([part[i] for part in ranges]), here
+        bend, before = np.array([part[i] for part in ranges]), _pairs(here)
         here = here + np.outer(bend, mode)
         outermost = [
             room if any(later[j] for later in sequence[i + 1 :]) else change
             for j, (room, change) in enumerate(zip(task.room, task.change, strict=True))
         ]
+        beyond = next((j for j in task.segments if _misses(here[:, j], task, task.room, j)), None)
+        possible = not any(_misses(here[:, j], task, outermost, j) for j in task.segments)
         low, high = (np.array(task.origin) + end for end in np.array(outermost).T)
-        possible = bool(
-            (here[0] <= high + task.slack).all() and (here[1] >= low - task.slack).all()
-        )
         here = np.array([np.clip(end, low, high) for end in here])
-        steps.append(BendStep(mode, before, float(bend[0]), float(bend[1]), possible))
+        steps.append(BendStep(mode, before, float(bend[0]), float(bend[1]), possible, beyond))
     return steps
+
+
+def _misses(
+    bounds: Array, task: BendingTask, changes: Sequence[tuple[float, float]], segment: int
+) -> bool:
+    """Whether no W within bounds (2,) is one of the changes that a segment (from 0) may make."""
+    low, high = changes[segment]
+    least, most = (bounds - task.origin[segment]).tolist()
+    return bool(least > high + task.slack or most < low - task.slack)
 
 
 def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
@@ -438,7 +441,7 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
     """
     durations = [0.0] * len(sequence)
     for i, step in enumerate(bend_steps(sequence, task) or ()):
-        before, bend = _pairs(step.before), step.surely
+        before, bend = step.before, step.surely
         if bend:
             durations[i] = task.least_time(step.mode, before, bend)
         if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
@@ -450,7 +453,7 @@ def _least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
     """Least effort times duration of the phases, as far as the task says how far they bend [s2]."""
     steps = bend_steps(sequence, task) or ()
     return [
-        task.least_effort(step.mode, _pairs(step.before), step.surely) if step.surely else 0.0
+        task.least_effort(step.mode, step.before, step.surely) if step.surely else 0.0
         for step in steps
     ]
 

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from twosra_mpc.planning.search.bounds import BendingTask, bend_steps, unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.robot.modes import (
@@ -110,12 +108,9 @@ def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
         if not any(step.mode):
             continue
         who = f"in {sequence_name(sequence)}, mode {mode_name(step.mode)} would have to"
-        there = step.before + np.outer((step.least, step.most), step.mode)
-        for j in task.segments:
-            if not any(task.within(j, float(w)) for w in there[:, j]):
-                return f"{who} bend segment {j + 1} {task.beyond} ({task.shape})"
-        low, high = step.before.tolist()
-        words = task.forbidden(step.mode, tuple(zip(low, high, strict=True)), step.surely)
+        if step.beyond is not None:
+            return f"{who} bend segment {step.beyond + 1} {task.beyond} ({task.shape})"
+        words = task.forbidden(step.mode, step.before, step.surely)
         if words is not None:
             return f"{who} pass shapes whose {words} ({task.shape})"
     return None

@@ -92,7 +92,10 @@ class PoseTask:
         """
         rows, off = self.speed_rows(least, most)
         twists = twist_vertices(rows)
-        if twists is None or (more := float((off @ np.abs(twists).max(axis=0)).max())) >= 1:
+        if twists is None:
+            return None
+        more = float((off @ np.abs(twists).max(axis=0)).max())
+        if not more < 1:
             return None
         motions = np.pad(twists / (1 - more), ((0, 0), (0, 1)))
         none = np.zeros(len(twists), dtype=np.intp)
