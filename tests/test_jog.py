@@ -15,7 +15,7 @@ import pytest
 from conftest import Planned, Run
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc import InputError, load_robot
+from twosra_mpc import InputError, Robot, load_robot
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.serial.firmware_lines import stop_command
 from twosra_mpc.execution.serial.jog import (
@@ -219,3 +219,26 @@ def test_the_program_takes_keys_and_stops_when_its_terminal_closes() -> None:
     assert program.wait(20) in (0, 4)
     os.close(line)
     os.close(robot_end)
+
+
+def bare() -> Robot:
+    """A robot whose file says nothing of heat, with constant times only."""
+    robot = load_robot("2sra-v1")
+    return robot.with_values(segment=None, timing={"constant": robot.timing["constant"]})
+
+
+def test_a_robot_without_a_thermal_model_is_driven_but_never_heated(planned: Planned) -> None:
+    firmware = SimulatedFirmware(planned("rigid-move"), reports=lambda *_: b"")
+    robot, wheels = bare(), np.array([1.0, 0.0, -1.0, 0.0])
+    jog(robot, firmware.port, firmware, for_a_time(robot, Jog(wheels, COLD), 0.5))
+    assert any(any(item.wheel_rad_s) for item in firmware.received)
+    heat = for_a_time(robot, Jog(0 * wheels, (1, 0)), 0.5)
+    with pytest.raises(RobotError, match="nobody knows when it is hot"):
+        jog(robot, firmware.port, firmware, heat, cold=True)
+    assert_off(firmware)
+    firmware.close()
+
+
+def test_a_speed_that_is_no_number_is_refused_by_robots_without_that_limit() -> None:
+    with pytest.raises(InputError, match="turn = nan"):
+        wheels_of_twist(load_robot("2sra-v1-paper"), (0.0, 0.0, float("nan")))

@@ -174,6 +174,9 @@ def test_the_command_prints_and_draws(tmp_path: Path, run: Run) -> None:
 GOOD = "0.2,0.2,0.1,1,2,0.01,0.01,0,0,0,1,1,10:00:00"
 
 
+APART = [GOOD.replace("10:00:00", time_s) for time_s in ("0", "100", "200")]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -186,6 +189,8 @@ GOOD = "0.2,0.2,0.1,1,2,0.01,0.01,0,0,0,1,1,10:00:00"
         (f"{TRIAL}\n{GOOD}\n{GOOD}\n{GOOD.replace(':00:', '.')}\n", "time, row 3 = '10.00'"),
         (f"{TRIAL}\n{GOOD}\n{GOOD}\n{GOOD.replace(',1,1,', ',1,2,')}\n", "s2, row 3 = 2.0"),
         (f"{POSES}\n" + 3 * "0,10:00:00,1,1,90,0,0,0.0\n", "wheel_rad_s = None"),
+        (f"{TRIAL}\n" + 3 * f"{GOOD.replace('10:00:00', '4.5')}\n", "after the row above it, 4.5"),
+        (f"{TRIAL}\n" + "\n".join(APART), "allowed: one with two rows of one mode"),
     ],
 )
 def test_what_is_no_log_of_motion_is_refused_by_name(tmp_path: Path, text: str, words: str) -> None:

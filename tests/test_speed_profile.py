@@ -13,7 +13,7 @@ from problems import ROBOT, at_once, bound_of, exactly, network_of, random_probl
 from scipy.optimize import linprog
 
 import twosra_mpc.planning.planner as planner_module
-from twosra_mpc import Plan, Problem, Robot, Start, Status, load_problem, load_robot, plan
+from twosra_mpc import Goal, Plan, Problem, Robot, Start, Status, load_problem, load_robot, plan
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
@@ -329,3 +329,21 @@ def test_a_problem_says_how_it_moves() -> None:
     goal = {"kappa_per_m": [20.0, 0.0]}
     with pytest.raises(ValueError, match=r"motion = 'slow'.*'gentle' or 'fastest'"):
         Problem(robot=ARC, start=start, goal=goal, motion="slow")  # type: ignore[arg-type]
+
+
+def test_only_robots_that_ramp_need_three_periods_for_a_phase() -> None:
+    """A robot whose wheels may jump moves for as short as it likes, and the bounds know it."""
+    limits = at_once(ARC).limits.with_values(control_period_s=0.5)
+    robot = at_once(ARC).with_values(limits=limits)
+    start, goal = ({"kappa_per_m": (k, k)} for k in (0.0, 2.0))
+    problem = Problem(
+        robot=robot,
+        start=Start(x_m=0.0, y_m=0.0, phi_rad=0.0, **start),
+        goal=Goal(**goal, tolerance="exact"),
+        timing="constant",
+    )
+    made = plan(problem).require()
+    assert made.lower_bound is not None
+    assert made.lower_bound <= made.cost.total
+    assert limits.phase_s == 0.0
+    assert LIMITS.phase_s == pytest.approx(3 * (LIMITS.control_period_s or 0.0))

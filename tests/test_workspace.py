@@ -155,6 +155,14 @@ def test_ends_outside_are_named() -> None:
     plan(load_problem("paper-1", workspace=wrong, goal={"kappa_per_m": [20.0, "free"]})).require()
 
 
+def test_a_wide_goal_is_left_to_the_search() -> None:
+    base = load_problem("rigid-move", workspace={"x_m": [-0.3, 0.3]})
+    goal = {"x_m": 0.5, "tolerance": {"x_m": 1.0}}  # its middle and its corners are outside
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+    found = plan(Problem(**{**dict(base), "start": start, "goal": goal})).require()
+    assert found.verification.ok
+
+
 @pytest.mark.parametrize("pair", [[0.4, 0.1], [0.2, 0.2], [0.1], ["a", "b"]])
 def test_a_box_has_its_lower_edge_first(pair: list[Any]) -> None:
     with pytest.raises(InputError, match=r"workspace\.y_m"):

@@ -291,7 +291,7 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
     moved = np.abs((samples.v[:-1] + samples.a[:-1] * dt[:, None] / 2) * dt[:, None]).max(axis=1)
     cuts = np.where(moved > 0, np.ceil(moved / _CUT) + 1, 1).astype(int)
     at = np.repeat(np.arange(len(cuts)), cuts)
-    share = np.concatenate([np.arange(count) / count for count in cuts])
+    share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]
     t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])
     at = np.append(at, len(cuts))
     v = samples.v[at] + samples.a[at] * (t - samples.t_s[at])[:, None]
