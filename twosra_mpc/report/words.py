@@ -146,7 +146,7 @@ def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
         if math.isnan(asked):
             rows.append(GoalRow(name, unit, "free", _NONE))
         else:
-            words = f"{asked:g}" + (f" ± {box:g}" if box else "")
+            words = f"{asked:g}" + (f" ± {box:.2g}" if box else "")
             rows.append(GoalRow(name, unit, words, _residual(error)))
     return rows
 
