@@ -19,7 +19,8 @@ from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends, moved_inside
 from twosra_mpc.planning.outcome import verified
-from twosra_mpc.planning.search.bounds import BendingTask, Conserved, SequenceBound
+from twosra_mpc.planning.search.bends import BendingTask, Conserved
+from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.mode_tree import ModeTree
@@ -165,11 +166,14 @@ class SequenceSolver:
     ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
         problem = self.problem
-        for aim in self._aims:
-            guess = self._guess(network, inner_bends(network.sequence, bound.bends, self._box, aim))
+        inside, nearest = (
+            inner_bends(network.sequence, bound.bends, self._box, aim) for aim in self._aims
+        )
+        guess = self._guess(network, inside)
+        first = self._checked(scheduled(guess, network, problem, iterations=0), network)
+        if first is None and not np.array_equal(inside, nearest):
+            guess = self._guess(network, nearest)
             first = self._checked(scheduled(guess, network, problem, iterations=0), network)
-            if first is not None:
-                break
         yield first
         if time.perf_counter() > self.deadline:
             return

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from twosra_mpc.planning.search.bounds import BendingTask, bend_steps, unreachable_reason
+from twosra_mpc.planning.search.bends import BendingTask, bend_steps, unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.robot.modes import (
     Mode,

@@ -1,0 +1,274 @@
+"""What a mode sequence must do to the bending coordinates W, as far as the task says it."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.planning.search.pose_bound import PoseTask
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named
+
+Intervals = tuple[tuple[float, float], ...]  # (low, high) of every segment
+
+REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
+
+
+class Conserved(NamedTuple):
+    """What bending two segments together cannot change, for messages: ``factor`` (W_i - W_j)."""
+
+    name: str  # to be formatted with i and j
+    unit: str
+    factor: float
+
+
+@dataclass(frozen=True)
+class BendingTask:
+    """What a plan must do to the bending coordinates, and how fast it can.
+
+    Attributes:
+        change: (low, high) of each segment: required change of W.
+        room: (low, high) of each segment: change of W that the curvature limits allow.
+        start: Curvatures at t = 0 [1/m].
+        goal: Curvatures at the end [1/m]; None where they are not given exactly.
+        rate: (mode, known curvatures) -> upper bound of abs(dW/dt), valid for every curvature
+            given as None.
+        origin: W of each segment at t = 0.
+        least_time: (mode, bounds of W before, least change of W of the soft segments) -> lower
+            bound on the time it takes.
+        least_effort: The same -> lower bound on effort times duration [s2].
+        forbidden: (mode, bounds of W before, change of W) -> what is wrong with a shape that every
+            such bend passes, in words; None if nothing is.
+        beyond: Where ``room`` ends, in words.
+        shape: The required curvature changes in words, for messages.
+        conserved: What bending together cannot change, for messages.
+        curvature: W of all segments -> their curvatures [1/m].
+        pose: The change of pose, if the goal gives one.
+    """
+
+    change: Intervals
+    room: Intervals
+    start: tuple[float, ...]
+    goal: tuple[float | None, ...]
+    rate: Callable[[Mode, tuple[float | None, ...]], float]
+    origin: tuple[float, ...]
+    least_time: Callable[[Mode, Intervals, float], float]
+    least_effort: Callable[[Mode, Intervals, float], float]
+    forbidden: Callable[[Mode, Intervals, float], str | None]
+    beyond: str
+    shape: str
+    conserved: Conserved
+    curvature: Callable[[Sequence[float]], tuple[float, ...]]
+    pose: PoseTask | None
+
+    @property
+    def segments(self) -> range:
+        """The segments, counted from 0."""
+        return range(len(self.change))
+
+    def must_bend(self, segment: int) -> bool:
+        """Whether the goal asks for another curvature of ``segment`` (from 0)."""
+        low, high = self.change[segment]
+        return not low - self.slack <= 0 <= high + self.slack
+
+    @property
+    def slack(self) -> float:
+        """Change of W too small to need a soft phase."""
+        scale = max(abs(value) for pair in self.change for value in pair)
+        return REACH_TOLERANCE * max(scale, 1e-6)
+
+
+def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
+    """Say why the modes of ``sequence`` cannot bring about the required bend, or None if they can.
+
+    The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and segments
+    that are only ever soft together change their W by the same amount.
+    """
+    soft = list(dict.fromkeys(mode for mode in sequence if any(mode)))
+    for j in task.segments:
+        if not any(mode[j] for mode in soft) and task.must_bend(j):
+            names = " and ".join(mode_name(mode) for mode in dict.fromkeys(sequence))
+            return f"segment {j + 1} must bend ({task.shape}) but is rigid in {names or 'no mode'}"
+    for i, j in itertools.combinations(task.segments, 2):
+        if all(mode[i] == mode[j] for mode in soft):
+            (low_i, high_i), (low_j, high_j) = task.change[i], task.change[j]
+            if max(low_i - high_j, low_j - high_i) > task.slack:
+                return _tied(soft, (i, j), task)
+    return _dependent(soft, task)
+
+
+def _tied(soft: Sequence[Mode], pair: tuple[int, int], task: BendingTask) -> str:
+    """Say that these modes bend two segments only together."""
+    i, j = pair
+    (low_i, high_i), (low_j, high_j) = task.change[i], task.change[j]
+    apart = math.copysign(max(low_i - high_j, low_j - high_i), low_i - high_j)
+    name, unit, factor = task.conserved
+    both = named("segment", (i + 1, j + 1), len(task.change))
+    alone = len(soft) == 1
+    modes = f"mode {mode_name(soft[0])} alone bends" if alone else f"{_names(soft)} bend"
+    return (
+        f"{modes} {both} together and cannot reach this shape ({task.shape}): "
+        f"{'it keeps' if alone else 'they keep'} {name.format(i + 1, j + 1)}, which must change by "
+        f"{factor * apart:+.3g} {unit}; segment {i + 1} or {j + 1} must also be bent alone"
+    )
+
+
+def _dependent(soft: Sequence[Mode], task: BendingTask) -> str | None:
+    """Say that what these modes keep besides differences of two W forbids the shape, if it does."""
+    if len(task.change) < 3 or not soft:  # of two segments nothing else is kept
+        return None
+    incidence = np.array(soft, dtype=float).T
+    left, singular, _ = np.linalg.svd(incidence)
+    for kept in left[:, int((singular > REACH_TOLERANCE).sum()) :].T:
+        ends = kept[:, None] * np.array(task.change)  # of what should be kept, by segment
+        if ends.min(axis=1).sum() > task.slack or ends.max(axis=1).sum() < -task.slack:
+            return f"{_names(soft)} cannot bend the segments independently ({task.shape})"
+    return None
+
+
+def _names(modes: Sequence[Mode]) -> str:
+    return f"modes {' and '.join(map(mode_name, modes))}"
+
+
+def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
+    """Change of W in each phase where the task leaves no choice, else None.
+
+    With independent soft modes and a given shape at the end, the bends are the unique solution of
+    one linear equation for each segment. None also where they are no solution.
+    """
+    if any(low != high for low, high in task.change):
+        return None
+    found = bend_ranges(sequence, task)
+    if found is None:
+        return None
+    bends, wanted = found[0], np.array([low for low, _ in task.change])
+    incidence = np.array(sequence, dtype=float).reshape(len(sequence), len(wanted)).T
+    return bends if np.abs(incidence @ bends - wanted).max() <= task.slack else None
+
+
+def bend_ranges(sequence: ModeSequence, task: BendingTask) -> tuple[Array, Array] | None:
+    """Least and largest change of W in each phase; None if the soft modes are not independent.
+
+    Then the bends d solve A d = w for some w in the box that is asked for, so d = A^+ w.
+    """
+    if (inverse := _inverse(sequence)) is None:
+        return None
+    low, high = np.array(task.change).T
+    rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
+    return rise @ low + fall @ high, rise @ high + fall @ low
+
+
+@functools.lru_cache(4096)
+def _inverse(sequence: ModeSequence) -> Array | None:
+    """A^+, (phases, segments), zero for rigid phases; None if soft modes are not independent."""
+    modes = np.array(sequence, dtype=float)
+    inverse, soft = np.zeros_like(modes), modes.any(axis=1)
+    if np.linalg.matrix_rank(modes) < soft.sum():
+        return None
+    inverse[soft] = np.linalg.pinv(modes[soft].T)
+    return inverse
+
+
+class BendStep(NamedTuple):
+    """What is known of the bend of a phase.
+
+    Attributes:
+        mode: Its mode.
+        before: Bounds of the W of each segment where it begins.
+        least: Least change of W of its soft segments, with its sign.
+        most: Largest change of W.
+        possible: Whether limits and goal leave any W where it ends.
+        beyond: A segment (from 0) that it bends beyond the curvature limits, whatever it bends.
+    """
+
+    mode: Mode
+    before: Intervals
+    least: float
+    most: float
+    possible: bool
+    beyond: int | None
+
+    @property
+    def surely(self) -> float:
+        """Change of W that every such bend passes."""
+        return min(self.least, self.most, key=abs) if self.least * self.most > 0 else 0.0
+
+
+def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | None:
+    """What is known of the bend of each phase; None if the soft modes are not independent."""
+    if (ranges := bend_ranges(sequence, task)) is None:
+        return None
+    here, steps = np.array([task.origin, task.origin]), list[BendStep]()
+    for i, mode in enumerate(sequence):
+        bend, before = np.array([part[i] for part in ranges]), _pairs(here)
+        here = here + np.outer(bend, mode)
+        outermost = [
+            room if any(later[j] for later in sequence[i + 1 :]) else change
+            for j, (room, change) in enumerate(zip(task.room, task.change, strict=True))
+        ]
+        beyond = next((j for j in task.segments if _misses(here[:, j], task, task.room, j)), None)
+        possible = not any(_misses(here[:, j], task, outermost, j) for j in task.segments)
+        low, high = (np.array(task.origin) + end for end in np.array(outermost).T)
+        here = np.array([np.clip(end, low, high) for end in here])
+        steps.append(BendStep(mode, before, float(bend[0]), float(bend[1]), possible, beyond))
+    return steps
+
+
+def _misses(
+    bounds: Array, task: BendingTask, changes: Sequence[tuple[float, float]], segment: int
+) -> bool:
+    """Whether no W within bounds (2,) is one of the changes that a segment (from 0) may make."""
+    low, high = changes[segment]
+    least, most = (bounds - task.origin[segment]).tolist()
+    return bool(least > high + task.slack or most < low - task.slack)
+
+
+def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
+    """Least durations of the phases, as far as the task says how far they bend [s].
+
+    Infinite where a bend must pass a shape that is forbidden.
+    """
+    durations = [0.0] * len(sequence)
+    for i, step in enumerate(bend_steps(sequence, task) or ()):
+        before, bend = step.before, step.surely
+        if bend:
+            durations[i] = task.least_time(step.mode, before, bend)
+        if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
+            durations[i] = math.inf
+    return durations
+
+
+def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
+    """Least effort times duration of the phases, as far as the task says how far they bend [s2]."""
+    steps = bend_steps(sequence, task) or ()
+    return [
+        task.least_effort(step.mode, step.before, step.surely) if step.surely else 0.0
+        for step in steps
+    ]
+
+
+def _pairs(bounds: Array) -> Intervals:
+    """(low, high) of every segment, from (2, n)."""
+    low, high = bounds.tolist()
+    return tuple(zip(low, high, strict=True))
+
+
+def known_curvatures(
+    sequence: ModeSequence, phase: int, task: BendingTask
+) -> tuple[float | None, ...]:
+    """Curvatures of the rigid segments in a phase, where the sequence alone determines them."""
+
+    def known(j: int) -> float | None:
+        if sequence[phase][j]:
+            return None
+        if not any(mode[j] for mode in sequence[:phase]):
+            return task.start[j]
+        return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
+
+    return tuple(known(j) for j in task.segments)
