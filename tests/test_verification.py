@@ -300,6 +300,19 @@ def test_a_plan_whose_input_holds_from_row_to_row_does_not_pass_for_one(case: Ca
 
 
 @nominal_only
+def test_a_phase_too_short_for_its_controller_is_found(case: Case) -> None:
+    robot = case.problem.robot
+    limits = robot.limits.with_values(control_period_s=0.5)
+    slow = case.problem.with_values(robot=robot.with_values(limits=limits))
+    short = min(case.phases, key=lambda phase: phase.end_s - phase.start_s)
+    assert short.end_s - short.start_s < 1.5
+    words = (
+        f"^the phase at {short.start_s:.3f} s lasts .* less than three control periods, 1.500 s$"
+    )
+    assert_found(replace(case, problem=slow), words)
+
+
+@nominal_only
 def test_a_plan_that_begins_in_motion_is_found(case: Case) -> None:
     spoilt = case  # as far, at the mean of the speeds at the ends
     for column in range(5):

@@ -224,7 +224,7 @@ def _command_problems(trajectory: Trajectory) -> Iterator[str]:
 def _speed_problems(trajectory: Trajectory) -> Iterator[str]:
     """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps.
 
-    Then every phase goes from rest to rest as well.
+    Then every phase goes from rest to rest as well, and is as long as the robot needs for one.
     """
     problem, samples = trajectory.problem, trajectory.samples
     dt = np.diff(samples.t_s)[:, None]
@@ -252,6 +252,10 @@ def _speed_problems(trajectory: Trajectory) -> Iterator[str]:
         first, last = np.searchsorted(samples.t_s + TIME_TOLERANCE_S, ends)
         if np.abs([after[first], before[max(last - 1, 0)]]).max() > WHEEL_TOLERANCE_RAD_S:
             yield f"the phase at {phase.start_s:.3f} s does not go from rest to rest"
+        shortest = problem.robot.limits.phase_s
+        if ends[1] - ends[0] < shortest - TIME_TOLERANCE_S and samples.v[first:last].any():
+            lasting = f"lasts {ends[1] - ends[0]:.3f} s, less than three control periods"
+            yield f"the phase at {phase.start_s:.3f} s {lasting}, {shortest:.3f} s"
 
 
 def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:
