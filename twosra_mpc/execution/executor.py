@@ -10,7 +10,7 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
 from twosra_mpc.execution.robot_interface import RobotInterface
-from twosra_mpc.execution.run import Ending, Run, times
+from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
@@ -86,7 +86,7 @@ class _Execution:
             ending = ending or self._plan_again()
             if ending is not None:
                 followed = tuple(self.plans), tuple(self.begun)
-                return self.session.finish("optimal", *ending, *followed)
+                return self.session.finish(Verdict("optimal", *ending, *followed))
 
     def _follow(self, plan: Plan) -> Abort | None:
         settings = self.settings

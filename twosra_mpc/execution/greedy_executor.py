@@ -17,7 +17,7 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import Pulses
 from twosra_mpc.execution.robot_interface import RobotInterface
-from twosra_mpc.execution.run import Ending, Run
+from twosra_mpc.execution.run import Ending, Run, Verdict
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.model.kinematics import kinematics
@@ -48,7 +48,7 @@ class GreedyExecutor:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows two segments")
         session = Session(self.robot, problem)
         ending, reason = _GreedyRun(session, self.settings).run()
-        return session.finish("greedy", ending, reason)
+        return session.finish(Verdict("greedy", ending, reason))
 
 
 class _GreedyRun:

@@ -36,6 +36,16 @@ class Ending(enum.StrEnum):
     LOGGED = "logged"  # written down as it was; nobody has judged where it ended
 
 
+class Verdict(NamedTuple):
+    """What carried a run out, how and why it ended, and by which plans; see `Run`."""
+
+    executor: Executed
+    ending: Ending
+    reason: str
+    plans: tuple[Plan, ...] = ()
+    begun: tuple[int, ...] = ()
+
+
 class RunEvent(NamedTuple):
     """Something worth knowing, when it happened and in words."""
 

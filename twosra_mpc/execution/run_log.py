@@ -20,6 +20,7 @@ from twosra_mpc.execution.run import (
     Run,
     RunEvent,
     RunLog,
+    Verdict,
 )
 from twosra_mpc.execution.session import Session
 from twosra_mpc.files import read_document, write_json
@@ -62,8 +63,8 @@ class RunFile:
     def end(self, reason: str) -> None:
         """Write down a run that ended so, if it has begun."""
         if self._session is not None:
-            judged = Ending.LOGGED, reason, (self._plan,)
-            self.save(self._session.so_far(self._executed, *judged))
+            verdict = Verdict(self._executed, Ending.LOGGED, reason, (self._plan,))
+            self.save(self._session.so_far(verdict))
 
     def save(self, run: Run) -> None:
         """Write a run that has come to its own end."""

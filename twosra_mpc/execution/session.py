@@ -11,7 +11,6 @@ from twosra_mpc.execution import run
 from twosra_mpc.execution.camera_filter import CameraFilter
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import Mode
@@ -162,45 +161,27 @@ class Session:
         ):
             self.rest(setpoint_C, 3 * self.period_s, planned)
 
-    def finish(
-        self,
-        executor: run.Executed,
-        ending: run.Ending,
-        reason: str,
-        plans: tuple[Plan, ...] = (),
-        begun: tuple[int, ...] = (),
-    ) -> run.Run:
+    def finish(self, verdict: run.Verdict) -> run.Run:
         """Stop the wheels, switch off the heaters that need not stay on, and return the run."""
         heater = self.problem.robot.heater
         self.setpoint_C = np.full_like(self.setpoint_C, heater.rigid_setpoint_C)
-        if ending is run.Ending.REACHED:
+        if verdict.ending is run.Ending.REACHED:
             self.setpoint_C[np.array(self.problem.goal.mode) == 1] = heater.soft_setpoint_C
         self.robot.send(_STILL, self.setpoint_C)
-        self.tell("end", reason)
+        self.tell("end", verdict.reason)
         self._note(_STILL, self.setpoint_C, self._unknown, self._no_mode)
-        return self.so_far(executor, ending, reason, plans, begun)
+        return self.so_far(verdict)
 
-    def so_far(
-        self,
-        executor: run.Executed,
-        ending: run.Ending,
-        reason: str,
-        plans: tuple[Plan, ...] = (),
-        begun: tuple[int, ...] = (),
-    ) -> run.Run:
+    def so_far(self, verdict: run.Verdict) -> run.Run:
         """Return the run as it is written down up to now; the robot is told nothing."""
         kinds = [event.kind for event in self.events]
         columns = (np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
         return run.Run(
             problem=self.problem,
-            executor=executor,
-            plans=plans,
-            ending=ending,
-            reason=reason,
+            **verdict._asdict(),
             error=self.error,
             replans=kinds.count("replan"),
             corrections=kinds.count("correct"),
-            begun=begun,
             changes=tuple(self.changes),
             drives=tuple(self.drives),
             events=tuple(self.events),

@@ -17,7 +17,7 @@ from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import RobotError
-from twosra_mpc.execution.run import Ending, Executed, Run
+from twosra_mpc.execution.run import Ending, Executed, Run, Verdict
 from twosra_mpc.execution.run_log import RunFile
 from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
 from twosra_mpc.execution.serial.clock import Clock, SteppedClock
@@ -230,7 +230,7 @@ class _Stream:
             raise RobotError(left.text)
         begun = (runner.schedule.begun(runner.progress),)
         reason = "the plan was sent to its end"
-        return session.finish("stream", Ending.LOGGED, reason, (self.plan,), begun)
+        return session.finish(Verdict("stream", Ending.LOGGED, reason, (self.plan,), begun))
 
     def _tracked(self, robot: SerialRobot, poses: PoseLines) -> Run:
         """Follow the plan by what is seen, to its goal."""
