@@ -23,6 +23,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
 from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
 from twosra_mpc.problem.workspace import Workspace
+from twosra_mpc.problem.world import Obstacles, Pass, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
@@ -81,7 +82,9 @@ class Problem(Value):
     parameters. ``motion`` says what is done with time to spare, and with the ``gap`` that is asked
     for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can. With
     ``weights.effort`` the cost itself says how fast, and ``motion`` has nothing to add. No point of
-    the robot leaves the ``workspace``.
+    the robot leaves the ``workspace``, and all keep ``clearance_m`` from the ``obstacles``. The
+    ``tasks`` are done one after the other, then the goal is reached; a last task that says
+    ``do = "reach"`` is the goal.
     """
 
     description: str = ""
@@ -89,7 +92,11 @@ class Problem(Value):
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
     goal: SerializeAsAny[GoalSet]
+    tasks: Annotated[tuple[Pass, ...], BeforeValidator(plain)] = ()
     workspace: Workspace | None = None
+    obstacles: Obstacles = ()
+    clearance_m: NonNegative = 0.002
+    curvature_uncertainty_per_m: NonNegative = 0.0
     weights: Weights = Weights()
     timing: str = "nominal"
     ambient_C: Number | None = None
@@ -110,6 +117,25 @@ class Problem(Value):
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     time_limit_s: Positive = 60.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _reached_last(cls, data: Any) -> Any:
+        tasks = data.get("tasks") if isinstance(data, dict) else None
+        if not isinstance(tasks, list | tuple):
+            return data
+        asked = [isinstance(task, dict) and task.get("do") == "reach" for task in tasks]
+        if True in asked[:-1]:
+            raise InputError(
+                f"tasks.{asked.index(True)}.do", "reach", "reach as the last task only"
+            )
+        if not asked or not asked[-1]:
+            return data
+        last = len(tasks) - 1
+        if "goal" in data:
+            raise InputError(f"tasks.{last}.do", "reach", "pass, as there is a [goal] already")
+        goal = {key: value for key, value in tasks[-1].items() if key not in ("do", "name")}
+        return {**data, "tasks": list(tasks[:-1]), "goal": goal}
 
     @field_validator("robot", mode="before")
     @classmethod
@@ -144,6 +170,7 @@ class Problem(Value):
     @model_validator(mode="after")
     def _consistent(self) -> Problem:
         found = list(self._wrong_lengths()) or list(self._contradictions())
+        found += names_twice(self.obstacles)
         if found:
             raise found[0].among(found[1:])
         return self
@@ -267,6 +294,11 @@ class Problem(Value):
             models = (segment_model(self.robot, self.ambient, j) for j in segments)
             return tuple(map(thresholds_C, models))
         return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
+
+    @property
+    def world(self) -> World:
+        """What is around the robot."""
+        return World(**{name: getattr(self, name) for name in World.model_fields})
 
     @property
     def judged_goal(self) -> GoalSet:

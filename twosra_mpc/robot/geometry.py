@@ -30,6 +30,7 @@ class Geometry(Value):
     with a middle link between neighbours, an end link. ``segment_length_m`` is one length for all
     of them, or a list.
 
+    ``fibre_radius_m`` is that of segments and links (the tube of the paper's robot: 4 mm).
     ``unit_offset_m`` is how far the units' centres lie beside the fibre, in y of the fibre ends.
     ``wheels`` overrides where the four wheels sit and point (two of LU1, two of LU2); left out,
     they follow from the lengths, with the paper's beta = pi/2, 0, -pi/2, pi.
@@ -43,6 +44,7 @@ class Geometry(Value):
     wheel_thickness_m: Positive
     wheel_radius_m: Positive
     unit_offset_m: Number = 0.0
+    fibre_radius_m: NonNegative = 0.004
     wheels: Annotated[tuple[Wheel, ...], BeforeValidator(plain)] | None = None
 
     @model_validator(mode="after")
@@ -125,7 +127,8 @@ class MotionLimits(Value):
     ``speed_m_s`` and ``turn_rate_rad_s`` are of the middle link in rigid phases,
     ``bend_rate_rad_s`` of every segment (kappa' l). With ``wheel_acceleration_rad_s2`` every phase
     begins and ends at rest. A phase that moves lasts at least three times ``control_period_s``; a
-    gentle one is no slower than that its fastest wheel reaches ``wheel_speed_min_rad_s``.
+    gentle one is no slower than that its fastest wheel reaches ``wheel_speed_min_rad_s``. Among obstacles the middle link moves
+    by at most ``soft_travel_m`` while segments are soft, from one drive to the next.
     """
 
     wheel_speed_rad_s: Positive
@@ -139,6 +142,7 @@ class MotionLimits(Value):
     turn_rate_rad_s: Positive | None = None
     wheel_speed_min_rad_s: NonNegative = 0.0
     control_period_s: Positive | None = None
+    soft_travel_m: Positive = 0.15
 
     @property
     def phase_s(self) -> float:

@@ -1,0 +1,210 @@
+"""What is around the robot: obstacles, how far to keep from them, and boxes to drive through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BeforeValidator, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.problem.workspace import Workspace
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.validation import NonNegative, Number, Pair, Positive, Value, plain
+
+_SIDES = 16  # of the polygons that stand for a disc
+_FLAT_M = 1e-6
+
+
+class Box(Value):
+    """A box along the axes of the plane."""
+
+    x_m: Pair
+    y_m: Pair
+
+    @model_validator(mode="after")
+    def _low_below_high(self) -> Box:
+        for name, pair in (("x_m", self.x_m), ("y_m", self.y_m)):
+            if not pair[0] < pair[1]:
+                raise InputError(name, pair, "two numbers, the lower one first")
+        return self
+
+    @property
+    def corners_m(self) -> Array:
+        """Its corners, counter-clockwise, (4, 2)."""
+        (left, right), (low, high) = self.x_m, self.y_m
+        return np.array([(left, low), (right, low), (right, high), (left, high)])
+
+
+class Disc(Value):
+    """A disc in the plane."""
+
+    x_m: Number
+    y_m: Number
+    radius_m: Positive
+
+    def polygon(self, scale: float) -> Array:
+        """A regular polygon whose corners are at ``scale`` times the radius, (16, 2)."""
+        angles = (np.arange(_SIDES) + 0.5) * math.tau / _SIDES
+        corners = self.radius_m * scale * np.column_stack([np.cos(angles), np.sin(angles)])
+        return np.array([self.x_m, self.y_m]) + corners
+
+
+class Obstacle(Value):
+    """Something the robot must not touch: a polygon, a box or a disc.
+
+    ``polygon_m`` lists corners in either direction, without the first one again; it need not be
+    convex. Raises an `InputError` if it crosses itself, is flat, or has less than three corners.
+    """
+
+    name: str = ""
+    polygon_m: Annotated[tuple[Pair, ...], BeforeValidator(plain)] | None = None
+    box: Box | None = None
+    disc: Disc | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Obstacle:
+        given = [name for name in ("polygon_m", "box", "disc") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise InputError("", given or "no shape", "one of polygon_m, box, disc")
+        if self.polygon_m is not None:
+            _check_polygon(np.array(self.polygon_m).reshape(-1, 2))
+        return self
+
+    @property
+    def corners_m(self) -> Array:
+        """Corners of a polygon that holds it, counter-clockwise, (m, 2); a disc's has 16."""
+        if self.disc is not None:
+            return self.disc.polygon(1 / math.cos(math.pi / _SIDES))
+        return self._exact
+
+    @property
+    def inner_corners_m(self) -> Array:
+        """Corners of a polygon within it, counter-clockwise, (m, 2)."""
+        return self.disc.polygon(1.0) if self.disc is not None else self._exact
+
+    @property
+    def _exact(self) -> Array:
+        if self.box is not None:
+            return self.box.corners_m
+        corners = np.array(self.polygon_m)
+        return corners if _area_m2(corners) > 0 else corners[::-1]
+
+
+class Pass(Value):
+    """A task: drive b0 through a box of poses on the way; what is left out is free."""
+
+    do: Literal["pass"] = "pass"
+    name: str = ""
+    x_m: Pair | None = None
+    y_m: Pair | None = None
+    phi_rad: Pair | None = None
+
+    @model_validator(mode="after")
+    def _growing(self) -> Pass:
+        given = {name: getattr(self, name) for name in ("x_m", "y_m", "phi_rad")}
+        if not any(given.values()):
+            raise InputError("", {}, "at least one of x_m, y_m, phi_rad")
+        for name, pair in given.items():
+            if pair is not None and not pair[0] < pair[1]:
+                raise InputError(name, pair, "two numbers, the lower one first")
+        return self
+
+    @property
+    def ends(self) -> Array:
+        """Least and largest x, y, phi, (2, 3); infinite where free."""
+        free = (-math.inf, math.inf)
+        return np.array([self.x_m or free, self.y_m or free, self.phi_rad or free]).T
+
+    def met(self, poses: Array) -> Array:
+        """Whether each pose (..., 3) is in the box; headings count modulo full turns."""
+        low, high = self.ends
+        inside = ((poses[..., :2] >= low[:2]) & (poses[..., :2] <= high[:2])).all(axis=-1)
+        if self.phi_rad is not None:
+            inside &= np.mod(poses[..., 2] - low[2], math.tau) <= high[2] - low[2]
+        found: Array = inside
+        return found
+
+
+Obstacles = Annotated[tuple[Obstacle, ...], BeforeValidator(plain)]
+
+
+class World(Value):
+    """What is around the robot. ``Problem(**dict(world), ...)`` plans in it.
+
+    ``clearance_m`` is kept to all obstacles, by the whole sweep of a plan. A curvature known to
+    within ``curvature_uncertainty_per_m`` widens the robot by what it moves its far end.
+    """
+
+    workspace: Workspace | None = None
+    obstacles: Obstacles = ()
+    clearance_m: NonNegative = 0.002
+    curvature_uncertainty_per_m: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _each_name_once(self) -> Self:
+        found = list(names_twice(self.obstacles))
+        if found:
+            raise found[0].among(found[1:])
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each obstacle; of one without, its number from 1."""
+        return tuple(item.name or f"obstacle {i}" for i, item in enumerate(self.obstacles, start=1))
+
+
+def names_twice(obstacles: tuple[Obstacle, ...]) -> Iterator[InputError]:
+    """Yield every name of an obstacle that one before it has."""
+    names = [obstacle.name for obstacle in obstacles]
+    for i, name in enumerate(names):
+        if name and name in names[:i]:
+            yield InputError(f"obstacles.{i}.name", name, "a name that no other obstacle has")
+
+
+def _check_polygon(corners: Array) -> None:
+    if len(corners) < 3:
+        raise InputError("polygon_m", len(corners), "at least three corners")
+    if np.linalg.matrix_rank(corners - corners[0], tol=_FLAT_M) < 2:
+        raise InputError("polygon_m", corners.tolist(), "corners that do not lie on one line")
+    if (pair := _crossing(corners)) is not None:
+        i, j = pair
+        given = [tuple(corners[k].tolist()) for k in pair]
+        allowed = f"a polygon that does not cross itself; its sides {i + 1} and {j + 1} do"
+        raise InputError("polygon_m", given, allowed)
+
+
+def _area_m2(corners: Array) -> float:
+    """Area, positive where the corners go counter-clockwise."""
+    x, y = corners.T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def _crossing(corners: Array) -> tuple[int, int] | None:
+    """Two sides that meet although they are no neighbours, or fold back on each other."""
+    a, b = corners, np.roll(corners, -1, axis=0)
+    count = len(corners)
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        along, to = q - p, r - p
+        return np.sign(along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0])
+
+    first, second = np.triu_indices(count, k=1)
+    apart = (second - first > 1) & (second - first < count - 1)
+    p, q, r, s = a[first], b[first], a[second], b[second]
+    d1, d2, d3, d4 = side(p, q, r), side(p, q, s), side(r, s, p), side(r, s, q)
+    overlap = (np.minimum(p, q) <= np.maximum(r, s)).all(axis=1)
+    overlap &= (np.maximum(p, q) >= np.minimum(r, s)).all(axis=1)
+    meet = apart & overlap & (d1 * d2 <= 0) & (d3 * d4 <= 0)
+    ahead = b - a
+    turn = ahead[:, 0] * np.roll(ahead[:, 1], -1) - ahead[:, 1] * np.roll(ahead[:, 0], -1)
+    back = (turn == 0) & ((ahead * np.roll(ahead, -1, axis=0)).sum(axis=1) <= 0)
+    if back.any():
+        k = int(np.flatnonzero(back)[0])
+        return k, (k + 1) % count
+    if meet.any():
+        k = int(np.flatnonzero(meet)[0])
+        return int(first[k]), int(second[k])
+    return None
