@@ -36,6 +36,14 @@ class Footprint:
         """Farthest corner of the outer pieces from b0."""
         return float(np.linalg.norm(self.outer, axis=-1).max())
 
+    def shrunk(self, by_m: float) -> Footprint:
+        """The same with inner pieces smaller all around: held whatever moves points by less."""
+        sides = np.roll(self.inner, -1, axis=1) - self.inner
+        lengths = np.linalg.norm(sides, axis=-1, keepdims=True)
+        steps = by_m * sides / lengths
+        kept = (lengths[..., 0] > 2 * by_m).all(axis=1)
+        return Footprint(self.outer, (self.inner + steps - np.roll(steps, 1, axis=1))[kept])
+
 
 def footprint(geometry: Geometry, kappa: ArrayLike) -> Footprint:
     """Footprint of a robot of curvatures ``kappa`` (n,) [1/m]."""
@@ -118,8 +126,13 @@ def reach_per_curvature_m2(geometry: Geometry) -> Array:
     return np.array(reach)
 
 
+def moved_by_bending_m(geometry: Geometry, change_per_m: ArrayLike) -> float:
+    """How far bending by ``change_per_m``, of all segments or of each (n,), moves any point [m]."""
+    left = geometry.inner_link_of_b0
+    reach = reach_per_curvature_m2(geometry) * np.asarray(change_per_m)
+    return float(max(reach[:left].sum(), reach[left:].sum()))
+
+
 def kept_m(world: World, geometry: Geometry) -> float:
     """What outer pieces keep from obstacles: the clearance, and what curvatures may be off [m]."""
-    reach, left = reach_per_curvature_m2(geometry), geometry.inner_link_of_b0
-    off = max(reach[:left].sum(), reach[left:].sum()) * world.curvature_uncertainty_per_m
-    return world.clearance_m + float(off)
+    return world.clearance_m + moved_by_bending_m(geometry, world.curvature_uncertainty_per_m)

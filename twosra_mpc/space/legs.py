@@ -19,7 +19,7 @@ def composed(poses: Array, by: Array) -> Array:
 
 
 def inverse(poses: Array) -> Array:
-    """Poses (..., 3) the other way round: ``composed(poses, inverse(poses))`` is the origin."""
+    """The way back of poses (..., 3): composed with it, they are the origin."""
     c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
     x, y = poses[..., 0], poses[..., 1]
     return np.stack([-c * x - s * y, s * x - c * y, -poses[..., 2]], axis=-1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 from twosra_mpc.space.footprint import footprints, kept_m, reach_per_curvature_m2
 from twosra_mpc.space.separation import Surroundings, placed
 
@@ -102,6 +103,17 @@ class Sweep:
         """Whether the whole sweep is clear where the block begins at a pose (3,)."""
         corners = placed(self._pieces, np.tile(pose, (len(self._pieces), 1)))
         return bool((self._around.distances(corners) >= self._needed).all())
+
+
+def soft_runs(sequence: ModeSequence) -> list[list[int]]:
+    """The phases of each block of a sequence: runs of soft phases without a drive in between."""
+    grouped = itertools.groupby(range(len(sequence)), key=lambda i: is_rigid(sequence[i]))
+    return [list(run) for rigid, run in grouped if not rigid]
+
+
+def blocks_of(sequence: ModeSequence) -> int:
+    """How many blocks a sequence has."""
+    return len(soft_runs(sequence))
 
 
 def _travel_m(nodes: Array, geometry: Geometry, radius: float) -> Array:
