@@ -37,19 +37,19 @@ class Footprint:
         return float(np.linalg.norm(np.concatenate(self.outer), axis=1).max())
 
 
-def footprint(geometry: Geometry, kappa: ArrayLike) -> Footprint:
+def footprint(geometry: Geometry, kappa: ArrayLike, sagitta_m: float = _SAGITTA_M) -> Footprint:
     """Footprint of a robot of curvatures ``kappa`` (n,) [1/m].
 
-    A chord over ds of an arc strays from it by |kappa| ds^2 / 8; wedges at the joints are covered
-    by longer chords.
+    A chord over ds of an arc strays from it by |kappa| ds^2 / 8, at most ``sagitta_m``; wedges at
+    the joints are covered by longer chords.
     """
-    return _footprint(geometry, tuple(np.asarray(kappa, dtype=float).tolist()))
+    return _footprint(geometry, tuple(np.asarray(kappa, dtype=float).tolist()), sagitta_m)
 
 
 @lru_cache(maxsize=256)
-def _footprint(geometry: Geometry, kappa: tuple[float, ...]) -> Footprint:
-    pieces = [*_rigid_pieces(geometry, kappa)]
-    fibre = [pair for j in range(geometry.segments) for pair in _chords(geometry, kappa, j)]
+def _footprint(geometry: Geometry, kappa: tuple[float, ...], sagitta_m: float) -> Footprint:
+    pieces, segments = [*_rigid_pieces(geometry, kappa)], range(geometry.segments)
+    fibre = [pair for j in segments for pair in _chords(geometry, kappa, j, sagitta_m)]
     outer, inner = zip(*fibre, strict=True)
     return Footprint((*pieces, *outer), (*pieces, *inner))
 
@@ -65,11 +65,11 @@ def _rigid_pieces(geometry: Geometry, kappa: tuple[float, ...]) -> Iterator[Arra
 
 
 def _chords(
-    geometry: Geometry, kappa: tuple[float, ...], segment: int
+    geometry: Geometry, kappa: tuple[float, ...], segment: int, sagitta_m: float
 ) -> Iterator[tuple[Array, Array]]:
     """(outer, inner) piece of each chord of a segment."""
     length, bent = geometry.lengths_m[segment], abs(kappa[segment])
-    count = max(1, math.ceil(length * math.sqrt(bent / (8 * _SAGITTA_M))))
+    count = max(1, math.ceil(length * math.sqrt(bent / (8 * sagitta_m))))
     ds = length / count
     shape = robot_shape(geometry, [0.0] * POSE + list(kappa), count + 1)
     radius, sagitta = geometry.fibre_radius_m, bent * ds**2 / 8
