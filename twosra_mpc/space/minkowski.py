@@ -45,7 +45,7 @@ def _partner(piece: Array, others: Sequence[Array]) -> int | None:
 
 
 def _hull(*pieces: Array) -> shapely.Geometry:
-    return shapely.convex_hull(shapely.multipoints(np.concatenate(pieces)))
+    return shapely.MultiPoint(np.concatenate(pieces)).convex_hull
 
 
 def _corners(polygons: Iterable[shapely.Geometry]) -> list[Array]:

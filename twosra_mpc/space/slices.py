@@ -102,7 +102,7 @@ class FreeSlices:
         return tuple(sorted(near))
 
     def within(self, positions: Array) -> Array:
-        """Positions (..., 2), moved to the edge of the box if they are beyond: all is free there."""
+        """Positions (..., 2), moved to the edge of the box from beyond, where all is free."""
         inside: Array = np.clip(positions, *self.box_m)
         return inside
 
@@ -156,40 +156,49 @@ def possible_slices(footprint: Footprint, world: World, kept_m: float, headings:
 
 def _extents(pieces: Array, half_turn_rad: float, headings: int) -> Array:
     """How far pieces get from b0 at each heading, towards low x, low y, high x, high y, (n, 4)."""
-    at = np.arange(headings) * 2 * np.pi / headings
-    angles = (_AXES - at[:, None])[:, :, None]
-    return reach(pieces, angles, half_turn_rad).max(axis=-1)
+    angles = (_AXES - _centres(headings)[:, None])[:, :, None]
+    farthest: Array = reach(pieces, angles, half_turn_rad).max(axis=-1)
+    return farthest
+
+
+def _centres(headings: int) -> Array:
+    return np.arange(headings) * 2 * np.pi / headings
 
 
 def _slices(
     world: World, pieces: list[Array], obstacles: list[Array], extent: Array, headings: int
 ) -> FreeSlices:
-    box = _box(world, pieces, obstacles)
-    edges = np.array([[-np.inf] * 2, [np.inf] * 2])
-    if world.workspace is not None:
-        edges = world.workspace.corners_m
+    edges = world.workspace.corners_m if world.workspace else np.array([[-np.inf], [np.inf]])
+    edges, box = np.broadcast_to(edges, (2, 2)), _box(pieces, obstacles)
     low = np.where(np.isfinite(edges[0]), edges[0] + extent[:, :2], box[0])
     high = np.where(np.isfinite(edges[1]), edges[1] - extent[:, 2:], box[1])
     some = (low < high).all(axis=1)
     free = np.full(headings, shapely.Polygon(), dtype=object)
     free[some] = shapely.box(*low[some].T, *high[some].T)
     if pieces and obstacles:
-        at = np.arange(headings) * 2 * np.pi / headings
-        sums = minkowski_sums(-turned(stacked(pieces), at), stacked(obstacles))
-        met = (sums.min(axis=-2) < high[:, None, None]).all(axis=-1) & some[:, None, None]
-        met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
-        blocked = np.full(met.shape, None, dtype=object)
-        blocked[met] = shapely.polygons(sums[met])
-        by_obstacle = shapely.union_all(blocked, axis=1)  # these first: faster than all at once
-        free = shapely.difference(free, shapely.union_all(by_obstacle, axis=1))
+        blocked = _blocked(pieces, obstacles, low, np.where(some[:, None], high, -np.inf))
+        free = np.asarray(shapely.difference(free, blocked), dtype=object)
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0
-    return FreeSlices(headings, parts[kept], slice_of[kept].astype(np.int64), box)
+    beyond = np.where(np.isfinite(edges), [[-np.inf], [np.inf]], box)
+    return FreeSlices(headings, parts[kept], slice_of[kept].astype(np.int64), beyond)
 
 
-def _box(world: World, pieces: list[Array], obstacles: list[Array]) -> Array:
-    """A box that holds all that obstacles can block, with room around; infinite at edges, (2, 2)."""
+def _blocked(pieces: list[Array], obstacles: list[Array], low: Array, high: Array) -> Geometries:
+    """Positions that obstacles block, of those in the box low to high of each slice, (n,)."""
+    turning = turned(stacked(pieces), _centres(len(low)))
+    sums = minkowski_sums(-turning, stacked(obstacles))
+    met = (sums.min(axis=-2) < high[:, None, None]).all(axis=-1)
+    met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
+    blocked = np.full(met.shape, None, dtype=object)
+    blocked[met] = shapely.polygons(sums[met])
+    by_obstacle = np.asarray(shapely.union_all(blocked, axis=1))  # faster than all at once
+    return np.asarray(shapely.union_all(by_obstacle, axis=1), dtype=object)
+
+
+def _box(pieces: list[Array], obstacles: list[Array]) -> Array:
+    """A box that holds all that obstacles can block, with room around, (2, 2)."""
     far = max((float(np.linalg.norm(piece, axis=1).max()) for piece in pieces), default=0.0)
-    corners = np.concatenate([np.zeros((1, 2)), *obstacles]) if obstacles else np.zeros((1, 2))
+    corners = np.concatenate(obstacles or [np.zeros((1, 2))])
     around = np.array([[-1.0], [1.0]]) * (far + _AROUND_M)
     return np.array([corners.min(axis=0), corners.max(axis=0)]) + around
