@@ -101,6 +101,25 @@ class FreeSlices:
         near = {round(at - 1e-9) % self.headings, round(at + 1e-9) % self.headings}
         return tuple(sorted(near))
 
+    def heading_rad(self, k: Indices) -> Array:
+        """Middle of slices (m,), the heading of their polygons, (m,)."""
+        return 2 * np.pi * k / self.headings
+
+    def index_of(self, heading_rad: Array) -> Indices:
+        """A slice that holds each heading (m,), (m,)."""
+        turns = heading_rad / (2 * np.pi) * self.headings
+        return np.rint(turns).astype(np.int64) % self.headings
+
+    def hold(self, positions: Array, slices: Indices) -> NDArray[np.bool_]:
+        """Whether positions (m, 2) are free at all headings of the slices (m,) they are in."""
+        found = np.zeros(len(positions), dtype=bool)
+        shapely.prepare(self.parts)
+        for k in np.unique(slices):
+            here = np.flatnonzero(slices == k)
+            for part in self.parts[self.first[k] : self.first[k + 1]]:
+                found[here] |= shapely.intersects_xy(part, *positions[here].T)
+        return found
+
     def within(self, positions: Array) -> Array:
         """Positions (..., 2), moved to the edge of the box from beyond, where all is free."""
         inside: Array = np.clip(positions, *self.box_m)
