@@ -41,7 +41,8 @@ class Triangles:
     @cached_property
     def _tree(self) -> shapely.STRtree:
         """Of the triangles, slices apart from each other."""
-        return shapely.STRtree(shapely.polygons(self._apart(self.corners, self.slice_of[:, None])))
+        apart = self._apart(self.corners, self.slice_of[:, None])
+        return shapely.STRtree(np.asarray(shapely.polygons(apart), dtype=object))
 
     def _apart(self, positions: Array, slices: Indices) -> Array:
         wide = 1.0 + 4 * float(np.abs(self.corners).max(initial=0.0))
@@ -67,9 +68,8 @@ def triangles(slices: FreeSlices) -> Triangles:
     same = (middles[order[1:]] == middles[order[:-1]]).all(axis=1)
     same &= part[order[1:]] == part[order[:-1]]
     one, other = order[:-1][same], order[1:][same]
-    node_of = np.full(len(middles), -1, dtype=np.int64)
-    node_of[one] = node_of[other] = np.arange(len(one))
-    node_of = node_of.reshape(-1, 3)
+    node_of = np.full((len(corners), 3), -1, dtype=np.int64)
+    node_of.ravel()[one] = node_of.ravel()[other] = np.arange(len(one))
     alone = np.flatnonzero((node_of < 0).all(axis=1))
     node_of[alone, 0] = len(one) + np.arange(len(alone))
     positions = np.concatenate([middles[one], corners[alone].mean(axis=1)])
