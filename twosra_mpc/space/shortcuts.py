@@ -68,7 +68,7 @@ def improved(poses: Array, times: Times, proof: Proof) -> Array:
 def _stencil() -> Array:
     """Moves along each axis and each diagonal of the plane, with and without turns, (26, 3)."""
     signs = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    moves: Array = signs[signs.any(axis=1)] * [1.0, 1.0, _PER_STEP_RAD]
+    moves: Array = signs[signs.any(axis=1)] * np.array([1.0, 1.0, _PER_STEP_RAD])
     return moves
 
 
