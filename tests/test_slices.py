@@ -33,7 +33,9 @@ SHAPES = (STRAIGHT, (30.0, 30.0), (40.0, -25.0), (-60.0, 20.0))
 def both(world: World, kappa: tuple[float, ...], headings: int) -> tuple[FreeSlices, FreeSlices]:
     geometry = ARC_ROBOT.geometry
     kept, pieces = kept_m(world, geometry), footprint(geometry, kappa)
-    return tuple(make(pieces, world, kept, headings) for make in (certified_slices, possible_slices))
+    return tuple(
+        make(pieces, world, kept, headings) for make in (certified_slices, possible_slices)
+    )
 
 
 def holds(slices: FreeSlices, poses: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Scenes among obstacles that tests share, and what is free in them by another way than the code."""
+"""Scenes among obstacles that tests share, and what is free in them, worked out another way."""
 
 from __future__ import annotations
 
@@ -68,7 +68,8 @@ def true_margins(world: World, kappa: tuple[float, ...], poses: Array) -> Array:
     for x, y, phi in poses:
         c, s = np.cos(phi), np.sin(phi)
         placed = corners @ np.array([[c, s], [-s, c]]) + [x, y]
-        distance = shapely.distance(shapely.set_coordinates(shapely.transform(robot, np.copy), placed), solid)
+        there = affinity.affine_transform(robot, [c, -s, s, c, x, y])
+        distance = shapely.distance(there, solid)
         inside = np.inf if world.workspace is None else world.workspace.margin_m(placed).min()
         found.append(min(float(distance) - world.clearance_m, float(inside)))
     return np.array(found)
