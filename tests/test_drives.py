@@ -57,7 +57,9 @@ def test_times_of_legs_are_those_of_the_limits() -> None:
     drives = Drives(ARC_ROBOT, World(), BENT)
     rows, ramp = rigid_rows(ARC_ROBOT, BENT), rigid_ramp_s(ARC_ROBOT, BENT)
     end = np.array([[0.001, 0.0, 0.0], [0.3, 0.2, 1.0]])
-    for time, twist in zip(drives.leg_times_s(np.zeros((2, 3)), end), twists(np.zeros(3), end)):
+    for time, twist in zip(
+        drives.leg_times_s(np.zeros((2, 3)), end), twists(np.zeros(3), end), strict=False
+    ):
         assert time == pytest.approx(from_rest_to_rest(float(np.abs(rows @ twist).max()), ramp))
 
 
@@ -69,7 +71,10 @@ def test_legs_are_clear_exactly_where_their_least_distance_allows_it() -> None:
         return np.hypot(*poses[:, :2].T) - 0.1
 
     twist = twists(start, end)
-    least = [clear(moved(p, s, np.linspace(0, 1, 2000))).min() for p, s in zip(start, twist)]
+    least = [
+        clear(moved(p, s, np.linspace(0, 1, 2000))).min()
+        for p, s in zip(start, twist, strict=False)
+    ]
     found = clear_legs(clear, start, twist, 0.0, 0.2)
     assert (found == (np.array(least) >= 0.2)).all()
     assert 10 < found.sum() < 70
@@ -81,7 +86,7 @@ def test_roads_connect_exactly_what_slices_do(seed: int, kappa: tuple[float, ...
     roads = roadmap(slices, rigid_rows(ARC_ROBOT, kappa), 0.05)
     _, label = connected_components(roads.graph, directed=False)
     component = [slices.component(pose) for pose in roads.poses[::7]]
-    pairs = {(c, int(own)) for c, own in zip(component, label[::7]) if c is not None}
+    pairs = {(c, int(own)) for c, own in zip(component, label[::7], strict=False) if c is not None}
     assert len(pairs) == len({c for c, _ in pairs}) == len({own for _, own in pairs})
     assert label.max() == slices.component_of.max()
     assert component.count(None) < 0.01 * len(component)  # on the edge but for rounding
