@@ -152,20 +152,6 @@ class Field:
         poses += [self.via[last], self.pose]
         return continued(np.array(poses[::-1]))
 
-    def times_to_s(self, poses: Array) -> Array:
-        """Time to each pose (m, 3), by the node nearest in its slice; infinite outside, (m,) [s].
-
-        Whether that node is seen from the pose is not asked.
-        """
-        slices = self.roadmap.slices
-        k = slices.index_of(poses[:, 2])
-        where = slices.within(poses[:, :2])
-        apart, near = self.roadmap._tree.query(self.roadmap._told_apart(where, k))
-        leg = times_at_speed_s(self.roadmap.rows, twists(poses, self.roadmap.poses[near]))
-        there = (apart < _APART / 2) & slices.hold(where, k)
-        found: Array = np.where(there, self.times_s[near] + leg, np.inf)
-        return found
-
 
 def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
     """The roadmap of slices with a grid of this spacing, for speed limits ``rows`` (m, 3)."""
