@@ -156,6 +156,14 @@ class Drives:
         """Times from a pose (3,), or to it, along the roads of the coarsest slices."""
         return self.roadmap(self.headings[0]).field(pose)
 
+    def apart(self, start: Array, goal: Array) -> Bools:
+        """Which of poses (a, 3) and (b, 3) are in different components of coarse F-, (a, b)."""
+        slices = self.certified_slices(self.headings[0])
+        known = [[slices.component(pose) for pose in poses] for poses in (start, goal)]
+        here, there = (np.array([-1 if c is None else c for c in each]) for each in known)
+        different = here[:, None] != there[None]
+        return np.asarray(different & (here >= 0)[:, None] & (there >= 0)[None])
+
     # Drives.
 
     def decide(self, start: Array, goal: Array) -> Decision:

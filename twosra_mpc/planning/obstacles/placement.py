@@ -65,9 +65,9 @@ class Placer:
                 blocks = self._blocks(sequence, bends, shares)
                 chain = None if blocks is None else self._chain(sequence, blocks, hidden_s)
                 if blocks is None or chain is None:
-                    self.necessity.work_out()
+                    done = self.necessity.proves_impossible(sequence) or not blocks
                     yield None
-                    if self.necessity(sequence) is not None:
+                    if done:
                         return
                     continue
                 motion = self._motion(sequence, blocks, chain)
