@@ -196,3 +196,13 @@ def test_open_scenes_need_no_polygons() -> None:
         assert "shapely" not in sys.modules
     """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("obstacles", [[], [{"box": {"x_m": (0.0, 0.01), "y_m": (0.0, 0.01)}}]])
+def test_where_the_robot_does_not_fit_nothing_is_driven(obstacles: list[dict[str, object]]) -> None:
+    edges = {"x_m": (-0.05, 0.05), "y_m": (-0.05, 0.05)}
+    drives = Drives(ARC_ROBOT, World(workspace=edges, obstacles=obstacles), STRAIGHT)
+    start, goal = np.zeros(3), np.array([0.01, 0.0, 0.5])
+    assert drives.best(start, goal) is None
+    assert drives.decide(start, goal).verdict == "blocked"
+    assert drives.field(start) is None

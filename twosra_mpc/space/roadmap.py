@@ -23,6 +23,7 @@ from twosra_mpc.space.screws import continued, times_at_speed_s, twists
 from twosra_mpc.space.slices import FreeSlices, Indices
 from twosra_mpc.space.triangles import triangles
 
+_MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
 _APART = 1e3  # times as far apart as the plane is wide are slices, where they are told apart
 
@@ -154,7 +155,12 @@ class Field:
 
 
 def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
-    """The roadmap of slices with a grid of this spacing, for speed limits ``rows`` (m, 3)."""
+    """The roadmap of slices that hold something, for speed limits ``rows`` (m, 3).
+
+    Its grid has this spacing, or a wider one where slices are wide.
+    """
+    x0, y0, x1, y1 = shapely.total_bounds(slices.parts)
+    spacing_m = max(spacing_m, ((x1 - x0) * (y1 - y0) / _MOST) ** 0.5)
     grid, exact, (meeting, of_meeting) = (
         lattice(slices, spacing_m),
         triangles(slices),

@@ -124,12 +124,6 @@ class FreeSlices:
             for i in passed
         )
 
-    @property
-    def width_m(self) -> float:
-        """Of all that is free: the side of a square as large as the box around it."""
-        x0, y0, x1, y1 = shapely.total_bounds(self.parts)
-        return float(np.nan_to_num(((x1 - x0) * (y1 - y0)) ** 0.5))
-
     def within(self, positions: Array) -> Array:
         """Positions (..., 2), moved to the edge of the box from beyond, where all is free."""
         inside: Array = np.clip(positions, *self.box_m)
