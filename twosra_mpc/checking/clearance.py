@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -58,7 +59,7 @@ class Surroundings:
     def __init__(self, world: World, geometry: Geometry) -> None:
         self.names = world.names
         self.geometry = geometry
-        self._each = shapely.polygons([shapely.linearrings(o.corners_m) for o in world.obstacles])
+        self._each = [shapely.Polygon(obstacle.corners_m) for obstacle in world.obstacles]
         self._all = shapely.union_all(self._each)
         shapely.prepare(self._all)
 
@@ -66,14 +67,16 @@ class Surroundings:
         """Distance of configurations (m, 3 + n) to the nearest obstacle, 0 where they overlap."""
         solid, fibre = _drawn(self.geometry, q)
         to_fibre = shapely.distance(self._all, fibre) - self.geometry.fibre_radius_m
-        return np.maximum(np.minimum(shapely.distance(self._all, solid), to_fibre), 0.0)
+        found: Array = np.maximum(np.minimum(shapely.distance(self._all, solid), to_fibre), 0.0)
+        return found
 
     def nearest(self, q: Array) -> tuple[float, int, Array]:
         """Distance (negative: depth), obstacle and nearest points (2, 2) of one configuration."""
         body = self._body(q)
-        apart = shapely.distance(self._each, body)
-        depth, at = max((self._depth(body, i), i) for i in np.flatnonzero(apart <= apart.min()))
-        at = int(at)
+        apart = np.array([shapely.distance(shape, body) for shape in self._each])
+        nearest = np.flatnonzero(apart <= apart.min()).tolist()
+        depths = [self._depth(body, i) for i in nearest]
+        depth, at = max(depths), nearest[int(np.argmax(depths))]
         line = shapely.get_coordinates(shapely.shortest_line(body, self._each[at]))
         return (-depth if apart[at] == 0 else float(apart[at])), at, line
 
@@ -96,12 +99,12 @@ class Surroundings:
         if shapely.area(shared) == 0:
             return 0.0
         edges = shapely.segmentize(shapely.boundary(shared), _LOOKED_AT_M)
-        points = shapely.points(shapely.get_coordinates(edges))
-        edge_of = [shapely.boundary(shape) for shape in (body, self._each[obstacle])]
-        return float(np.max([shapely.distance(points, edge) for edge in edge_of]))
+        points: Any = shapely.points(shapely.get_coordinates(edges))
+        own_edges = [shapely.boundary(shape) for shape in (body, self._each[obstacle])]
+        return float(np.max([shapely.distance(points, edge) for edge in own_edges]))
 
 
-def _drawn(geometry: Geometry, q: Array) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
+def _drawn(geometry: Geometry, q: Array) -> tuple[Any, Any]:
     """Units, wheels and links of configurations (m, 3 + n), and the centre lines of segments."""
     shape = robot_shape(geometry, q, CHORDS + 1)
     a, b = shape.links[..., 0, :], shape.links[..., 1, :]
@@ -111,12 +114,12 @@ def _drawn(geometry: Geometry, q: Array) -> tuple[NDArray[np.object_], NDArray[n
     links = np.stack([a - across, b - across, b + across, a + across], axis=-2)
     links = links[:, long[0, :, 0] > _NO_LINE_M]
     boxes = np.concatenate([shape.units, shape.wheels, links], axis=1)
-    of = [np.repeat(np.arange(len(q)), part.shape[1]) for part in (boxes, shape.segments)]
-    solid = shapely.polygons(boxes.reshape(-1, 4, 2))
-    fibre = shapely.linestrings(shape.segments.reshape(-1, CHORDS + 1, 2))
+    solid: Any = shapely.polygons(boxes.reshape(-1, 4, 2))
+    fibre: Any = shapely.linestrings(shape.segments.reshape(-1, CHORDS + 1, 2))
+    of_solid, of_fibre = (np.arange(len(part)) // (len(part) // len(q)) for part in (solid, fibre))
     return (
-        shapely.multipolygons(solid, indices=of[0]),
-        shapely.multilinestrings(fibre, indices=of[1]),
+        shapely.multipolygons(solid, indices=of_solid),
+        shapely.multilinestrings(fibre, indices=of_fibre),
     )
 
 

@@ -58,7 +58,7 @@ def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
     most, samples = trajectory.problem.robot.limits.soft_travel_m, trajectory.samples
     left, words = most, ""
     moving = np.flatnonzero(samples.moves[:-1])
-    soft = samples.mode[moving].any(axis=1)
+    soft = samples.mode[moving].max(axis=1, initial=0) > 0
     for _, run in itertools.groupby(range(len(moving)), key=soft.__getitem__):
         rows = moving[list(run)]
         begin, end = samples.t_s[rows[0]], samples.t_s[rows[-1] + 1]

@@ -54,7 +54,7 @@ def swept(problem: Problem, samples: Samples) -> Sweep | None:
     alone; for the other coordinates the second difference is added, four times what a smooth path
     can be longer than its chord.
     """
-    soft = samples.mode[:-1].any(axis=1)
+    soft = samples.mode[:-1].max(axis=1) > 0
     fine, at = between(samples, np.where(soft, _SOFT_CUT, _RIGID_CUT), least=3)
     q = reintegrate(problem, fine)
     if not np.isfinite(q).all():

@@ -20,7 +20,7 @@ from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
-from twosra_mpc.model.outline import FEW_POINTS, outline_points
+from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
@@ -280,8 +280,9 @@ def workspace_margins(problem: Problem, q: Array) -> Array:
     lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
     arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
     own = FEW_POINTS * geometry.segments
-    body, fibre = workspace.margin_m(points[:, :-own]), workspace.margin_m(points[:, -own:])
-    margins: Array = np.minimum(body.min(axis=1), fibre.min(axis=1) - arc)
+    within = workspace.margin_m(points) - outline_radii_m(geometry)
+    within[:, -own:] -= arc[:, None]
+    margins: Array = within.min(axis=1)
     return np.where(np.abs(margins) <= TOUCHING_M, 0.0, margins)
 
 
