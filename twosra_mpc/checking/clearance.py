@@ -25,7 +25,7 @@ from twosra_mpc.robot.geometry import Geometry
 
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
-_NO_LINE_M = 1e-9
+_NO_LINE_M = 1e-7
 _ROUNDING_M = 1e-6
 
 
@@ -84,13 +84,14 @@ class Surroundings:
         """Yield name and depth [m] of every obstacle that a configuration overlaps."""
         body = self._body(q)
         for i, name in enumerate(self.names):
-            if (depth := self._depth(body, i)) > 0:
+            if (depth := self._depth(body, i)) > _ROUNDING_M:
                 yield name, depth
 
     def _body(self, q: Array) -> shapely.Geometry:
         """The robot as one geometry, fibre thickened."""
         solid, fibre = _drawn(self.geometry, q[None])
-        thick = shapely.buffer(fibre[0], self.geometry.fibre_radius_m, quad_segs=16)
+        radius = max(self.geometry.fibre_radius_m, _NO_LINE_M)
+        thick = shapely.buffer(fibre[0], radius, quad_segs=16)
         return shapely.union_all([*shapely.get_parts(solid), thick])
 
     def _depth(self, body: shapely.Geometry, obstacle: int) -> float:
@@ -170,7 +171,7 @@ def kept(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
     needed = problem.clearance_m + uncertain_m(problem)
     at_start, away = float(around.distances_m(sweep.q[:1])[0]), 0
     stretches = []
-    if 0 < at_start < needed and trajectory.phases:
+    if at_start < needed and trajectory.phases and not list(around.overlaps(sweep.q[0])):
         away = int(np.searchsorted(sweep.t_s, trajectory.phases[0].end_s))
         far = around.distances_m(sweep.q[:away]) >= needed
         away = int(far.argmax()) if far.any() else min(away, last)
