@@ -12,8 +12,9 @@ import pytest
 import shapely
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot, plan
-from twosra_mpc.checking.clearance import Clearance, check_obstacles, closest_approach
-from twosra_mpc.checking.sweep import bending_reach_m2, least, swept
+from twosra_mpc.checking.clearance import check_obstacles
+from twosra_mpc.checking.surroundings import closest_approach
+from twosra_mpc.checking.sweep import Clearance, bending_reach_m2, least, swept
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape

@@ -6,14 +6,13 @@ An opinion of its own: nothing here knows what is free, or how the planner separ
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from twosra_mpc.checking.sweep import CHORDS, Sweep, least, sagitta_m, swept, uncertain_m
+from twosra_mpc.checking.sweep import CHORDS, Clearance, Sweep, least, sagitta_m, uncertain_m
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import Trajectory
@@ -27,30 +26,6 @@ _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _NO_LINE_M = 1e-7
 _ROUNDING_M = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class Clearance:
-    """Where the robot is nearest to an obstacle.
-
-    Attributes:
-        least_m: Least distance found [m]; negative: how deep the two overlap, by the deepest point
-            of either in the other.
-        proved_m: Less than this it is at no time, samples or not [m]; 0 if they overlap.
-        at_s: When [s].
-        configuration: Where the robot is then, (3 + n,).
-        obstacle: Number of the obstacle, from 0.
-        name: Its name.
-        points_m: The nearest points, of the robot and of the obstacle, (2, 2) [m].
-    """
-
-    least_m: float
-    proved_m: float
-    at_s: float
-    configuration: Array
-    obstacle: int
-    name: str
-    points_m: Array
 
 
 class Surroundings:
@@ -124,11 +99,8 @@ def _drawn(geometry: Geometry, q: Array) -> tuple[Any, Any]:
     )
 
 
-def closest_approach(trajectory: Trajectory) -> Clearance | None:
-    """Where a plan is nearest to an obstacle, to 0.2 mm; None where there is none to be near to."""
-    problem = trajectory.problem
-    if not problem.obstacles or (sweep := swept(problem, trajectory.samples)) is None:
-        return None
+def closest(problem: Problem, sweep: Sweep) -> Clearance:
+    """Where a sweep is nearest to an obstacle."""
     around = Surroundings(problem.world, problem.robot.geometry)
     return _closest(around, sweep, 0, len(sweep.t_s) - 1)
 

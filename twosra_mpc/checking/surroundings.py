@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.sweep import Sweep, swept
+from twosra_mpc.checking.sweep import Clearance, Sweep, swept
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.limits import CLEARANCE, SOFT_TRAVEL
 from twosra_mpc.problem.world import Pass
@@ -48,6 +48,16 @@ def examine_around(trajectory: Trajectory) -> Around:
     margins = {name: margin for name, (margin, _) in found.items()}
     words = {name: text for name, (margin, text) in found.items() if margin < 0}
     return Around(margins, words, tuple(_tasks_not_done(trajectory, sweep)))
+
+
+def closest_approach(trajectory: Trajectory) -> Clearance | None:
+    """Where a plan is nearest to an obstacle, to 0.2 mm; None where there is none to be near to."""
+    problem = trajectory.problem
+    if not problem.obstacles or (sweep := swept(problem, trajectory.samples)) is None:
+        return None
+    from twosra_mpc.checking.clearance import closest  # loads GEOS
+
+    return closest(problem, sweep)
 
 
 def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -34,6 +35,30 @@ class Sweep(NamedTuple):
     t_s: Array
     q: Array
     travelled_m: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Where the robot is nearest to an obstacle.
+
+    Attributes:
+        least_m: Least distance found [m]; negative: how deep the two overlap, by the deepest point
+            of either in the other.
+        proved_m: Less than this it is at no time, samples or not [m]; 0 if they overlap.
+        at_s: When [s].
+        configuration: Where the robot is then, (3 + n,).
+        obstacle: Number of the obstacle, from 0.
+        name: Its name.
+        points_m: The nearest points, of the robot and of the obstacle, (2, 2) [m].
+    """
+
+    least_m: float
+    proved_m: float
+    at_s: float
+    configuration: Array
+    obstacle: int
+    name: str
+    points_m: Array
 
 
 class Least(NamedTuple):
