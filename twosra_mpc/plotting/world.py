@@ -38,6 +38,14 @@ def shown_m(problem: Problem, points: Array) -> Array:
     return np.concatenate([seen, *parts])
 
 
+def names_m(problem: Problem, points: Array) -> dict[str, tuple[float, float]]:
+    """Name of each obstacle in the box of some points (k, 2) -> middle of its part there [m]."""
+    picture = Bbox([points.min(axis=0), points.max(axis=0)])
+    seen = [_within(obstacle.inner_corners_m, picture) for obstacle in problem.obstacles]
+    named = zip(problem.world.names, seen, strict=True)
+    return {name: _middle(part) for name, part in named if len(part) > 2}
+
+
 def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) -> None:
     """Draw workspace, obstacles and boxes of tasks, and name what is seen with ``points`` (k, 2).
 
@@ -49,12 +57,11 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
         ax.add_artist(Rectangle(tuple(low), *(high - low), **style))
     picture = Bbox([points.min(axis=0), points.max(axis=0)])
     words: dict[str, Any] = {"fontsize": size_pt, "zorder": 2.5, "clip_on": True}
-    for obstacle, name in zip(problem.obstacles, problem.world.names, strict=True):
+    for obstacle in problem.obstacles:
         ax.add_artist(Polygon(obstacle.inner_corners_m, **OBSTACLE, zorder=0.8))
-        seen = _within(obstacle.inner_corners_m, picture)
-        if len(seen) > 2:
-            white = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.8}
-            ax.text(*_middle(seen), name, ha="center", va="center", c="0.25", bbox=white, **words)
+    white = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.8}
+    for name, (x, y) in names_m(problem, points).items():
+        ax.text(x, y, name, ha="center", va="center", c="0.25", bbox=white, **words)
     for number, task in enumerate(problem.tasks, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
