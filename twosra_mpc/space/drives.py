@@ -17,7 +17,7 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m
-from twosra_mpc.space.screws import times_at_speed_s, times_from_rest_s, twists
+from twosra_mpc.space.screws import continued, times_at_speed_s, times_from_rest_s, twists
 from twosra_mpc.space.separation import Separation
 from twosra_mpc.space.shortcuts import Bools, Proof, by_one_pose, improved, shortest
 from twosra_mpc.space.sweep import clear_legs
@@ -29,7 +29,6 @@ if TYPE_CHECKING:  # they import shapely
 HEADINGS = (72, 180, 360)  # slices, finer as needed
 _SAGITTA_M = 5e-4
 _SPACING_M = 0.04
-_GRID_NODES = 1000  # at most, in a slice
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _TOUCHING_M = 1e-4  # less than it has now may a start keep that is nearer than it should be
@@ -148,13 +147,23 @@ class Drives:
 
         if headings not in self._roadmaps:
             slices = self.certified_slices(headings)
-            spacing_m = max(_SPACING_M, slices.width_m / _GRID_NODES**0.5)
-            self._roadmaps[headings] = roadmap(slices, self.rows, spacing_m)
+            self._roadmaps[headings] = roadmap(slices, self.rows, _SPACING_M)
         return self._roadmaps[headings]
 
     def field(self, pose: Array) -> Field | None:
-        """Times from a pose (3,), or to it, along the roads of the coarsest slices."""
-        return self.roadmap(self.headings[0]).field(pose)
+        """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
+        headings = self.headings[0]
+        if self.certified_slices(headings).component(pose) is None:
+            return None
+        return self.roadmap(headings).field(pose)
+
+    def apart(self, start: Array, goal: Array) -> Bools:
+        """Which of poses (a, 3) and (b, 3) are in different components of coarse F-, (a, b)."""
+        slices = self.certified_slices(self.headings[0])
+        known = [[slices.component(pose) for pose in poses] for poses in (start, goal)]
+        here, there = (np.array([-1 if c is None else c for c in each]) for each in known)
+        different = here[:, None] != there[None]
+        return np.asarray(different & (here >= 0)[:, None] & (there >= 0)[None])
 
     # Drives.
 
@@ -174,15 +183,16 @@ class Drives:
 
         Headings go on over full turns: that of the last pose may differ from the goal's by some.
         """
-        goal = _continued(np.array([start, goal]))[-1]
-        if self.clear_legs(start, goal, self.needed_m(start)).all():
-            return np.array([start, goal])
-        proof = self._proof(start)
+        goal = continued(np.array([start, goal]))[-1]
+        straight, proof = np.array([start, goal]), self._proof(start)
         guess = by_one_pose(start, goal, self._free, self.leg_times_s, proof)
+        if guess is not None:
+            guess = improved(guess, self.leg_times_s, proof)
+        if proof(straight[:1], straight[1:]).all():
+            return straight if guess is None else min(straight, guess, key=self.time_s)
         if guess is None:
             return self._by_roads(self.headings, start, goal)
-        guess = improved(guess, self.leg_times_s, proof)
-        if self.time_s(guess) <= _DETOUR * self.time_s(np.array([start, goal])):
+        if self.time_s(guess) <= _DETOUR * self.time_s(straight):
             return guess
         found = self._by_roads(self.headings[:1], start, goal)
         return guess if found is None else min(guess, found, key=self.time_s)
@@ -205,7 +215,7 @@ class Drives:
         path = None if field is None else field.path(ends[1])
         if path is None:
             return None
-        poses = _continued(np.array([start, *path, goal]))
+        poses = continued(np.array([start, *path, goal]))
         proof = self._proof(start)
         poses = shortest(poses, self.leg_times_s, proof)
         return shortest(improved(poses, self.leg_times_s, proof), self.leg_times_s, proof)
@@ -215,13 +225,14 @@ class Drives:
         slices = self.certified_slices(headings)
         for first in self._entries(headings, start, self.needed_m(start)):
             for last in self._entries(headings, goal, self.kept_m):
-                if slices.component(first) == slices.component(last):
+                if slices.component(first) == slices.component(last) is not None:
                     return first, last
         return None
 
     def _entries(self, headings: int, pose: Array, needed_m: float) -> list[Array]:
         """The pose itself if a slice holds it, else nodes that straight legs join to it."""
-        if self.certified_slices(headings).component(pose) is not None:
+        slices = self.certified_slices(headings)
+        if not len(slices.parts) or slices.component(pose) is not None:
             return [pose]
         nodes = self.roadmap(headings).poses
         at = np.broadcast_to(pose, nodes.shape)
@@ -239,12 +250,3 @@ class Drives:
 
     def _free(self, poses: Array) -> Bools:
         return np.asarray(self.clear(poses) >= self.kept_m)
-
-
-def _continued(poses: Array) -> Array:
-    """Poses with headings that go on over full turns; one that is as before is left out."""
-    poses = poses.copy()
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    moving = np.abs(np.diff(poses, axis=0)).max(axis=1) > 1e-12
-    kept: Array = poses[np.append(True, moving)]
-    return kept
