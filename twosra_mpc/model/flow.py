@@ -73,30 +73,31 @@ def bending_chain(body: Body, intervals: int, steps: int) -> ca.Function:
 
 @per_body(64)
 def bending_flow(body: Body, steps: int) -> ca.Function:
-    """(q, dW, sigma) -> (q, travel) after bending W of the soft segments by dW.
+    """(q, dW, sigma, shares) -> (q, travel) after bending W of the soft segments by dW.
 
-    Both locomotion units travel equally far [m], the fastest way to bend; ``steps`` Runge-Kutta 4
-    steps in W itself, so that no travel has to be searched for.
+    Locomotion unit j travels ``shares[j]`` times ``travel`` [m]; equally far is the fastest way to
+    bend. ``steps`` Runge-Kutta 4 steps in W itself, so that no travel has to be searched for.
     """
     jacobian, path, lengths = kinematics(body).jacobian, path_model(body), body.geometry.lengths_m
     q, _, sigma = _arguments(ca.SX, body)
     bend, stiffness, size = ca.SX.sym("dW"), ca.vertsplit(sigma), q.numel()
+    shares = ca.SX.sym("shares", 2)
     travelled = ca.vertcat(q, ca.SX.sym("travelled"))
 
     def rate(at: ca.SX) -> ca.SX:
         matrix = jacobian(at[:size], sigma)
         first, second = path.bends(at[POSE:size] * ca.DM(lengths), stiffness)
-        moved = ca.vertcat(matrix[:, 0] + matrix[:, 1], 1)
-        return moved / (first.pace + second.pace) * bend / steps
+        moved = ca.vertcat(matrix[:, :2] @ shares, 1)
+        return moved / (shares[0] * first.pace + shares[1] * second.pace) * bend / steps
 
     after = runge_kutta(rate, travelled)
-    step = ca.Function("step", [travelled, bend, sigma], [after], {"cse": True})
+    step = ca.Function("step", [travelled, bend, sigma, shares], [after], {"cse": True})
     sym_q, _, sym_sigma = _arguments(ca.MX, body)
-    sym_bend = ca.MX.sym("dW")
+    sym_bend, sym_shares = ca.MX.sym("dW"), ca.MX.sym("shares", 2)
     chain = step.fold(steps) if steps > 1 else step
-    repeated = ca.repmat(sym_bend, 1, steps), ca.repmat(sym_sigma, 1, steps)
-    end = chain(ca.vertcat(sym_q, 0), *repeated)
-    return ca.Function("bending_flow", [sym_q, sym_bend, sym_sigma], [end[:size], end[size]])
+    given = sym_bend, sym_sigma, sym_shares
+    end = chain(ca.vertcat(sym_q, 0), *(ca.repmat(each, 1, steps) for each in given))
+    return ca.Function("bending_flow", [sym_q, *given], [end[:size], end[size]])
 
 
 def drive(q: Array, s: Array) -> Array:

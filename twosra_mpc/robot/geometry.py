@@ -127,8 +127,8 @@ class MotionLimits(Value):
     ``speed_m_s`` and ``turn_rate_rad_s`` are of the middle link in rigid phases,
     ``bend_rate_rad_s`` of every segment (kappa' l). With ``wheel_acceleration_rad_s2`` every phase
     begins and ends at rest. A phase that moves lasts at least three times ``control_period_s``; a
-    gentle one is no slower than that its fastest wheel reaches ``wheel_speed_min_rad_s``. Among obstacles the middle link moves
-    by at most ``soft_travel_m`` while segments are soft, from one drive to the next.
+    gentle one is no slower than that its fastest wheel reaches ``wheel_speed_min_rad_s``. Among
+    obstacles the middle link moves by at most ``soft_travel_m`` from one drive to the next.
     """
 
     wheel_speed_rad_s: Positive

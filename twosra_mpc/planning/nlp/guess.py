@@ -20,7 +20,7 @@ from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 
@@ -56,8 +56,8 @@ def guess_motion(
     for i, mode in enumerate(sequence):
         states[i] = q
         if any(mode) and bends[i] != 0.0:
-            q, travel = _bent(robot, q, mode, float(bends[i]), intervals)
-            inputs[i, :, :2] = travel[:, None]
+            nodes, inputs[i, :, :2] = bent(robot, q, mode, float(bends[i]), intervals)
+            q = nodes[-1]
     usable = may_drive or [True] * len(sequence)
     rigid = [i for i, mode in enumerate(sequence) if is_rigid(mode) and usable[i]]
     if rigid:
@@ -104,6 +104,21 @@ def spared_corners(problem: Problem, workspace: Workspace) -> Array:
     return corners
 
 
+def bend_changes(problem: Problem, goal: GoalSet) -> Array:
+    """Least and largest change of W with which each segment ends in a goal, (2, n)."""
+    facts, start = bending(problem.robot), problem.start.configuration
+    limit = problem.robot.limits.curvature_per_m
+    ends = [np.clip(end, -limit, limit)[POSE:].tolist() for end in goal.box(start)]
+    changes: Array = np.array([*map(facts.coordinates, ends)])
+    return changes - facts.coordinates(start[POSE:].tolist())
+
+
+def inner_goal(problem: Problem) -> GoalSet:
+    """Where in the goal plans should end, for the sake of their runs."""
+    accuracy, coordinates = problem.robot.accuracy, problem.robot.coordinates
+    return problem.goal.loosened(-accuracy.planned(coordinates)) if accuracy else problem.goal
+
+
 def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:
     """Bends that end in the inner one of two boxes, or as near to it as the sequence can.
 
@@ -130,8 +145,20 @@ def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) 
     return changed
 
 
-def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tuple[Array, Array]:
-    """(q after the bend, travel of each locomotion unit in each interval [m])."""
+def bent(
+    robot: Robot,
+    q: Array,
+    mode: Mode,
+    bend: float,
+    intervals: int,
+    shares: tuple[float, float] = (1.0, 1.0),
+) -> tuple[Array, Array]:
+    """Bend W of the soft segments by ``bend`` in equal intervals, the units travelling by shares.
+
+    Returns:
+        q at the nodes, (intervals + 1, 3 + n), and the travel of each locomotion unit in each
+        interval, (intervals, 2) [m].
+    """
     facts, turned = bending(robot), 0.0
     for j in soft_segments(mode):
         passed = facts.coordinate(float(q[3 + j]), j) + bend * np.linspace(0, 1, intervals + 1)
@@ -140,8 +167,9 @@ def _bent(robot: Robot, q: Array, mode: Mode, bend: float, intervals: int) -> tu
     doublings = math.ceil(math.log2(max(turned / _STEP_RAD, 1.0)))
     chain = bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
     modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
-    states, travel = chain(q, np.full((1, intervals), bend / intervals), modes.T)
-    return states.full()[:, -1], travel.full().ravel()
+    each = np.repeat(np.array([shares]), intervals, axis=0)
+    states, travel = chain(q, np.full((1, intervals), bend / intervals), modes.T, each.T)
+    return np.vstack([q, states.full().T]), travel.full().T * each
 
 
 def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
