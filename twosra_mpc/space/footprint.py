@@ -45,21 +45,23 @@ class Footprint:
         return Footprint(self.outer, (self.inner + steps - np.roll(steps, 1, axis=1))[kept])
 
 
-def footprint(geometry: Geometry, kappa: ArrayLike) -> Footprint:
-    """Footprint of a robot of curvatures ``kappa`` (n,) [1/m]."""
-    outer, inner = footprints(geometry, np.asarray(kappa, dtype=float)[None])
+def footprint(geometry: Geometry, kappa: ArrayLike, sagitta_m: float = _SAGITTA_M) -> Footprint:
+    """Footprint of a robot of curvatures ``kappa`` (n,) [1/m], as by `footprints`."""
+    outer, inner = footprints(geometry, np.asarray(kappa, dtype=float)[None], sagitta_m)
     return Footprint(outer[0], inner[0])
 
 
-def footprints(geometry: Geometry, kappa: Array) -> tuple[Array, Array]:
+def footprints(
+    geometry: Geometry, kappa: Array, sagitta_m: float = _SAGITTA_M
+) -> tuple[Array, Array]:
     """Outer and inner pieces of shapes (m, n) [1/m], both (m, pieces, 4, 2), in b0.
 
-    A chord over ds of an arc strays from it by |kappa| ds^2 / 8; wedges at the joints are covered
-    by longer chords.
+    A chord over ds of an arc strays from it by |kappa| ds^2 / 8, at most ``sagitta_m``; wedges at
+    the joints are covered by longer chords.
     """
     bent = np.abs(kappa)
     lengths = np.array(geometry.lengths_m)
-    counts = np.ceil(lengths * np.sqrt(bent.max(axis=0) / (8 * _SAGITTA_M))).astype(int)
+    counts = np.ceil(lengths * np.sqrt(bent.max(axis=0) / (8 * sagitta_m))).astype(int)
     counts = np.maximum(counts, 1)
     q = np.pad(kappa, ((0, 0), (POSE, 0)))
     rigid = list(_rigid_pieces(geometry, q))
