@@ -101,7 +101,7 @@ def _crossings(along: Array, across: Array, slice_of: Indices, shape: tuple[int,
 
 
 def _inside(crossings: Indices, axis: int) -> NDArray[np.bool_]:
-    """Whether nodes are inside: odd crossings before them; (.., nodes, ..) of (.., nodes + 1, ..)."""
+    """Whether an odd number of sides crosses before nodes; one less than of cells on the axis."""
     before = np.roll(crossings, 1, axis=axis).cumsum(axis=axis)
     return np.take(before, np.arange(crossings.shape[axis] - 1), axis=axis) % 2 == 1
 

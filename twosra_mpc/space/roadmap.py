@@ -110,9 +110,7 @@ class Roadmap:
             ),
             shape=(size + 1, size + 1),
         )
-        found, before = dijkstra(
-            with_pose, directed=False, indices=size, return_predecessors=True
-        )
+        found, before = dijkstra(with_pose, directed=False, indices=size, return_predecessors=True)
         return Field(self, pose, dict(zip(nodes.tolist(), via, strict=True)), found[:-1], before)
 
 
@@ -172,7 +170,11 @@ class Field:
 
 def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
     """The roadmap of slices with a grid of this spacing, for speed limits ``rows`` (m, 3)."""
-    grid, exact, (meeting, of_meeting) = lattice(slices, spacing_m), triangles(slices), _in_both(slices)
+    grid, exact, (meeting, of_meeting) = (
+        lattice(slices, spacing_m),
+        triangles(slices),
+        _in_both(slices),
+    )
     some = _one_of_each(grid)
     of_some = slices.index_of(grid.poses[some, 2])
     sizes = np.cumsum([len(grid.poses), len(exact.positions)])

@@ -22,8 +22,7 @@ def twists(start: Array, end: Array, turns_rad: Array | None = None) -> Array:
     stretched = 1 / np.sinc(turn / (2 * np.pi))
     along = stretched * (c * shift[..., 0] + s * shift[..., 1])
     across = stretched * (c * shift[..., 1] - s * shift[..., 0])
-    found = np.stack([along, across, turn], axis=-1)
-    return found
+    return np.stack([along, across, turn], axis=-1)
 
 
 def moved(start: Array, twist: Array, share: Array) -> Array:

@@ -45,6 +45,7 @@ from twosra_mpc.space.minkowski import (
     swept,
     turned,
 )
+from twosra_mpc.space.screws import wrapped
 
 Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]
@@ -119,6 +120,25 @@ class FreeSlices:
             for part in self.parts[self.first[k] : self.first[k + 1]]:
                 found[here] |= shapely.intersects_xy(part, *positions[here].T)
         return found
+
+    def hold_leg(self, start: Array, end: Array) -> bool:
+        """Whether a leg between two poses (3,) is free that keeps its heading or turns in place."""
+        turn = float(wrapped(end[2] - start[2]))
+        if abs(turn) > 1e-12 and np.abs(end[:2] - start[:2]).max() > 1e-12:
+            return False
+        k = np.rint(np.array([start[2], start[2] + turn]) * self.headings / (2 * np.pi))
+        passed = np.arange(k.min(), k.max() + 1).astype(np.int64) % self.headings
+        line = shapely.LineString(self.within(np.array([start[:2], end[:2]])))
+        return all(
+            shapely.covers(self.parts[self.first[i] : self.first[i + 1]], line).any()
+            for i in passed
+        )
+
+    @property
+    def width_m(self) -> float:
+        """Of all that is free: the side of a square as large as the box around it."""
+        x0, y0, x1, y1 = shapely.total_bounds(self.parts)
+        return float(np.nan_to_num(((x1 - x0) * (y1 - y0)) ** 0.5))
 
     def within(self, positions: Array) -> Array:
         """Positions (..., 2), moved to the edge of the box from beyond, where all is free."""

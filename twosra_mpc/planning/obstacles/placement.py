@@ -16,7 +16,7 @@ from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, scheduled
 from twosra_mpc.planning.nlp.guess import bend_changes, inner_bends, inner_goal
 from twosra_mpc.planning.obstacles.block import Block, Sweep, block, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
-from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, shortest_chain
+from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.schedule import with_durations
 from twosra_mpc.planning.sequence_solver import Solved, checked
@@ -140,36 +140,45 @@ class Placer:
     def _chain(
         self, sequence: ModeSequence, blocks: Sequence[Block], hidden_s: Sequence[float]
     ) -> Chain | None:
-        problem = self.problem
-        start = problem.start.configuration
+        """Where to carry out the blocks: a first choice, then one nearer to the goal."""
+        problem, start = self.problem, self.problem.start.configuration
         shapes = [start[POSE:], *(each.shape for each in blocks)]
         sweeps = [Sweep(each, problem.robot, problem.world) for each in blocks]
-        goals = partial(self._goals, shape=shapes[-1])
-        layers = []
-        for k, (each, sweep) in enumerate(zip(blocks, sweeps, strict=True)):
-            if k == 0 and not is_rigid(sequence[0]):
-                begin = start[None, :POSE]
-            elif k == len(blocks) - 1:
-                ends = around(goals(start[None, :POSE])[0], _CANDIDATES, _REACH_M)
-                begin = composed(ends, inverse(each.displacement))
-            else:
-                begin = around(start[:POSE], _CANDIDATES, _REACH_M)
-            begin = begin[sweep.may_be_clear(begin)]
-            if not len(begin):
-                return None
-            layers.append(Stations(begin, composed(begin, each.displacement)))
         opens, closes = is_rigid(sequence[0]), is_rigid(sequence[-1])
-        drivers = [self.drives(shape) for shape in shapes]
         used = [opens, *[True] * (len(blocks) - 1), closes][: len(shapes)]
-        return shortest_chain(
-            start[:POSE],
-            goals,
-            layers,
-            lambda k, pose: sweeps[k].clear(pose),
-            [driver if use else None for driver, use in zip(drivers, used, strict=True)],
-            hidden_s,
-            _MOST_LOOKS,
-        )
+        drivers = [
+            self.drives(each) if use else None for each, use in zip(shapes, used, strict=True)
+        ]
+        goals = partial(self._goals, shape=shapes[-1])
+
+        def chain_through(ends: Array) -> Chain | None:
+            """The best chain whose last block ends at one of these poses."""
+            begins = [around(start[:POSE], _CANDIDATES, _REACH_M) for _ in blocks]
+            if blocks:
+                begins[-1] = composed(ends, inverse(blocks[-1].displacement))
+            if blocks and not opens:
+                begins[0] = start[None, :POSE]
+            layers = []
+            for each, sweep, begin in zip(blocks, sweeps, begins, strict=True):
+                clear = begin[sweep.may_be_clear(begin)]
+                layers.append(Stations(clear, composed(clear, each.displacement)))
+            return shortest_chain(
+                start[:POSE],
+                goals,
+                layers,
+                lambda k, pose: sweeps[k].clear(pose),
+                drivers,
+                hidden_s,
+                _MOST_LOOKS,
+            )
+
+        goal = goals(start[None, :POSE])[0]
+        found = chain_through(around(goal, _CANDIDATES, _REACH_M))
+        if found is None or not blocks or found.cost_s == 0.0:
+            return found
+        end = composed(found.begins[-1], blocks[-1].displacement)
+        nearer = chain_through(between(goals(end[None])[0], end, _CANDIDATES))
+        return min(found, nearer or found, key=lambda each: each.cost_s)
 
     def _goals(self, poses: Array, shape: Array) -> Array:
         """Members of the goal to aim at from poses (m, 3) in a shape, (m, 3)."""

@@ -29,10 +29,14 @@ class Stations(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """Stations that were chosen: pose as each block begins, and via poses of each drive, (m, 3)."""
+    """Stations that were chosen: pose as each block begins, and via poses of each drive, (m, 3).
+
+    ``cost_s`` is how much longer the plan is for its drives.
+    """
 
     begins: tuple[Array, ...]
     routes: tuple[Array, ...]
+    cost_s: float
 
 
 class Driver(Protocol):
@@ -52,7 +56,20 @@ def around(pose: Array, count: int, reach_m: float) -> Array:
     turn[0] = 0.0
     by = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.pi * turn * abs(turn)])
     by[0] = 0.0
-    return pose + by
+    poses: Array = pose + by
+    return poses
+
+
+def between(goal: Array, end: Array, count: int) -> Array:
+    """Poses about the way from a goal to an end that is known, itself the last, (count + 1, 3)."""
+    by = turned_to(end, goal) - goal
+    share = np.mod((np.arange(count)[:, None] + 1) * _EVENLY, 1.0)
+    off = np.column_stack([share[:, 0], share[:, 1] - 0.5, share[:, 2] - 0.5])
+    size = np.hypot(by[0], by[1])
+    wide = np.array([size, size, abs(by[2])]) / 2
+    along = goal + off[:, :1] * by
+    spread = np.column_stack([off[:, 1], off[:, 2], np.roll(off[:, 1], 1)]) * wide
+    return np.vstack([along + spread, end])
 
 
 def shortest_chain(
@@ -90,7 +107,7 @@ def shortest_chain(
             continue
         if legs.look(path):
             begins = tuple(layers[b].begin[i] for b, i in enumerate(path))
-            return Chain(begins, legs.routes(path))
+            return Chain(begins, legs.routes(path), legs.cost_s(path))
     return None
 
 
@@ -149,7 +166,7 @@ class _Legs:
             if driver is None or (k, i, j) in self._found:
                 continue
             route = driver.route(self._leave[k][i], self._arrive[k][j])
-            place = (i, j) if k < len(ends) - 1 else (i,)
+            place = (i, j) if k < len(ends) - 1 else (j,)
             if route is None:
                 self._cost[k][place] = np.inf
                 return False
@@ -161,6 +178,14 @@ class _Legs:
             if longer:
                 return False
         return True
+
+    def cost_s(self, path: Sequence[int]) -> float:
+        """What the drives of a chain add to the plan."""
+        ends = self._ends(path)
+        return sum(
+            float(cost[i, j] if cost.ndim == 2 else cost[j])
+            for cost, (i, j) in zip(self._cost, ends, strict=True)
+        )
 
     def routes(self, path: Sequence[int]) -> tuple[Array, ...]:
         """Via poses of every drive of a chain that has been looked at."""
