@@ -36,6 +36,21 @@ def moved(start: Array, twist: Array, share: Array) -> Array:
     return np.stack([x, y, start[..., 2] + turn], axis=-1)
 
 
+def composed(poses: Array, by: Array) -> Array:
+    """Poses (..., 3) moved on by poses given in their frames (..., 3) [m, m, rad]."""
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x = poses[..., 0] + c * by[..., 0] - s * by[..., 1]
+    y = poses[..., 1] + s * by[..., 0] + c * by[..., 1]
+    return np.stack(np.broadcast_arrays(x, y, poses[..., 2] + by[..., 2]), axis=-1)
+
+
+def inverse(poses: Array) -> Array:
+    """The way back of poses (..., 3): composed with it, they are the origin."""
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x, y = poses[..., 0], poses[..., 1]
+    return np.stack([-c * x - s * y, s * x - c * y, -poses[..., 2]], axis=-1)
+
+
 def wrapped(angle_rad: Array) -> Array:
     """Angles within half a turn of zero [rad]."""
     found: Array = np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi
@@ -53,3 +68,12 @@ def times_from_rest_s(at_speed_s: Array, ramp_s: float) -> Array:
     ramped = np.where(at_speed_s >= ramp_s, at_speed_s + ramp_s, 2 * np.sqrt(at_speed_s * ramp_s))
     found: Array = ramped
     return found
+
+
+def continued(poses: Array) -> Array:
+    """Poses with headings that go on over full turns; one that is as before is left out."""
+    poses = poses.copy()
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    moving = np.abs(np.diff(poses, axis=0)).max(axis=1) > 1e-12
+    kept: Array = poses[np.append(True, moving)]
+    return kept

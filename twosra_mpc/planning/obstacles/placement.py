@@ -26,7 +26,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
-from twosra_mpc.space.legs import composed, inverse, twists
+from twosra_mpc.space.screws import composed, inverse, twists
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 _SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first
@@ -65,9 +65,9 @@ class Placer:
                 blocks = self._blocks(sequence, bends, shares)
                 chain = None if blocks is None else self._chain(sequence, blocks, hidden_s)
                 if blocks is None or chain is None:
-                    self.necessity.work_out()
+                    done = self.necessity.proves_impossible(sequence) or not blocks
                     yield None
-                    if self.necessity(sequence) is not None:
+                    if done:
                         return
                     continue
                 motion = self._motion(sequence, blocks, chain)
