@@ -22,7 +22,7 @@ from twosra_mpc.space.screws import twists, wrapped
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
 _SAME = 1e-9  # m or rad
-_MOST_CHAINS = 5
+_MOST_CHAINS = 3
 
 
 class Stations(NamedTuple):
