@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from benchmarks.scenes import scenes
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot
 from twosra_mpc.problem.limits import check_shapes
 from twosra_mpc.validation import FrozenDict, plain
@@ -25,10 +26,15 @@ def set_names() -> list[str]:
 
 @lru_cache
 def load_set(name: str) -> Mapping[str, Problem]:
-    """Label -> problem of a set; random problems whose units would overlap are drawn again."""
+    """Label -> problem of a set.
+
+    What is random is drawn again where units would overlap, or the robot would touch something.
+    """
     data = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
     if "scenarios" in data:
         return FrozenDict(dict(_published(data["scenarios"], data["robots"])))
+    if "obstacles" in data:
+        return FrozenDict(dict(scenes(name, **data)))
     rng, robot = np.random.default_rng(data["seed"]), load_robot(data["robot"])
     ranges = (data["position_m"], data["heading_rad"], data["curvature_per_m"])
     named: dict[str, Problem] = {}

@@ -17,7 +17,7 @@ import twosra_mpc
 from benchmarks.run_log import RunLog
 from benchmarks.study import Measured, Study
 
-PACKAGES = ("casadi", "numpy", "scipy", "osqp", "pydantic", "matplotlib")
+PACKAGES = ("casadi", "numpy", "scipy", "osqp", "pydantic", "matplotlib", "shapely")
 REPORTING = ("figures.py", "report.py")  # change nothing that is measured
 _CPU_INFO = Path("/proc/cpuinfo")
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import pytest
+import shapely
 from click.testing import CliRunner, Result
 from pydantic import TypeAdapter
 from rich.console import Console
@@ -35,11 +36,13 @@ from benchmarks.report import (
 )
 from benchmarks.run import open_log, results_of, run_study
 from benchmarks.run_log import NAME, RunLog
+from benchmarks.scenes import LEAST_CLEARANCE_M
 from benchmarks.studies import STUDIES
 from benchmarks.studies.cold_start import RoundRecord, breakdown, own_import_times
+from benchmarks.studies.scenes import blocks
 from benchmarks.study import Study
 from benchmarks.thermal_scale import thermally_faster
-from twosra_mpc import InputError, Robot, load_problem, load_robot
+from twosra_mpc import InputError, Robot, load_problem, load_robot, robot_shape
 from twosra_mpc.problem.limits import check_shapes
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1
@@ -84,6 +87,21 @@ def test_sets_are_reproducible_and_valid() -> None:
     assert max(abs(k) for p in first.values() for k in p.start.kappa_per_m) <= 60
     for problem in first.values():
         check_shapes(problem)  # raises where the units would overlap
+
+
+def test_scenes_are_reproducible_and_leave_start_and_goal_room() -> None:
+    first = load_set("scenes-14")
+    load_set.cache_clear()
+    assert first == load_set("scenes-14")
+    assert len(first) == 30
+    for problem in first.values():
+        solid = shapely.union_all([shapely.Polygon(each.corners_m) for each in problem.obstacles])
+        for end in (problem.start, problem.goal):
+            shape = robot_shape(problem.robot.geometry, end.configuration)
+            parts = (*shape.units, *shape.wheels, *shape.segments)
+            drawn = shapely.union_all([shapely.MultiPoint(part).convex_hull for part in parts[:6]])
+            assert drawn.distance(solid) > LEAST_CLEARANCE_M
+            assert min(problem.workspace.margin_m(part).min() for part in parts) > LEAST_CLEARANCE_M
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -382,6 +400,21 @@ def test_no_bound_is_above_what_brute_force_finds(tmp_path: Path) -> None:
     assert int(sequences) >= int(solved) >= 1  # paper-1 needs a phase more
     assert violated == "0"
     assert float(excess) <= 0.1
+
+
+def test_scenes_are_planned_with_obstacles_and_without(tmp_path: Path) -> None:
+    benchmark_run = benchmark(tmp_path, "scenes", 'problems=["scenes-6:1"]')
+    assert benchmark_run.exit_code == 0, benchmark_run.output
+    study = type(STUDIES["scenes"]).parse(
+        {**STUDIES["scenes"].model_dump(), "problems": ("scenes-6:1",)}, "scenes"
+    )
+    ((_, made),) = results_of(study, open_log("scenes", study, tmp_path))
+    among, free = made["among obstacles"], made["without obstacles"]
+    assert among.correct
+    assert free.lower_bound <= among.cost
+    report = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "| scenes-6 | 100 % (1 of 1) |" in report
+    assert blocks(((0, 0), (1, 0), (1, 1), (0, 0), (0, 1))) == 2
 
 
 def test_the_cache_study_compares_changed_robots_with_the_same_one(tmp_path: Path) -> None:

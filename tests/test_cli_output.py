@@ -25,6 +25,7 @@ from melts import made_up
 from melts import write as write_rows
 from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
+from test_occupancy_map import write_map
 from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
@@ -234,6 +235,7 @@ PROGRESS: list[tuple[list[str], str]] = [
     (["report", "plan.json", "out.html", "--json"], "drawing the report"),
     (["animate", "plan.json", "out.gif", "--json"], "animating: frame 2 of 2"),
     (["figures", "folder", "--json"], "drawing blank"),
+    (["check-passage", "doorway", "--step", "60", "--json"], "deciding: shape 11 of 11"),
 ]
 
 
@@ -380,6 +382,7 @@ def test_every_example_runs(
     write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
     for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
         write_rows(rows, tmp_path / file)
+    write_map(tmp_path, [[0, 255], [255, 255]])
     (tmp_path / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
     poses, _ = wheel_log(tmp_path, Drift(), seconds=1)
     for log in ("s1_v1_6.csv", "poses.csv"):

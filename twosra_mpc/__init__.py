@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from twosra_mpc.plans.plan import Plan, Status
     from twosra_mpc.plans.result import Result
     from twosra_mpc.plans.setpoints import save_setpoints
+    from twosra_mpc.problem.geojson import obstacles_of, read_obstacles
     from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
     from twosra_mpc.problem.problem import Problem, Start, Weights, load_problem, scenario_names
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
@@ -50,6 +51,7 @@ _PUBLIC = {
     "plans.plan": ("Plan", "Status"),
     "plans.result": ("Result",),
     "plans.setpoints": ("save_setpoints",),
+    "problem.geojson": ("obstacles_of", "read_obstacles"),
     "problem.goals": ("Goal", "GoalSet", "Tolerance"),
     "problem.problem": ("Problem", "Start", "Weights", "load_problem", "scenario_names"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
@@ -88,8 +90,10 @@ __all__ = [
     "load_plan",
     "load_problem",
     "load_robot",
+    "obstacles_of",
     "plan",
     "read_heating_log",
+    "read_obstacles",
     "refined",
     "robot_names",
     "robot_shape",

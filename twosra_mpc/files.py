@@ -15,6 +15,8 @@ from typing import Any
 
 from twosra_mpc.errors import InputError
 
+_JSON = (".json", ".geojson")
+
 
 def built_in_names(folder: str) -> list[str]:
     """Names of the TOML files in a data folder of the package."""
@@ -52,14 +54,14 @@ def read_text(path: Path, source: str) -> str:
 
 
 def read_document(path: Path, source: str) -> dict[str, Any]:
-    """Read a TOML or (by its ending) JSON file into a dictionary.
+    """Read a TOML or (by its ending: json, geojson) JSON file into a dictionary.
 
     Raises:
         InputError: If the file cannot be read or parsed; the message carries line and column.
     """
     text = read_text(path, source)
     try:
-        document = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+        document = json.loads(text) if path.suffix in _JSON else tomllib.loads(text)
     except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
         allowed = f"valid TOML, or JSON in a .json file ({error})"
         raise InputError("file", source, allowed) from error

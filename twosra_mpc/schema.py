@@ -70,7 +70,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "modes": "stiffness modes that may be used",
     "motion": "gentle: as slow as time to spare and the gap allow; or fastest; not with effort",
     "name": "name of the robot",
-    "obstacles": "what the robot must not touch: each a polygon, a box or a disc",
+    "obstacles": "what the robot must not touch: polygons, boxes, discs, or a GeoJSON file's path",
     "polygon_m": "corners, in either direction, the first one not repeated",
     "soft_travel_m": "how far the middle link may move while segments are soft, among obstacles",
     "tasks": "what to do on the way to the goal, in order: boxes of poses to drive through",
@@ -198,6 +198,7 @@ def _scenario() -> Schema:
     properties = schema["properties"]
     properties["goal"] = {"$ref": "#/definitions/Goal"}  # the kind that files can say
     properties["robot"] = {"anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}]}
+    properties["obstacles"] = {"anyOf": [{"type": "string"}, properties["obstacles"]]}
     return {**schema, "definitions": {**definitions, "Goal": goal, "Robot": robot}}
 
 

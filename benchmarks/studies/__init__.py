@@ -9,6 +9,7 @@ from benchmarks.studies.cold_start import ColdStart
 from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.growth import Growth
 from benchmarks.studies.peers import Peers
+from benchmarks.studies.scenes import Scenes
 from benchmarks.studies.tracker_step import TrackerSteps
 from benchmarks.studies.transition_sweep import TransitionSweep
 from benchmarks.study import Study
@@ -44,5 +45,6 @@ STUDIES: dict[str, Study] = {
     "closed-loop": ClosedLoop(),
     "closed-loop-hard": ClosedLoop(level="hard", seeds=2, path_models=("arc",)),
     "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
+    "scenes": Scenes(problems=("scenes-6", "scenes-14"), repeats=1, time_limit_s=60.0),
     "tracker-step": TrackerSteps(),
 }

@@ -21,6 +21,7 @@ from pydantic import (
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.problem.world import Obstacles, Pass, World, names_twice
@@ -148,6 +149,11 @@ class Problem(Value):
             if error.field == "robot":  # no such robot: the field is called that here already
                 raise InputError("", error.value, error.allowed) from None
             raise
+
+    @field_validator("obstacles", mode="before")
+    @classmethod
+    def _read_obstacles(cls, value: object) -> object:
+        return read_obstacles(value) if isinstance(value, str | Path) else value
 
     @field_validator("goal", mode="before")
     @classmethod
@@ -350,17 +356,18 @@ class Problem(Value):
 def load_problem(source: str | Path, **overrides: Any) -> Problem:
     """Load a built-in scenario by name, or a scenario TOML/JSON file by path.
 
-    Keyword arguments replace top-level keys of the file. A relative path to a robot file is taken
-    from the scenario's folder.
+    Keyword arguments replace top-level keys of the file. A relative path to a robot file, or
+    to a GeoJSON file of obstacles, is taken from the scenario's folder.
 
     Raises:
         InputError: If there is no such scenario, or it is wrong; the message names the key.
     """
     path = locate(source, "scenarios", "scenario")
     document = {**read_document(path, str(source)), **overrides}
-    robot = document.get("robot")
-    if isinstance(robot, str) and (path.parent / robot).is_file():
-        document["robot"] = path.parent / robot
+    for key in ("robot", "obstacles"):
+        given = document.get(key)
+        if isinstance(given, str) and (path.parent / given).is_file():
+            document[key] = path.parent / given
     return Problem.parse(document, str(source))
 
 

@@ -90,7 +90,7 @@ class Obstacle(Value):
         if self.box is not None:
             return self.box.corners_m
         corners = np.array(self.polygon_m)
-        return corners if _area_m2(corners) > 0 else corners[::-1]
+        return corners if area_m2(corners) > 0 else corners[::-1]
 
 
 class Pass(Value):
@@ -176,7 +176,7 @@ def _check_polygon(corners: Array) -> None:
         raise InputError("polygon_m", given, allowed)
 
 
-def _area_m2(corners: Array) -> float:
+def area_m2(corners: Array) -> float:
     """Area, positive where the corners go counter-clockwise."""
     x, y = corners.T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2

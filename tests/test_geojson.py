@@ -1,0 +1,149 @@
+"""Obstacles from GeoJSON and shapely: nothing is lost, and what is wrong is named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from shapely.geometry import box
+from test_problem import SCENARIO, changed
+
+from twosra_mpc import InputError, load_problem, obstacles_of, read_obstacles
+from twosra_mpc.problem.geojson import feature_collection
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.world import Obstacle, World
+
+SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]
+HOLE = [[0.2, 0.2], [0.8, 0.2], [0.8, 0.8], [0.2, 0.8], [0.2, 0.2]]
+
+
+def polygon(*rings: Any) -> dict[str, Any]:
+    return {"type": "Polygon", "coordinates": list(rings)}
+
+
+def feature(geometry: Any, **properties: Any) -> dict[str, Any]:
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def union(obstacles: tuple[Obstacle, ...]) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(each.corners_m) for each in obstacles])
+
+
+def scattered_holes(seed: int) -> shapely.Polygon:
+    """A round outline with a dent and many holes that do not touch, some in rings of others."""
+    rng = np.random.default_rng(seed)
+    whole = shapely.Point(0, 0).buffer(1.0).difference(box(-0.05, 0.6, 0.05, 1.2))
+    for x in np.linspace(-0.6, 0.6, 4):
+        for y in np.linspace(-0.55, 0.45, 4):
+            corners = np.array([x, y]) + rng.uniform(-0.12, 0.12, (6, 2))
+            hole = shapely.convex_hull(shapely.MultiPoint(corners))
+            if whole.buffer(-0.01).contains(hole):
+                whole = whole.difference(hole)
+    return whole
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_holes_are_cut_and_nothing_is_lost(seed: int) -> None:
+    whole = scattered_holes(seed)
+    assert len(whole.interiors) > 3
+    pieces = [shapely.Polygon(each.corners_m) for each in obstacles_of(whole)]
+    assert all(piece.is_valid for piece in pieces)
+    assert sum(piece.area for piece in pieces) == pytest.approx(whole.area, rel=1e-12)
+    assert shapely.union_all(pieces).symmetric_difference(whole).area < 1e-12
+
+
+def test_a_ring_within_a_ring_is_two_pieces_of_each() -> None:
+    outer = box(-2, -2, 2, 2).difference(box(-1.5, -1.5, 1.5, 1.5))
+    inner = box(-1, -1, 1, 1).difference(box(-0.5, -0.5, 0.5, 0.5))
+    found = obstacles_of([shapely.MultiPolygon([outer, inner])], ["ring"])
+    assert [each.name for each in found] == ["ring 1", "ring 2", "ring 3", "ring 4"]
+    assert union(found).symmetric_difference(outer.union(inner)).area < 1e-12
+
+
+def test_corners_may_turn_either_way_repeat_and_have_heights() -> None:
+    backwards = [[x, y, 7.0] for x, y in reversed(SQUARE)]
+    (found,) = obstacles_of(polygon([backwards[0], *backwards]))
+    assert found == Obstacle(polygon_m=SQUARE[:-1]) or len(found.corners_m) == 4
+    assert union((found,)).equals(box(0, 0, 1, 1))
+
+
+def test_shapely_and_geojson_are_read_alike_and_names_become_different(tmp_path: Path) -> None:
+    shapes = [box(0, 0, 1, 1), box(2, 0, 3, 1), box(4, 0, 5, 1)]
+    made = obstacles_of(shapes, ["wall", "wall", "box"])
+    assert World(obstacles=made).names == ("wall 1", "wall 2", "box")
+    collection = {
+        "type": "FeatureCollection",
+        "features": [
+            feature(json.loads(shapely.to_geojson(shape)), name=name)
+            for shape, name in zip(shapes, ("wall", "wall", "box"), strict=True)
+        ],
+    }
+    (tmp_path / "lab.geojson").write_text(json.dumps(collection))
+    assert read_obstacles(tmp_path / "lab.geojson") == made
+    assert obstacles_of(feature_collection(made)) == made
+
+
+def test_a_collection_of_geometries_is_read() -> None:
+    found = obstacles_of(shapely.GeometryCollection([box(0, 0, 1, 1), box(2, 0, 3, 1)]))
+    assert [each.name for each in found] == ["", ""]
+
+
+def test_a_scenario_names_a_file_beside_it(tmp_path: Path) -> None:
+    made = obstacles_of([box(2, 2, 3, 3)], ["wall"])
+    (tmp_path / "lab.geojson").write_text(json.dumps(feature_collection(made)))
+    scenario = changed(SCENARIO, "obstacles", "lab.geojson")
+    (tmp_path / "mine.json").write_text(json.dumps(scenario))
+    assert load_problem(tmp_path / "mine.json").obstacles == made
+    assert Problem(**changed(SCENARIO, "obstacles", str(tmp_path / "lab.geojson"))).world.names == (
+        "wall",
+    )
+
+
+WRONG: list[tuple[Any, str, str]] = [
+    ({"type": "Point", "coordinates": [0, 0]}, "type = 'Point'", "an obstacle is an area"),
+    (feature({"type": "LineString", "coordinates": SQUARE}), "geometry.type", "'LineString'"),
+    ({"features": []}, "type = None", "Polygon"),
+    ({"type": "FeatureCollection", "features": []}, "features = []", "not empty"),
+    (feature(None), "geometry = None", "a GeoJSON object"),
+    (polygon([[0, 0], [1, 0]]), "coordinates.0", "at least three corners"),
+    (polygon([[0, 0], [1, 1], [1, 0], [0, 1]]), "coordinates.0", "does not cross itself"),
+    (polygon([[0, 0], [1, "x"], [1, 0]]), "coordinates.0", "points [x, y]"),
+    (polygon([[0, 0], [1], [1, 0]]), "coordinates.0", "points [x, y]"),
+    (polygon([[0, 0], [1, float("nan")], [1, 0]]), "coordinates.0", "finite"),
+    (polygon([[0, 0], [600, 0], [600, 400]]), "coordinates.0 = 600.0", "millimetres"),
+    (polygon(SQUARE, [[x + 0.5, y] for x, y in HOLE]), "coordinates", "holes within the outline"),
+    (polygon(SQUARE, [[x + 5, y] for x, y in HOLE]), "coordinates", "holes within the outline"),
+    (polygon(SQUARE, HOLE, HOLE), "coordinates", "holes within the outline"),
+    ({"type": "MultiPolygon", "coordinates": [[SQUARE], []]}, "coordinates.1", "not empty"),
+]
+
+
+@pytest.mark.parametrize(("document", "field", "words"), WRONG)
+def test_what_is_no_proper_area_is_refused(document: Any, field: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        obstacles_of(document)
+    assert str(caught.value).startswith(field)
+    assert words in str(caught.value)
+
+
+def test_errors_name_file_and_feature(tmp_path: Path) -> None:
+    path = tmp_path / "lab.geojson"
+    line = {"type": "LineString", "coordinates": SQUARE}
+    collection = {
+        "type": "FeatureCollection",
+        "features": [feature(polygon(SQUARE)), feature(line)],
+    }
+    path.write_text(json.dumps(collection))
+    with pytest.raises(InputError, match=r"lab\.geojson: features\.1\.geometry\.type"):
+        read_obstacles(path)
+    path.write_text("{")
+    with pytest.raises(InputError, match="valid TOML, or JSON"):
+        read_obstacles(path)
+    with pytest.raises(InputError, match=r"obstacles.*none\.geojson"):
+        Problem(**changed(SCENARIO, "obstacles", "none.geojson"))
+    with pytest.raises(InputError, match="names = 2"):
+        obstacles_of([box(0, 0, 1, 1)], ["a", "b"])

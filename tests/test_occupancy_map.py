@@ -1,0 +1,180 @@
+"""Maps of ROS: every occupied cell is within an obstacle, and nothing far from one is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from conftest import Run
+from numpy.typing import NDArray
+from PIL import Image
+
+from twosra_mpc import InputError, read_obstacles
+from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.space.occupancy_map import OccupancyMap, obstacles_on, read_map
+
+MAP = """# a map
+image: map.png
+resolution: 0.01
+origin: [-0.1, 0.2, 0.0]  # x, y, yaw
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+FREE, TAKEN, UNKNOWN = 254, 0, 205
+
+
+def write_map(folder: Path, pixels: object, text: str = MAP) -> Path:
+    Image.fromarray(np.array(pixels, dtype=np.uint8)).save(folder / "map.png")
+    (folder / "map.yaml").write_text(text, encoding="utf-8")
+    return folder / "map.yaml"
+
+
+def cells_of(occupied: NDArray[np.bool_]) -> OccupancyMap:
+    return OccupancyMap(occupied, np.zeros_like(occupied), 0.01, (0.3, -0.2, 0.7))
+
+
+def polygons(obstacles: tuple[Obstacle, ...]) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(each.corners_m) for each in obstacles])
+
+
+def cells(found: OccupancyMap) -> shapely.Geometry:
+    rows, columns = np.nonzero(found.occupied)
+    boxes = shapely.box(columns, rows, columns + 1, rows + 1)
+    return shapely.transform(shapely.union_all(boxes), found.in_plane)
+
+
+def walls(seed: int) -> NDArray[np.bool_]:
+    """A room with an outer wall, jagged walls across, corners that touch, and specks."""
+    rng, n = np.random.default_rng(seed), 60
+    y, x = np.mgrid[:n, :n]
+    taken = (np.minimum(x, y) < 3) | (np.maximum(x, y) >= n - 3)
+    for _ in range(4):
+        at, angle = rng.uniform(10, n - 10, 2), rng.uniform(0, np.pi)
+        u = (x - at[0]) * np.cos(angle) + (y - at[1]) * np.sin(angle)
+        v = (y - at[1]) * np.cos(angle) - (x - at[0]) * np.sin(angle) + rng.normal(0, 0.7, (n, n))
+        taken |= (abs(u) < 15) & (abs(v) < 3)
+    return np.asarray(taken | (rng.random((n, n)) < 0.02))
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_occupied_is_lost_and_nothing_far_is_added(seed: int, tolerance: float) -> None:
+    given = cells_of(walls(seed))
+    found, specks = obstacles_on(given, "wall", 0.01 * tolerance)
+    assert specks == 0
+    true, made = cells(given), polygons(found)
+    assert true.difference(made.buffer(2e-9)).is_empty
+    assert made.difference(true.buffer(0.01 * (tolerance + 0.05), join_style="mitre")).is_empty
+
+
+def test_outlines_become_simpler() -> None:
+    given = cells_of(walls(1))
+    corners = [
+        sum(len(each.corners_m) for each in obstacles_on(given, "", 0.01 * tolerance)[0])
+        for tolerance in (0.0, 1.0, 3.0)
+    ]
+    assert corners[0] > 2 * corners[1] > 2 * corners[2]
+
+
+def test_a_straight_wall_is_its_four_corners_whatever_the_tolerance() -> None:
+    taken = np.zeros((40, 100), dtype=bool)
+    taken[10:20, 5:95] = True
+    found, _ = obstacles_on(cells_of(taken), "wall", 0.03)
+    assert [len(each.corners_m) for each in found] == [4]
+    assert polygons(found).symmetric_difference(cells(cells_of(taken))).area < 1e-9
+
+
+def test_specks_are_left_out_and_counted() -> None:
+    taken = np.zeros((20, 20), dtype=bool)
+    taken[2:8, 2:8] = taken[15, 15] = taken[17:19, 3] = True
+    found, specks = obstacles_on(cells_of(taken), "wall", least_area_m2=2.5e-4)
+    assert (len(found), specks) == (1, 2)
+    assert obstacles_on(cells_of(taken), "wall")[1] == 0
+    assert obstacles_on(cells_of(np.zeros((5, 5), dtype=bool)), "wall") == ((), 0)
+
+
+def test_cells_are_where_the_map_says(tmp_path: Path) -> None:
+    pixels = np.full((3, 4), FREE)
+    pixels[0, 3] = TAKEN  # upper right
+    pixels[2, 0] = UNKNOWN  # lower left
+    found = read_map(write_map(tmp_path, pixels), unknown_is_free=True)
+    (made,) = obstacles_on(found, "wall")[0]
+    np.testing.assert_allclose(made.corners_m.min(axis=0), (-0.07, 0.22), atol=1e-9)
+    np.testing.assert_allclose(made.corners_m.max(axis=0), (-0.06, 0.23), atol=1e-9)
+    turned = MAP.replace("0.2, 0.0]", "0.2, 1.5707963267948966]")
+    found = read_map(write_map(tmp_path, pixels, turned), unknown_is_free=True)
+    (made,) = obstacles_on(found, "wall")[0]
+    np.testing.assert_allclose(made.corners_m.min(axis=0), (-0.13, 0.23), atol=1e-9)
+    found = read_map(tmp_path / "map.yaml")
+    assert (found.occupied.sum(), found.unknown.sum()) == (2, 1)
+    assert found.occupied[0, 0]
+    assert found.unknown[0, 0]
+
+
+def test_a_map_may_be_negated_listed_in_lines_and_transparent(tmp_path: Path) -> None:
+    listed = MAP.replace("[-0.1, 0.2, 0.0]", "").replace("negate: 0", "negate: true")
+    listed = listed.replace("origin:   # x, y, yaw", "origin:\n- -0.1\n- 0.2\n- 0")
+    path = write_map(tmp_path, [[255, 0]], f"---\n{listed}mode: 'trinary'\n")
+    assert read_map(path).occupied.tolist() == [[True, False]]
+    assert read_map(path).origin == (-0.1, 0.2, 0.0)
+    path = write_map(tmp_path, [[[0, 0, 0, 255], [0, 0, 0, 100], [250, 250, 250, 255]]])
+    found = read_map(path, unknown_is_free=True)
+    assert (found.occupied.tolist(), found.unknown.tolist()) == (
+        [[True, False, False]],
+        [[False, True, False]],
+    )
+
+
+WRONG = [
+    ("resolution: 0.01", "resolution: 0", "resolution = 0", "greater than 0"),
+    ("resolution: 0.01", "resolution: fine", "resolution = 'fine'", "valid number"),
+    ("resolution: 0.01\n", "", "resolution = 'missing'", "required"),
+    (", 0.0]", "]", "origin", "required"),
+    ("map.png", "none.png", "image = ", "a readable image"),
+    ("map.png", "map.yaml", "image = ", "a readable image"),
+    ("negate: 0", "negate: 2", "negate = 2", "0 or 1"),
+    ("0.65", "0.1", "occupied_thresh = 0.1", "from free_thresh = 0.196 to 1"),
+    ("negate: 0", "mode: raw", "mode = 'raw'", "'trinary'"),
+    ("negate", "negative", "negative", "did you mean negate?"),
+    ("negate: 0", "origin: [0, 0, 0]", "line 5", "each key once"),
+    ("negate: 0", "a: {b: c", "a = ", "known keys"),
+    ("negate: 0", "negate 0", "line 5 = 'negate 0'", "lines such as"),
+    ("negate: 0", "  negate: 0", "line 5", "lines such as"),
+]
+
+
+@pytest.mark.parametrize(("before", "after", "field", "words"), WRONG)
+def test_what_is_no_map_is_refused(
+    before: str, after: str, field: str, words: str, tmp_path: Path
+) -> None:
+    path = write_map(tmp_path, [[0, 255]], MAP.replace(before, after))
+    with pytest.raises(InputError) as caught:
+        read_map(path)
+    assert f"map.yaml: {field}" in str(caught.value)
+    assert words in str(caught.value)
+
+
+def test_images_of_more_than_8_bits_are_refused(tmp_path: Path) -> None:
+    path = write_map(tmp_path, [[0, 255]])
+    Image.fromarray(np.array([[0, 40000]], dtype=np.uint16)).save(tmp_path / "map.png")
+    with pytest.raises(InputError, match="8 bits a channel"):
+        read_map(path)
+
+
+def test_the_command_writes_what_scenarios_read(run_as_is: Run, tmp_path: Path) -> None:
+    path, out = write_map(tmp_path, np.where(walls(0), TAKEN, FREE)), tmp_path / "lab.geojson"
+    code, told, err = run_as_is("import-map", path, "--out", out, "--json", "--least-area", "2e-4")
+    assert (code, err) == (0, "")
+    found, said = read_obstacles(out), json.loads(told)
+    assert said["obstacles"] == len(found)
+    assert said["cells"] == [60, 60]
+    assert said["specks_left_out"] > 0
+    assert found[0].name.startswith("map ")
+    assert run_as_is("import-map", path, "--tolerance", "-1").code == 2
+    code, _, err = run_as_is("import-map", tmp_path / "none.yaml")
+    assert code == 2
+    assert "none.yaml" in err
