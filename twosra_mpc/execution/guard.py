@@ -1,0 +1,84 @@
+"""Stopping a robot before it comes too near to what is around it, by where it is believed to be.
+
+Looked at are where it is believed to be, and where the coming command and coasting after a stop
+would lead. Too near is `Patience.stop_m` and what the belief may be off by; where a rigid drive
+began nearer than that, half the distance there, so that a robot that was stopped can drive away.
+The edge of the workspace may be touched, as in plans.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twosra_mpc.errors import TwosraError
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.model.rolling import NO_DRIFT, rolling
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode, is_rigid
+
+_WAY_OUT = 0.5  # of the distance at which a rigid drive began
+
+
+class TooNear(TwosraError):
+    """The robot stands, for it would have come too near to something."""
+
+
+class Guard:
+    """What is around a robot, and how near it may come."""
+
+    def __init__(self, problem: Problem, patience: Patience) -> None:
+        """Guard a robot among the obstacles and within the workspace of a problem."""
+        from twosra_mpc.space.footprint import footprint, reach_per_curvature_m2
+        from twosra_mpc.space.proximity import Proximity
+
+        self._robot, geometry = problem.robot, problem.robot.geometry
+        self._around, self._patience = Proximity(problem.world, geometry), patience
+        radius_m = footprint(geometry, np.zeros(geometry.segments)).radius_m
+        self._arms_m = np.array([1.0, 1.0, radius_m, *reach_per_curvature_m2(geometry)])
+        self._began_m = np.empty(0)
+
+    def begin(self, q: Array) -> None:
+        """Begin a drive at rest at q (3 + n,)."""
+        self._began_m = self._around.distances(q[None])[0]
+
+    def forbids(self, mode: Mode, q: Array, turned: Array, deviation: Array) -> bool:
+        """Whether the robot must not turn its wheels so.
+
+        Args:
+            mode: Mode it is in.
+            q: Where it is believed to be, (3 + n,).
+            turned: How far the wheels turn before it can stand, (4,) [rad].
+            deviation: Standard deviation of the belief, (3 + n,).
+        """
+        after = rolling(self._robot, mode)(q, turned, NO_DRIFT).full().ravel()
+        distances_m = self._around.distances(np.array([q, after])).min(axis=0)
+        return bool((distances_m < self._least_m(mode, deviation)).any())
+
+    def off_m(self, away: Array) -> float:
+        """How far points of the outline are about, from a difference of q (3 + n,) [m]."""
+        return float(np.linalg.norm(self._arms_m * away))
+
+    def describe(self, q: Array) -> str:
+        """Say what the robot is nearest to at q (3 + n,)."""
+        distance_m, name = self._around.nearest(q)
+        side = "from" if distance_m >= 0 else "beyond"
+        return f"{1e3 * abs(distance_m):.1f} mm {side} {name}"
+
+    def _least_m(self, mode: Mode, deviation: Array) -> Array:
+        """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""
+        patience, began_m = self._patience, self._began_m
+        stop_m = patience.stop_m + patience.stop_deviations * self.off_m(deviation)
+        least_m = np.full(len(began_m), stop_m)
+        if is_rigid(mode):
+            way_out_m = np.minimum(np.maximum(_WAY_OUT * began_m, patience.stop_m), began_m)
+            least_m = np.minimum(least_m, way_out_m)
+        least_m[-1] = min(0.0, float(began_m[-1]))
+        return least_m
+
+
+def guard_of(problem: Problem, patience: Patience) -> Guard | None:
+    """A guard, where there is anything around the robot."""
+    if not problem.obstacles and problem.workspace is None:
+        return None
+    return Guard(problem, patience)
