@@ -9,7 +9,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
-from twosra_mpc.execution.guard import TooNear, guard_of
+from twosra_mpc.execution.guard import TooNearError, guard_of
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
@@ -100,7 +100,7 @@ class _Execution:
         runner = PlanRunner(self.session, plan, by_camera, settings.patience, settings.longest_s)
         try:
             left = runner.follow()
-        except TooNear as near:
+        except TooNearError as near:
             left = Abort("near", str(near))
         self.begun[-1] = runner.schedule.begun(runner.progress)
         return left

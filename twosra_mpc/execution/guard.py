@@ -1,9 +1,9 @@
 """Stopping a robot before it comes too near to what is around it, by where it is believed to be.
 
 Looked at are where it is believed to be, and where the coming command and coasting after a stop
-would lead. Too near is `Patience.stop_m` and what the belief may be off by; where a rigid drive
-began nearer than that, half the distance there, so that a robot that was stopped can drive away.
-The edge of the workspace may be touched, as in plans.
+would lead, by the model and by how it has moved lately. Too near is `Patience.stop_m` and what the
+belief may be off by; where a rigid drive began nearer than that, half the distance there, so that a
+robot that was stopped can drive away. The edge of the workspace may be touched, as in plans.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numpy as np
 
 from twosra_mpc.errors import TwosraError
 from twosra_mpc.execution.settings import Patience
-from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, is_rigid
@@ -20,7 +19,7 @@ from twosra_mpc.robot.modes import Mode, is_rigid
 _WAY_OUT = 0.5  # of the distance at which a rigid drive began
 
 
-class TooNear(TwosraError):
+class TooNearError(TwosraError):
     """The robot stands, for it would have come too near to something."""
 
 
@@ -32,7 +31,7 @@ class Guard:
         from twosra_mpc.space.footprint import footprint, reach_per_curvature_m2
         from twosra_mpc.space.proximity import Proximity
 
-        self._robot, geometry = problem.robot, problem.robot.geometry
+        geometry = problem.robot.geometry
         self._around, self._patience = Proximity(problem.world, geometry), patience
         radius_m = footprint(geometry, np.zeros(geometry.segments)).radius_m
         self._arms_m = np.array([1.0, 1.0, radius_m, *reach_per_curvature_m2(geometry)])
@@ -42,18 +41,20 @@ class Guard:
         """Begin a drive at rest at q (3 + n,)."""
         self._began_m = self._around.distances(q[None])[0]
 
-    def forbids(self, mode: Mode, q: Array, turned: Array, deviation: Array) -> bool:
-        """Whether the robot must not turn its wheels so.
+    def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
+        """Whether the robot must not go on.
 
         Args:
             mode: Mode it is in.
-            q: Where it is believed to be, (3 + n,).
-            turned: How far the wheels turn before it can stand, (4,) [rad].
+            places: Where it is believed to be, and where it may be before it stands, (m, 3 + n).
             deviation: Standard deviation of the belief, (3 + n,).
         """
-        after = rolling(self._robot, mode)(q, turned, NO_DRIFT).full().ravel()
-        distances_m = self._around.distances(np.array([q, after])).min(axis=0)
+        distances_m = self._around.distances(places).min(axis=0)
         return bool((distances_m < self._least_m(mode, deviation)).any())
+
+    def stop_m(self, deviation: Array) -> float:
+        """What is too near while the belief has a standard deviation (3 + n,) [m]."""
+        return self._patience.stop_m + self._patience.stop_deviations * self.off_m(deviation)
 
     def off_m(self, away: Array) -> float:
         """How far points of the outline are about, from a difference of q (3 + n,) [m]."""
@@ -68,8 +69,7 @@ class Guard:
     def _least_m(self, mode: Mode, deviation: Array) -> Array:
         """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""
         patience, began_m = self._patience, self._began_m
-        stop_m = patience.stop_m + patience.stop_deviations * self.off_m(deviation)
-        least_m = np.full(len(began_m), stop_m)
+        least_m = np.full(len(began_m), self.stop_m(deviation))
         if is_rigid(mode):
             way_out_m = np.minimum(np.maximum(_WAY_OUT * began_m, patience.stop_m), began_m)
             least_m = np.minimum(least_m, way_out_m)

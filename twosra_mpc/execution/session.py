@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution import run
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter
-from twosra_mpc.execution.guard import Guard, TooNear
+from twosra_mpc.execution.guard import Guard, TooNearError
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
@@ -17,6 +18,7 @@ from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import Mode
 
 _STILL = np.zeros(WHEELS)
+_LATELY = 3  # periods whose motion the guard expects to go on
 _STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
 _CODES: dict[KnownStiffness | None, float] = {
     **{"rigid": 0.0, "changing": run.CHANGING, "soft": 1.0},
@@ -74,6 +76,7 @@ class Session:
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
         self._planned, self._no_mode = self._unknown, (np.nan,) * segments
+        self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
         self._rows: list[tuple[object, ...]] = []  # in the order of the log's columns
 
     @property
@@ -149,14 +152,14 @@ class Session:
             planned: Where the plan is now, (3 + n,).
 
         Raises:
-            TooNear: If the robot would come too near to something; it stands then.
+            TooNearError: If the robot would come too near to something; it stands then.
         """
         self._keep_clear(mode, wheel_rad_s)
         begun_s, before = self.now_s, self.q.copy()
         self._pass(wheel_rad_s, setpoint_C, self.period_s, planned, mode)
         duration_s = self.now_s - begun_s
         turned = wheel_rad_s * duration_s
-        after = rolling(self.problem.robot, mode)(before, turned, NO_DRIFT).full().ravel()
+        after = self._rolled(mode, before, turned)
         if self.drives and self.drives[-1].mode != mode:
             self._filter.forget_response()
         self._believe(after - before)
@@ -175,11 +178,26 @@ class Session:
             return
         if not self._goes_on(mode, self.now_s):
             self.guard.begin(self.q)
-        turned = (1 + COASTING) * self.period_s * wheel_rad_s
-        if turned.any() and self.guard.forbids(mode, self.q, turned, self.deviation):
+        if not wheel_rad_s.any():
+            return
+        ahead_s = (1 + COASTING) * self.period_s
+        told = self._rolled(mode, self.q, ahead_s * wheel_rad_s)
+        places = [self.q, told, self.q + ahead_s * self._rate()]
+        if self.guard.forbids(mode, np.array(places), self.deviation):
             self.rest(self.setpoint_C, self.period_s)
             self.average(self.setpoint_C, np.zeros_like(self.q), _STOPPED_S)
-            raise TooNear(f"stopped {self.guard.describe(self.q)}")
+            raise TooNearError(f"stopped {self.guard.describe(self.q)}")
+
+    def _rate(self) -> Array:
+        """How fast the robot has moved in the last periods, as believed, (3 + n,) [1/s]."""
+        if not self._lately:
+            return np.zeros_like(self.q)
+        time_s, q = self._lately[0]
+        return (self.q - q) / (self.now_s - time_s)
+
+    def _rolled(self, mode: Mode, q: Array, turned: Array) -> Array:
+        after: Array = rolling(self.problem.robot, mode)(q, turned, NO_DRIFT).full().ravel()
+        return after
 
     def average(self, setpoint_C: Array, deviation: Array, at_most_s: float) -> None:
         """Look at the resting robot until the belief is this certain (3 + n,), or time is up."""
@@ -261,4 +279,5 @@ class Session:
         seen = reading.frames.mean(axis=0) if len(reading.frames) else self._unknown
         stiffness = tuple(_CODES[now] for now in reading.stiffness)
         known = (reading.time_s, self.q, seen, planned, reading.temperature_C, stiffness)
+        self._lately.append((reading.time_s, self.q))
         self._rows.append((*known, setpoint_C, wheels, mode))
