@@ -11,8 +11,9 @@ from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 import twosra_mpc.planning.planner as planner_module
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
-from twosra_mpc.planning.planner import Progress, SequenceSolver, bending_task
+from twosra_mpc.planning.planner import Progress, bending_task
 from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.sequence_solver import SequenceSolver
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TypeVar
@@ -12,49 +12,43 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from twosra_mpc.model.bending import bending, from_rest_to_rest
-from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.planning.gentle import ROUNDING, cheapest, gentle
+from twosra_mpc.planning.gentle import ROUNDING, gentle
 from twosra_mpc.planning.greedy import plan_greedily
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
-from twosra_mpc.planning.nlp.guess import guess_motion, inner_bends, moved_inside
+from twosra_mpc.planning.nlp.fixed_sequence import scheduled
+from twosra_mpc.planning.nlp.guess import (
+    bend_changes,
+    guess_motion,
+)
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bends import BendingTask, Conserved
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
-from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.planning.search.mode_tree import ModeTree, nothing_blocks
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.planning.sequence_solver import SequenceSolver, Solved
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
-from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import (
     CURVATURE,
     check_shapes,
     check_workspace,
     interval_durations,
-    may_drive,
     rigid_ramp_s,
     rigid_rows,
     rigid_rows_between,
     surely_broken,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
 Solution = TypeVar("Solution")
-
-
-class Solved(NamedTuple):
-    """A verified plan, and what it was made of."""
-
-    plan: Plan
-    candidate: Candidate
-    network: TemporalNetwork
 
 
 class Progress(NamedTuple):
@@ -96,8 +90,15 @@ def plan_without(
     started = time.perf_counter()
     if (resting := _rest(problem)) is not None:
         return resting
-    solver = SequenceSolver(problem, started + problem.time_limit_s)
-    tree = mode_tree(problem, solver, excluded)
+    deadline = started + problem.time_limit_s
+    if problem.obstacles or problem.tasks:
+        from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
+
+        solver: SequenceSolver | Placer = Placer(problem, deadline)
+        blocked = solver.necessity
+    else:
+        solver, blocked = SequenceSolver(problem, deadline), nothing_blocks
+    tree = mode_tree(problem, solver, excluded, blocked)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
@@ -118,6 +119,7 @@ def mode_tree(
     problem: Problem,
     solver: Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]],
     excluded: frozenset[ModeSequence] = frozenset(),
+    blocked: Callable[[ModeSequence | None], str | None] = nothing_blocks,
 ) -> ModeTree[Solution]:
     """Build the tree of mode sequences of ``problem``; ``solver`` makes plans of one of them."""
     return ModeTree(
@@ -131,13 +133,15 @@ def mode_tree(
         rigid_time=lambda: rigid_time(problem),
         solver=solver,
         excluded=excluded,
+        blocked=blocked,
     )
 
 
 def _rest(problem: Problem) -> Result | None:
     """The empty plan, where the start is the goal already."""
     start = problem.start.configuration
-    if problem.goal.error(start.copy()).any() or problem.start_mode != problem.goal.mode:
+    away = problem.goal.error(start.copy()).any() or problem.start_mode != problem.goal.mode
+    if away or problem.tasks:
         return None
     sequence = (problem.start_mode,)
     network = transition_model(problem).network(sequence, problem.goal.mode, [0.0])
@@ -147,57 +151,6 @@ def _rest(problem: Problem) -> Result | None:
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
     message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0)
     return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)
-
-
-class SequenceSolver:
-    """Yields verified plans of one mode sequence: the guess and, if it is not enough, the NLP's."""
-
-    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
-        self.problem = problem
-        self._box = _changes(problem, problem.goal)
-        least = np.clip(0.0, *self._box)
-        nearest = np.array([least, least])  # where a margin does not fit, bending less may
-        self._aims = (_changes(problem, _inside(problem)), nearest)
-        self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
-        self.iterations = 0
-
-    def __call__(
-        self, network: TemporalNetwork, bound: SequenceBound
-    ) -> Iterator[tuple[float, Solved] | None]:
-        """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
-        problem = self.problem
-        inside, nearest = (
-            inner_bends(network.sequence, bound.bends, self._box, aim) for aim in self._aims
-        )
-        guess = self._guess(network, inside)
-        first = self._checked(scheduled(guess, network, problem, iterations=0), network)
-        if first is None and not np.array_equal(inside, nearest):
-            guess = self._guess(network, nearest)
-            first = self._checked(scheduled(guess, network, problem, iterations=0), network)
-        yield first
-        if time.perf_counter() > self.deadline:
-            return
-        candidate = solve(guess, network, problem)
-        self.iterations += candidate.iterations if candidate else 0
-        yield self._checked(candidate, network)
-
-    def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
-        problem, sequence = self.problem, network.sequence
-        start, usable = problem.start.configuration, may_drive(problem, sequence)
-        goal = problem.goal
-        made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
-        return moved_inside(made, problem)
-
-    def _checked(
-        self, candidate: Candidate | None, network: TemporalNetwork
-    ) -> tuple[float, Solved] | None:
-        if candidate is None:
-            return None
-        candidate = cheapest(self.problem, candidate, network)
-        checked = verified(self.problem, candidate, network)
-        if not checked.verification.ok:
-            return None
-        return checked.cost.total, Solved(checked, candidate, network)
 
 
 def bending_task(problem: Problem) -> BendingTask:
@@ -219,7 +172,7 @@ def bending_task(problem: Problem) -> BendingTask:
         return None if limit is None else limit.words(problem.robot.limits)
 
     return BendingTask(
-        change=tuple(map(tuple, _changes(problem, problem.goal).T.tolist())),
+        change=tuple(map(tuple, bend_changes(problem, problem.goal).T.tolist())),
         room=tuple(room),
         start=tuple(start[POSE:].tolist()),
         goal=tuple(exact),
@@ -234,21 +187,6 @@ def bending_task(problem: Problem) -> BendingTask:
         curvature=facts.curvatures,
         pose=pose_task(problem),
     )
-
-
-def _changes(problem: Problem, goal: GoalSet) -> Array:
-    """Least and largest change of W with which each segment ends in a goal, (2, n)."""
-    facts, start = bending(problem.robot), problem.start.configuration
-    limit = problem.robot.limits.curvature_per_m
-    ends = [np.clip(end, -limit, limit)[POSE:].tolist() for end in goal.box(start)]
-    changes: Array = np.array([*map(facts.coordinates, ends)])
-    return changes - facts.coordinates(start[POSE:].tolist())
-
-
-def _inside(problem: Problem) -> GoalSet:
-    """Where in the goal plans should end, for the sake of their runs."""
-    accuracy, coordinates = problem.robot.accuracy, problem.robot.coordinates
-    return problem.goal.loosened(-accuracy.planned(coordinates)) if accuracy else problem.goal
 
 
 def _asked(name: str, start: float, low: float, high: float) -> str:
@@ -357,15 +295,16 @@ def _quality(made: Plan, ending: Ending) -> str:
 
 def _proof(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str | None:
     """Why there is no plan at all; None where that is not proved."""
-    proof = impossibility(tree)
+    proof = tree.blocked(None) or impossibility(tree)
     if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
-        proof = disproof(tree)
+        proof = tree.blocked((problem.robot.rigid,)) or disproof(tree)
     return proof
 
 
 def _failure(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str:
     """Why no plan was found although one may exist, and what to change."""
     within = "" if problem.workspace is None else " within the workspace"
+    within = " among the obstacles" if problem.obstacles else within
     if (ending := search.ending) is not Ending.EXHAUSTED:
         effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
         return f"no plan found{within} ({_STOPPED[ending]}): {_ADVICE[ending]} ({effort})"

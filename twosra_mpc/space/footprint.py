@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 
 _SAGITTA_M = 5e-4  # by which chords may miss the arc they stand for
+_THIN_M = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,68 +24,84 @@ class Footprint:
     """Convex pieces in the frame of b0, corners counter-clockwise.
 
     Attributes:
-        outer: Pieces whose union holds the robot, each (4, 2) [m].
+        outer: Pieces whose union holds the robot, (pieces, 4, 2) [m].
         inner: Pieces that the robot holds.
     """
 
-    outer: tuple[Array, ...]
-    inner: tuple[Array, ...]
+    outer: Array
+    inner: Array
 
     @property
     def radius_m(self) -> float:
         """Farthest corner of the outer pieces from b0."""
-        return float(np.linalg.norm(np.concatenate(self.outer), axis=1).max())
+        return float(np.linalg.norm(self.outer, axis=-1).max())
+
+    def shrunk(self, by_m: float) -> Footprint:
+        """The same with inner pieces smaller all around: held whatever moves points by less."""
+        sides = np.roll(self.inner, -1, axis=1) - self.inner
+        lengths = np.linalg.norm(sides, axis=-1, keepdims=True)
+        steps = by_m * sides / lengths
+        kept = (lengths[..., 0] > 2 * by_m).all(axis=1)
+        return Footprint(self.outer, (self.inner + steps - np.roll(steps, 1, axis=1))[kept])
 
 
-def footprint(geometry: Geometry, kappa: ArrayLike) -> Footprint:
-    """Footprint of a robot of curvatures ``kappa`` (n,) [1/m].
+def footprint(geometry: Geometry, kappa: ArrayLike, sagitta_m: float = _SAGITTA_M) -> Footprint:
+    """Footprint of a robot of curvatures ``kappa`` (n,) [1/m], as by `footprints`."""
+    outer, inner = footprints(geometry, np.asarray(kappa, dtype=float)[None], sagitta_m)
+    return Footprint(outer[0], inner[0])
 
-    A chord over ds of an arc strays from it by |kappa| ds^2 / 8; wedges at the joints are covered
-    by longer chords.
+
+def footprints(
+    geometry: Geometry, kappa: Array, sagitta_m: float = _SAGITTA_M
+) -> tuple[Array, Array]:
+    """Outer and inner pieces of shapes (m, n) [1/m], both (m, pieces, 4, 2), in b0.
+
+    A chord over ds of an arc strays from it by |kappa| ds^2 / 8, at most ``sagitta_m``; wedges at
+    the joints are covered by longer chords.
     """
-    return _footprint(geometry, tuple(np.asarray(kappa, dtype=float).tolist()))
+    bent = np.abs(kappa)
+    lengths = np.array(geometry.lengths_m)
+    counts = np.ceil(lengths * np.sqrt(bent.max(axis=0) / (8 * sagitta_m))).astype(int)
+    counts = np.maximum(counts, 1)
+    q = np.pad(kappa, ((0, 0), (POSE, 0)))
+    rigid = list(_rigid_pieces(geometry, q))
+    chords = [_chords(geometry, q, j, int(count)) for j, count in enumerate(counts)]
+    return (
+        np.concatenate([*rigid, *(outer for outer, _ in chords)], axis=1),
+        np.concatenate([*rigid, *(inner for _, inner in chords)], axis=1),
+    )
 
 
-@lru_cache(maxsize=256)
-def _footprint(geometry: Geometry, kappa: tuple[float, ...]) -> Footprint:
-    pieces = [*_rigid_pieces(geometry, kappa)]
-    fibre = [pair for j in range(geometry.segments) for pair in _chords(geometry, kappa, j)]
-    outer, inner = zip(*fibre, strict=True)
-    return Footprint((*pieces, *outer), (*pieces, *inner))
+def _rigid_pieces(geometry: Geometry, q: Array) -> Iterator[Array]:
+    """Units, wheels and links, each (m, pieces, 4, 2)."""
+    shape = robot_shape(geometry, q, 2)
+    yield shape.units
+    yield shape.wheels
+    lengths = [geometry.end_link_m, *[geometry.middle_link_m] * (geometry.segments - 1)]
+    there = [i for i, length in enumerate([*lengths, geometry.end_link_m]) if length > 0]
+    if geometry.fibre_radius_m > 0:
+        ends = shape.links[:, there]
+        yield _strips(ends[..., 0, :], ends[..., 1, :], np.array(geometry.fibre_radius_m), 0.0)
 
 
-def _rigid_pieces(geometry: Geometry, kappa: tuple[float, ...]) -> Iterator[Array]:
-    """Units, wheels and links."""
-    shape = robot_shape(geometry, [0.0] * POSE + list(kappa), 2)
-    yield from shape.units
-    yield from shape.wheels
-    for a, b in shape.links:
-        if np.linalg.norm(b - a) > 0 and geometry.fibre_radius_m > 0:
-            yield _strip(a, b, geometry.fibre_radius_m, 0.0)
-
-
-def _chords(
-    geometry: Geometry, kappa: tuple[float, ...], segment: int
-) -> Iterator[tuple[Array, Array]]:
-    """(outer, inner) piece of each chord of a segment."""
-    length, bent = geometry.lengths_m[segment], abs(kappa[segment])
-    count = max(1, math.ceil(length * math.sqrt(bent / (8 * _SAGITTA_M))))
-    ds = length / count
-    shape = robot_shape(geometry, [0.0] * POSE + list(kappa), count + 1)
+def _chords(geometry: Geometry, q: Array, segment: int, count: int) -> tuple[Array, Array]:
+    """Outer and inner pieces of a segment of ``count`` chords, both (m, count, 4, 2)."""
+    bent, ds = np.abs(q[:, POSE + segment, None]), geometry.lengths_m[segment] / count
+    points = robot_shape(geometry, q, count + 1).segments[:, segment]
     radius, sagitta = geometry.fibre_radius_m, bent * ds**2 / 8
-    longer = radius * math.sin(min(bent * ds / 2, math.pi / 2))
-    points = shape.segments[segment]
-    for a, b in itertools.pairwise(points):
-        within = max(radius - sagitta, 1e-6)
-        yield _strip(a, b, radius + sagitta, longer), _strip(a, b, within, 0.0)
+    longer = radius * np.sin(np.minimum(bent * ds / 2, math.pi / 2))
+    a, b = points[:, :-1], points[:, 1:]
+    within = np.maximum(radius - sagitta, _THIN_M)
+    return _strips(a, b, radius + sagitta, longer), _strips(a, b, within, 0.0)
 
 
-def _strip(a: Array, b: Array, half_width: float, longer: float) -> Array:
-    """The rectangle along a to b, counter-clockwise."""
-    along = (b - a) / np.linalg.norm(b - a)
-    across = half_width * np.array([-along[1], along[0]])
-    a, b = a - longer * along, b + longer * along
-    return np.array([a - across, b - across, b + across, a + across])
+def _strips(a: Array, b: Array, half_width: Array, longer: Array | float) -> Array:
+    """Rectangles along a to b (..., 2), counter-clockwise, (..., 4, 2)."""
+    along = (b - a) / np.linalg.norm(b - a, axis=-1, keepdims=True)
+    across = half_width[..., None] * np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    further = np.asarray(longer)[..., None] * along
+    a, b = a - further, b + further
+    return np.stack([a - across, b - across, b + across, a + across], axis=-2)
 
 
 @lru_cache(maxsize=32)
@@ -112,8 +128,13 @@ def reach_per_curvature_m2(geometry: Geometry) -> Array:
     return np.array(reach)
 
 
+def moved_by_bending_m(geometry: Geometry, change_per_m: ArrayLike) -> float:
+    """How far bending by ``change_per_m``, of all segments or of each (n,), moves any point [m]."""
+    left = geometry.inner_link_of_b0
+    reach = reach_per_curvature_m2(geometry) * np.asarray(change_per_m)
+    return float(max(reach[:left].sum(), reach[left:].sum()))
+
+
 def kept_m(world: World, geometry: Geometry) -> float:
     """What outer pieces keep from obstacles: the clearance, and what curvatures may be off [m]."""
-    reach, left = reach_per_curvature_m2(geometry), geometry.inner_link_of_b0
-    off = max(reach[:left].sum(), reach[left:].sum()) * world.curvature_uncertainty_per_m
-    return world.clearance_m + float(off)
+    return world.clearance_m + moved_by_bending_m(geometry, world.curvature_uncertainty_per_m)

@@ -21,77 +21,91 @@ FAR_M = 0.25  # distances beyond this are not told apart
 _BATCH = 256  # poses
 
 
-class Separation:
-    """Lower bounds of the distance of a footprint to the obstacles of a world.
+class Surroundings:
+    """The obstacles and edges of a world, and how far convex pieces are from them.
 
     Args:
-        footprint: The robot in one shape, and what it carries.
+        world: What is around the robot.
+        kept_m: What is to be kept from obstacles, as `footprint.kept_m` says.
+    """
+
+    def __init__(self, world: World, kept_m: float) -> None:
+        self.kept_m = kept_m
+        parts = [
+            (i, _Part(part))
+            for i, obstacle in enumerate(world.obstacles)
+            for part in convex_parts(obstacle.corners_m)
+        ]
+        self.obstacle_of_part = np.array([i for i, _ in parts], dtype=int)
+        self._parts = [part for _, part in parts]
+        self._workspace = None if world.workspace is None else world.workspace.corners_m
+
+    def distances(self, corners: Array) -> Array:
+        """Least distance of sets of pieces (m, p, k, 2) to obstacles and edges, (m,) [m].
+
+        At most `FAR_M`. At least ``kept_m`` is allowed: the edge of the workspace may be touched,
+        and counts as farther away by that.
+        """
+        batches = (corners[i : i + _BATCH] for i in range(0, len(corners), _BATCH))
+        return np.concatenate([np.zeros(0), *map(self._least, batches)])
+
+    def to_parts(self, corners: Array) -> Array:
+        """Distance of sets of pieces (m, p, k, 2) to each convex part of obstacles, (m, parts)."""
+        middle = corners.mean(axis=(1, 2))
+        radius = np.linalg.norm(corners - middle[:, None, None], axis=-1).max(axis=(1, 2))
+        normals, reach = _normals(corners)
+        found = np.full((len(corners), len(self._parts)), FAR_M)
+        for k, part in enumerate(self._parts):
+            away = np.linalg.norm(middle - part.middle, axis=1) - radius - part.radius_m
+            near = np.flatnonzero(away < FAR_M)
+            if len(near):
+                along = corners[near] @ part.normals.T  # (m, p, k, sides)
+                by_part = (along.min(axis=2) - part.reach).max(axis=-1)
+                by_piece = ((normals[near] @ part.corners.T).min(axis=-1) - reach[near]).max(
+                    axis=-1
+                )
+                found[near, k] = np.maximum(by_part, by_piece).min(axis=1)
+        least: Array = np.minimum(found, FAR_M)
+        return least
+
+    def _least(self, corners: Array) -> Array:
+        least: Array = self.to_parts(corners).min(axis=1, initial=FAR_M)
+        if self._workspace is not None:
+            low, high = self._workspace
+            inside = np.minimum(corners - low, high - corners).min(axis=(1, 2, 3))
+            least = np.minimum(least, inside + self.kept_m)
+        return least
+
+
+class Separation:
+    """Lower bounds of the distance of one footprint to what is around it, at many poses.
+
+    Args:
+        footprint: The robot in one shape.
         world: What is around it.
         kept_m: What is to be kept from obstacles, as `footprint.kept_m` says.
     """
 
     def __init__(self, footprint: Footprint, world: World, kept_m: float) -> None:
         self.kept_m, self.radius_m = kept_m, footprint.radius_m
-        self._pieces = np.array(footprint.outer)  # (p, 4, 2)
-        sides = np.roll(self._pieces, -1, axis=1) - self._pieces
-        self._normals, self._reach = _normals(self._pieces, sides)
-        self._parts = [
-            (i, part)
-            for i, obstacle in enumerate(world.obstacles)
-            for part in convex_parts(obstacle.corners_m)
-        ]
-        self.obstacle_of_part = np.array([i for i, _ in self._parts], dtype=int)
-        self._of = [_Part(part) for _, part in self._parts]
-        self._workspace = None if world.workspace is None else world.workspace.corners_m
+        self.surroundings = Surroundings(world, kept_m)
+        self._pieces = np.array(footprint.outer)
 
     def distances(self, poses: Array) -> Array:
-        """Least distance of each pose (m, 3) to obstacles and edges, (m,) [m]; at most `FAR_M`.
+        """Least distance at each pose (m, 3), (m,) [m]; see `Surroundings.distances`."""
+        return self.surroundings.distances(placed(self._pieces, poses))
 
-        At least ``kept_m`` is allowed. The edge of the workspace may be touched: it counts as
-        farther away by ``kept_m``.
-        """
-        return np.concatenate(
-            [
-                np.zeros(0),
-                *(self._least(poses[i : i + _BATCH]) for i in range(0, len(poses), _BATCH)),
-            ]
-        )
+    def to_parts(self, poses: Array) -> Array:
+        """Distance at each pose (m, 3) to each convex part of an obstacle, (m, parts) [m]."""
+        return self.surroundings.to_parts(placed(self._pieces, poses))
 
-    def to_obstacles(self, poses: Array) -> Array:
-        """Distance of each pose (m, 3) to each convex part of an obstacle, (m, parts) [m]."""
-        corners, turned = self._placed(poses)
-        found = np.full((len(poses), len(self._of)), FAR_M)
-        for k, part in enumerate(self._of):
-            away = np.linalg.norm(poses[:, :2] - part.middle, axis=1) - part.radius_m
-            near = np.flatnonzero(away - self.radius_m < FAR_M)
-            if len(near):
-                found[near, k] = self._apart(corners[near], turned[near], poses[near], part)
-        return found
 
-    def _least(self, poses: Array) -> Array:
-        least = self.to_obstacles(poses).min(axis=1, initial=FAR_M)
-        if self._workspace is not None:
-            corners, _ = self._placed(poses)
-            low, high = self._workspace
-            inside = np.minimum(corners - low, high - corners).min(axis=(1, 2, 3))
-            least = np.minimum(least, inside + self.kept_m)
-        return least
-
-    def _placed(self, poses: Array) -> tuple[Array, Array]:
-        """Corners of the pieces at poses, (m, p, 4, 2), and the poses' rotations, (m, 2, 2)."""
-        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        turned = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)  # row vectors
-        return self._pieces @ turned[:, None] + poses[:, None, None, :2], turned
-
-    def _apart(self, corners: Array, turned: Array, poses: Array, part: _Part) -> Array:
-        """Least distance of the pieces to one part, (m,)."""
-        along = corners @ part.normals.T  # (m, p, 4, sides)
-        by_part = (along.min(axis=2) - part.reach).max(axis=-1)
-        normals = self._normals @ turned[:, None]  # (m, p, 4, 2)
-        least = (normals @ part.corners.T).min(axis=-1)  # (m, p, 4)
-        origin = (normals * poses[:, None, None, :2]).sum(axis=-1)
-        by_piece = (least - origin - self._reach).max(axis=-1)
-        return np.maximum(by_part, by_piece).min(axis=1)  # type: ignore[no-any-return]
+def placed(pieces: Array, poses: Array) -> Array:
+    """Corners of pieces (p, k, 2), or (m, p, k, 2), at poses (m, 3), (m, p, k, 2)."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    turned = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)  # for row vectors
+    corners: Array = pieces @ turned[:, None] + poses[:, None, None, :2]
+    return corners
 
 
 class _Part:
@@ -99,15 +113,14 @@ class _Part:
 
     def __init__(self, corners: Array) -> None:
         self.corners = corners
-        sides = np.roll(corners, -1, axis=0) - corners
-        normals, reach = _normals(corners[None], sides[None])
-        self.normals, self.reach = normals[0], reach[0]
+        self.normals, self.reach = _normals(corners)
         self.middle = corners.mean(axis=0)
         self.radius_m = float(np.linalg.norm(corners - self.middle, axis=1).max())
 
 
-def _normals(corners: Array, sides: Array) -> tuple[Array, Array]:
-    """Outward unit normals of polygons (p, k, 2), and n . corner on each side, (p, k)."""
+def _normals(corners: Array) -> tuple[Array, Array]:
+    """Outward unit normals of polygons (..., k, 2), and n . corner on each side, (..., k)."""
+    sides = np.roll(corners, -1, axis=-2) - corners
     normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     reach: Array = (normals * corners).sum(axis=-1)

@@ -20,7 +20,7 @@ from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 
@@ -102,6 +102,21 @@ def spared_corners(problem: Problem, workspace: Workspace) -> Array:
     spared = min(_STRAYING_M, max(0.0, float(ends.min())))
     corners: Array = workspace.corners_m + np.array([[spared], [-spared]])
     return corners
+
+
+def bend_changes(problem: Problem, goal: GoalSet) -> Array:
+    """Least and largest change of W with which each segment ends in a goal, (2, n)."""
+    facts, start = bending(problem.robot), problem.start.configuration
+    limit = problem.robot.limits.curvature_per_m
+    ends = [np.clip(end, -limit, limit)[POSE:].tolist() for end in goal.box(start)]
+    changes: Array = np.array([*map(facts.coordinates, ends)])
+    return changes - facts.coordinates(start[POSE:].tolist())
+
+
+def inner_goal(problem: Problem) -> GoalSet:
+    """Where in the goal plans should end, for the sake of their runs."""
+    accuracy, coordinates = problem.robot.accuracy, problem.robot.coordinates
+    return problem.goal.loosened(-accuracy.planned(coordinates)) if accuracy else problem.goal
 
 
 def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:

@@ -22,6 +22,12 @@ Solution = TypeVar("Solution")
 SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
 
 
+def nothing_blocks(sequence: ModeSequence | None) -> str | None:
+    """Say why a mode sequence, or any if None, cannot be carried out: in free space nothing."""
+    del sequence
+    return None
+
+
 @dataclass
 class ModeTree(Generic[Solution]):
     """Mode sequences as a search tree; a node is a sequence not yet closed by its last phase.
@@ -37,6 +43,8 @@ class ModeTree(Generic[Solution]):
         rigid_time: Proved least duration of a plan that never melts anything [s].
         solver: Yields attempts at a plan of one sequence, given its network and bound.
         excluded: Complete sequences that are not to be used.
+        blocked: Why something in the way proves that a complete sequence, or none at all, can be
+            carried out; asked again and again, as more may be known the next time.
         unreachable: Filled by the search: why leaves were proved infeasible.
     """
 
@@ -50,6 +58,7 @@ class ModeTree(Generic[Solution]):
     rigid_time: Callable[[], float]
     solver: SequenceSolver[Solution]
     excluded: frozenset[ModeSequence] = frozenset()
+    blocked: Callable[[ModeSequence | None], str | None] = nothing_blocks
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
     _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
 
@@ -73,7 +82,7 @@ class ModeTree(Generic[Solution]):
     def bound(self, node: ModeSequence) -> float:
         """Transitions alone: every completion passes through the events of ``node``."""
         everything = (*node, *self.modes)
-        if (reason := unreachable_reason(everything, self.task)) is not None:
+        if (reason := self.blocked(None) or unreachable_reason(everything, self.task)) is not None:
             self.unreachable[node] = reason
             return math.inf
         if not node:
@@ -140,7 +149,8 @@ class ModeTree(Generic[Solution]):
         leaf = self.leaf(node)
         if leaf is None or len(leaf) > self.max_phases or leaf in self.excluded:
             return math.inf
-        if (reason := unreachable_reason(leaf, self.task)) is not None:
+        reason = self.blocked(leaf) or unreachable_reason(leaf, self.task)
+        if reason is not None:
             self.unreachable[leaf] = reason
             return math.inf
         if (reason := self.timing.refusal(leaf, self.last)) is not None:
@@ -162,10 +172,13 @@ class ModeTree(Generic[Solution]):
         return bound.cost
 
     def tighter_bound(self, node: ModeSequence, enough: float) -> float:
-        """Raise the leaf bound by the time the change of pose takes."""
+        """Raise the leaf bound by the time the change of pose takes, or by what blocks it."""
         leaf = self.leaf(node)
         if leaf is None:
             return -math.inf
+        if (reason := self.blocked(leaf)) is not None:
+            self.unreachable[leaf] = reason
+            return math.inf
         durations = least_durations(leaf, self.task)
         network = self.timing.network(leaf, self.last, durations)
         return pose_bound(network, self.task, self.weights, durations, enough)

@@ -1,0 +1,103 @@
+r"""What obstacles make necessary, proved: blocks between drives, or more than any plan can do.
+
+A drive is a motion in one shape, a block reshapes, and moves b0 by no more than ``soft_travel_m``.
+
+- If a unit's inscribed disc has no path from its place at the start to its place at the goal, no
+  plan of any shapes exists.
+- If the start's shape may be kept, but the superset of what is free for it does not join the start
+  to the goal, a block is needed.
+- If what it joins to the start is farther than ``soft_travel_m`` from all that joins the goal
+  in the goal's shape, two blocks are needed.
+
+Where a goal leaves a box of shapes, the robot of its middle is shrunk by what the other shapes can
+move any point of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twosra_mpc.planning.obstacles.block import blocks_of
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
+from twosra_mpc.space.footprint import footprint, kept_m, moved_by_bending_m
+
+_HEADINGS = (72, 180)  # slices, until something is proved
+_MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
+
+
+class Necessity:
+    """How many blocks every plan needs; what is worked out stays known."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self._geometry = problem, problem.robot.geometry
+        self.blocks = 0
+        self.impossible: str | None = None
+        self._left = [self._no_path_at_all, *(lambda n=n: self._by_slices(n) for n in _HEADINGS)]
+
+    def __call__(self, sequence: ModeSequence | None) -> str | None:
+        """Why a sequence, or any if None, cannot be carried out, by what is known so far."""
+        if sequence is None or self.impossible is not None:
+            return self.impossible
+        if blocks_of(sequence) >= self.blocks:
+            return None
+        return self.words
+
+    @property
+    def words(self) -> str:
+        """What is known, in words."""
+        if self.blocks == 0:
+            return "nothing is proved of the obstacles"
+        if self.blocks == 1:
+            return "no drive in the start's shape: proved blocked"
+        far = f"limits.soft_travel_m = {self.problem.robot.limits.soft_travel_m:g} m"
+        return f"one reshaping is not enough: its drives, proved, end more than {far} apart"
+
+    def work_out(self) -> None:
+        """Try the next proof, each with more effort than the one before."""
+        if self._left and self.impossible is None:
+            self._left.pop(0)()
+
+    def _no_path_at_all(self) -> None:
+        problem = self.problem
+        goal, width, geometry = problem.goal.configuration, problem.goal.half_width, self._geometry
+        if not problem.obstacles or not np.isfinite(goal).all() or width.max() > _MOST_PER_M:
+            return
+        from twosra_mpc.space.possible import blocked_unit
+
+        # Around b0 a unit's centre moves by less than the footprint's radius a radian.
+        radius = footprint(geometry, goal[POSE:]).radius_m
+        off_m = float(np.hypot(*width[:2])) + radius * float(width[2])
+        off_m += moved_by_bending_m(geometry, width[POSE:])
+        start = problem.start.configuration
+        unit = blocked_unit(geometry, problem.world, start, goal, off_m)
+        if unit is not None:
+            self.impossible = f"locomotion unit {unit} has no way there, whatever the robot's shape"
+
+    def _by_slices(self, headings: int) -> None:
+        problem, geometry = self.problem, self._geometry
+        goal, width = problem.goal.configuration, problem.goal.half_width[POSE:]
+        start = problem.start.configuration
+        solid = is_rigid(problem.start_mode) and is_rigid(problem.goal.mode)
+        if not solid or np.isnan(goal[POSE:]).any() or width.max() > _MOST_PER_M:
+            return
+        from twosra_mpc.space.possible import apart_m, components_in
+        from twosra_mpc.space.slices import possible_slices
+
+        kept, world = kept_m(problem.world, geometry), problem.world
+        low, high = (end[:POSE] for end in problem.goal.box(start))
+        first = possible_slices(footprint(geometry, start[POSE:]), world, kept, headings)
+        from_start = components_in(first, start[:POSE], start[:POSE])
+        if not from_start:  # it starts nearer to something than it may drive
+            return
+        needed = 1
+        if (np.abs(start[POSE:] - goal[POSE:]) <= width).all():
+            needed = int(from_start.isdisjoint(components_in(first, low, high)))
+        last_shape = footprint(geometry, goal[POSE:]).shrunk(moved_by_bending_m(geometry, width))
+        last = possible_slices(last_shape, world, kept, headings)
+        apart = apart_m(first, from_start, last, components_in(last, low, high))
+        if needed and apart > problem.robot.limits.soft_travel_m:
+            needed = 2
+            self._left.clear()
+        self.blocks = max(self.blocks, needed)

@@ -1,0 +1,199 @@
+"""Stations: the places where blocks begin and end, chosen by a lazy search for the shortest chain.
+
+Blocks are carried out at stations, with drives from the start to the first one, between them, and
+from the last one to the goal. Of many candidates the chain of least time is found with drives taken
+to be direct; the drives and sweeps of the chain found are then looked at, what is not clear is
+struck out, what takes longer gets its true time, and the search is repeated until all of the best
+chain has been looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.space.legs import LegTimes, turned_to, twists
+
+# Fractional parts of its multiples fill the unit cube evenly: powers of the root of x^4 = x + 1.
+_EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
+
+
+class Stations(NamedTuple):
+    """Candidates for one block: poses of b0 as it begins and as it ends, both (m, 3)."""
+
+    begin: Array
+    end: Array
+
+
+class Chain(NamedTuple):
+    """Stations that were chosen: pose as each block begins, and via poses of each drive, (m, 3).
+
+    ``cost_s`` is how much longer the plan is for its drives.
+    """
+
+    begins: tuple[Array, ...]
+    routes: tuple[Array, ...]
+    cost_s: float
+
+
+class Driver(Protocol):
+    """Drives in one shape."""
+
+    times: LegTimes
+
+    def route(self, start: Array, goal: Array) -> Array | None:
+        """Via poses of a drive that is clear, both ends included, (m, 3); None if none is found."""
+
+
+def around(pose: Array, count: int, reach_m: float) -> Array:
+    """Poses about a pose, itself the first, denser near it, (count, 3)."""
+    share = np.mod(np.arange(count)[:, None] * _EVENLY, 1.0)
+    radius, angle = reach_m * share[:, 0] ** 2, 2 * np.pi * share[:, 1]
+    turn = 2 * share[:, 2] - 1
+    turn[0] = 0.0
+    by = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.pi * turn * abs(turn)])
+    by[0] = 0.0
+    poses: Array = pose + by
+    return poses
+
+
+def between(goal: Array, end: Array, count: int) -> Array:
+    """Poses about the way from a goal to an end that is known, itself the last, (count + 1, 3)."""
+    by = turned_to(end, goal) - goal
+    share = np.mod((np.arange(count)[:, None] + 1) * _EVENLY, 1.0)
+    off = np.column_stack([share[:, 0], share[:, 1] - 0.5, share[:, 2] - 0.5])
+    size = np.hypot(by[0], by[1])
+    wide = np.array([size, size, abs(by[2])]) / 2
+    along = goal + off[:, :1] * by
+    spread = np.column_stack([off[:, 1], off[:, 2], np.roll(off[:, 1], 1)]) * wide
+    return np.vstack([along + spread, end])
+
+
+def shortest_chain(
+    start: Array,
+    goals: Callable[[Array], Array],
+    layers: Sequence[Stations],
+    clear: Callable[[int, Array], bool],
+    drivers: Sequence[Driver | None],
+    hidden_s: Sequence[float],
+    most_looks: int,
+) -> Chain | None:
+    """The chain of least time through one station of every layer; None if none is found.
+
+    Args:
+        start: Pose at the start, (3,).
+        goals: Poses (m, 3) after the last block -> poses to end in, (m, 3).
+        layers: Candidates for each block.
+        clear: (block, pose as it begins) -> whether its sweep is clear.
+        drivers: Drives before, between and after the blocks; None: there is no drive.
+        hidden_s: Time that each drive may take without making the plan longer.
+        most_looks: Drives and sweeps to look at before giving up.
+    """
+    legs = _Legs(start, goals, layers, drivers, np.asarray(hidden_s))
+    looked: dict[tuple[int, int], bool] = {}
+    for _ in range(most_looks):
+        path = legs.shortest()
+        if path is None:
+            return None
+        unseen = [(b, i) for b, i in enumerate(path) if (b, i) not in looked]
+        if unseen:
+            b, i = unseen[0]
+            looked[b, i] = clear(b, layers[b].begin[i])
+            if not looked[b, i]:
+                legs.strike(b, i)
+            continue
+        if legs.look(path):
+            begins = tuple(layers[b].begin[i] for b, i in enumerate(path))
+            return Chain(begins, legs.routes(path), legs.cost_s(path))
+    return None
+
+
+class _Legs:
+    """Times of the drives between stations, direct until they are looked at."""
+
+    def __init__(
+        self,
+        start: Array,
+        goals: Callable[[Array], Array],
+        layers: Sequence[Stations],
+        drivers: Sequence[Driver | None],
+        hidden_s: Array,
+    ) -> None:
+        self._drivers, self._hidden = drivers, hidden_s
+        final = layers[-1].end if layers else start[None]
+        self._leave = [start[None], *(layer.end for layer in layers)]
+        self._arrive = [*(layer.begin for layer in layers), goals(final)]
+        self._cost: list[Array] = []
+        for k, driver in enumerate(drivers):
+            here, there = self._leave[k][:, None], self._arrive[k][None]
+            if k == len(layers):  # every station has a goal of its own
+                here, there = self._leave[k], self._arrive[k]
+            apart = twists(here, turned_to(there, here))
+            if driver is None:
+                cost = np.where(np.abs(apart).max(axis=-1) < 1e-9, 0.0, np.inf)
+            else:
+                cost = np.maximum(0.0, driver.times.from_rest_to_rest(apart) - hidden_s[k])
+            self._cost.append(cost)
+        self._found: dict[tuple[int, int, int], Array] = {}
+
+    def shortest(self) -> list[int] | None:
+        """Station of each layer on the shortest chain, by dynamic programming from the goal."""
+        to_go, choices = self._cost[-1], []
+        for cost in reversed(self._cost[:-1]):
+            through = cost + to_go[None]
+            choices.append(through.argmin(axis=1))
+            to_go = through.min(axis=1)
+        if not np.isfinite(to_go[0]):
+            return None
+        path, at = [], 0
+        for choice in reversed(choices):
+            at = int(choice[at])
+            path.append(at)
+        return path
+
+    def strike(self, layer: int, station: int) -> None:
+        """Never use a station again."""
+        self._cost[layer][:, station] = np.inf
+
+    def look(self, path: Sequence[int]) -> bool:
+        """Look at the first drive of a chain not looked at yet; True if there is none left."""
+        ends = self._ends(path)
+        for k, (i, j) in enumerate(ends):
+            driver = self._drivers[k]
+            if driver is None or (k, i, j) in self._found:
+                continue
+            route = driver.route(self._leave[k][i], self._arrive[k][j])
+            place = (i, j) if k < len(ends) - 1 else (j,)
+            if route is None:
+                self._cost[k][place] = np.inf
+                return False
+            self._found[k, i, j] = route
+            took = driver.times.from_rest_to_rest(twists(route[:-1], route[1:])).sum()
+            true = max(0.0, float(took) - float(self._hidden[k]))
+            longer = true > self._cost[k][place] + 1e-9
+            self._cost[k][place] = true
+            if longer:
+                return False
+        return True
+
+    def cost_s(self, path: Sequence[int]) -> float:
+        """What the drives of a chain add to the plan."""
+        ends = self._ends(path)
+        return sum(
+            float(cost[i, j] if cost.ndim == 2 else cost[j])
+            for cost, (i, j) in zip(self._cost, ends, strict=True)
+        )
+
+    def routes(self, path: Sequence[int]) -> tuple[Array, ...]:
+        """Via poses of every drive of a chain that has been looked at."""
+        nothing = np.zeros((0, 3))
+        return tuple(
+            self._found.get((k, *ends), nothing) for k, ends in enumerate(self._ends(path))
+        )
+
+    def _ends(self, path: Sequence[int]) -> list[tuple[int, int]]:
+        """Where each drive of a chain leaves from and arrives, by station."""
+        return [(0 if k == 0 else path[k - 1], j) for k, j in enumerate([*path, (path or [0])[-1]])]

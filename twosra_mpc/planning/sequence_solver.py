@@ -1,0 +1,89 @@
+"""Verified plans of one mode sequence where nothing is in the way: guess first, then the NLP."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.model.flow import Motion
+from twosra_mpc.planning.gentle import cheapest
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
+from twosra_mpc.planning.nlp.guess import (
+    bend_changes,
+    guess_motion,
+    inner_bends,
+    inner_goal,
+    moved_inside,
+)
+from twosra_mpc.planning.outcome import verified
+from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.limits import may_drive
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.timing import TemporalNetwork
+
+
+class Solved(NamedTuple):
+    """A verified plan, and what it was made of."""
+
+    plan: Plan
+    candidate: Candidate
+    network: TemporalNetwork
+
+
+class SequenceSolver:
+    """Yields verified plans of one mode sequence: the guess and, if it is not enough, the NLP's."""
+
+    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
+        self.problem = problem
+        self._box = bend_changes(problem, problem.goal)
+        least = np.clip(0.0, *self._box)
+        nearest = np.array([least, least])  # where a margin does not fit, bending less may
+        self._aims = (bend_changes(problem, inner_goal(problem)), nearest)
+        self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
+        self.iterations = 0
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
+        problem = self.problem
+        inside, nearest = (
+            inner_bends(network.sequence, bound.bends, self._box, aim) for aim in self._aims
+        )
+        guess = self._guess(network, inside)
+        first = checked(problem, scheduled(guess, network, problem, iterations=0), network)
+        if first is None and not np.array_equal(inside, nearest):
+            guess = self._guess(network, nearest)
+            first = checked(problem, scheduled(guess, network, problem, iterations=0), network)
+        yield first
+        if time.perf_counter() > self.deadline:
+            return
+        candidate = solve(guess, network, problem)
+        self.iterations += candidate.iterations if candidate else 0
+        yield checked(problem, candidate, network)
+
+    def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
+        problem, sequence = self.problem, network.sequence
+        start, usable = problem.start.configuration, may_drive(problem, sequence)
+        goal = problem.goal
+        made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
+        return moved_inside(made, problem)
+
+
+def checked(
+    problem: Problem, candidate: Candidate | None, network: TemporalNetwork
+) -> tuple[float, Solved] | None:
+    """(cost, plan) of a candidate at its durations of least cost; None if it does not verify."""
+    if candidate is None:
+        return None
+    candidate = cheapest(problem, candidate, network)
+    made = verified(problem, candidate, network)
+    if not made.verification.ok:
+        return None
+    return made.cost.total, Solved(made, candidate, network)

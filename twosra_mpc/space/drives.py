@@ -1,0 +1,250 @@
+"""Drives of a robot in one shape among obstacles: decided, found, made shorter, and certified.
+
+A drive is a sequence of poses; between two of them the body twist is constant (a leg), and the
+robot is at rest at each of them. A straight leg, or one pose in between, needs no slices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twosra_mpc.problem.limits import rigid_ramp_s, rigid_rows
+from twosra_mpc.problem.world import World
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.space.footprint import Footprint, footprint, kept_m
+from twosra_mpc.space.screws import times_at_speed_s, times_from_rest_s, twists
+from twosra_mpc.space.separation import Separation
+from twosra_mpc.space.shortcuts import Bools, Proof, by_one_pose, improved, shortest
+from twosra_mpc.space.sweep import clear_legs
+
+if TYPE_CHECKING:  # they import shapely
+    from twosra_mpc.space.roadmap import Field, Roadmap
+    from twosra_mpc.space.slices import FreeSlices
+
+HEADINGS = (72, 180, 360)  # slices, finer as needed
+_SAGITTA_M = 5e-4
+_SPACING_M = 0.04
+_GRID_NODES = 1000  # at most, in a slice
+_DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
+_ENTRIES = 24  # nodes tried from a pose that no slice holds
+_TOUCHING_M = 1e-4  # less than it has now may a start keep that is nearer than it should be
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether a drive exists.
+
+    Attributes:
+        verdict: "certified": it does. "blocked": none does, proved. Else "undecided".
+        headings: Slices of headings that decided; 0 if none were needed.
+    """
+
+    verdict: Literal["certified", "blocked", "undecided"]
+    headings: int
+
+
+class Drives:
+    """Drives of a robot in one shape; slices are made when they are first needed.
+
+    Args:
+        robot: The robot.
+        world: What is around it.
+        kappa: The shape it drives in, (n,) [1/m].
+        headings: Slices of headings, coarse to fine.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        world: World,
+        kappa: ArrayLike,
+        headings: tuple[int, ...] = HEADINGS,
+    ) -> None:
+        self.geometry, self.world, self.headings = robot.geometry, world, headings
+        self.kappa = np.asarray(kappa, dtype=float)
+        self.footprint = footprint(self.geometry, self.kappa)
+        self.kept_m = kept_m(world, self.geometry)
+        self.rows, self.ramp_s = rigid_rows(robot, self.kappa), rigid_ramp_s(robot, self.kappa)
+        self.clear = Separation(self.footprint, world, self.kept_m).distances
+        self._certified: dict[int, FreeSlices] = {}
+        self._possible: dict[tuple[int, float], FreeSlices] = {}
+        self._roadmaps: dict[int, Roadmap] = {}
+
+    # Time and clearance of legs.
+
+    def leg_times_s(self, start: Array, end: Array) -> Array:
+        """Times of legs between poses (..., 3) from rest to rest, (...,) [s]."""
+        at_speed = times_at_speed_s(self.rows, twists(start, end))
+        return times_from_rest_s(at_speed, self.ramp_s)
+
+    def time_s(self, poses: Array) -> float:
+        """Time of a drive through poses (m, 3) [s]."""
+        return float(self.leg_times_s(poses[:-1], poses[1:]).sum())
+
+    def clear_legs(self, start: Array, end: Array, needed_m: Array | float) -> Bools:
+        """Which legs between poses (m, 3) are proved to keep a distance, (m,)."""
+        start, end = np.atleast_2d(start), np.atleast_2d(end)
+        twist = twists(start, end)
+        return clear_legs(self.clear, start, twist, self.footprint.radius_m, needed_m)
+
+    def needed_m(self, start: Array) -> float:
+        """What the first leg from a pose (3,) must keep: no more than the pose itself does."""
+        own = float(self.clear(start[None])[0])
+        return self.kept_m if own >= self.kept_m else max(own - _TOUCHING_M, 0.0)
+
+    def certified(self, poses: Array) -> bool:
+        """Whether all legs of a drive (m, 3) are proved clear."""
+        return bool(self._proof(poses[0])(poses[:-1], poses[1:]).all())
+
+    def _proof(self, first: Array) -> Proof:
+        """Which legs are proved clear; those that start at a pose (3,) keep no more than it."""
+        own = self.needed_m(first)
+
+        def proof(start: Array, end: Array) -> Bools:
+            needed = np.where((start == first).all(axis=1), own, self.kept_m)
+            found = self.clear_legs(start, end, needed)
+            for slices in self._certified.values():
+                for i in np.flatnonzero(~found):
+                    found[i] = slices.hold_leg(start[i], end[i])
+            return found
+
+        return proof
+
+    # Slices.
+
+    def certified_slices(self, headings: int) -> FreeSlices:
+        """F- of this shape."""
+        from twosra_mpc.space.slices import certified_slices
+
+        if headings not in self._certified:
+            coarse = self._coarse(headings)
+            made = certified_slices(coarse, self.world, self.kept_m, headings)
+            self._certified[headings] = made
+        return self._certified[headings]
+
+    def possible_slices(self, headings: int, kept_m: float | None = None) -> FreeSlices:
+        """F+ of this shape; ``kept_m`` [m] is what a drive must keep, if less than usual."""
+        from twosra_mpc.space.slices import possible_slices
+
+        kept = self.kept_m if kept_m is None else kept_m
+        if (headings, kept) not in self._possible:
+            made = possible_slices(self._coarse(headings), self.world, kept, headings)
+            self._possible[headings, kept] = made
+        return self._possible[headings, kept]
+
+    def _coarse(self, headings: int) -> Footprint:
+        """The footprint in fewer pieces, as coarse as slices are anyhow."""
+        turned_m = self.footprint.radius_m * np.pi / headings
+        return footprint(self.geometry, self.kappa, max(_SAGITTA_M, turned_m / 4))
+
+    def roadmap(self, headings: int) -> Roadmap:
+        """Roads through F-."""
+        from twosra_mpc.space.roadmap import roadmap
+
+        if headings not in self._roadmaps:
+            slices = self.certified_slices(headings)
+            spacing_m = max(_SPACING_M, slices.width_m / _GRID_NODES**0.5)
+            self._roadmaps[headings] = roadmap(slices, self.rows, spacing_m)
+        return self._roadmaps[headings]
+
+    def field(self, pose: Array) -> Field | None:
+        """Times from a pose (3,), or to it, along the roads of the coarsest slices."""
+        return self.roadmap(self.headings[0]).field(pose)
+
+    # Drives.
+
+    def decide(self, start: Array, goal: Array) -> Decision:
+        """Whether a drive from start to goal (3,) exists; finer slices as needed."""
+        if self.clear_legs(start, goal, self.needed_m(start)).all():
+            return Decision("certified", 0)
+        for headings in self.headings:
+            if self._ends(headings, start, goal) is not None:
+                return Decision("certified", headings)
+            if self._blocked(headings, start, goal):
+                return Decision("blocked", headings)
+        return Decision("undecided", self.headings[-1])
+
+    def best(self, start: Array, goal: Array) -> Array | None:
+        """A good drive from start to goal (3,): poses (m, 3), or None if none was found.
+
+        Headings go on over full turns: that of the last pose may differ from the goal's by some.
+        """
+        goal = _continued(np.array([start, goal]))[-1]
+        if self.clear_legs(start, goal, self.needed_m(start)).all():
+            return np.array([start, goal])
+        proof = self._proof(start)
+        guess = by_one_pose(start, goal, self._free, self.leg_times_s, proof)
+        if guess is None:
+            return self._by_roads(self.headings, start, goal)
+        guess = improved(guess, self.leg_times_s, proof)
+        if self.time_s(guess) <= _DETOUR * self.time_s(np.array([start, goal])):
+            return guess
+        found = self._by_roads(self.headings[:1], start, goal)
+        return guess if found is None else min(guess, found, key=self.time_s)
+
+    def _by_roads(self, fineness: tuple[int, ...], start: Array, goal: Array) -> Array | None:
+        for headings in fineness:
+            found = self._roads(headings, start, goal)
+            if found is not None:
+                return found
+            if self._blocked(headings, start, goal):
+                return None
+        return None
+
+    def _roads(self, headings: int, start: Array, goal: Array) -> Array | None:
+        """A drive along the roads of slices, made shorter."""
+        ends = self._ends(headings, start, goal)
+        if ends is None:
+            return None
+        field = self.roadmap(headings).field(ends[0])
+        path = None if field is None else field.path(ends[1])
+        if path is None:
+            return None
+        poses = _continued(np.array([start, *path, goal]))
+        proof = self._proof(start)
+        poses = shortest(poses, self.leg_times_s, proof)
+        return shortest(improved(poses, self.leg_times_s, proof), self.leg_times_s, proof)
+
+    def _ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
+        """Poses in one component of F- that straight legs join to start and goal."""
+        slices = self.certified_slices(headings)
+        for first in self._entries(headings, start, self.needed_m(start)):
+            for last in self._entries(headings, goal, self.kept_m):
+                if slices.component(first) == slices.component(last):
+                    return first, last
+        return None
+
+    def _entries(self, headings: int, pose: Array, needed_m: float) -> list[Array]:
+        """The pose itself if a slice holds it, else nodes that straight legs join to it."""
+        if self.certified_slices(headings).component(pose) is not None:
+            return [pose]
+        nodes = self.roadmap(headings).poses
+        at = np.broadcast_to(pose, nodes.shape)
+        near = np.argsort(self.leg_times_s(at, nodes), kind="stable")[:_ENTRIES]
+        joined = self.clear_legs(at[near], nodes[near], needed_m)
+        return list(nodes[near[joined]])
+
+    def _blocked(self, headings: int, start: Array, goal: Array) -> bool:
+        """Whether F+ proves that no drive from start to goal exists."""
+        own = float(self.clear(np.array([start, goal])).min())
+        kept = self.kept_m if own >= self.kept_m else max(own, 0.0)
+        slices = self.possible_slices(headings, kept)
+        ends = [slices.component(pose) for pose in (start, goal)]
+        return None in ends or ends[0] != ends[1]
+
+    def _free(self, poses: Array) -> Bools:
+        return np.asarray(self.clear(poses) >= self.kept_m)
+
+
+def _continued(poses: Array) -> Array:
+    """Poses with headings that go on over full turns; one that is as before is left out."""
+    poses = poses.copy()
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    moving = np.abs(np.diff(poses, axis=0)).max(axis=1) > 1e-12
+    kept: Array = poses[np.append(True, moving)]
+    return kept

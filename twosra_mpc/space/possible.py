@@ -1,0 +1,79 @@
+"""What is impossible among obstacles: proofs on supersets of what is free."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import shapely
+
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.problem.world import World
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.space.slices import FreeSlices
+
+_QUADRANT = 16  # corners in a quarter of a disc
+_FAR_M = 1.0  # beyond all obstacles
+
+
+def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]:
+    """Components that some pose of a box (3,) to (3,) is in; infinite ends are free."""
+    box = np.clip([low[:2], high[:2]], *slices.box_m)
+    here = np.ones(len(slices.parts), dtype=bool)
+    if np.isfinite([low[2], high[2]]).all():
+        centres = 2 * np.pi / slices.headings * slices.slice_of
+        middle, half = (low[2] + high[2]) / 2, (high[2] - low[2]) / 2 + np.pi / slices.headings
+        off = np.abs((centres - middle + np.pi) % (2 * np.pi) - np.pi)
+        here = off <= half + 1e-9
+    low_x, high_x = np.clip(box, -1e3, 1e3) + np.array([[-1e-9], [1e-9]])
+    here &= shapely.intersects(slices.parts, shapely.box(*low_x, *high_x))
+    return frozenset(slices.component_of[here].tolist())
+
+
+def apart_m(
+    first: FreeSlices, some: frozenset[int], second: FreeSlices, others: frozenset[int]
+) -> float:
+    """Least distance in the plane of positions in components of two shapes; infinite for none."""
+    if not some or not others:
+        return np.inf
+    reached = [
+        shapely.union_all(slices.parts[np.isin(slices.component_of, list(components))])
+        for slices, components in ((first, some), (second, others))
+    ]
+    return float(shapely.distance(*reached))
+
+
+def blocked_unit(
+    geometry: Geometry, world: World, start: Array, goal: Array, off_m: float
+) -> int | None:
+    """A locomotion unit, 1 or 2, whose inscribed disc has no way from start to goal (3 + n,).
+
+    Its centre must stay farther than half a side from obstacles, whatever the robot's shape is;
+    discs around obstacles are taken a little too small, what is free a little too large.
+
+    Args:
+        geometry: Lengths of the robot.
+        world: What is around it.
+        start: Configuration at the start.
+        goal: Configuration to end in.
+        off_m: How far the units may end from where that has them.
+    """
+    radius = geometry.unit_side_m / 2
+    ends = robot_shape(geometry, np.array([start, goal]), 2).centres  # (2, unit, 2)
+    solid = shapely.union_all([shapely.Polygon(item.inner_corners_m) for item in world.obstacles])
+    blocked = shapely.buffer(solid, radius + world.clearance_m, quad_segs=_QUADRANT)
+    if world.workspace is not None:
+        edges = world.workspace.corners_m + np.array([[radius], [-radius]])
+    else:
+        edges = np.array([[-np.inf], [np.inf]])
+    around = np.concatenate([shapely.bounds(blocked).reshape(2, 2), ends.reshape(-1, 2)])
+    low = np.maximum(edges[0], around.min(axis=0) - _FAR_M)
+    high = np.minimum(edges[1], around.max(axis=0) + _FAR_M)
+    parts = shapely.get_parts(shapely.difference(shapely.box(*low, *high), blocked))
+    for unit, (here, there) in enumerate(zip(*ends, strict=True), start=1):
+        from_start = shapely.dwithin(parts, shapely.points(here), 1e-6)
+        to_goal = shapely.dwithin(parts, shapely.points(there), off_m + 1e-6)
+        if any(from_start) and not any(itertools.compress(from_start, to_goal)):
+            return unit
+    return None

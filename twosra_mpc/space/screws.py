@@ -1,0 +1,55 @@
+"""Legs: a body twist that is constant between two poses, how long it takes, and where it passes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twosra_mpc.robot.coordinates import Array
+
+
+def twists(start: Array, end: Array, turns_rad: Array | None = None) -> Array:
+    """Displacement (s_u, s_v, s_r) of b0 in its own frame by a constant twist, (..., 3) [m, rad].
+
+    Args:
+        start: Poses, (..., 3) [m, m, rad].
+        end: Poses, (..., 3).
+        turns_rad: By how much it turns; left out, by the least of what ends at that heading.
+    """
+    turn = wrapped(end[..., 2] - start[..., 2]) if turns_rad is None else turns_rad
+    shift = end[..., :2] - start[..., :2]
+    heading = start[..., 2] + turn / 2  # the chord is at half the turn
+    c, s = np.cos(heading), np.sin(heading)
+    stretched = 1 / np.sinc(turn / (2 * np.pi))
+    along = stretched * (c * shift[..., 0] + s * shift[..., 1])
+    across = stretched * (c * shift[..., 1] - s * shift[..., 0])
+    return np.stack([along, across, turn], axis=-1)
+
+
+def moved(start: Array, twist: Array, share: Array) -> Array:
+    """Poses after a share of displacements by constant twists, (..., 3)."""
+    turn = twist[..., 2] * share
+    chord = share * np.sinc(turn / (2 * np.pi))
+    heading = start[..., 2] + turn / 2
+    c, s = np.cos(heading), np.sin(heading)
+    x = start[..., 0] + chord * (c * twist[..., 0] - s * twist[..., 1])
+    y = start[..., 1] + chord * (s * twist[..., 0] + c * twist[..., 1])
+    return np.stack([x, y, start[..., 2] + turn], axis=-1)
+
+
+def wrapped(angle_rad: Array) -> Array:
+    """Angles within half a turn of zero [rad]."""
+    found: Array = np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi
+    return found
+
+
+def times_at_speed_s(rows: Array, twist: Array) -> Array:
+    """Least times of displacements (..., 3) at full speed, (...,) [s], by `rigid_rows` (m, 3)."""
+    found: Array = np.abs(twist @ rows.T).max(axis=-1)
+    return found
+
+
+def times_from_rest_s(at_speed_s: Array, ramp_s: float) -> Array:
+    """The same from rest to rest (`from_rest_to_rest`), zero for what does not move, (...,) [s]."""
+    ramped = np.where(at_speed_s >= ramp_s, at_speed_s + ramp_s, 2 * np.sqrt(at_speed_s * ramp_s))
+    found: Array = ramped
+    return found

@@ -1,0 +1,119 @@
+"""Drives made shorter: fewer legs, better poses between them, or one pose guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.space.screws import moved, twists, wrapped
+
+Bools = NDArray[np.bool_]
+Times = Callable[[Array, Array], Array]  # of legs between poses (m, 3) each, (m,) [s]
+Proof = Callable[[Array, Array], Bools]  # which of them are clear, (m,)
+
+_WINDOW = 20  # poses of which every pair is tried at once
+_STEPS = (0.04, 0.02, 0.01, 0.005)  # m, by which poses between legs are moved
+_PER_STEP_RAD = 5.0  # turns go with them, per metre
+_TRIED = 4  # of the moves that save most
+_GUESSES = 16
+
+
+def shortest(poses: Array, times: Times, proof: Proof) -> Array:
+    """The fastest of the drives that leave out poses (m, 3) and are proved clear."""
+    while len(poses) > 2:
+        windows = [poses[i : i + _WINDOW + 1] for i in range(0, len(poses) - 1, _WINDOW)]
+        found = [_fastest(window, times, proof) for window in windows]
+        shorter = np.concatenate([*(part[:-1] for part in found), poses[-1:]])
+        if len(shorter) == len(poses) or len(windows) == 1:
+            return shorter
+        poses = shorter
+    return poses
+
+
+def _fastest(poses: Array, times: Times, proof: Proof) -> Array:
+    """The fastest way through some of a few poses, neighbours among them taken as clear."""
+    one, other = np.triu_indices(len(poses), k=1)
+    taken = times(poses[one], poses[other])
+    own = np.concatenate([[0.0], np.cumsum(taken[other - one == 1])])
+    known = other - one == 1
+    asked = np.flatnonzero(~known & (taken < own[other] - own[one]))
+    known[asked] = proof(poses[one[asked]], poses[other[asked]])
+    least, before = np.full(len(poses), np.inf), np.zeros(len(poses), dtype=int)
+    least[0] = 0.0
+    for i, j, leg in zip(one[known], other[known], taken[known], strict=True):  # i grows
+        if least[i] + leg < least[j]:
+            least[j], before[j] = least[i] + leg, i
+    chain = [len(poses) - 1]
+    while chain[-1] > 0:
+        chain.append(int(before[chain[-1]]))
+    return poses[chain[::-1]]
+
+
+def improved(poses: Array, times: Times, proof: Proof) -> Array:
+    """A drive with its inner poses moved a little wherever that saves time and is clear."""
+    poses = poses.copy()
+    for step in _STEPS:
+        moves = step * _stencil()
+        for _ in range(2):
+            for i in range(1, len(poses) - 1):
+                tried = np.concatenate([poses[i] + moves, _between(poses[i - 1 : i + 2])])
+                poses[i] = _better(poses[i - 1 : i + 2], tried, times, proof)
+    return poses
+
+
+def _stencil() -> Array:
+    """Moves along each axis and each diagonal of the plane, with and without turns, (26, 3)."""
+    signs = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    moves: Array = signs[signs.any(axis=1)] * [1.0, 1.0, _PER_STEP_RAD]
+    return moves
+
+
+def _between(three: Array) -> Array:
+    """Poses from the middle one towards the leg between the others, (3, 3)."""
+    before, here, after = three
+    middle = moved(before, twists(before, after), np.array(0.5))
+    step = middle - here
+    step[2] = wrapped(step[2])
+    return here + np.array([[0.25], [0.5], [1.0]]) * step
+
+
+def _better(three: Array, tried: Array, times: Times, proof: Proof) -> Array:
+    before, here, after = three
+    ends = [np.broadcast_to(pose, tried.shape) for pose in (before, after)]
+    taken = times(ends[0], tried) + times(tried, ends[1])
+    now = float(times(three[:-1], three[1:]).sum())
+    order = np.argsort(taken, kind="stable")[:_TRIED]
+    order = order[taken[order] < now - 1e-3]
+    if not len(order):
+        return here
+    some = tried[order]
+    clear = proof(np.concatenate([ends[0][order], some]), np.concatenate([some, ends[1][order]]))
+    clear = clear.reshape(2, -1).all(axis=0)
+    return some[int(clear.argmax())] if clear.any() else here
+
+
+def by_one_pose(
+    start: Array,
+    goal: Array,
+    free: Callable[[Array], NDArray[np.bool_]],
+    times: Times,
+    proof: Proof,
+) -> Array | None:
+    """The fastest clear drive by one of a few poses around the way from start to goal (3,)."""
+    apart = float(np.hypot(*(goal - start)[:2])) + 0.1
+    along = np.array([-0.5, -0.25, 0.0, 0.25, 0.5])
+    turn = float(wrapped(goal[2] - start[2]))
+    x, y, share = np.meshgrid(along, along, [0.0, 0.5, 1.0], indexing="ij")
+    tried = np.stack([x * apart, y * apart, share * turn], axis=-1).reshape(-1, 3)
+    tried += np.array([*(start + goal)[:2] / 2, start[2]])
+    ends = [np.broadcast_to(pose, tried.shape) for pose in (start, goal)]
+    taken = times(ends[0], tried) + times(tried, ends[1])
+    order = np.argsort(taken, kind="stable")
+    order = order[free(tried[order])][:_GUESSES]
+    some = tried[order]
+    clear = proof(np.concatenate([ends[0][order], some]), np.concatenate([some, ends[1][order]]))
+    clear = clear.reshape(2, -1).all(axis=0)
+    return np.array([start, some[int(clear.argmax())], goal]) if clear.any() else None

@@ -1,0 +1,243 @@
+r"""What is free for one shape: slices of headings, in the plane exact.
+
+With headings :math:`I_k` within :math:`h = \pi / n` of :math:`\varphi_k`, for pieces :math:`A` of
+the footprint, convex parts :math:`O` of obstacles and :math:`-` for "turned by half a circle",
+
+.. math:: F^-_k = W^- \setminus \bigcup O \oplus -R(\varphi_k) A^-, \qquad
+          F^+_k = W^+ \setminus \bigcup O \oplus -R(\varphi_k) A^+.
+
+:math:`A^-` holds an outer piece turned by up to h either way, and all that is nearer than
+``kept_m`` to it; so every pose of :math:`F^-_k \times I_k` keeps that. :math:`A^+` is what an inner
+piece holds however it is turned, and only what is nearer than ``kept_m`` to it; so a pose in
+:math:`I_k` whose position is inside of such a sum keeps less, and all that keep it are in
+:math:`F^+_k \times I_k`. W is where the outer pieces are inside the workspace whatever the heading
+in :math:`I_k`, or where the inner ones may be. The heading alone is discretised.
+
+Parts of neighbouring slices that intersect share poses of the heading between them. So two poses in
+one component of F- are joined by a path, and two in different components of F+ are not. F+ is made
+of sums a micrometre smaller, so that no passage is too narrow for its polygons.
+
+Where the workspace has no edge, slices end at a box so far out that on its edge all is free. Beyond
+it all is free too, so that what is connected in the plane is so in the box.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from twosra_mpc.problem.world import World
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.space.footprint import Footprint
+from twosra_mpc.space.minkowski import (
+    kept_by_all,
+    merged,
+    minkowski_sums,
+    obstacle_parts,
+    reach,
+    stacked,
+    swept,
+    turned,
+)
+from twosra_mpc.space.screws import wrapped
+
+Geometries = NDArray[np.object_]
+Indices = NDArray[np.int64]
+
+_ROUNDING_M = 1e-6
+_AROUND_M = 0.1  # beyond what obstacles can block
+_AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSlices:
+    """What is free for the b0 of one shape, in slices of headings.
+
+    Attributes:
+        headings: Number n of slices; slice k is of headings within pi / n of 2 pi k / n.
+        parts: Polygons of positions of b0, each connected, (m,).
+        slice_of: Slice of each part, (m,), growing.
+        box_m: Where slices end without a workspace: least and largest x and y, infinite with one,
+            (2, 2).
+    """
+
+    headings: int
+    parts: Geometries
+    slice_of: Indices
+    box_m: Array
+
+    @cached_property
+    def first(self) -> Indices:
+        """First part of each slice, and the number of parts, (n + 1,)."""
+        return np.searchsorted(self.slice_of, np.arange(self.headings + 1))
+
+    @cached_property
+    def neighbours(self) -> Indices:
+        """Pairs of parts of neighbouring slices that intersect, (pairs, 2)."""
+        count = np.diff(self.first)
+        after = (self.slice_of + 1) % self.headings
+        one = np.repeat(np.arange(len(self.parts)), count[after])
+        start = np.cumsum(count[after]) - count[after]
+        other = np.arange(len(one)) - start[one] + self.first[after[one]]
+        shapely.prepare(self.parts)
+        meet = shapely.intersects(self.parts[one], self.parts[other])
+        return np.column_stack([one[meet], other[meet]])
+
+    @cached_property
+    def component_of(self) -> Indices:
+        """Component of each part, (m,)."""
+        size, (one, other) = len(self.parts), self.neighbours.T
+        joined = coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
+        return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+
+    def slices_of(self, heading_rad: float) -> tuple[int, ...]:
+        """The slice that holds a heading; both on the border between two."""
+        at = heading_rad / (2 * np.pi) * self.headings
+        near = {round(at - 1e-9) % self.headings, round(at + 1e-9) % self.headings}
+        return tuple(sorted(near))
+
+    def heading_rad(self, k: Indices) -> Array:
+        """Middle of slices (m,), the heading of their polygons, (m,)."""
+        return 2 * np.pi * k / self.headings
+
+    def index_of(self, heading_rad: Array) -> Indices:
+        """A slice that holds each heading (m,), (m,)."""
+        turns = heading_rad / (2 * np.pi) * self.headings
+        return np.rint(turns).astype(np.int64) % self.headings
+
+    def hold(self, positions: Array, slices: Indices) -> NDArray[np.bool_]:
+        """Whether positions (m, 2) are free at all headings of the slices (m,) they are in."""
+        found = np.zeros(len(positions), dtype=bool)
+        shapely.prepare(self.parts)
+        for k in np.unique(slices):
+            here = np.flatnonzero(slices == k)
+            for part in self.parts[self.first[k] : self.first[k + 1]]:
+                found[here] |= shapely.intersects_xy(part, *positions[here].T)
+        return found
+
+    def hold_leg(self, start: Array, end: Array) -> bool:
+        """Whether a leg between two poses (3,) is free that keeps its heading or turns in place."""
+        turn = float(wrapped(end[2] - start[2]))
+        if abs(turn) > 1e-12 and np.abs(end[:2] - start[:2]).max() > 1e-12:
+            return False
+        k = np.rint(np.array([start[2], start[2] + turn]) * self.headings / (2 * np.pi))
+        passed = np.arange(k.min(), k.max() + 1).astype(np.int64) % self.headings
+        line = shapely.LineString(self.within(np.array([start[:2], end[:2]])))
+        return all(
+            shapely.covers(self.parts[self.first[i] : self.first[i + 1]], line).any()
+            for i in passed
+        )
+
+    @property
+    def width_m(self) -> float:
+        """Of all that is free: the side of a square as large as the box around it."""
+        x0, y0, x1, y1 = shapely.total_bounds(self.parts)
+        return float(np.nan_to_num(((x1 - x0) * (y1 - y0)) ** 0.5))
+
+    def within(self, positions: Array) -> Array:
+        """Positions (..., 2), moved to the edge of the box from beyond, where all is free."""
+        inside: Array = np.clip(positions, *self.box_m)
+        return inside
+
+    def parts_at(self, pose: Array) -> list[int]:
+        """Parts that hold a pose (3,): none, one, or on a border between headings several."""
+        point = shapely.points(self.within(pose[:2]))
+        near = [np.arange(*self.first[k : k + 2]) for k in self.slices_of(pose[2])]
+        candidates = np.concatenate(near)
+        return [int(i) for i in candidates[shapely.intersects(self.parts[candidates], point)]]
+
+    def component(self, pose: Array) -> int | None:
+        """Component that holds a pose (3,); None if there is none."""
+        parts = self.parts_at(pose)
+        return int(self.component_of[parts[0]]) if parts else None
+
+    def positions(self, component: int) -> shapely.Geometry:
+        """Positions of b0 in a component, at whatever heading."""
+        found: shapely.Geometry = shapely.union_all(self.parts[self.component_of == component])
+        return found
+
+
+def distance_between_m(first: FreeSlices, start: Array, second: FreeSlices, goal: Array) -> float:
+    """Least distance of positions that two shapes can get to from poses (3,) [m].
+
+    For slices of F+ a lower bound of how far b0 must get while the robot reshapes; infinite if a
+    pose is in none of them.
+    """
+    ends = [(slices, slices.component(q)) for slices, q in ((first, start), (second, goal))]
+    reached = [slices.positions(c) for slices, c in ends if c is not None]
+    return float(shapely.distance(*reached)) if len(reached) == 2 else np.inf
+
+
+def certified_slices(
+    footprint: Footprint, world: World, kept_m: float, headings: int
+) -> FreeSlices:
+    """F-: poses at which a robot is sure to keep ``kept_m`` [m], from ``headings`` slices."""
+    half_turn, pieces = np.pi / headings, np.array(merged(footprint.outer))
+    grown = list(swept(pieces, half_turn, kept_m + _ROUNDING_M))
+    extent = _extents(np.array(footprint.outer), half_turn, headings) + _ROUNDING_M
+    return _slices(world, grown, obstacle_parts(world.obstacles), extent, headings)
+
+
+def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
+    """F+: poses at which a robot may keep ``kept_m`` [m]; none other can."""
+    half_turn, pieces = np.pi / headings, np.array(merged(footprint.inner))
+    shrunk = kept_by_all(pieces, half_turn, kept_m - _ROUNDING_M)
+    extent = _extents(np.array(footprint.inner), -half_turn, headings) - _ROUNDING_M
+    obstacles = obstacle_parts(world.obstacles, inner=True)
+    return _slices(world, shrunk, obstacles, extent, headings)
+
+
+def _extents(pieces: Array, half_turn_rad: float, headings: int) -> Array:
+    """How far pieces get from b0 at each heading, towards low x, low y, high x, high y, (n, 4)."""
+    angles = (_AXES - _centres(headings)[:, None])[:, :, None]
+    farthest: Array = reach(pieces, angles, half_turn_rad).max(axis=-1)
+    return farthest
+
+
+def _centres(headings: int) -> Array:
+    return np.arange(headings) * 2 * np.pi / headings
+
+
+def _slices(
+    world: World, pieces: list[Array], obstacles: list[Array], extent: Array, headings: int
+) -> FreeSlices:
+    edges = world.workspace.corners_m if world.workspace else np.array([[-np.inf], [np.inf]])
+    edges, box = np.broadcast_to(edges, (2, 2)), _box(pieces, obstacles)
+    low = np.where(np.isfinite(edges[0]), edges[0] + extent[:, :2], box[0])
+    high = np.where(np.isfinite(edges[1]), edges[1] - extent[:, 2:], box[1])
+    some = (low < high).all(axis=1)
+    free = np.full(headings, shapely.Polygon(), dtype=object)
+    free[some] = shapely.box(*low[some].T, *high[some].T)
+    if pieces and obstacles:
+        blocked = _blocked(pieces, obstacles, low, np.where(some[:, None], high, -np.inf))
+        free = np.asarray(shapely.difference(free, blocked), dtype=object)
+    parts, slice_of = shapely.get_parts(free, return_index=True)
+    kept = shapely.area(parts) > 0
+    beyond = np.where(np.isfinite(edges), [[-np.inf], [np.inf]], box)
+    return FreeSlices(headings, parts[kept], slice_of[kept].astype(np.int64), beyond)
+
+
+def _blocked(pieces: list[Array], obstacles: list[Array], low: Array, high: Array) -> Geometries:
+    """Positions that obstacles block, of those in the box low to high of each slice, (n,)."""
+    turning = turned(stacked(pieces), _centres(len(low)))
+    sums = minkowski_sums(-turning, stacked(obstacles))
+    met = (sums.min(axis=-2) < high[:, None, None]).all(axis=-1)
+    met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
+    blocked = np.full(met.shape, None, dtype=object)
+    blocked[met] = shapely.polygons(sums[met])
+    by_obstacle = np.asarray(shapely.union_all(blocked, axis=1))  # faster than all at once
+    return np.asarray(shapely.union_all(by_obstacle, axis=1), dtype=object)
+
+
+def _box(pieces: list[Array], obstacles: list[Array]) -> Array:
+    """A box that holds all that obstacles can block, with room around, (2, 2)."""
+    far = max((float(np.linalg.norm(piece, axis=1).max()) for piece in pieces), default=0.0)
+    corners = np.concatenate(obstacles or [np.zeros((1, 2))])
+    around = np.array([[-1.0], [1.0]]) * (far + _AROUND_M)
+    return np.array([corners.min(axis=0), corners.max(axis=0)]) + around
