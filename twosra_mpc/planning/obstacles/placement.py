@@ -26,7 +26,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
-from twosra_mpc.space.legs import composed, inverse, twists
+from twosra_mpc.space.screws import composed, inverse, twists
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 _SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first

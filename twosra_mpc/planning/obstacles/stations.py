@@ -15,10 +15,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.space.legs import LegTimes, turned_to, twists
+from twosra_mpc.space.screws import twists, wrapped
 
 # Fractional parts of its multiples fill the unit cube evenly: powers of the root of x^4 = x + 1.
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
+
+_SAME = 1e-9  # m or rad
 
 
 class Stations(NamedTuple):
@@ -40,12 +42,16 @@ class Chain(NamedTuple):
 
 
 class Driver(Protocol):
-    """Drives in one shape."""
+    """Drives in one shape, as `space.drives.Drives`."""
 
-    times: LegTimes
+    def leg_times_s(self, start: Array, end: Array) -> Array:
+        """Times of legs between poses (..., 3) from rest to rest, (...,) [s]."""
 
-    def route(self, start: Array, goal: Array) -> Array | None:
-        """Via poses of a drive that is clear, both ends included, (m, 3); None if none is found."""
+    def time_s(self, poses: Array) -> float:
+        """Time of a drive through poses (m, 3) [s]."""
+
+    def best(self, start: Array, goal: Array) -> Array | None:
+        """A drive that is clear through poses (m, 3), both ends included; None: none found."""
 
 
 def around(pose: Array, count: int, reach_m: float) -> Array:
@@ -62,7 +68,8 @@ def around(pose: Array, count: int, reach_m: float) -> Array:
 
 def between(goal: Array, end: Array, count: int) -> Array:
     """Poses about the way from a goal to an end that is known, itself the last, (count + 1, 3)."""
-    by = turned_to(end, goal) - goal
+    by = end - goal
+    by[2] = wrapped(by[2])
     share = np.mod((np.arange(count)[:, None] + 1) * _EVENLY, 1.0)
     off = np.column_stack([share[:, 0], share[:, 1] - 0.5, share[:, 2] - 0.5])
     size = np.hypot(by[0], by[1])
@@ -131,11 +138,11 @@ class _Legs:
             here, there = self._leave[k][:, None], self._arrive[k][None]
             if k == len(layers):  # every station has a goal of its own
                 here, there = self._leave[k], self._arrive[k]
-            apart = twists(here, turned_to(there, here))
             if driver is None:
-                cost = np.where(np.abs(apart).max(axis=-1) < 1e-9, 0.0, np.inf)
+                apart = np.abs(twists(here, there)).max(axis=-1)
+                cost = np.where(apart < _SAME, 0.0, np.inf)
             else:
-                cost = np.maximum(0.0, driver.times.from_rest_to_rest(apart) - hidden_s[k])
+                cost = np.maximum(0.0, driver.leg_times_s(here, there) - hidden_s[k])
             self._cost.append(cost)
         self._found: dict[tuple[int, int, int], Array] = {}
 
@@ -165,14 +172,13 @@ class _Legs:
             driver = self._drivers[k]
             if driver is None or (k, i, j) in self._found:
                 continue
-            route = driver.route(self._leave[k][i], self._arrive[k][j])
+            route = driver.best(self._leave[k][i], self._arrive[k][j])
             place = (i, j) if k < len(ends) - 1 else (j,)
             if route is None:
                 self._cost[k][place] = np.inf
                 return False
             self._found[k, i, j] = route
-            took = driver.times.from_rest_to_rest(twists(route[:-1], route[1:])).sum()
-            true = max(0.0, float(took) - float(self._hidden[k]))
+            true = max(0.0, driver.time_s(route) - float(self._hidden[k]))
             longer = true > self._cost[k][place] + 1e-9
             self._cost[k][place] = true
             if longer:
