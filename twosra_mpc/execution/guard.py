@@ -28,18 +28,17 @@ class Guard:
 
     def __init__(self, problem: Problem, patience: Patience) -> None:
         """Guard a robot among the obstacles and within the workspace of a problem."""
-        from twosra_mpc.space.footprint import footprint, reach_per_curvature_m2
-        from twosra_mpc.space.proximity import Proximity
+        from twosra_mpc.space.proximity import Proximity, arms_m
 
         geometry = problem.robot.geometry
         self._around, self._patience = Proximity(problem.world, geometry), patience
-        radius_m = footprint(geometry, np.zeros(geometry.segments)).radius_m
-        self._arms_m = np.array([1.0, 1.0, radius_m, *reach_per_curvature_m2(geometry)])
-        self._began_m = np.empty(0)
+        self._arms_m = arms_m(geometry)
+        self._began_m = self._known_m = np.empty(0)
+        self._known_at = problem.start.configuration
 
     def begin(self, q: Array) -> None:
         """Begin a drive at rest at q (3 + n,)."""
-        self._began_m = self._around.distances(q[None])[0]
+        self._began_m = self._looked_m(q[None])
 
     def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
         """Whether the robot must not go on.
@@ -49,8 +48,11 @@ class Guard:
             places: Where it is believed to be, and where it may be before it stands, (m, 3 + n).
             deviation: Standard deviation of the belief, (3 + n,).
         """
-        distances_m = self._around.distances(places).min(axis=0)
-        return bool((distances_m < self._least_m(mode, deviation)).any())
+        least_m = self._least_m(mode, deviation)
+        moved_m = float((np.abs(places - self._known_at) @ self._arms_m).max())
+        if (self._known_m - moved_m >= least_m).all():  # it cannot have come so near since
+            return False
+        return bool((self._looked_m(places) < least_m).any())
 
     def stop_m(self, deviation: Array) -> float:
         """What is too near while the belief has a standard deviation (3 + n,) [m]."""
@@ -65,6 +67,13 @@ class Guard:
         distance_m, name = self._around.nearest(q)
         side = "from" if distance_m >= 0 else "beyond"
         return f"{1e3 * abs(distance_m):.1f} mm {side} {name}"
+
+    def _looked_m(self, places: Array) -> Array:
+        """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""
+        distances_m = self._around.distances(places)
+        self._known_at, self._known_m = places[0], distances_m[0]
+        least_m: Array = distances_m.min(axis=0)
+        return least_m
 
     def _least_m(self, mode: Mode, deviation: Array) -> Array:
         """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""

@@ -1,8 +1,7 @@
-"""How near configurations are to what is around the robot, whatever their shapes."""
+"""How near configurations are to what is around the robot, obstacle by obstacle."""
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +9,11 @@ import numpy as np
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.space.footprint import footprint, reach_per_curvature_m2
-from twosra_mpc.space.separation import FAR_M, Separation
+from twosra_mpc.space.footprint import footprints, reach_per_curvature_m2
+from twosra_mpc.space.separation import Surroundings, placed
 
 EDGE = "the edge of the workspace"
-_STEP_PER_M = 0.5  # between the shapes that footprints are kept of
+_BATCH = 256  # configurations
 
 
 class Nearest(NamedTuple):
@@ -25,52 +24,38 @@ class Nearest(NamedTuple):
 
 
 class Proximity:
-    """Lower bounds of distances to obstacles and edges, for configurations of any shapes.
-
-    Footprints are kept for curvatures on a grid; a configuration off it is taken nearer by as much
-    as its points may be away from those of its neighbour on the grid: 1 mm for ``2sra-v1``.
-    """
+    """Lower bounds of distances to obstacles and edges, for configurations of any shapes."""
 
     def __init__(self, world: World, geometry: Geometry) -> None:
         """Look at a world with the footprints of a robot."""
-        self.world, self.geometry = world, geometry
-        self._within = World(workspace=world.workspace)
-        self._separations = lru_cache(maxsize=64)(self._of_shape)
+        self.names, self._geometry = (*world.names, EDGE), geometry
+        self._obstacles = Surroundings(world.with_values(workspace=None), 0.0)
+        self._edges = Surroundings(World(workspace=world.workspace), 0.0)
 
-    def distances(self, q: Array, *, exactly: bool = False) -> Array:
+    def distances(self, q: Array) -> Array:
         """Distance of each configuration (m, 3 + n) to each obstacle and the edges, (m, k + 1) [m].
 
-        At most `FAR_M`; negative by the depth where they overlap. ``exactly`` asks for footprints
-        of these very shapes.
+        At most `FAR_M`; negative by the depth where they overlap.
         """
-        kappa = q[:, POSE:] if exactly else np.round(q[:, POSE:] / _STEP_PER_M) * _STEP_PER_M
-        shapes, which = np.unique(kappa, axis=0, return_inverse=True)
-        found = np.full((len(q), len(self.world.obstacles) + 1), FAR_M)
-        for k, shape in enumerate(shapes):
-            rows = np.flatnonzero(which.ravel() == k)
-            found[rows] = self._by_obstacle(tuple(shape.tolist()), q[rows, :POSE])
-        return found - self._moved_m(q[:, POSE:] - kappa)[:, None]
+        batches = (q[i : i + _BATCH] for i in range(0, len(q), _BATCH))
+        return np.concatenate([np.zeros((0, len(self.names))), *map(self._distances, batches)])
 
     def nearest(self, q: Array) -> Nearest:
         """What a configuration (3 + n,) is nearest to."""
-        distances = self.distances(q[None], exactly=True)[0]
+        distances = self.distances(q[None])[0]
         k = int(distances.argmin())
-        return Nearest(float(distances[k]), (*self.world.names, EDGE)[k])
+        return Nearest(float(distances[k]), self.names[k])
 
-    def _of_shape(self, kappa: tuple[float, ...]) -> tuple[Separation, Separation]:
-        """Separation of one shape from the obstacles, and from the edges."""
-        outline = footprint(self.geometry, kappa)
-        return Separation(outline, self.world, 0.0), Separation(outline, self._within, 0.0)
+    def _distances(self, q: Array) -> Array:
+        outer, _ = footprints(self._geometry, q[:, POSE:])
+        corners = placed(outer, q[:, :POSE])
+        parts, owner = self._obstacles.to_parts(corners), self._obstacles.obstacle_of_part
+        owned = [parts[:, owner == i].min(axis=1) for i in range(len(self.names) - 1)]
+        return np.column_stack([*owned, self._edges.distances(corners)])
 
-    def _by_obstacle(self, kappa: tuple[float, ...], poses: Array) -> Array:
-        around, within = self._separations(kappa)
-        parts, owner = around.to_obstacles(poses), around.obstacle_of_part
-        owned = [parts[:, owner == i].min(axis=1) for i in range(len(self.world.obstacles))]
-        return np.column_stack([*owned, within.distances(poses)])
 
-    def _moved_m(self, kappa: Array) -> Array:
-        """How far points move at most as curvatures change by these (m, n), (m,) [m]."""
-        left = self.geometry.inner_link_of_b0
-        reach = np.abs(kappa) * reach_per_curvature_m2(self.geometry)
-        most: Array = np.maximum(reach[:, :left].sum(axis=1), reach[:, left:].sum(axis=1))
-        return most
+def arms_m(geometry: Geometry) -> Array:
+    """How far points of the outline move at most per unit of each coordinate of q, (3 + n,)."""
+    straight, _ = footprints(geometry, np.zeros((1, geometry.segments)))
+    radius_m = float(np.linalg.norm(straight, axis=-1).max())
+    return np.array([1.0, 1.0, radius_m, *reach_per_curvature_m2(geometry)])

@@ -12,7 +12,6 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 
 _STEP_M = 1e-3  # the outline moves no farther between two looks
-_GRID_M = 3e-3  # more than two distances of one place by kept footprints differ
 
 
 class Approach(NamedTuple):
@@ -36,29 +35,22 @@ def closest_approach(world: World, geometry: Geometry, truth: Truth) -> Approach
     """How near to obstacles a robot of this geometry really came; None where there are none."""
     if not world.obstacles:
         return None
-    from twosra_mpc.space.proximity import Proximity
+    from twosra_mpc.space.proximity import Proximity, arms_m
 
-    time_s, q = _finely(geometry, truth)
-    around = Proximity(World(obstacles=world.obstacles), geometry)
-    roughly = around.distances(q)[:, :-1].min(axis=1)
-    rows = np.flatnonzero(roughly <= max(float(roughly.min()), 0.0) + _GRID_M)
-    distances_m = around.distances(q[rows], exactly=True)[:, :-1]
+    time_s, q = _finely(arms_m(geometry), truth)
+    distances_m = Proximity(world, geometry).distances(q)[:, :-1]
     least_m = distances_m.min(axis=1)
     at = int((least_m <= 0).argmax() if (least_m <= 0).any() else least_m.argmin())
     return Approach(
         clearance_m=float(least_m.min()),
         name=world.names[int(distances_m[at].argmin())],
-        time_s=float(time_s[rows[at]]),
+        time_s=float(time_s[at]),
         touched=bool(least_m[at] <= 0),
     )
 
 
-def _finely(geometry: Geometry, truth: Truth) -> tuple[Array, Array]:
+def _finely(arms_m: Array, truth: Truth) -> tuple[Array, Array]:
     """Times and configurations between which no point of the robot moves far; no place twice."""
-    from twosra_mpc.space.footprint import footprint, reach_per_curvature_m2
-
-    radius_m = footprint(geometry, np.zeros(geometry.segments)).radius_m
-    arms_m = np.array([1.0, 1.0, radius_m, *reach_per_curvature_m2(geometry)])
     moved_m = np.abs(np.diff(truth.q, axis=0)) @ arms_m
     steps = np.ceil(moved_m / _STEP_M).astype(int)
     places = [truth.q[:1]]
