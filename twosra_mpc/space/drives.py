@@ -17,7 +17,7 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m
-from twosra_mpc.space.screws import times_at_speed_s, times_from_rest_s, twists
+from twosra_mpc.space.screws import continued, times_at_speed_s, times_from_rest_s, twists
 from twosra_mpc.space.separation import Separation
 from twosra_mpc.space.shortcuts import Bools, Proof, by_one_pose, improved, shortest
 from twosra_mpc.space.sweep import clear_legs
@@ -156,6 +156,14 @@ class Drives:
         """Times from a pose (3,), or to it, along the roads of the coarsest slices."""
         return self.roadmap(self.headings[0]).field(pose)
 
+    def apart(self, start: Array, goal: Array) -> Bools:
+        """Which of poses (a, 3) and (b, 3) are in different components of coarse F-, (a, b)."""
+        slices = self.certified_slices(self.headings[0])
+        known = [[slices.component(pose) for pose in poses] for poses in (start, goal)]
+        here, there = (np.array([-1 if c is None else c for c in each]) for each in known)
+        different = here[:, None] != there[None]
+        return np.asarray(different & (here >= 0)[:, None] & (there >= 0)[None])
+
     # Drives.
 
     def decide(self, start: Array, goal: Array) -> Decision:
@@ -174,15 +182,16 @@ class Drives:
 
         Headings go on over full turns: that of the last pose may differ from the goal's by some.
         """
-        goal = _continued(np.array([start, goal]))[-1]
-        if self.clear_legs(start, goal, self.needed_m(start)).all():
-            return np.array([start, goal])
-        proof = self._proof(start)
+        goal = continued(np.array([start, goal]))[-1]
+        straight, proof = np.array([start, goal]), self._proof(start)
         guess = by_one_pose(start, goal, self._free, self.leg_times_s, proof)
+        if guess is not None:
+            guess = improved(guess, self.leg_times_s, proof)
+        if proof(straight[:1], straight[1:]).all():
+            return straight if guess is None else min(straight, guess, key=self.time_s)
         if guess is None:
             return self._by_roads(self.headings, start, goal)
-        guess = improved(guess, self.leg_times_s, proof)
-        if self.time_s(guess) <= _DETOUR * self.time_s(np.array([start, goal])):
+        if self.time_s(guess) <= _DETOUR * self.time_s(straight):
             return guess
         found = self._by_roads(self.headings[:1], start, goal)
         return guess if found is None else min(guess, found, key=self.time_s)
@@ -205,7 +214,7 @@ class Drives:
         path = None if field is None else field.path(ends[1])
         if path is None:
             return None
-        poses = _continued(np.array([start, *path, goal]))
+        poses = continued(np.array([start, *path, goal]))
         proof = self._proof(start)
         poses = shortest(poses, self.leg_times_s, proof)
         return shortest(improved(poses, self.leg_times_s, proof), self.leg_times_s, proof)
@@ -239,12 +248,3 @@ class Drives:
 
     def _free(self, poses: Array) -> Bools:
         return np.asarray(self.clear(poses) >= self.kept_m)
-
-
-def _continued(poses: Array) -> Array:
-    """Poses with headings that go on over full turns; one that is as before is left out."""
-    poses = poses.copy()
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    moving = np.abs(np.diff(poses, axis=0)).max(axis=1) > 1e-12
-    kept: Array = poses[np.append(True, moving)]
-    return kept

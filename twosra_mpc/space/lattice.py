@@ -62,10 +62,10 @@ def lattice(slices: FreeSlices, spacing_m: float) -> Lattice:
     after = np.roll(inside, -1, axis=0)
     turning = inside & after
     turns = np.column_stack([names[turning], np.roll(names, -1, axis=0)[turning]])
-    k, i, j = np.nonzero(inside)
-    positions = (np.column_stack([i, j]) + low) * spacing_m
-    headings = 2 * np.pi * k / slices.headings
-    return Lattice(np.column_stack([positions, headings]), np.concatenate(moves), turns)
+    found = np.argwhere(inside)
+    positions = (found[:, 1:] + low) * spacing_m
+    poses = np.column_stack([positions, slices.heading_rad(found[:, 0])])
+    return Lattice(poses, np.concatenate(moves), turns)
 
 
 def _sides(slices: FreeSlices) -> tuple[Array, Indices]:
@@ -103,7 +103,8 @@ def _crossings(along: Array, across: Array, slice_of: Indices, shape: tuple[int,
 def _inside(crossings: Indices, axis: int) -> NDArray[np.bool_]:
     """Whether an odd number of sides crosses before nodes; one less than of cells on the axis."""
     before = np.roll(crossings, 1, axis=axis).cumsum(axis=axis)
-    return np.take(before, np.arange(crossings.shape[axis] - 1), axis=axis) % 2 == 1
+    odd: NDArray[np.bool_] = np.take(before, np.arange(before.shape[axis] - 1), axis=axis) % 2 == 1
+    return odd
 
 
 def _pairs(

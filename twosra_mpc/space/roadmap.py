@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.lattice import Lattice, lattice
-from twosra_mpc.space.screws import times_at_speed_s, twists
+from twosra_mpc.space.screws import continued, times_at_speed_s, twists
 from twosra_mpc.space.slices import FreeSlices, Indices
 from twosra_mpc.space.triangles import triangles
 
@@ -82,14 +82,13 @@ class Roadmap:
         """Nodes of a slice that are seen from a pose in a part, among them some of its triangle."""
         count = min(_SEEN, len(self.poses))
         _, near = self._tree.query(self._told_apart(at[None, :2], np.array([k]))[0], k=count)
-        nodes = np.atleast_1d(near)
+        nodes: Indices = np.atleast_1d(near)
         nodes = nodes[self.slice_of[nodes] == k]
         seen = nodes[self._sees(at, nodes, part)]
         if len(seen):
             return seen
         every = np.flatnonzero(self.slice_of == k)
-        found: Indices = every[self._sees(at, every, part)]
-        return found
+        return every[self._sees(at, every, part)]
 
     def _sees(self, at: Array, nodes: Indices, part: int) -> NDArray[np.bool_]:
         ends = np.broadcast_to(at[:2], (len(nodes), 2))
@@ -110,8 +109,11 @@ class Roadmap:
             ),
             shape=(size + 1, size + 1),
         )
-        found, before = dijkstra(with_pose, directed=False, indices=size, return_predecessors=True)
-        return Field(self, pose, dict(zip(nodes.tolist(), via, strict=True)), found[:-1], before)
+        times_s, before = dijkstra(
+            with_pose, directed=False, indices=[size], return_predecessors=True
+        )
+        after_turn = dict(zip(nodes.tolist(), via, strict=True))
+        return Field(self, pose, after_turn, times_s[0, :-1], before[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,10 +150,7 @@ class Field:
             poses.append(self.roadmap.poses[node])
             last, node = node, int(self.before[node])
         poses += [self.via[last], self.pose]
-        path = np.array(poses[::-1])
-        path[:, 2] = np.unwrap(path[:, 2])
-        moving = np.abs(np.diff(path, axis=0)).max(axis=1) > 1e-12
-        return path[np.append(True, moving)]
+        return continued(np.array(poses[::-1]))
 
     def times_to_s(self, poses: Array) -> Array:
         """Time to each pose (m, 3), by the node nearest in its slice; infinite outside, (m,) [s].

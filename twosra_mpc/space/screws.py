@@ -68,3 +68,12 @@ def times_from_rest_s(at_speed_s: Array, ramp_s: float) -> Array:
     ramped = np.where(at_speed_s >= ramp_s, at_speed_s + ramp_s, 2 * np.sqrt(at_speed_s * ramp_s))
     found: Array = ramped
     return found
+
+
+def continued(poses: Array) -> Array:
+    """Poses with headings that go on over full turns; one that is as before is left out."""
+    poses = poses.copy()
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    moving = np.abs(np.diff(poses, axis=0)).max(axis=1) > 1e-12
+    kept: Array = poses[np.append(True, moving)]
+    return kept

@@ -17,6 +17,7 @@ Proof = Callable[[Array, Array], Bools]  # which of them are clear, (m,)
 _WINDOW = 20  # poses of which every pair is tried at once
 _STEPS = (0.04, 0.02, 0.01, 0.005)  # m, by which poses between legs are moved
 _PER_STEP_RAD = 5.0  # turns go with them, per metre
+_WORTH_S = 1e-3
 _TRIED = 4  # of the moves that save most
 _GUESSES = 16
 
@@ -67,7 +68,7 @@ def improved(poses: Array, times: Times, proof: Proof) -> Array:
 def _stencil() -> Array:
     """Moves along each axis and each diagonal of the plane, with and without turns, (26, 3)."""
     signs = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    moves: Array = signs[signs.any(axis=1)] * [1.0, 1.0, _PER_STEP_RAD]
+    moves: Array = signs[signs.any(axis=1)] * np.array([1.0, 1.0, _PER_STEP_RAD])
     return moves
 
 
@@ -77,22 +78,31 @@ def _between(three: Array) -> Array:
     middle = moved(before, twists(before, after), np.array(0.5))
     step = middle - here
     step[2] = wrapped(step[2])
-    return here + np.array([[0.25], [0.5], [1.0]]) * step
+    found: Array = here + np.array([[0.25], [0.5], [1.0]]) * step
+    return found
 
 
 def _better(three: Array, tried: Array, times: Times, proof: Proof) -> Array:
+    """The pose between two others that saves most, of those tried that are clear."""
     before, here, after = three
     ends = [np.broadcast_to(pose, tried.shape) for pose in (before, after)]
     taken = times(ends[0], tried) + times(tried, ends[1])
     now = float(times(three[:-1], three[1:]).sum())
     order = np.argsort(taken, kind="stable")[:_TRIED]
-    order = order[taken[order] < now - 1e-3]
+    order = order[taken[order] < now - _WORTH_S]
     if not len(order):
         return here
     some = tried[order]
-    clear = proof(np.concatenate([ends[0][order], some]), np.concatenate([some, ends[1][order]]))
-    clear = clear.reshape(2, -1).all(axis=0)
-    return some[int(clear.argmax())] if clear.any() else here
+    first = _first_clear(ends[0][order], some, ends[1][order], proof)
+    found: Array = here if first is None else some[first]
+    return found
+
+
+def _first_clear(before: Array, some: Array, after: Array, proof: Proof) -> int | None:
+    """The first of some poses to which the leg before and after it is clear."""
+    clear = proof(np.concatenate([before, some]), np.concatenate([some, after]))
+    both = np.flatnonzero(clear.reshape(2, -1).all(axis=0))
+    return int(both[0]) if len(both) else None
 
 
 def by_one_pose(
@@ -114,6 +124,5 @@ def by_one_pose(
     order = np.argsort(taken, kind="stable")
     order = order[free(tried[order])][:_GUESSES]
     some = tried[order]
-    clear = proof(np.concatenate([ends[0][order], some]), np.concatenate([some, ends[1][order]]))
-    clear = clear.reshape(2, -1).all(axis=0)
-    return np.array([start, some[int(clear.argmax())], goal]) if clear.any() else None
+    first = _first_clear(ends[0][order], some, ends[1][order], proof)
+    return None if first is None else np.array([start, some[first], goal])

@@ -178,17 +178,17 @@ def certified_slices(
     footprint: Footprint, world: World, kept_m: float, headings: int
 ) -> FreeSlices:
     """F-: poses at which a robot is sure to keep ``kept_m`` [m], from ``headings`` slices."""
-    half_turn, pieces = np.pi / headings, np.array(merged(footprint.outer))
+    half_turn, pieces = np.pi / headings, np.array(merged(list(footprint.outer)))
     grown = list(swept(pieces, half_turn, kept_m + _ROUNDING_M))
-    extent = _extents(np.array(footprint.outer), half_turn, headings) + _ROUNDING_M
+    extent = _extents(footprint.outer, half_turn, headings) + _ROUNDING_M
     return _slices(world, grown, obstacle_parts(world.obstacles), extent, headings)
 
 
 def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
     """F+: poses at which a robot may keep ``kept_m`` [m]; none other can."""
-    half_turn, pieces = np.pi / headings, np.array(merged(footprint.inner))
+    half_turn, pieces = np.pi / headings, np.array(merged(list(footprint.inner)))
     shrunk = kept_by_all(pieces, half_turn, kept_m - _ROUNDING_M)
-    extent = _extents(np.array(footprint.inner), -half_turn, headings) - _ROUNDING_M
+    extent = _extents(footprint.inner, -half_turn, headings) - _ROUNDING_M
     obstacles = obstacle_parts(world.obstacles, inner=True)
     return _slices(world, shrunk, obstacles, extent, headings)
 

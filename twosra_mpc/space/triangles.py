@@ -41,7 +41,8 @@ class Triangles:
     @cached_property
     def _tree(self) -> shapely.STRtree:
         """Of the triangles, slices apart from each other."""
-        return shapely.STRtree(shapely.polygons(self._apart(self.corners, self.slice_of[:, None])))
+        apart = self._apart(self.corners, self.slice_of[:, None])
+        return shapely.STRtree(np.asarray(shapely.polygons(apart), dtype=object))
 
     def _apart(self, positions: Array, slices: Indices) -> Array:
         wide = 1.0 + 4 * float(np.abs(self.corners).max(initial=0.0))
@@ -64,12 +65,14 @@ def triangles(slices: FreeSlices) -> Triangles:
     middles = ((corners + np.roll(corners, -1, axis=1)) / 2).reshape(-1, 2)
     part = np.repeat(part_of, 3)
     order = np.lexsort([*middles.T, part])
-    same = (middles[order[1:]] == middles[order[:-1]]).all(axis=1)
-    same &= part[order[1:]] == part[order[:-1]]
-    one, other = order[:-1][same], order[1:][same]
-    node_of = np.full(len(middles), -1, dtype=np.int64)
-    node_of[one] = node_of[other] = np.arange(len(one))
-    node_of = node_of.reshape(-1, 3)
+    new = (middles[order[1:]] != middles[order[:-1]]).any(axis=1)
+    new |= part[order[1:]] != part[order[:-1]]
+    group = np.cumsum(np.append(True, new)) - 1
+    shared = np.bincount(group) > 1
+    name = np.where(shared, np.cumsum(shared) - 1, -1)  # -1: a side of the part
+    node_of = np.empty((len(corners), 3), dtype=np.int64)
+    node_of.ravel()[order] = name[group]
+    one = order[np.append(True, new)][shared]
     alone = np.flatnonzero((node_of < 0).all(axis=1))
     node_of[alone, 0] = len(one) + np.arange(len(alone))
     positions = np.concatenate([middles[one], corners[alone].mean(axis=1)])

@@ -19,6 +19,8 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 from twosra_mpc.space.footprint import footprints, kept_m, reach_per_curvature_m2
 from twosra_mpc.space.separation import Surroundings, placed
 
+Shares = tuple[float, float]
+
 _NODES = 6  # in an interval
 _CURVED = 1.02  # times as long as their chords are paths between nodes
 _COARSE = 8  # nodes looked at before all are
@@ -54,7 +56,7 @@ def block(
     shape: Array,
     modes: Sequence[Mode],
     bends: Sequence[float],
-    shares: tuple[float, float],
+    shares: Shares,
 ) -> Block:
     """A block that bends W by ``bends`` in its modes, the units travelling by ``shares``.
 

@@ -54,10 +54,11 @@ class Necessity:
         far = f"limits.soft_travel_m = {self.problem.robot.limits.soft_travel_m:g} m"
         return f"one reshaping is not enough: its drives, proved, end more than {far} apart"
 
-    def work_out(self) -> None:
-        """Try the next proof, each with more effort than the one before."""
-        if self._left and self.impossible is None:
+    def proves_impossible(self, sequence: ModeSequence) -> bool:
+        """Whether a sequence is proved impossible, by what is known or is worked out now."""
+        while self(sequence) is None and self._left:
             self._left.pop(0)()
+        return self(sequence) is not None
 
     def _no_path_at_all(self) -> None:
         problem = self.problem

@@ -14,7 +14,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, scheduled
 from twosra_mpc.planning.nlp.guess import bend_changes, inner_bends, inner_goal
-from twosra_mpc.planning.obstacles.block import Block, Sweep, block, soft_runs
+from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
 from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
 from twosra_mpc.planning.search.bounds import SequenceBound
@@ -30,9 +30,12 @@ from twosra_mpc.space.screws import composed, inverse, twists
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 _SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first
-_STEP_PER_M = 20.0  # between shapes that are tried on the way
-_MOST_SHAPES = 60
+_STEP_PER_M, _STEPS = 15.0, 5  # between shapes that are tried on the way
+_MOST_WAYS, _MOST_SHAPES = 5000, 24
+_ENOUGH, _ENOUGH_OF_ALL = 2, 8  # plans of several blocks: of a sequence, of all
+_SAME_PER_M = 1.0
 _CANDIDATES, _REACH_M = 300, 0.4  # stations of a block, and how far from where it should be
+_NEAR_M = 0.1  # from a station found, where better ones may be
 _MOST_LOOKS = 60
 _LONG_S = 1e5
 
@@ -46,7 +49,7 @@ class Placer:
 
     def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
         self.problem, self.deadline = problem, deadline  # of time.perf_counter()
-        self.iterations = 0
+        self.iterations = self._several = 0
         self.necessity = Necessity(problem)
         self._drives: dict[bytes, Drives] = {}
         self._box = bend_changes(problem, problem.goal)
@@ -56,25 +59,35 @@ class Placer:
         self, network: TemporalNetwork, bound: SequenceBound
     ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt; None: it failed."""
-        sequence = network.sequence
+        sequence, found = network.sequence, 0
+        several = blocks_of(sequence) > 1
         hidden_s = _hidden_s(network)
-        for bends in self._bends(sequence, bound):
-            for shares in _SHARES:
-                if time.perf_counter() > self.deadline:
-                    return
-                blocks = self._blocks(sequence, bends, shares)
-                chain = None if blocks is None else self._chain(sequence, blocks, hidden_s)
-                if blocks is None or chain is None:
-                    self.necessity.work_out()
-                    yield None
-                    if self.necessity(sequence) is not None:
-                        return
-                    continue
-                motion = self._motion(sequence, blocks, chain)
-                candidate = scheduled(motion, network, self.problem, iterations=0)
-                yield checked(self.problem, candidate, network)
-                if not blocks:
-                    return
+        for bends, shares in self._bends_and_shares(sequence, bound):
+            enough = several and (found == _ENOUGH or self._several == _ENOUGH_OF_ALL)
+            if enough or time.perf_counter() > self.deadline:
+                return
+            made = self._attempt(network, bends, shares, hidden_s)
+            impossible = made is None and self.necessity.proves_impossible(sequence)
+            yield made
+            if impossible:
+                return
+            found += made is not None
+            self._several += several and made is not None
+
+    def _attempt(
+        self,
+        network: TemporalNetwork,
+        bends: Array,
+        shares: Shares,
+        hidden_s: Sequence[float],
+    ) -> tuple[float, Solved] | None:
+        sequence = network.sequence
+        blocks = self._blocks(sequence, bends, shares)
+        chain = None if blocks is None else self._chain(sequence, blocks, hidden_s)
+        if blocks is None or chain is None:
+            return None
+        motion = self._motion(sequence, blocks, chain)
+        return checked(self.problem, scheduled(motion, network, self.problem, 0), network)
 
     def drives(self, kappa: Array) -> Drives:
         """Drives in a shape (n,), worked out once."""
@@ -83,38 +96,41 @@ class Placer:
             self._drives[key] = Drives(self.problem.robot, self.problem.world, kappa)
         return self._drives[key]
 
-    def _bends(self, sequence: ModeSequence, bound: SequenceBound) -> Iterator[Array]:
-        """Bends of the phases: the bound's own, then with other shapes between blocks."""
-        first = inner_bends(sequence, bound.bends, self._box, self._aim)
-        yield first
-        runs = soft_runs(sequence)
-        if len(runs) < 2:
-            return
-        facts = bending(self.problem.robot)
-        step = facts.coordinate(_STEP_PER_M)
-        free = _null_space(sequence)
-        origin = np.array(facts.coordinates(self.problem.start.configuration[POSE:].tolist()))
-        modes = np.array(sequence, dtype=float)
+    def _bends_and_shares(
+        self, sequence: ModeSequence, bound: SequenceBound
+    ) -> Iterator[tuple[Array, Shares]]:
+        """Ways to bend: as the bound does, or, in several blocks, by other shapes between them."""
+        direct = inner_bends(sequence, bound.bends, self._box, self._aim)
+        if blocks_of(sequence) > 1:
+            yield from ((bends, _SHARES[0]) for bends in self._other_ways(sequence, direct))
+        else:
+            yield from ((direct, shares) for shares in _SHARES[: 3 * blocks_of(sequence) or 1])
+
+    def _other_ways(self, sequence: ModeSequence, direct: Array) -> list[Array]:
+        """Bends that end as the direct ones do, by shapes in which the robot is slim."""
+        facts, runs = bending(self.problem.robot), soft_runs(sequence)
+        step, free = facts.coordinate(_STEP_PER_M), _null_space(sequence)
+        start = self.problem.start.configuration[POSE:]
+        origin, modes = np.array(facts.coordinates(start.tolist())), np.array(sequence, dtype=float)
         found = []
-        steps = range(-4, 5)
-        for counts in itertools.islice(itertools.product(steps, repeat=len(free)), 20_000):
-            if not any(counts):
-                continue
-            bends = first + step * np.array(counts) @ free
+        ways = itertools.product(range(-_STEPS, _STEPS + 1), repeat=len(free))
+        for counts in itertools.islice(ways, _MOST_WAYS):
+            bends = direct + step * np.array(counts) @ free
             passed = origin + np.cumsum(modes * bends[:, None], axis=0)
             shapes = np.array([facts.curvatures(w.tolist()) for w in passed])
-            if self._allowed(shapes, [run[-1] for run in runs[:-1]]):
-                found.append(
-                    (self._width_m(shapes[runs[0][-1]]), float(np.abs(bends).sum()), bends)
-                )
+            stops = np.vstack([start, shapes[[run[-1] for run in runs]]])
+            changed = np.abs(np.diff(stops, axis=0)).max(axis=1).min() > _SAME_PER_M
+            if changed and self._allowed(shapes, stops[1:-1]):
+                width_m = max(map(self._width_m, stops[1:-1]))
+                found.append((width_m, float(np.abs(bends).sum()), bends))
         found.sort(key=lambda each: each[:2])
-        yield from (bends for *_, bends in found[:_MOST_SHAPES])
+        return [bends for *_, bends in found[:_MOST_SHAPES]]
 
-    def _allowed(self, shapes: Array, between: Sequence[int]) -> bool:
+    def _allowed(self, shapes: Array, driven_in: Array) -> bool:
         robot = self.problem.robot
         if broken_by_shapes(robot, shapes) is not None:
             return False
-        return bool(may_drive_in(robot, shapes[list(between)]).all())
+        return bool(may_drive_in(robot, driven_in).all())
 
     def _width_m(self, kappa: Array) -> float:
         """Least width of the robot in a shape, to a centimetre: what passes best is tried first."""
@@ -123,15 +139,14 @@ class Placer:
         along = corners @ np.array([np.cos(angles), np.sin(angles)])
         return round(float(np.ptp(along, axis=0).min()), 2)
 
-    def _blocks(
-        self, sequence: ModeSequence, bends: Array, shares: tuple[float, float]
-    ) -> list[Block] | None:
+    def _blocks(self, sequence: ModeSequence, bends: Array, shares: Shares) -> list[Block] | None:
         """The blocks of a sequence; None if a shape on the way is not allowed."""
         robot, shape = self.problem.robot, self.problem.start.configuration[POSE:]
         blocks = []
         for run in soft_runs(sequence):
             made = block(robot, shape, [sequence[i] for i in run], bends[run].tolist(), shares)
-            if broken_by_shapes(robot, made.nodes[:, POSE:]) is not None:
+            far = float(np.hypot(*made.displacement[:2])) > robot.limits.soft_travel_m
+            if far or broken_by_shapes(robot, made.nodes[:, POSE:]) is not None:
                 return None
             blocks.append(made)
             shape = made.shape
@@ -151,13 +166,8 @@ class Placer:
         ]
         goals = partial(self._goals, shape=shapes[-1])
 
-        def chain_through(ends: Array) -> Chain | None:
-            """The best chain whose last block ends at one of these poses."""
-            begins = [around(start[:POSE], _CANDIDATES, _REACH_M) for _ in blocks]
-            if blocks:
-                begins[-1] = composed(ends, inverse(blocks[-1].displacement))
-            if blocks and not opens:
-                begins[0] = start[None, :POSE]
+        def chain_through(begins: Sequence[Array]) -> Chain | None:
+            """The best chain through these candidates of the poses in which blocks begin."""
             layers = []
             for each, sweep, begin in zip(blocks, sweeps, begins, strict=True):
                 clear = begin[sweep.may_be_clear(begin)]
@@ -172,13 +182,27 @@ class Placer:
                 _MOST_LOOKS,
             )
 
+        def begins_for(ends: Array) -> Array:
+            return composed(ends, inverse(blocks[-1].displacement))
+
+        begins = [around(start[:POSE], _CANDIDATES, _REACH_M) for _ in blocks]
         goal = goals(start[None, :POSE])[0]
-        found = chain_through(around(goal, _CANDIDATES, _REACH_M))
+        if blocks:
+            begins[-1] = begins_for(around(goal, _CANDIDATES, _REACH_M))
+        if blocks and not opens:
+            begins[0] = start[None, :POSE]
+        found = chain_through(begins)
         if found is None or not blocks or found.cost_s == 0.0:
             return found
+        nearer = [around(begin, _CANDIDATES, _NEAR_M) for begin in found.begins]
         end = composed(found.begins[-1], blocks[-1].displacement)
-        nearer = chain_through(between(goals(end[None])[0], end, _CANDIDATES))
-        return min(found, nearer or found, key=lambda each: each.cost_s)
+        nearer[-1] = np.vstack(
+            [nearer[-1], begins_for(between(goals(end[None])[0], end, _CANDIDATES))]
+        )
+        if not opens:
+            nearer[0] = start[None, :POSE]
+        better = chain_through(nearer)
+        return min(found, better or found, key=lambda each: each.cost_s)
 
     def _goals(self, poses: Array, shape: Array) -> Array:
         """Members of the goal to aim at from poses (m, 3) in a shape, (m, 3)."""

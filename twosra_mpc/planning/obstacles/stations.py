@@ -3,8 +3,8 @@
 Blocks are carried out at stations, with drives from the start to the first one, between them, and
 from the last one to the goal. Of many candidates the chain of least time is found with drives taken
 to be direct; the drives and sweeps of the chain found are then looked at, what is not clear is
-struck out, what takes longer gets its true time, and the search is repeated until all of the best
-chain has been looked at.
+struck out, what takes longer gets its true time, and the search is repeated until no chain promises
+to be better than the best one, or a few are known.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.screws import twists, wrapped
@@ -21,6 +22,7 @@ from twosra_mpc.space.screws import twists, wrapped
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
 _SAME = 1e-9  # m or rad
+_MOST_CHAINS = 3
 
 
 class Stations(NamedTuple):
@@ -52,6 +54,9 @@ class Driver(Protocol):
 
     def best(self, start: Array, goal: Array) -> Array | None:
         """A drive that is clear through poses (m, 3), both ends included; None: none found."""
+
+    def apart(self, start: Array, goal: Array) -> NDArray[np.bool_]:
+        """Which of poses (a, 3) and (b, 3) it does not know how to join, (a, b)."""
 
 
 def around(pose: Array, count: int, reach_m: float) -> Array:
@@ -100,22 +105,25 @@ def shortest_chain(
         most_looks: Drives and sweeps to look at before giving up.
     """
     legs = _Legs(start, goals, layers, drivers, np.asarray(hidden_s))
-    looked: dict[tuple[int, int], bool] = {}
+    looked: set[tuple[int, int]] = set()
+    best: Chain | None = None
+    chains = 0
     for _ in range(most_looks):
         path = legs.shortest()
-        if path is None:
-            return None
-        unseen = [(b, i) for b, i in enumerate(path) if (b, i) not in looked]
-        if unseen:
-            b, i = unseen[0]
-            looked[b, i] = clear(b, layers[b].begin[i])
-            if not looked[b, i]:
+        if path is None or chains == _MOST_CHAINS or (best and legs.cost_s(path) >= best.cost_s):
+            break
+        unseen = next(((b, i) for b, i in enumerate(path) if (b, i) not in looked), None)
+        if unseen is not None:
+            b, i = unseen
+            looked.add(unseen)
+            if not clear(b, layers[b].begin[i]):
                 legs.strike(b, i)
-            continue
-        if legs.look(path):
+        elif legs.look(path):
+            chains += 1
             begins = tuple(layers[b].begin[i] for b, i in enumerate(path))
-            return Chain(begins, legs.routes(path), legs.cost_s(path))
-    return None
+            found = Chain(begins, legs.routes(path), legs.cost_s(path))
+            best = min(best or found, found, key=lambda chain: chain.cost_s)
+    return best
 
 
 class _Legs:
@@ -145,6 +153,7 @@ class _Legs:
                 cost = np.maximum(0.0, driver.leg_times_s(here, there) - hidden_s[k])
             self._cost.append(cost)
         self._found: dict[tuple[int, int, int], Array] = {}
+        self._parted: set[int] = set()
 
     def shortest(self) -> list[int] | None:
         """Station of each layer on the shortest chain, by dynamic programming from the goal."""
@@ -166,32 +175,36 @@ class _Legs:
         self._cost[layer][:, station] = np.inf
 
     def look(self, path: Sequence[int]) -> bool:
-        """Look at the first drive of a chain not looked at yet; True if there is none left."""
+        """Find the drives of a chain; False if one is not found."""
         ends = self._ends(path)
         for k, (i, j) in enumerate(ends):
             driver = self._drivers[k]
             if driver is None or (k, i, j) in self._found:
                 continue
             route = driver.best(self._leave[k][i], self._arrive[k][j])
-            place = (i, j) if k < len(ends) - 1 else (j,)
             if route is None:
-                self._cost[k][place] = np.inf
+                self._cost[k][self._place(k, i, j)] = np.inf
+                self._strike_apart(k, driver)
                 return False
             self._found[k, i, j] = route
             true = max(0.0, driver.time_s(route) - float(self._hidden[k]))
-            longer = true > self._cost[k][place] + 1e-9
-            self._cost[k][place] = true
-            if longer:
-                return False
+            self._cost[k][self._place(k, i, j)] = true
         return True
+
+    def _strike_apart(self, drive: int, driver: Driver) -> None:
+        """Never again ask for a drive between what is known to be apart."""
+        if drive not in self._parted:
+            self._parted.add(drive)
+            apart = driver.apart(self._leave[drive], self._arrive[drive])
+            self._cost[drive][np.diag(apart) if drive == len(self._cost) - 1 else apart] = np.inf
+
+    def _place(self, drive: int, i: int, j: int) -> tuple[int, ...]:
+        return (j,) if drive == len(self._cost) - 1 else (i, j)
 
     def cost_s(self, path: Sequence[int]) -> float:
         """What the drives of a chain add to the plan."""
         ends = self._ends(path)
-        return sum(
-            float(cost[i, j] if cost.ndim == 2 else cost[j])
-            for cost, (i, j) in zip(self._cost, ends, strict=True)
-        )
+        return sum(float(self._cost[k][self._place(k, i, j)]) for k, (i, j) in enumerate(ends))
 
     def routes(self, path: Sequence[int]) -> tuple[Array, ...]:
         """Via poses of every drive of a chain that has been looked at."""

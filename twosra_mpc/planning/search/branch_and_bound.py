@@ -181,8 +181,8 @@ class _Search(Generic[Node, Solution]):
             self.solved += 1
         try:
             found = next(attempts)
-        except StopIteration:
-            self.kept = min(self.kept, bound)
+        except StopIteration:  # what was learnt while it was tried may rule it out
+            self.kept = min(self.kept, max(bound, self.tree.leaf_bound(entry.node)))
             heapq.heappop(self.queue)
             return
         if found is not None and found[0] < self.cost:

@@ -1,0 +1,199 @@
+"""Drives among obstacles: certified ones are clear, and roads leave nothing out."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import shapely
+from scipy.sparse.csgraph import connected_components
+from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
+
+from twosra_mpc.model.bending import from_rest_to_rest
+from twosra_mpc.problem.limits import rigid_ramp_s, rigid_rows
+from twosra_mpc.problem.world import World
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.space.drives import Drives
+from twosra_mpc.space.footprint import footprint, kept_m
+from twosra_mpc.space.lattice import lattice
+from twosra_mpc.space.roadmap import roadmap
+from twosra_mpc.space.screws import moved, twists
+from twosra_mpc.space.slices import FreeSlices, certified_slices
+from twosra_mpc.space.sweep import clear_legs
+
+BENT = (30.0, 30.0)
+
+
+def slices_of(world: World, kappa: tuple[float, ...], headings: int = 36) -> FreeSlices:
+    geometry = ARC_ROBOT.geometry
+    return certified_slices(footprint(geometry, kappa), world, kept_m(world, geometry), headings)
+
+
+def along(poses: Array, points: int = 60) -> Array:
+    """Poses on every leg of a drive, (m, 3)."""
+    shares = np.tile(np.linspace(0, 1, points), len(poses) - 1)
+    start, end = (np.repeat(part, points, axis=0) for part in (poses[:-1], poses[1:]))
+    return moved(start, twists(start, end), shares)
+
+
+def test_screws_end_where_they_should_with_a_constant_twist() -> None:
+    rng = np.random.default_rng(0)
+    start, end = rng.uniform(-2, 2, (2, 50, 3))
+    twist = twists(start, end)
+    off = moved(start, twist, np.ones(50)) - end
+    off[:, 2] = (off[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(off).max() < 1e-12
+    half = moved(start, twist, np.full(50, 0.5))
+    assert np.abs(twists(half, end) - twist / 2).max() < 1e-12
+    speed = (moved(start, twist, np.full(50, 1e-7)) - start) / 1e-7
+    c, s = np.cos(start[:, 2]), np.sin(start[:, 2])
+    ahead = np.column_stack([c * speed[:, 0] + s * speed[:, 1], c * speed[:, 1] - s * speed[:, 0]])
+    assert np.abs(ahead - twist[:, :2]).max() < 1e-5
+
+
+def test_times_of_legs_are_those_of_the_limits() -> None:
+    drives = Drives(ARC_ROBOT, World(), BENT)
+    rows, ramp = rigid_rows(ARC_ROBOT, BENT), rigid_ramp_s(ARC_ROBOT, BENT)
+    end = np.array([[0.001, 0.0, 0.0], [0.3, 0.2, 1.0]])
+    for time, twist in zip(
+        drives.leg_times_s(np.zeros((2, 3)), end), twists(np.zeros(3), end), strict=False
+    ):
+        assert time == pytest.approx(from_rest_to_rest(float(np.abs(rows @ twist).max()), ramp))
+
+
+def test_legs_are_clear_exactly_where_their_least_distance_allows_it() -> None:
+    rng = np.random.default_rng(1)
+    start, end = rng.uniform(-1, 1, (2, 80, 3))
+
+    def clear(poses: Array) -> Array:  # of a disc of radius 0.1 to the origin: exact
+        return np.hypot(*poses[:, :2].T) - 0.1
+
+    twist = twists(start, end)
+    least = [
+        clear(moved(p, s, np.linspace(0, 1, 2000))).min()
+        for p, s in zip(start, twist, strict=False)
+    ]
+    found = clear_legs(clear, start, twist, 0.0, 0.2)
+    assert (found == (np.array(least) >= 0.2)).all()
+    assert 10 < found.sum() < 70
+
+
+@pytest.mark.parametrize(("seed", "kappa"), [(0, BENT), (1, STRAIGHT), (2, (40.0, -25.0))])
+def test_roads_connect_exactly_what_slices_do(seed: int, kappa: tuple[float, ...]) -> None:
+    slices = slices_of(random_world(seed, 9), kappa)
+    roads = roadmap(slices, rigid_rows(ARC_ROBOT, kappa), 0.05)
+    _, label = connected_components(roads.graph, directed=False)
+    component = [slices.component(pose) for pose in roads.poses[::7]]
+    pairs = {(c, int(own)) for c, own in zip(component, label[::7], strict=False) if c is not None}
+    assert len(pairs) == len({c for c, _ in pairs}) == len({own for _, own in pairs})
+    assert label.max() == slices.component_of.max()
+    assert component.count(None) < 0.01 * len(component)  # on the edge but for rounding
+
+
+def test_grid_nodes_and_moves_are_those_inside_the_slices() -> None:
+    slices = slices_of(random_world(4, 9), BENT, 12)
+    grid = lattice(slices, 0.05)
+    k = slices.index_of(grid.poses[:, 2])
+    assert slices.hold(grid.poses[:, :2], k).all()
+    free = shapely.union_all(slices.parts[slices.first[3] : slices.first[4]])
+    x, y = (0.05 * v.ravel() for v in np.meshgrid(np.arange(-14, 15), np.arange(-14, 15)))
+    assert (k == 3).sum() == shapely.contains_xy(free, x, y).sum()
+    here = grid.poses[k == 3, :2]
+    one, other = np.triu_indices(len(here), k=1)
+    near = np.abs(here[one] - here[other]).max(axis=1) < 0.06
+    lines = shapely.linestrings(np.stack([here[one[near]], here[other[near]]], axis=1))
+    assert (k[grid.moves[:, 0]] == 3).sum() == shapely.contains(free, lines).sum()
+    assert (np.diff(k[grid.turns], axis=1) % 12 == 1).all()
+
+
+@pytest.mark.parametrize(("seed", "kappa"), [(5, BENT), (6, STRAIGHT), (9, (40.0, -25.0))])
+def test_drives_are_clear_in_a_drawn_robots_eyes(seed: int, kappa: tuple[float, ...]) -> None:
+    world = random_world(seed, 10)
+    drives = Drives(ARC_ROBOT, world, kappa)
+    rng = np.random.default_rng(seed)
+    poses = rng.uniform([-0.5, -0.5, -3], [0.5, 0.5, 3], (300, 3))
+    poses = poses[drives.clear(poses) > drives.kept_m][:6]
+    found = 0
+    for start, goal in zip(poses[::2], poses[1::2], strict=True):
+        drive, verdict = drives.best(start, goal), drives.decide(start, goal).verdict
+        assert (drive is not None) == (verdict == "certified")
+        if drive is not None:
+            assert drives.certified(drive)
+            assert true_margins(world, kappa, along(drive)).min() > -1e-5
+            assert (drive[0] == start).all()
+            assert np.allclose(np.exp(1j * drive[-1]), np.exp(1j * goal))
+            assert (np.abs(np.diff(drive[:, 2])) <= np.pi).all()
+            found += 1
+    assert found >= 2
+
+
+def test_a_corridor_of_90_mm_is_driven_through_and_one_of_50_mm_proved_blocked() -> None:
+    start, goal = np.array([-0.5, 0.1, 2.0]), np.array([0.5, -0.1, -1.0])
+    world = corridor(0.09)
+    drives = Drives(ARC_ROBOT, world, STRAIGHT)
+    drive = drives.best(start, goal)
+    assert drive is not None
+    assert drives.certified(drive)
+    assert true_margins(world, STRAIGHT, along(drive)).min() > -1e-5
+    assert drives.time_s(drive) < 2 * drives.time_s(np.array([start, goal]))
+    narrow = Drives(ARC_ROBOT, corridor(0.05), STRAIGHT)
+    assert narrow.best(start, goal) is None
+    assert narrow.decide(start, goal).verdict == "blocked"
+
+
+def test_a_start_nearer_than_the_clearance_is_left_and_one_that_overlaps_is_not() -> None:
+    world = World(obstacles=[{"box": {"x_m": (0.0, 0.2), "y_m": (-0.2, 0.2)}}], clearance_m=0.01)
+    drives = Drives(ARC_ROBOT, world, STRAIGHT)
+    goal = np.array([0.4, 0.0, 1.0])
+    near, inside = np.array([-0.145 - 0.004, 0.0, 0.0]), np.array([-0.1, 0.0, 0.0])
+    assert drives.needed_m(near) == pytest.approx(0.0039)
+    drive = drives.best(near, goal)
+    assert drive is not None
+    margins = true_margins(world, STRAIGHT, along(drive)) + world.clearance_m
+    assert margins.min() > 0.0039 - 1e-5
+    assert margins[60:].min() > 0.01 - 1e-5
+    assert drives.best(inside, goal) is None
+    assert drives.decide(inside, goal).verdict == "blocked"
+
+
+def test_a_goal_that_no_slice_holds_is_reached_by_a_straight_leg() -> None:
+    world = corridor(0.078, 0.6)
+    drives = Drives(ARC_ROBOT, world, STRAIGHT, headings=(12,))
+    start, goal = np.array([-0.5, 0.1, 2.0]), np.array([-0.27, 0.0, 0.0])
+    assert drives.certified_slices(12).component(goal) is None
+    drive = drives.best(start, goal)
+    assert drive is not None
+    assert true_margins(world, STRAIGHT, along(drive)).min() > -1e-5
+
+
+def test_fields_say_how_long_it_takes_to_get_there() -> None:
+    drives = Drives(ARC_ROBOT, random_world(5, 6), BENT)
+    start = np.array([-0.4, -0.4, 0.0])
+    field = drives.field(start)
+    assert field is not None
+    nodes = field.roadmap.poses[::997]
+    times = field.times_to_s(nodes)
+    assert times == pytest.approx(field.times_s[::997], abs=1e-6)
+    for node, time in zip(nodes[np.isfinite(times)], times[np.isfinite(times)], strict=True):
+        path = field.path(node)
+        assert path is not None
+        legs = twists(path[:-1], path[1:])
+        assert np.abs(legs @ drives.rows.T).max(axis=1).sum() <= time + 1e-3
+    assert field.times_to_s(np.array([[0.59, 0.59, 0.0]])) == np.inf
+
+
+def test_open_scenes_need_no_polygons() -> None:
+    code = """if True:
+        import sys
+        import numpy as np
+        from twosra_mpc import load_robot
+        from twosra_mpc.problem.world import World
+        from twosra_mpc.space.drives import Drives
+        world = World(obstacles=[{"box": {"x_m": (0, 0.1), "y_m": (-0.1, 0.1)}}])
+        drives = Drives(load_robot("2sra-v1"), world, (0.0, 0.0))
+        assert drives.best(np.array([-0.4, 0, 0]), np.array([0.5, 0.1, 0])) is not None
+        assert "shapely" not in sys.modules
+    """
+    subprocess.run([sys.executable, "-c", code], check=True)
