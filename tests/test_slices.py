@@ -11,7 +11,7 @@ from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
 
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.space.footprint import footprint, kept_m
+from twosra_mpc.space.footprint import Footprint, footprint, kept_m
 from twosra_mpc.space.minkowski import (
     kept_by_all,
     merged,
@@ -20,10 +20,10 @@ from twosra_mpc.space.minkowski import (
     swept,
     turned,
 )
+from twosra_mpc.space.possible import apart_m, components_in
 from twosra_mpc.space.slices import (
     FreeSlices,
     certified_slices,
-    distance_between_m,
     possible_slices,
 )
 
@@ -89,7 +89,7 @@ def test_convex_parts_fill_their_obstacles_and_are_convex() -> None:
 def sampled(worlds: int, count: int, headings: int = 72) -> tuple[int, int]:
     """How many poses are certified, and how many free, with none of them wrong."""
     certified = free = 0
-    for seed, kappa in zip(range(worlds), itertools.cycle(SHAPES)):
+    for seed, kappa in zip(range(worlds), itertools.cycle(SHAPES), strict=False):
         overrides = {} if seed % 4 else {"workspace": None, "clearance_m": 0.01}
         world = random_world(seed, **overrides)
         rng = np.random.default_rng(seed)
@@ -143,10 +143,9 @@ def test_a_mirrored_scene_has_mirrored_slices(seed: int) -> None:
         workspace=world.workspace, obstacles=[{"polygon_m": part.tolist()} for part in flipped]
     )
     poses = np.random.default_rng(seed).uniform([-0.5, -0.5, -3], [0.5, 0.5, 3], (200, 3))
-    geometry = ARC_ROBOT.geometry.with_values(wheels=None)
-    pieces = footprint(geometry, kappa)
-    turned_over = type(pieces)(
-        *(tuple(p[::-1] * [1, -1] for p in part) for part in (pieces.outer, pieces.inner))
+    pieces = footprint(ARC_ROBOT.geometry, kappa)
+    turned_over = Footprint(
+        *(part[:, ::-1] * np.array([1, -1]) for part in (pieces.outer, pieces.inner))
     )
     here = certified_slices(pieces, world, 0.002, 36)
     there = certified_slices(turned_over, mirrored, 0.002, 36)
@@ -165,11 +164,15 @@ def test_outside_of_obstacles_without_a_workspace_all_is_connected() -> None:
 
 def test_the_distance_that_shapes_leave_between_them_is_that_of_their_components() -> None:
     wall = corridor(0.02)  # neither shape gets through
-    _, one = both(wall, (30.0, 30.0), 36)
-    _, other = both(wall, STRAIGHT, 36)
+    (_, one), (_, other) = (both(wall, kappa, 36) for kappa in ((30.0, 30.0), STRAIGHT))
     start, goal = np.array([-0.5, 0.0, 0.0]), np.array([0.5, 0.0, 0.0])
-    assert distance_between_m(one, start, other, start) == 0
-    reached = [one.positions(one.component(start)), other.positions(other.component(goal))]
-    expected = np.subtract(shapely.bounds(reached[1])[0], shapely.bounds(reached[0])[2])
-    assert distance_between_m(one, start, other, goal) == pytest.approx(expected, abs=0.01)
-    assert distance_between_m(one, start, other, np.zeros(3)) == np.inf
+    left, right = components_in(one, start, start), components_in(other, goal, goal)
+    assert apart_m(one, left, other, components_in(other, start, start)) == 0
+    reached = [
+        shapely.total_bounds(slices.parts[np.isin(slices.component_of, list(found))])
+        for slices, found in ((one, left), (other, right))
+    ]
+    assert apart_m(one, left, other, right) == pytest.approx(
+        reached[1][0] - reached[0][2], abs=0.01
+    )
+    assert apart_m(one, left, other, frozenset()) == np.inf

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from problems import at_once
 
 from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
-from twosra_mpc.checking.verification import reintegrate, verify
+from twosra_mpc.checking.reintegration import reintegrate
+from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory

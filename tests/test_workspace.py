@@ -31,9 +31,11 @@ def free(name: str) -> Plan:
 
 
 def points(made: Plan, q: Array) -> Array:
-    """Every point of the outline, by the drawing's own shapes, (rows, points, 2)."""
-    shape = robot_shape(made.robot.geometry, q)
-    parts = (shape.segments, shape.links, shape.units, shape.wheels)
+    """Outermost points of the robot, by the drawing's own shapes, (rows, points, 2)."""
+    shape, thick = robot_shape(made.robot.geometry, q), made.robot.geometry.fibre_radius_m
+    around = thick * np.array([(1, 0), (-1, 0), (0, 1), (0, -1)])
+    fibre = [part.reshape(len(q), -1, 1, 2) + around for part in (shape.segments, shape.links)]
+    parts = (*fibre, shape.units, shape.wheels)
     return np.concatenate([part.reshape(len(q), -1, 2) for part in parts], axis=1)
 
 

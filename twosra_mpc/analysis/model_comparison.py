@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twosra_mpc.checking.verification import reintegrate
+from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.planner import plan

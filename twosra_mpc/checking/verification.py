@@ -12,10 +12,11 @@ from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
+from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.model.kinematics import InPlace, kinematics, wheel_accelerations
+from twosra_mpc.model.kinematics import wheel_accelerations
 from twosra_mpc.model.outline import outline_points
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
@@ -28,7 +29,7 @@ from twosra_mpc.problem.limits import (
     workspace_margins,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
+from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
@@ -36,10 +37,8 @@ GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
-_SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _JUMP = 1e-6  # of the largest wheel speed: less is no jump
 _ROUNDING = 1e-9  # of a product of two inputs
-_RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
 
 
 class Findings(NamedTuple):
@@ -69,7 +68,8 @@ def examine(trajectory: Trajectory) -> Findings:
     reached = reintegrate(problem, samples)
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
-    limits = _margins(problem, samples)
+    around = examine_around(trajectory)
+    limits = _margins(problem, samples) | around.margins
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
         "steady speeds": tuple(_speed_problems(trajectory)),
@@ -77,9 +77,11 @@ def examine(trajectory: Trajectory) -> Findings:
         "wheels and heaters": tuple(_command_problems(trajectory)),
         "transitions": tuple(transition_problems(trajectory)),
     }
+    if problem.tasks:
+        rules["tasks in order"] = around.tasks
     problems = [
         *_motion_problems(problem.robot.coordinates, defect, goal_error),
-        *(_exceeded(name, -margin) for name, margin in limits.items() if margin < 0),
+        *(around.words.get(name) or _exceeded(name, -m) for name, m in limits.items() if m < 0),
         *itertools.chain.from_iterable(rules.values()),
     ]
     verification = Verification(
@@ -96,71 +98,6 @@ def _exceeded(name: str, by: float) -> str:
     if name == WORKSPACE:
         return f"the robot leaves the workspace by {1e3 * by:.3g} mm"
     return f"limit {name} exceeded by {by:.3g}"
-
-
-def reintegrate(problem: Problem, samples: Samples) -> Array:
-    """Integrate q' = J(q, mode) v over the samples from the start configuration, (m, 3 + n).
-
-    Adaptive Dormand-Prince 8(5,3), relative tolerance 1e-12, restarted where the direction of the
-    input or the mode changes; in between only the speed does, which does not change the path.
-    Rows are NaN from where a curvature runs away beyond twice its limit.
-    """
-    beyond = 2 * problem.robot.limits.curvature_per_m
-
-    def runs_away(_s: float, at: Array) -> float:
-        return beyond - float(np.abs(at[3:]).max())
-
-    runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
-    size = problem.robot.coordinates.size
-    q, sigma, columns = np.zeros(size), np.zeros(size - POSE), np.zeros((INPUTS, size))
-    jacobian = InPlace(kinematics(problem.robot).jacobian, [q, sigma], [columns])
-    reached = np.full((len(samples), size), np.nan)
-    reached[0] = problem.start.configuration
-    for first, last, direction, lengths in _paths(samples):
-        if not direction.any():
-            reached[first + 1 : last + 1] = reached[first]
-            continue
-        sigma[:] = samples.mode[first]
-
-        def rate(_s: float, at: Array, direction: Array = direction) -> Array:
-            q[:] = at
-            jacobian.evaluate()
-            return direction @ columns
-
-        marks = np.cumsum(lengths)
-        end = solve_ivp(
-            rate,
-            (0.0, float(marks[-1])),
-            reached[first],
-            method="DOP853",
-            t_eval=marks,
-            rtol=_RTOL,
-            atol=_ATOL,
-            events=runs_away,
-        )
-        passed = len(end.t)
-        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (size, passed)).T
-        if end.status != 0:
-            break
-    return reached
-
-
-def _paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
-    """Runs of samples with one mode and one direction: (first, last, direction, lengths).
-
-    Lengths are those of the input displacements s = (v + a dt / 2) dt, direction is s / |s|, zero
-    at rest.
-    """
-    dt = np.diff(samples.t_s)[:, None]
-    moved = (samples.v[:-1] + samples.a[:-1] * dt / 2) * dt
-    lengths = np.linalg.norm(moved, axis=1)
-    direction = moved / np.where(lengths > 0, lengths, 1.0)[:, None]
-    turned = np.abs(np.diff(direction, axis=0)).max(axis=1, initial=0.0) > _SAME_DIRECTION
-    turned |= np.diff(samples.mode[:-1], axis=0).any(axis=1)
-    starts = [0, *(np.flatnonzero(turned) + 1).tolist(), len(lengths)]
-    for first, last in itertools.pairwise(starts):
-        if last > first:
-            yield first, last, direction[first], lengths[first:last]
 
 
 def _grid_problems(samples: Samples) -> Iterator[str]:
@@ -291,16 +228,7 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
     Intervals are cut where a unit has moved half a millimetre, and integrated anew. Within a cut, a
     point strays from its chord by an eighth of its second difference there; a quarter is taken off.
     """
-    dt = np.diff(samples.t_s)
-    moved = np.abs((samples.v[:-1] + samples.a[:-1] * dt[:, None] / 2) * dt[:, None]).max(axis=1)
-    cuts = np.where(moved > 0, np.ceil(moved / _CUT) + 1, 1).astype(int)
-    at = np.repeat(np.arange(len(cuts)), cuts)
-    share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]
-    t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])
-    at = np.append(at, len(cuts))
-    v = samples.v[at] + samples.a[at] * (t - samples.t_s[at])[:, None]
-    held = {item.name: getattr(samples, item.name)[at] for item in fields(samples)}
-    fine = Samples(**{**held, "t_s": t, "v": v})
+    fine, at = between(samples, _CUT, least=1)
     q = reintegrate(problem, fine)
     if not np.isfinite(q).all():
         return -1.0  # it is anywhere

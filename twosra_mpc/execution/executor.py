@@ -286,7 +286,9 @@ def remaining_problem(
     workspace = problem.workspace
     if workspace is not None:  # who is out of it already needs so much more room
         shape = robot_shape(problem.robot.geometry, start.configuration)
-        outline = (shape.units, shape.wheels, shape.segments)
+        thick = problem.robot.geometry.fibre_radius_m
+        fibre = (part + end for part in (shape.segments, shape.links) for end in (-thick, thick))
+        outline = (shape.units, shape.wheels, *fibre)
         workspace = workspace.holding(np.concatenate([part.reshape(-1, 2) for part in outline]))
     return problem.with_values(start=start, goal=goal, modes=modes, workspace=workspace)
 

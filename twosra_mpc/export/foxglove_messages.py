@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from foxglove import messages
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import State
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 
@@ -28,10 +30,14 @@ STIFFNESS_COLOURS: dict[State, str] = {
 }
 UNIT_COLOUR, METAL_COLOUR = "#eceff1", "#455a64"
 
+OBSTACLE_COLOUR, TASK_COLOUR = "#737373", "#12997c"
+
+OBSTACLE_HEIGHT_M = 0.1  # for the picture: the plane is all there is
 UNIT_HEIGHT_M = 0.078  # of the authors' locomotion units
 FIBRE_HEIGHT_M = 0.03  # for the picture: not published
 SEGMENT_THICKNESS_M, LINK_THICKNESS_M = 0.008, 0.005
-ARC_POINTS = 24
+ARC_POINTS, TEXT_M = 24, 0.03
+_FAR_M = 10.0  # edges of boxes that are free
 
 
 def scene(
@@ -47,15 +53,77 @@ def scene(
         _line(segment, SEGMENT_THICKNESS_M, STIFFNESS_COLOURS[state])
         for segment, state in zip(shape.segments, states, strict=True)
     ]
-    robot = messages.SceneEntity(
+    robot = _entity("robot", time_s, cubes=cubes, lines=lines)
+    return messages.SceneUpdate(entities=[robot])
+
+
+def surroundings(problem: Problem) -> messages.SceneUpdate:
+    """Obstacles as walls along their edges, boxes to drive through on the floor, all named."""
+    named = zip(problem.world.names, problem.obstacles, strict=True)
+    entities = [
+        _entity(
+            name,
+            0.0,
+            lines=[_loop(obstacle.inner_corners_m, OBSTACLE_HEIGHT_M, OBSTACLE_COLOUR)],
+            triangles=[_sides(obstacle.inner_corners_m)],
+            texts=[_text(name, obstacle.inner_corners_m, OBSTACLE_COLOUR)],
+        )
+        for name, obstacle in named
+    ]
+    for number, task in enumerate(problem.tasks, start=1):
+        name = task.name or f"task {number}"
+        (left, low), (right, high) = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
+        box = np.array([(left, low), (right, low), (right, high), (left, high)])
+        lines, texts = [_loop(box, 0.0, TASK_COLOUR)], [_text(name, box, TASK_COLOUR)]
+        entities.append(_entity(f"{task.do} {name}", 0.0, lines=lines, texts=texts))
+    return messages.SceneUpdate(entities=entities)
+
+
+def _entity(name: str, time_s: float, **parts: Any) -> messages.SceneEntity:
+    return messages.SceneEntity(
         timestamp=_clock(time_s),
         frame_id="world",
-        id="robot",
+        id=name,
         lifetime=messages.Duration(0),  # until replaced
-        cubes=cubes,
-        lines=lines,
+        **parts,
     )
-    return messages.SceneUpdate(entities=[robot])
+
+
+def _sides(corners: Array) -> messages.TriangleListPrimitive:
+    """Walls on the edges of a polygon (m, 2)."""
+    points = [
+        messages.Point3(x=x, y=y, z=z)
+        for z in (0.0, OBSTACLE_HEIGHT_M)
+        for x, y in corners.tolist()
+    ]
+    count = len(corners)
+    edges = [(i, (i + 1) % count) for i in range(count)]
+    halves = [(i, j, j + count, i, j + count, i + count) for i, j in edges]
+    indices = [index for half in halves for index in half]
+    return messages.TriangleListPrimitive(
+        pose=_pose(0.0, 0.0, 0.0, 0.0), points=points, indices=indices, color=_rgba(OBSTACLE_COLOUR)
+    )
+
+
+def _loop(corners: Array, z: float, colour: str) -> messages.LinePrimitive:
+    return messages.LinePrimitive(
+        type=messages.LinePrimitiveLineType.LineLoop,
+        pose=_pose(0.0, 0.0, z, 0.0),
+        thickness=LINK_THICKNESS_M,
+        points=[messages.Point3(x=x, y=y, z=0.0) for x, y in corners.tolist()],
+        color=_rgba(colour),
+    )
+
+
+def _text(words: str, corners: Array, colour: str) -> messages.TextPrimitive:
+    x, y = corners.mean(axis=0).tolist()
+    return messages.TextPrimitive(
+        pose=_pose(x, y, OBSTACLE_HEIGHT_M, 0.0),
+        billboard=True,
+        font_size=TEXT_M,
+        color=_rgba(colour),
+        text=words,
+    )
 
 
 def frames(geometry: Geometry, time_s: float, q: ArrayLike) -> messages.FrameTransforms:

@@ -24,7 +24,7 @@ from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.schema import describe
 
-SCENE, FRAMES = "/robot", "/tf"
+SCENE, FRAMES, AROUND = "/robot", "/tf", "/surroundings"
 TABLES = {  # topic -> what it says, how the names of its columns begin
     "/configuration": ("Pose of the middle link, and curvatures", ("x_", "y_", "phi_", "kappa")),
     "/mode": ("Stiffness of the segments", ("mode",)),
@@ -39,7 +39,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
     """Write a plan as MCAP, one message a topic and sample, atomically.
 
     Log times are the plan's, from zero. Set-points hold from a message to the next. The robot and
-    its frames are written when they move or a segment changes.
+    its frames are written when they move or a segment changes; what is around it, once.
 
     Args:
         plan: The plan.
@@ -53,7 +53,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         import foxglove
         from foxglove.channels import FrameTransformsChannel, SceneUpdateChannel
 
-        from twosra_mpc.export.foxglove_messages import frames, nanoseconds, scene
+        from twosra_mpc.export.foxglove_messages import frames, nanoseconds, scene, surroundings
     except ImportError as error:
         install = install_command("mcap")
         allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
@@ -66,6 +66,9 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
     with atomic_path(path) as temporary:
         with foxglove.open_mcap(memory, context=context) as file:
             file.write_metadata("plan", _metadata(plan))
+            if plan.problem.obstacles or plan.problem.tasks:
+                around = SceneUpdateChannel(AROUND, context=context)
+                around.log(surroundings(plan.problem), log_time=0)
             for time_s, q, states in _changes(shown.trajectory):
                 at = nanoseconds(time_s)
                 transforms.log(frames(plan.robot.geometry, time_s, q), log_time=at)

@@ -70,13 +70,29 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShap
 
 @lru_cache(maxsize=32)
 def outline_points(geometry: Geometry) -> ca.Function:
-    """Q -> points of the outline whose hull holds the robot but for the arcs between them, (2, m).
+    """Q -> points whose hull holds the robot but for the arcs between them, (2, m).
 
-    Corners of units and wheels, and a few points of each segment; these come last.
+    Corners of units, wheels and end links that stick out, and a few points of each segment, with
+    discs of radii ``outline_radii_m`` about them; these come last.
     """
     q = ca.SX.sym("q", Coordinates(geometry.segments).size)
     segments, _, units, wheels, _ = _outline(geometry, FEW_POINTS)(q)
-    return ca.Function("outline_points", [q], [ca.horzcat(units, wheels, segments)], {"cse": True})
+    half, beside, corners = geometry.unit_side_m / 2, ca.DM([[0, 0], [-1, 1]]), []
+    if geometry.fibre_radius_m + abs(geometry.unit_offset_m) > half:  # else units hide link ends
+        for unit, side in ((0, -1), (1, 1)):
+            ends = ca.DM([[side * geometry.end_link_m] * 2, [0, 0]])
+            ends += geometry.fibre_radius_m * beside
+            corners.append(placed(q[:POSE], placed(fibre_end_pose(geometry, q, unit), ends)))
+    points = ca.horzcat(units, wheels, *corners, segments)
+    return ca.Function("outline_points", [q], [points], {"cse": True})
+
+
+def outline_radii_m(geometry: Geometry) -> Array:
+    """Radii of discs about the ``outline_points``, (m,) [m]: that of the fibre, for its points."""
+    fibre = FEW_POINTS * geometry.segments
+    radii = np.zeros(outline_points(geometry).size2_out(0))
+    radii[-fibre:] = geometry.fibre_radius_m
+    return radii
 
 
 @lru_cache(maxsize=32)

@@ -13,12 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 
+from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase, Samples
-from twosra_mpc.plotting import figures, plane, timeline
+from twosra_mpc.plotting import figures, plane, timeline, world
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
@@ -75,10 +76,16 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         plane.draw_ends(ax, plan.robot.geometry, q, (phase.mode, phase.mode), 3)
         _draw_path(ax, q, phase)
         ax.set_title(f"{number}: {mode_name(phase.mode)}, {timeline.phase_duration(phase)}")
-    for ax in axes:
-        plane.draw_workspace(ax, plan.problem.workspace)
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
-    plane.to_one_scale(axes, robot_shape(plan.robot.geometry, seen, 2).wheels)
+    shown = world.shown_m(plan.problem, robot_shape(plan.robot.geometry, seen, 2).wheels)
+    for ax in axes:
+        world.draw_world(ax, plan.problem, shown)
+    nearest = closest_approach(plan.trajectory)
+    world.draw_nearest(axes[0], nearest)
+    if nearest is not None:
+        q, mode = nearest.configuration, plan.robot.rigid
+        plane.draw_robot(axes[0], plan.robot.geometry, q, mode, alpha=figures.FAINT / 2)
+    plane.to_one_scale(axes, shown)
     entries = {
         "start (of phase)": plane.FAINT_ROBOT,
         "goal (end of phase)": plane.ROBOT,
@@ -86,6 +93,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         "soft segment": plane.SOFT,
         "path of the middle link": tuple(map(plane.line, (RIGID_COLOUR, SOFT_COLOUR))),
     }
+    entries |= world.legend_entries(plan.problem, nearest)
     plane.legend_below(figure, entries, 5)
 
 
@@ -168,13 +176,17 @@ def plot_snapshots(
         for ax in grid[len(moments) :]:
             ax.remove()
         shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        plane.to_one_scale(figure.axes, shapes.wheels)
+        shown = world.shown_m(plan.problem, shapes.wheels)
+        for ax in figure.axes:
+            world.draw_world(ax, plan.problem, shown)
+        plane.to_one_scale(figure.axes, shown)
         entries = {
             "rigid": plane.RIGID,
             "soft": plane.SOFT,
             "melting or freezing": plane.line(figures.CHANGING_COLOUR, 4),
             "target": plane.FAINT_ROBOT,
             "path of middle link": plane.line("black", 1.0),
+            **world.legend_entries(plan.problem, None),
         }
         plane.legend_below(figure, entries, 5)
     return figure

@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
+from matplotlib.patches import Patch
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting import figures
-from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, rigid_mode
 
-_FAR_M = 100.0  # edges of axes that are free: out of every picture
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths
 FAINT_ROBOT = Patch(fc=figures.UNIT_COLOUR, ec=figures.METAL_COLOUR, alpha=figures.FAINT)
 ROBOT = Patch(fc=figures.UNIT_COLOUR, ec=figures.METAL_COLOUR)
@@ -124,14 +121,6 @@ def robot_artists(
         if now:
             artists += ax.plot(*arc.T, lw=linewidth, **hatch)
     return artists
-
-
-def draw_workspace(ax: Axes, workspace: Workspace | None) -> None:
-    """Draw the edges that the robot keeps within, if there are any, with a thin line."""
-    if workspace is not None:
-        low, high = np.clip(workspace.corners_m, -_FAR_M, _FAR_M)
-        style: dict[str, Any] = {"fill": False, "ec": "0.4", "lw": 0.8, "zorder": 1}
-        ax.add_artist(Rectangle(tuple(low), *(high - low), **style))
 
 
 def draw_ends(

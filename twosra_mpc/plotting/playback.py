@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.checking.surroundings import closest_approach
+from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
 from twosra_mpc.plotting.timeline import TimeStretch
-from twosra_mpc.problem.workspace import Workspace
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import is_rigid, mode_name, named
@@ -27,7 +29,8 @@ class Playback:
     Attributes:
         geometry: Of the robot.
         goal: Configuration to reach [m, m, rad, 1/m ...], (3 + n,).
-        workspace: What no point of the robot leaves, if anything.
+        problem: What is around the robot.
+        nearest: Where it is nearest to an obstacle, if that is known.
         melting_C: Temperatures below which metal is solid and above which it is liquid.
         phases: When the robot is driven, and in which mode.
         intervals: Stiffness of each segment over time.
@@ -41,7 +44,8 @@ class Playback:
 
     geometry: Geometry
     goal: Array
-    workspace: Workspace | None
+    problem: Problem
+    nearest: Clearance | None
     melting_C: tuple[float, float]
     phases: tuple[Phase, ...]
     intervals: tuple[tuple[Interval, ...], ...]
@@ -88,7 +92,8 @@ def plan_playback(plan: Plan, least: float = 0.15) -> Playback:
     return Playback(
         geometry=plan.robot.geometry,
         goal=trajectory.samples.q[-1],
-        workspace=plan.problem.workspace,
+        problem=plan.problem,
+        nearest=closest_approach(trajectory),
         melting_C=plan.problem.stiffness_thresholds_C,
         phases=plan.phases,
         intervals=stiffness_intervals(trajectory),

@@ -21,7 +21,7 @@ from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import Interval
 from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting import figures, plane, timeline
+from twosra_mpc.plotting import figures, plane, timeline, world
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -87,7 +87,10 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     axes[0].set(xlabel="x [m]", ylabel="y [m]")
     for number, (ax, drive) in enumerate(zip(axes[1:], drives, strict=True), start=1):
         _draw_drive(ax, run, record, number, drive)
-    plane.to_one_scale(axes, robot_shape(geometry, record.q[::20], 2).wheels)
+    shown = world.shown_m(run.problem, robot_shape(geometry, record.q[::20], 2).wheels)
+    for ax in axes:
+        world.draw_world(ax, run.problem, shown)
+    plane.to_one_scale(axes, shown)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,
         "end": plane.ROBOT,
@@ -98,6 +101,7 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
         "of unit 2": plane.line(figures.UNIT_COLOURS[1]),
         "of the middle link": plane.line(figures.SOFT_COLOUR),
     }
+    entries |= world.legend_entries(run.problem, None)
     plane.legend_below(figure, entries, 8)
 
 
@@ -278,7 +282,8 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
     return Playback(
         geometry=problem.robot.geometry,
         goal=goal_configuration(run),
-        workspace=problem.workspace,
+        problem=problem,
+        nearest=None,
         melting_C=problem.stiffness_thresholds_C,
         phases=tuple(joined_drives(run)),
         intervals=reported_states(run),

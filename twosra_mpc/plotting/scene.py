@@ -23,12 +23,13 @@ from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.plane import (
     DASHED,
     draw_outline,
-    draw_workspace,
+    line,
     number_units,
     robot_artists,
 )
 from twosra_mpc.plotting.playback import Playback
 from twosra_mpc.plotting.timeline import draw_stiffness
+from twosra_mpc.plotting.world import draw_nearest, draw_world, shown_m
 from twosra_mpc.robot.coordinates import Array
 
 SIZE_IN, DPI = (8.0, 6.6), 100
@@ -156,9 +157,9 @@ class Scene:
 
 def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None:
     draw_outline(ax, playback.geometry, playback.goal)
-    draw_workspace(ax, playback.workspace)
     goal = robot_shape(playback.geometry, playback.goal, 2).wheels
     points = np.concatenate([corners.reshape(-1, 2), goal.reshape(-1, 2)])
+    points = shown_m(playback.problem, points)
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     box = ax.get_position()
     width, height = SIZE_IN[0] * box.width, SIZE_IN[1] * box.height
@@ -166,6 +167,9 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     middle = (low + high) / 2
     left, bottom = middle[0] - scale * width / 2, middle[1] - scale * height * (1 - ABOVE) / 2
     ax.set(xlim=(left, left + scale * width), ylim=(bottom, bottom + scale * height))
+    shown = np.array([ax.get_xlim(), ax.get_ylim()]).T
+    draw_world(ax, playback.problem, shown, 9.0)
+    draw_nearest(ax, playback.nearest)
     ax.set_aspect("equal")
     ax.set_ylabel("x, y [m]")
     ax.set_title(title, loc="left")
@@ -174,8 +178,10 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     entries: dict[str, Any] = {name: Patch(**look) for name, look in figures.STATES.items()}
     del entries["heater current"]
     entries |= {"heater on": Patch(fill=False, ec=figures.HEATER_COLOUR, lw=2.0), "goal": DASHED}
+    if playback.nearest is not None:
+        entries["nearest"] = line(figures.NEAREST_COLOUR)
     place = ax.figure.transFigure
-    style: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (0.965, 0.944), "ncols": 6}
+    style: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (0.965, 0.944), "ncols": 7}
     style |= {"columnspacing": 1.0, "handlelength": 1.5, "bbox_transform": place}
     ax.legend(entries.values(), entries, **style)
 

@@ -20,7 +20,7 @@ from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
-from twosra_mpc.model.outline import FEW_POINTS, outline_points
+from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
@@ -167,7 +167,9 @@ SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED, BEND_RATE, SPEED, TURN_RATE)
 UNITS = {limit.name: limit.unit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
 UNITS |= {WHEEL_ACCELERATION: "rad/s2"}
 WORKSPACE = "workspace_m"  # margin to the box of the scenario, no limit of the robot
-UNITS |= {WORKSPACE: "m"}
+CLEARANCE = "clearance_m"  # margin to what is kept to obstacles
+SOFT_TRAVEL = "soft_travel_m"  # of robot.limits, kept where there are obstacles
+UNITS |= {WORKSPACE: "m", CLEARANCE: "m", SOFT_TRAVEL: "m"}
 
 
 # Shapes.
@@ -278,8 +280,9 @@ def workspace_margins(problem: Problem, q: Array) -> Array:
     lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
     arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
     own = FEW_POINTS * geometry.segments
-    body, fibre = workspace.margin_m(points[:, :-own]), workspace.margin_m(points[:, -own:])
-    margins: Array = np.minimum(body.min(axis=1), fibre.min(axis=1) - arc)
+    within = workspace.margin_m(points) - outline_radii_m(geometry)
+    within[:, -own:] -= arc[:, None]
+    margins: Array = within.min(axis=1)
     return np.where(np.abs(margins) <= TOUCHING_M, 0.0, margins)
 
 
@@ -291,17 +294,25 @@ def check_workspace(problem: Problem) -> None:
     """
     if problem.workspace is None:
         return
-    goal, start = problem.goal, problem.start.configuration
-    width = goal.half_width
-    ends = goal.configuration + width * np.vstack([np.zeros_like(width), _corners(width)])
-    narrow = problem.robot.coordinates.each(_NARROW_M, _NARROW_RAD, _NARROW_PER_M)
-    for name, q in (("start", start[None]), ("goal", ends)):
-        if not np.isfinite(q).all() or (name == "goal" and (width > narrow).any()):
-            continue
+    for name, q in ends_to_check(problem):
         margins = workspace_margins(problem, q)
         if margins.max() < 0:
             allowed = f"a robot inside the workspace; here it is {-1e3 * margins[0]:.1f} mm outside"
             raise InputError(name, tuple(q[0].tolist()), allowed)
+
+
+def ends_to_check(problem: Problem) -> Iterator[tuple[str, Array]]:
+    """Name and configurations (m, 3 + n) of the start, and of a goal that leaves little choice.
+
+    Of the goal these are its middle and its corners; one that leaves more is not given.
+    """
+    goal, start = problem.goal, problem.start.configuration
+    width = goal.half_width
+    ends = goal.configuration + width * np.vstack([np.zeros_like(width), _corners(width)])
+    narrow = problem.robot.coordinates.each(_NARROW_M, _NARROW_RAD, _NARROW_PER_M)
+    yield "start", start[None]
+    if np.isfinite(ends).all() and (width <= narrow).all():
+        yield "goal", ends
 
 
 def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:

@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.playback import PLACES, Playback
+from twosra_mpc.plotting.world import length, names_m, shown_m
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 
 ARC_POINTS = 16
@@ -86,12 +89,43 @@ def svg_points(points: Array) -> str:
     return " ".join(f"{x:.2f},{y:.2f}" for x, y in pairs)
 
 
-def filmed_box(shapes: Sequence[RobotShape]) -> tuple[float, float, float, float]:
-    """Corner and size of the box that shows all ``shapes`` with a margin [mm, y down]."""
+def filmed_box(problem: Problem, shapes: Sequence[RobotShape]) -> tuple[float, float, float, float]:
+    """Corner and size of the box that shows ``shapes`` and what is near them [mm, y down]."""
     parts = [part for shape in shapes for part in (shape.units, shape.wheels, shape.segments)]
-    points = np.concatenate([part.reshape(-1, 2) for part in parts]) * (1e3, -1e3)
+    points = shown_m(problem, np.concatenate([part.reshape(-1, 2) for part in parts]))
+    points = points * (1e3, -1e3)
     low, high = points.min(axis=0) - _MARGIN_MM, points.max(axis=0) + _MARGIN_MM
     width, height = high - low
     wide, tall = max(width, _ASPECT * height), max(height, width / _ASPECT)
     left, top = (low + high - (wide, tall)) / 2
     return float(left), float(top), float(wide), float(tall)
+
+
+def surroundings(
+    problem: Problem, nearest: Clearance | None, box: tuple[float, float, float, float]
+) -> dict[str, Any]:
+    """What is around the robot, as SVG ``points`` and places [mm, y down], seen in ``box``."""
+    left, top, width, height = box
+    seen = np.array([(left, -top - height), (left + width, -top)]) / 1e3
+    middles = {name: svg_points(np.array(at)) for name, at in names_m(problem, seen).items()}
+    low, high = seen
+    tasks = [(task, np.clip(task.ends[:, :2], low - 1.0, high + 1.0)) for task in problem.tasks]
+    return {
+        "obstacles": [svg_points(obstacle.corners_m) for obstacle in problem.obstacles],
+        "names": {name: at.split(",") for name, at in middles.items()},
+        "tasks": [
+            {
+                "name": task.name or f"task {number}",
+                "points": svg_points(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])),
+                "at": svg_points(np.clip((x0, y1), low, high)).split(","),
+            }
+            for number, (task, ((x0, y0), (x1, y1))) in enumerate(tasks, start=1)
+        ],
+        "nearest": nearest
+        and {
+            "points": svg_points(nearest.points_m),
+            "at": svg_points(nearest.points_m.mean(axis=0)).split(","),
+            "length": length(nearest),
+            "words": f"{length(nearest)}, {nearest.name} at {nearest.at_s:.1f} s",
+        },
+    }

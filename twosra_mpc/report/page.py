@@ -25,7 +25,7 @@ from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.report import words
-from twosra_mpc.report.film import ARC_POINTS, film_of, filmed_box, pose
+from twosra_mpc.report.film import ARC_POINTS, film_of, filmed_box, pose, surroundings
 from twosra_mpc.report.timeline import Thermometer, curve, lanes, setpoint_table, ticks
 from twosra_mpc.robot.modes import mode_name, sequence_name
 
@@ -133,7 +133,8 @@ def _motion(plan: Plan) -> dict[str, Any]:
     goal = plan.problem.goal.configuration
     goal = np.where(np.isnan(goal), samples.q[-1], goal)
     start, end = (robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], goal))
-    box = filmed_box([robot_shape(playback.geometry, playback.q, ARC_POINTS), end])
+    shapes = [robot_shape(playback.geometry, playback.q, ARC_POINTS), end]
+    box = filmed_box(plan.problem, shapes)
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
         "data": {
@@ -145,6 +146,7 @@ def _motion(plan: Plan) -> dict[str, Any]:
         "ghosts": {"start": pose(start), "goal": pose(end)},
         "box": box,
         "grid": _grid(box),
+        "around": surroundings(plan.problem, playback.nearest, box),
         "fibre_mm": _fibre_mm(plan),
         "lanes": lanes(plan, playback.stretch),
         "ticks": ticks(playback.stretch),

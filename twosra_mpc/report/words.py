@@ -105,7 +105,10 @@ def caveat_sentences(result: Result) -> Iterator[str]:
         " other one bends: expect 5 to 10 cm and up to 2 rad after a soft phase, unless a camera"
         " closes the loop."
     )
-    yield "Obstacles and slipping wheels are not part of the model."
+    if result.problem.obstacles:
+        yield "Slipping wheels, and obstacles that move, are not part of the model."
+    else:
+        yield "Obstacles and slipping wheels are not part of the model."
     if result.status is Status.FAILED and result.plan is not None:
         yield "The motion shown here did not pass verification: do not run it."
 
@@ -164,6 +167,7 @@ def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
         **robot.limits.model_dump(),
         "temperature_max_C": heater.temperature_max_C,
         "heater_current_A": heater.current_max_A,
+        "clearance_m": plan.problem.clearance_m,
     }
     rows = []
     for name, margin in check.limits.items():
@@ -203,13 +207,11 @@ def scenario_toml(problem: Problem) -> str:
     return tomlkit.dumps({**document, "robot": robot})
 
 
-def _writable(table: dict[str, Any]) -> dict[str, Any]:
-    """The table without keys that have no value: TOML leaves them out."""
-    return {
-        key: _writable(value) if isinstance(value, dict) else value
-        for key, value in table.items()
-        if value is not None
-    }
+def _writable(value: Any) -> Any:
+    """A value without keys that have no value, in tables and lists of tables: TOML has none."""
+    if isinstance(value, dict):
+        return {key: _writable(item) for key, item in value.items() if item is not None}
+    return [_writable(item) for item in value] if isinstance(value, list) else value
 
 
 def commands(origin: Origin | None) -> str:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:  # they import shapely
 HEADINGS = (72, 180, 360)  # slices, finer as needed
 _SAGITTA_M = 5e-4
 _SPACING_M = 0.04
-_GRID_NODES = 1000  # at most, in a slice
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _TOUCHING_M = 1e-4  # less than it has now may a start keep that is nearer than it should be
@@ -148,13 +147,15 @@ class Drives:
 
         if headings not in self._roadmaps:
             slices = self.certified_slices(headings)
-            spacing_m = max(_SPACING_M, slices.width_m / _GRID_NODES**0.5)
-            self._roadmaps[headings] = roadmap(slices, self.rows, spacing_m)
+            self._roadmaps[headings] = roadmap(slices, self.rows, _SPACING_M)
         return self._roadmaps[headings]
 
     def field(self, pose: Array) -> Field | None:
-        """Times from a pose (3,), or to it, along the roads of the coarsest slices."""
-        return self.roadmap(self.headings[0]).field(pose)
+        """Times from a pose (3,), or to it, by the coarsest slices; None where they hold it not."""
+        headings = self.headings[0]
+        if self.certified_slices(headings).component(pose) is None:
+            return None
+        return self.roadmap(headings).field(pose)
 
     def apart(self, start: Array, goal: Array) -> Bools:
         """Which of poses (a, 3) and (b, 3) are in different components of coarse F-, (a, b)."""
@@ -224,13 +225,14 @@ class Drives:
         slices = self.certified_slices(headings)
         for first in self._entries(headings, start, self.needed_m(start)):
             for last in self._entries(headings, goal, self.kept_m):
-                if slices.component(first) == slices.component(last):
+                if slices.component(first) == slices.component(last) is not None:
                     return first, last
         return None
 
     def _entries(self, headings: int, pose: Array, needed_m: float) -> list[Array]:
         """The pose itself if a slice holds it, else nodes that straight legs join to it."""
-        if self.certified_slices(headings).component(pose) is not None:
+        slices = self.certified_slices(headings)
+        if not len(slices.parts) or slices.component(pose) is not None:
             return [pose]
         nodes = self.roadmap(headings).poses
         at = np.broadcast_to(pose, nodes.shape)

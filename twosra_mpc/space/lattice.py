@@ -35,9 +35,6 @@ class Lattice:
 def lattice(slices: FreeSlices, spacing_m: float) -> Lattice:
     """The grid of all multiples of a spacing in free slices."""
     bounds = shapely.total_bounds(slices.parts)
-    if not np.isfinite(bounds).all():
-        none = np.zeros((0, 2), dtype=np.int64)
-        return Lattice(np.zeros((0, 3)), none, none)
     low = np.ceil(bounds[:2] / spacing_m).astype(int)
     size = np.maximum(np.floor(bounds[2:] / spacing_m).astype(int) - low + 1, 1)
     sides, slice_of = _sides(slices)

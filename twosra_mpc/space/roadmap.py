@@ -23,6 +23,7 @@ from twosra_mpc.space.screws import continued, times_at_speed_s, twists
 from twosra_mpc.space.slices import FreeSlices, Indices
 from twosra_mpc.space.triangles import triangles
 
+_MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
 _APART = 1e3  # times as far apart as the plane is wide are slices, where they are told apart
 
@@ -152,28 +153,16 @@ class Field:
         poses += [self.via[last], self.pose]
         return continued(np.array(poses[::-1]))
 
-    def times_to_s(self, poses: Array) -> Array:
-        """Time to each pose (m, 3), by the node nearest in its slice; infinite outside, (m,) [s].
-
-        Whether that node is seen from the pose is not asked.
-        """
-        slices = self.roadmap.slices
-        k = slices.index_of(poses[:, 2])
-        where = slices.within(poses[:, :2])
-        apart, near = self.roadmap._tree.query(self.roadmap._told_apart(where, k))
-        leg = times_at_speed_s(self.roadmap.rows, twists(poses, self.roadmap.poses[near]))
-        there = (apart < _APART / 2) & slices.hold(where, k)
-        found: Array = np.where(there, self.times_s[near] + leg, np.inf)
-        return found
-
 
 def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
-    """The roadmap of slices with a grid of this spacing, for speed limits ``rows`` (m, 3)."""
-    grid, exact, (meeting, of_meeting) = (
-        lattice(slices, spacing_m),
-        triangles(slices),
-        _in_both(slices),
-    )
+    """The roadmap of slices that hold something, for speed limits ``rows`` (m, 3).
+
+    Its grid has this spacing, or a wider one where slices are wide.
+    """
+    x0, y0, x1, y1 = shapely.total_bounds(slices.parts)
+    spacing_m = max(spacing_m, ((x1 - x0) * (y1 - y0) / _MOST) ** 0.5)
+    grid, exact = lattice(slices, spacing_m), triangles(slices)
+    meeting, of_meeting = _in_both(slices)
     some = _one_of_each(grid)
     of_some = slices.index_of(grid.poses[some, 2])
     sizes = np.cumsum([len(grid.poses), len(exact.positions)])

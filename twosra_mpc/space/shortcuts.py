@@ -20,6 +20,8 @@ _PER_STEP_RAD = 5.0  # turns go with them, per metre
 _WORTH_S = 1e-3
 _TRIED = 4  # of the moves that save most
 _GUESSES = 16
+_SIGNS = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+_MOVES = _SIGNS[_SIGNS.any(axis=1)] * np.array([1.0, 1.0, _PER_STEP_RAD])  # of poses, per metre
 
 
 def shortest(poses: Array, times: Times, proof: Proof) -> Array:
@@ -57,58 +59,49 @@ def improved(poses: Array, times: Times, proof: Proof) -> Array:
     """A drive with its inner poses moved a little wherever that saves time and is clear."""
     poses = poses.copy()
     for step in _STEPS:
-        moves = step * _stencil()
         for _ in range(2):
-            for i in range(1, len(poses) - 1):
-                tried = np.concatenate([poses[i] + moves, _between(poses[i - 1 : i + 2])])
-                poses[i] = _better(poses[i - 1 : i + 2], tried, times, proof)
+            before = poses.copy()
+            for first in (1, 2):  # every other one at once
+                i = np.arange(first, len(poses) - 1, 2)
+                if len(i):
+                    poses[i] = _better(poses[i - 1], poses[i], poses[i + 1], step, times, proof)
+            if (poses == before).all():
+                break
     return poses
 
 
-def _stencil() -> Array:
-    """Moves along each axis and each diagonal of the plane, with and without turns, (26, 3)."""
-    signs = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    moves: Array = signs[signs.any(axis=1)] * np.array([1.0, 1.0, _PER_STEP_RAD])
-    return moves
-
-
-def _between(three: Array) -> Array:
-    """Poses from the middle one towards the leg between the others, (3, 3)."""
-    before, here, after = three
-    middle = moved(before, twists(before, after), np.array(0.5))
-    step = middle - here
-    step[2] = wrapped(step[2])
-    found: Array = here + np.array([[0.25], [0.5], [1.0]]) * step
-    return found
-
-
-def _better(three: Array, tried: Array, times: Times, proof: Proof) -> Array:
-    """The pose between two others that saves most, of those tried that are clear."""
-    before, here, after = three
-    ends = [np.broadcast_to(pose, tried.shape) for pose in (before, after)]
+def _better(
+    before: Array, here: Array, after: Array, step_m: float, times: Times, proof: Proof
+) -> Array:
+    """Poses between two others each, moved to where most is saved of what is clear, (k, 3)."""
+    nearer = moved(before, twists(before, after), np.full(len(here), 0.5)) - here
+    nearer[:, 2] = wrapped(nearer[:, 2])
+    shares = np.array([0.25, 0.5, 1.0])[:, None]
+    moves = np.broadcast_to(step_m * _MOVES, (len(here), *_MOVES.shape))
+    tried = here[:, None] + np.concatenate([moves, shares * nearer[:, None]], axis=1)
+    ends = [np.broadcast_to(pose[:, None], tried.shape) for pose in (before, after)]
     taken = times(ends[0], tried) + times(tried, ends[1])
-    now = float(times(three[:-1], three[1:]).sum())
-    order = np.argsort(taken, kind="stable")[:_TRIED]
-    order = order[taken[order] < now - _WORTH_S]
-    if not len(order):
-        return here
-    some = tried[order]
-    first = _first_clear(ends[0][order], some, ends[1][order], proof)
-    found: Array = here if first is None else some[first]
-    return found
+    order = np.argsort(taken, axis=1, kind="stable")[:, :_TRIED]
+    now = times(before, here) + times(here, after)
+    row, rank = np.nonzero(np.take_along_axis(taken, order, axis=1) < now[:, None] - _WORTH_S)
+    some = tried[row, order[row, rank]]
+    clear = _both_clear(before[row], some, after[row], proof)
+    chosen = here.copy()
+    for k in np.flatnonzero(clear)[::-1]:  # the best of each row is written last
+        chosen[row[k]] = some[k]
+    return chosen
 
 
-def _first_clear(before: Array, some: Array, after: Array, proof: Proof) -> int | None:
-    """The first of some poses to which the leg before and after it is clear."""
-    clear = proof(np.concatenate([before, some]), np.concatenate([some, after]))
-    both = np.flatnonzero(clear.reshape(2, -1).all(axis=0))
-    return int(both[0]) if len(both) else None
+def _both_clear(before: Array, some: Array, after: Array, proof: Proof) -> Bools:
+    """Whether the leg to each pose and the one after it are clear, (m,)."""
+    to, on = np.split(proof(np.concatenate([before, some]), np.concatenate([some, after])), 2)
+    return to & on
 
 
 def by_one_pose(
     start: Array,
     goal: Array,
-    free: Callable[[Array], NDArray[np.bool_]],
+    free: Callable[[Array], Bools],
     times: Times,
     proof: Proof,
 ) -> Array | None:
@@ -124,5 +117,5 @@ def by_one_pose(
     order = np.argsort(taken, kind="stable")
     order = order[free(tried[order])][:_GUESSES]
     some = tried[order]
-    first = _first_clear(ends[0][order], some, ends[1][order], proof)
-    return None if first is None else np.array([start, some[first], goal])
+    clear = _both_clear(ends[0][order], some, ends[1][order], proof)
+    return np.array([start, some[clear][0], goal]) if clear.any() else None

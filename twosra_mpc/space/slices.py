@@ -111,16 +111,6 @@ class FreeSlices:
         turns = heading_rad / (2 * np.pi) * self.headings
         return np.rint(turns).astype(np.int64) % self.headings
 
-    def hold(self, positions: Array, slices: Indices) -> NDArray[np.bool_]:
-        """Whether positions (m, 2) are free at all headings of the slices (m,) they are in."""
-        found = np.zeros(len(positions), dtype=bool)
-        shapely.prepare(self.parts)
-        for k in np.unique(slices):
-            here = np.flatnonzero(slices == k)
-            for part in self.parts[self.first[k] : self.first[k + 1]]:
-                found[here] |= shapely.intersects_xy(part, *positions[here].T)
-        return found
-
     def hold_leg(self, start: Array, end: Array) -> bool:
         """Whether a leg between two poses (3,) is free that keeps its heading or turns in place."""
         turn = float(wrapped(end[2] - start[2]))
@@ -133,12 +123,6 @@ class FreeSlices:
             shapely.covers(self.parts[self.first[i] : self.first[i + 1]], line).any()
             for i in passed
         )
-
-    @property
-    def width_m(self) -> float:
-        """Of all that is free: the side of a square as large as the box around it."""
-        x0, y0, x1, y1 = shapely.total_bounds(self.parts)
-        return float(np.nan_to_num(((x1 - x0) * (y1 - y0)) ** 0.5))
 
     def within(self, positions: Array) -> Array:
         """Positions (..., 2), moved to the edge of the box from beyond, where all is free."""
@@ -156,22 +140,6 @@ class FreeSlices:
         """Component that holds a pose (3,); None if there is none."""
         parts = self.parts_at(pose)
         return int(self.component_of[parts[0]]) if parts else None
-
-    def positions(self, component: int) -> shapely.Geometry:
-        """Positions of b0 in a component, at whatever heading."""
-        found: shapely.Geometry = shapely.union_all(self.parts[self.component_of == component])
-        return found
-
-
-def distance_between_m(first: FreeSlices, start: Array, second: FreeSlices, goal: Array) -> float:
-    """Least distance of positions that two shapes can get to from poses (3,) [m].
-
-    For slices of F+ a lower bound of how far b0 must get while the robot reshapes; infinite if a
-    pose is in none of them.
-    """
-    ends = [(slices, slices.component(q)) for slices, q in ((first, start), (second, goal))]
-    reached = [slices.positions(c) for slices, c in ends if c is not None]
-    return float(shapely.distance(*reached)) if len(reached) == 2 else np.inf
 
 
 def certified_slices(

@@ -15,7 +15,7 @@ import numpy as np
 
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, bending_chain, roll_out
-from twosra_mpc.model.outline import outline_points
+from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import workspace_margins
 from twosra_mpc.problem.problem import Problem
@@ -76,9 +76,10 @@ def moved_inside(motion: Motion, problem: Problem) -> Motion:
     first, last = drives[0], drives[-1]
     states, inputs = motion.states, motion.inputs.copy()
     visited = states[first + 1 : last].reshape(-1, states.shape[-1])
-    points = outline_points(motion.robot.geometry)(visited.T).full().T.reshape(-1, 2)
+    points = outline_points(motion.robot.geometry)(visited.T).full().T.reshape(len(visited), -1, 2)
     low, high = spared_corners(problem, problem.workspace)
-    shift = np.maximum(low - points.min(axis=0), 0.0) - np.maximum(points.max(axis=0) - high, 0.0)
+    beyond = [np.maximum(off, 0.0).max(axis=(0, 1)) for off in (low - points, points - high)]
+    shift = beyond[0] - beyond[1]
     if not shift.any():
         return motion
     by = np.array([*shift, 0.0])
@@ -93,15 +94,17 @@ def moved_inside(motion: Motion, problem: Problem) -> Motion:
 
 
 def spared_corners(problem: Problem, workspace: Workspace) -> Array:
-    """Corners of the workspace, less what the robot may stray between nodes, (2, 2) [m].
+    """Corners of the workspace for each of the ``outline_points``, (2, m, 2) [m].
 
-    It keeps no farther away than it is at the start and at the goal.
+    Less their radii and what the robot may stray between nodes. It keeps no farther away than it
+    is at the start and at the goal.
     """
     goal = problem.goal.aim(problem.start.configuration)
     ends = workspace_margins(problem, np.array([problem.start.configuration, goal]))
     spared = min(_STRAYING_M, max(0.0, float(ends.min())))
-    corners: Array = workspace.corners_m + np.array([[spared], [-spared]])
-    return corners
+    inward = spared + outline_radii_m(problem.robot.geometry)[:, None]
+    low, high = workspace.corners_m
+    return np.array([low + inward, high - inward])
 
 
 def bend_changes(problem: Problem, goal: GoalSet) -> Array:

@@ -5,21 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, scheduled
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled
 from twosra_mpc.planning.nlp.guess import bend_changes, inner_bends, inner_goal
 from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
 from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.schedule import with_durations
-from twosra_mpc.planning.sequence_solver import Solved, checked
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -28,6 +28,9 @@ from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.screws import composed, inverse, twists
 from twosra_mpc.timing import TemporalNetwork, earliest_times
+
+Solution = TypeVar("Solution")
+Check = Callable[[Problem, Candidate | None, TemporalNetwork], tuple[float, Solution] | None]
 
 _SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first
 _STEP_PER_M, _STEPS = 15.0, 5  # between shapes that are tried on the way
@@ -40,15 +43,22 @@ _MOST_LOOKS = 60
 _LONG_S = 1e5
 
 
-class Placer:
-    """Yields verified plans of one mode sequence among obstacles.
+class Placer(Generic[Solution]):
+    """Yields plans of one mode sequence among obstacles.
 
     Soft phases without driving in between are blocks. Their bends are those of the bound; a
-    sequence of several blocks also takes other shapes on the way.
+    sequence of several blocks takes other shapes on the way.
+
+    Args:
+        problem: The problem.
+        checked: Makes (cost, plan) of a candidate, or None if it does not verify.
+        deadline: Of ``time.perf_counter()``; nothing is begun after it.
     """
 
-    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
-        self.problem, self.deadline = problem, deadline  # of time.perf_counter()
+    def __init__(
+        self, problem: Problem, checked: Check[Solution], deadline: float = math.inf
+    ) -> None:
+        self.problem, self.deadline, self._checked = problem, deadline, checked
         self.iterations = self._several = 0
         self.necessity = Necessity(problem)
         self._drives: dict[bytes, Drives] = {}
@@ -57,7 +67,7 @@ class Placer:
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound
-    ) -> Iterator[tuple[float, Solved] | None]:
+    ) -> Iterator[tuple[float, Solution] | None]:
         """Yield (cost, plan) of every attempt; None: it failed."""
         sequence, found = network.sequence, 0
         several = blocks_of(sequence) > 1
@@ -80,14 +90,15 @@ class Placer:
         bends: Array,
         shares: Shares,
         hidden_s: Sequence[float],
-    ) -> tuple[float, Solved] | None:
+    ) -> tuple[float, Solution] | None:
         sequence = network.sequence
         blocks = self._blocks(sequence, bends, shares)
         chain = None if blocks is None else self._chain(sequence, blocks, hidden_s)
         if blocks is None or chain is None:
             return None
         motion = self._motion(sequence, blocks, chain)
-        return checked(self.problem, scheduled(motion, network, self.problem, 0), network)
+        candidate = scheduled(motion, network, self.problem, iterations=0)
+        return self._checked(self.problem, candidate, network)
 
     def drives(self, kappa: Array) -> Drives:
         """Drives in a shape (n,), worked out once."""

@@ -1,0 +1,117 @@
+"""What is around the robot, drawn: obstacles, workspace, boxes to drive through, nearest points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch, Polygon, Rectangle
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox
+
+from twosra_mpc.checking.sweep import Clearance
+from twosra_mpc.plotting import figures
+from twosra_mpc.plotting.plane import line
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
+
+_FAR_M = 100.0  # edges of what is free: out of every picture
+_NEAR, _LEAST_NEAR_M = 0.2, 0.05  # around a motion, in its size: obstacles there are shown
+_FLAT_M2 = 1e-9
+OBSTACLE: dict[str, Any] = {
+    "fc": figures.OBSTACLE_COLOUR,
+    "ec": figures.OBSTACLE_EDGE_COLOUR,
+    "hatch": "///",
+    "lw": 0.8,
+}
+TASK: dict[str, Any] = {"fill": False, "ec": figures.TASK_COLOUR, "ls": "--", "lw": 1.2}
+
+
+def shown_m(problem: Problem, points: Array) -> Array:
+    """Points (..., 2) to be seen, and with them what of obstacles is near, (k, 2) [m]."""
+    seen = points.reshape(-1, 2)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    near = max(_NEAR * float((high - low).max()), _LEAST_NEAR_M)
+    around = Bbox([low - near, high + near])
+    parts = [_within(obstacle.corners_m, around) for obstacle in problem.obstacles]
+    return np.concatenate([seen, *parts])
+
+
+def names_m(problem: Problem, points: Array) -> dict[str, tuple[float, float]]:
+    """Name of each obstacle in the box of some points (k, 2) -> middle of its part there [m]."""
+    picture = Bbox([points.min(axis=0), points.max(axis=0)])
+    seen = [_within(obstacle.inner_corners_m, picture) for obstacle in problem.obstacles]
+    named = zip(problem.world.names, seen, strict=True)
+    return {name: _middle(part) for name, part in named if len(part) > 2}
+
+
+def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) -> None:
+    """Draw workspace, obstacles and boxes of tasks, and name what is seen with ``points`` (k, 2).
+
+    None of it changes what the axes show.
+    """
+    if problem.workspace is not None:
+        low, high = np.clip(problem.workspace.corners_m, -_FAR_M, _FAR_M)
+        style: dict[str, Any] = {"fill": False, "ec": "0.4", "lw": 0.8, "zorder": 1}
+        ax.add_artist(Rectangle(tuple(low), *(high - low), **style))
+    picture = Bbox([points.min(axis=0), points.max(axis=0)])
+    words: dict[str, Any] = {"fontsize": size_pt, "zorder": 2.5, "clip_on": True}
+    for obstacle in problem.obstacles:
+        ax.add_artist(Polygon(obstacle.inner_corners_m, **OBSTACLE, zorder=0.8))
+    white = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.8}
+    for name, (x, y) in names_m(problem, points).items():
+        ax.text(x, y, name, ha="center", va="center", c="0.25", bbox=white, **words)
+    for number, task in enumerate(problem.tasks, start=1):
+        low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
+        ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
+        x, y = np.clip((low[0], high[1]), picture.min, picture.max).tolist()
+        above = "bottom" if y == high[1] else "top"
+        ax.text(x, y, task.name or f"task {number}", va=above, c=figures.TASK_COLOUR, **words)
+
+
+def draw_nearest(ax: Axes, nearest: Clearance | None) -> None:
+    """Draw a line between the nearest points of robot and obstacle, with its length."""
+    if nearest is None:
+        return
+    style: dict[str, Any] = {"c": figures.NEAREST_COLOUR, "zorder": 9}
+    ax.plot(*nearest.points_m.T, lw=1.6, marker="o", ms=2.5, scalex=False, scaley=False, **style)
+    words: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "zorder": 9}
+    words |= {"color": figures.NEAREST_COLOUR, "fontweight": "bold", "annotation_clip": True}
+    ax.annotate(length(nearest), nearest.points_m.mean(axis=0).tolist(), (5, 5), **words)
+
+
+def length(nearest: Clearance) -> str:
+    """How near, in words."""
+    by_mm = 1e3 * nearest.least_m
+    return f"{by_mm:.1f} mm" if by_mm > 0 else f"{-by_mm:.1f} mm inside"
+
+
+def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any]:
+    """What a legend says about what is drawn; nothing where nothing is."""
+    entries: dict[str, Any] = {}
+    if problem.obstacles:
+        entries["obstacle"] = Patch(**OBSTACLE)
+    if problem.tasks:
+        entries["box to drive through"] = Patch(**TASK)
+    if nearest is not None:
+        at = f"{length(nearest)}, {nearest.name} at {nearest.at_s:.1f} s"
+        entries[f"nearest: {at}"] = line(figures.NEAREST_COLOUR, 1.6)
+    return entries
+
+
+def _middle(corners: Array) -> tuple[float, float]:
+    """Centroid of a polygon (m, 2), or of its corners if it is flat."""
+    after = np.roll(corners, -1, axis=0)
+    weights = corners[:, 0] * after[:, 1] - after[:, 0] * corners[:, 1]
+    if abs(weights.sum()) < _FLAT_M2:
+        x, y = corners.mean(axis=0).tolist()
+    else:
+        x, y = (weights @ (corners + after) / weights.sum() / 3).tolist()
+    return x, y
+
+
+def _within(corners: Array, box: Bbox) -> Array:
+    """Corners of the part of a polygon (m, 2) that is within a box, (k, 2)."""
+    clipped = Path(corners, closed=False).clip_to_bbox(box)
+    return np.asarray(clipped.vertices, dtype=float).reshape(-1, 2)
