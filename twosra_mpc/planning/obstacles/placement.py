@@ -182,6 +182,8 @@ class Placer(Generic[Solution]):
             layers = []
             for each, sweep, begin in zip(blocks, sweeps, begins, strict=True):
                 clear = begin[sweep.may_be_clear(begin)]
+                if not len(clear):
+                    return None
                 layers.append(Stations(clear, composed(clear, each.displacement)))
             return shortest_chain(
                 start[:POSE],
