@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,8 +30,6 @@ from twosra_mpc.robot.modes import Mode, sequence_name
 _ROUNDING = 1e-9
 Meanwhile = Callable[[Callable[[], Result], Callable[[], None]], Result]
 
-_ROOM_M = (0.06, 0.03)  # more of clearance to bend in, for a robot that was stopped
-_ROOM_LIMIT_S = 3.0
 _CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 
 
@@ -186,7 +183,7 @@ class _Execution:
             rest = remaining_problem(self.problem, *now, self.broken)
             rest = rest.with_values(tasks=tasks_left(rest.tasks, session.path))
             result = self.meanwhile(
-                lambda: with_room(rest) if self.stops else find_plan(rest),
+                lambda: find_plan(rest),
                 lambda: session.rest(self._as_they_become(), self.settings.patience.rest_s),
             )
         except InputError as error:
@@ -291,22 +288,6 @@ def remaining_problem(
         outline = (shape.units, shape.wheels, *fibre)
         workspace = workspace.holding(np.concatenate([part.reshape(-1, 2) for part in outline]))
     return problem.with_values(start=start, goal=goal, modes=modes, workspace=workspace)
-
-
-def with_room(problem: Problem) -> Result:
-    """Plan for a robot that its bends drag aside: farther from obstacles, if it can be."""
-    found = find_plan(problem)
-    if found.plan is None or not found.plan.transitions:
-        return found
-    for more_m in _ROOM_M:
-        farther = problem.with_values(
-            clearance_m=problem.clearance_m + more_m,
-            time_limit_s=min(problem.time_limit_s, _ROOM_LIMIT_S),
-        )
-        with suppress(InputError):  # the goal is nearer
-            if (roomier := find_plan(farther)).found:
-                return roomier
-    return found
 
 
 def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:
