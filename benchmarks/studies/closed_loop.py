@@ -79,7 +79,7 @@ class ClosedLoop(Study):
         del folder
         ran = [found for found in results if found.record["ending"] != UNPLANNED]
         ours = [made for case, made in ran if case.executor == "optimal"]
-        around = [made for _, made in ran if made["least_clearance_m"] is not None]
+        around = [made for _, made in ran if made.get("least_clearance_m") is not None]
         return {
             "ran": ran,
             "unplanned": [found for found in results if found not in ran],
