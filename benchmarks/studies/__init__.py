@@ -45,6 +45,9 @@ STUDIES: dict[str, Study] = {
     "certificate": Certificate(problems=("random-100:50",), repeats=1),
     "closed-loop": ClosedLoop(),
     "closed-loop-hard": ClosedLoop(level="hard", seeds=2, path_models=("arc",)),
+    "closed-loop-scenes": ClosedLoop(
+        problems=("scenes-100",), seeds=1, executors=("optimal",), path_models=("arc",)
+    ),
     "departure": Departure(),
     "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
     "scenes": Scenes(problems=("scenes-6", "scenes-14"), repeats=1, time_limit_s=60.0),
