@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot, plan
-from twosra_mpc.checking.clearance import check_obstacles
+from twosra_mpc.checking.clearance import Surroundings, _drawn, check_obstacles
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance, bending_reach_m2, least, swept
 from twosra_mpc.checking.verification import verify
@@ -20,9 +20,10 @@ from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
-from twosra_mpc.problem.world import Obstacle, Pass
+from twosra_mpc.problem.world import Obstacle, Pass, World
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import ModeSequence
+from twosra_mpc.space.footprint import footprint
 
 WITHIN_M = 2e-4
 ROBOTS = ["2sra-v1", "2sra-v1-paper", "2sr-v2", "3sra"]
@@ -339,3 +340,33 @@ def test_how_deep_is_the_deepest_point() -> None:
         box = {"x_m": (right - deep, right + 1.0), "y_m": (-3.0, 3.0)}
         with pytest.raises(InputError, match=rf"overlaps obstacle 1 by {1e3 * deep:.1f} mm"):
             check_obstacles(problem.with_values(obstacles=[Obstacle(box=box)]))
+
+
+def test_no_obstacle_is_lost_among_others_that_nearly_line_up() -> None:
+    """Unions in floating point lose a unit of these pieces of a nearly straight robot."""
+    robot = load_robot("2sr-v2")
+    pieces = footprint(robot.geometry, (0.6266225773907194, -0.9738745176843646)).outer
+    obstacles = tuple(Obstacle(polygon_m=piece.tolist()) for piece in pieces)
+    around = Surroundings(World(obstacles=obstacles), robot.geometry)
+    q = np.zeros((60, 5))
+    q[:, :2] = 0.35 * np.column_stack([np.cos(angle := np.arange(60) / 9), np.sin(angle)])
+    each = [Surroundings(World(obstacles=(one,)), robot.geometry) for one in obstacles]
+    expected = np.min([one.distances_m(q) for one in each], axis=0)
+    assert around.distances_m(q) == pytest.approx(expected, abs=1e-8)
+    assert expected.min() < 0.05
+
+
+@pytest.mark.parametrize("robot", ["2sra-v1", "2sr-v2", "3sra"])
+def test_what_the_planner_takes_for_the_robot_holds_what_is_checked(robot: str) -> None:
+    """So plans that keep clear by the planner's pieces do by the check's drawing, too."""
+    made, rng = load_robot(robot), np.random.default_rng(2)
+    n = made.geometry.segments
+    for _ in range(20):
+        kappa = rng.uniform(-1, 1, n) * made.limits.curvature_per_m
+        pieces = [shapely.Polygon(piece) for piece in footprint(made.geometry, kappa).outer]
+        held = shapely.union_all(pieces, grid_size=1e-9).buffer(1e-8)
+        q = np.concatenate([np.zeros(POSE), kappa])
+        solid, fibre = _drawn(made.geometry, q[None])
+        thick = shapely.buffer(fibre[0], made.geometry.fibre_radius_m, quad_segs=32)
+        assert held.covers(thick)
+        assert shapely.covers(held, shapely.get_parts(solid)).all()

@@ -18,7 +18,7 @@ from test_problem import ROBOT, SCENARIO, changed, write
 
 from twosra_mpc import __version__, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import output, planning
-from twosra_mpc.planning import planner
+from twosra_mpc.planning import planner, sequence_solver
 from twosra_mpc.problem.problem import Problem, load_problem
 
 SHARED_BEND = {
@@ -365,7 +365,7 @@ def assert_best_so_far(outcome: Outcome, words: str, folder: Path) -> None:
 
 
 class Solving:
-    """Replaces ``planner.solve``: some sequences keep their guess, the next meets a surprise."""
+    """Replaces ``solve``: some sequences keep their guess, the next meets a surprise."""
 
     def __init__(self, surprise: Callable[[], None], before: int) -> None:
         self.before = before
@@ -383,7 +383,7 @@ def test_an_interrupt_returns_the_best_plan_so_far(
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "solve", Solving(interrupt, before=1))
+    monkeypatch.setattr(sequence_solver, "solve", Solving(interrupt, before=1))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; interrupted: run again to continue the search", tmp_path)
 
@@ -397,7 +397,7 @@ def test_a_time_limit_returns_the_best_plan_so_far(
         clock.now += 3600.0
 
     monkeypatch.setattr(planner, "time", SimpleNamespace(perf_counter=lambda: clock.now))
-    monkeypatch.setattr(planner, "solve", Solving(an_hour_later, before=0))
+    monkeypatch.setattr(sequence_solver, "solve", Solving(an_hour_later, before=0))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; a limit was reached: raise time_limit_s or gap", tmp_path)
 
@@ -440,7 +440,7 @@ def test_an_interrupt_keeps_a_plan_that_was_about_to_be_improved(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "solve", interrupt)
+    monkeypatch.setattr(sequence_solver, "solve", interrupt)
     assert run(*LONG_SEARCH, "--out", "a.json").code == 4
     assert load_plan(tmp_path / "a.json").found
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
-import twosra_mpc.planning.planner as planner_module
+import twosra_mpc.planning.sequence_solver as sequence_solver
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.planning.planner import Progress, bending_task
 from twosra_mpc.planning.search.bends import unreachable_reason
@@ -200,7 +200,7 @@ def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPat
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", interrupted)
     result = plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
     assert result.ending is Ending.INTERRUPTED
     assert result.status is Status.FEASIBLE
@@ -307,7 +307,7 @@ def test_a_goal_that_just_touches_is_not_called_impossible() -> None:
 
 
 def test_a_deadline_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(planner_module, "solve", lambda *_: pytest.fail("begun too late"))
+    monkeypatch.setattr(sequence_solver, "solve", lambda *_: pytest.fail("begun too late"))
     problem = load_problem("rigid-move", gap=0.0, robot=ROBOT)
     network, bound = network_of(problem, (RIGID,)), bound_of(problem, (RIGID,))
     assert bound is not None

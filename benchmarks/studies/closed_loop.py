@@ -16,9 +16,12 @@ from pydantic import BeforeValidator, TypeAdapter
 
 from benchmarks.problems import Choices, labelled
 from benchmarks.study import Count, Measured, Study
-from twosra_mpc import with_path_model
+from twosra_mpc import InputError, NoPlanError, with_path_model
+from twosra_mpc.execution.simulation.disturbance import CLEARANCE_M
 from twosra_mpc.execution.simulation.simulate import simulate
-from twosra_mpc.validation import plain
+from twosra_mpc.validation import Positive, plain
+
+UNPLANNED = "not planned"
 
 Executors = Annotated[tuple[Literal["optimal", "greedy"], ...], BeforeValidator(plain)]
 PathModels = Annotated[tuple[Literal["arc", "log_spiral"], ...], BeforeValidator(plain)]
@@ -42,6 +45,7 @@ class ClosedLoop(Study):
         seeds: Robots each problem is run on.
         executors: What drives.
         path_models: What plans assume.
+        clearance_m: What plans keep from obstacles, where there are any.
     """
 
     record: ClassVar = TypeAdapter(dict[str, Any])
@@ -52,6 +56,7 @@ class ClosedLoop(Study):
     seeds: Count = 8
     executors: Executors = ("optimal", "greedy")
     path_models: PathModels = ("arc", "log_spiral")
+    clearance_m: Positive = CLEARANCE_M["moderate"]
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs; those that share a robot are neighbours."""
@@ -63,7 +68,12 @@ class ClosedLoop(Study):
         """Run one case on a robot of exact arcs; its ``Metrics``, and what its plan asked for."""
         problem = labelled(self.problems)[case.problem]
         problem = problem.with_values(robot=with_path_model(problem.robot, case.path_model))
-        done = simulate(problem, disturbance=self.level, seed=case.seed, executor=case.executor)
+        problem = problem.with_values(clearance_m=self.clearance_m)
+        drawn: dict[str, Any] = {"disturbance": self.level, "seed": case.seed}
+        try:
+            done = simulate(problem, executor=case.executor, **drawn)
+        except (InputError, NoPlanError) as error:
+            return {"ending": UNPLANNED, "reason": str(error)}
         planned_s = done.run.plans[0].duration_s if done.run.plans else None
         over = None if planned_s is None else done.run.duration_s / planned_s
         return {**done.metrics._asdict(), "planned_s": planned_s, "over_planned": over}
@@ -71,5 +81,12 @@ class ClosedLoop(Study):
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """Runs that melted or froze more than their plans asked for."""
         del folder
-        ours = [made for case, made in results if case.executor == "optimal"]
-        return {"extra": sum(made["transitions"] > made["allowed"] for made in ours)}
+        ran = [found for found in results if found.record["ending"] != UNPLANNED]
+        ours = [made for case, made in ran if case.executor == "optimal"]
+        around = [made for _, made in ran if made["least_clearance_m"] is not None]
+        return {
+            "ran": ran,
+            "unplanned": [found for found in results if found not in ran],
+            "around": around,
+            "extra": sum(made["transitions"] > made["allowed"] for made in ours),
+        }

@@ -26,6 +26,7 @@ _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _NO_LINE_M = 1e-7
 _ROUNDING_M = 1e-6
+_GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
 
 class Surroundings:
@@ -35,7 +36,7 @@ class Surroundings:
         self.names = world.names
         self.geometry = geometry
         self._each = [shapely.Polygon(obstacle.corners_m) for obstacle in world.obstacles]
-        self._all = shapely.union_all(self._each)
+        self._all = shapely.union_all(self._each, grid_size=_GRID_M)
         shapely.prepare(self._all)
 
     def distances_m(self, q: Array) -> Array:
@@ -67,11 +68,11 @@ class Surroundings:
         solid, fibre = _drawn(self.geometry, q[None])
         radius = max(self.geometry.fibre_radius_m, _NO_LINE_M)
         thick = shapely.buffer(fibre[0], radius, quad_segs=16)
-        return shapely.union_all([*shapely.get_parts(solid), thick])
+        return shapely.union_all([*shapely.get_parts(solid), thick], grid_size=_GRID_M)
 
     def _depth(self, body: shapely.Geometry, obstacle: int) -> float:
         """Depth of the deepest point of either in the other [m]."""
-        shared = shapely.intersection(body, self._each[obstacle])
+        shared = shapely.intersection(body, self._each[obstacle], grid_size=_GRID_M)
         if shapely.area(shared) == 0:
             return 0.0
         edges = shapely.segmentize(shapely.boundary(shared), _LOOKED_AT_M)

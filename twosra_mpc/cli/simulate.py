@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import times
-from twosra_mpc.execution.simulation.disturbance import LEVELS, disturbance_level
+from twosra_mpc.execution.simulation.disturbance import CLEARANCE_M, LEVELS, disturbance_level
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import (
     EXECUTORS,
@@ -126,6 +127,11 @@ def _print_run(simulation: Simulation) -> None:
         ("energy", f"{found.energy_J:.0f} J in {found.transitions} transitions"),
         ("planned again", again),
     ]
+    if (least_m := found.least_clearance_m) is not None:
+        advised_m, planned_m = CLEARANCE_M[simulation.disturbance], run.problem.clearance_m
+        least = found.touched or f"{1e3 * least_m:.1f} mm at the closest approach"
+        advice = f", advised are {1e3 * advised_m:.3g}" if planned_m < advised_m else ""
+        rows.append(("true clearance", f"{least}, planned were {1e3 * planned_m:.3g} mm{advice}"))
     print_table((run.problem.robot.name, f"{run.executor}, {simulation.disturbance}"), rows)
     events = [(f"{event.time_s:.1f} s", event.kind, event.text) for event in run.events]
     print_table(("time", "event", "what"), events)
@@ -148,8 +154,11 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
         values = spread(found, lambda each, name=name: float(getattr(each, name)))  # type: ignore[misc]
         median, most, largest = (f"{unit * value:.4g}" for value in values)
         rows.append((words, median, most, largest))
+    if cleared := [1e3 * m for each in found if (m := each.least_clearance_m) is not None]:
+        least = f"least {min(cleared):.4g}"
+        rows.append(("true clearance [mm]", f"{np.median(cleared):.4g}", "", least))
     planned = f", planned {result.plan.duration_s:.1f} s" if result.plan else ""
     print_table((f"{problem.robot.name}{planned}", "median", "90 %", "largest"), rows)
-    reasons = [(each.ending, each.reason) for each in found if not each.reached]
+    reasons = [(each.ending, each.touched or each.reason) for each in found if not each.reached]
     if reasons:
         print_table(("not reached", "reason"), reasons)

@@ -170,7 +170,10 @@ class _TrackedPhase:
         session, patience = self.session, self.patience
         away, soft = session.q - planned, self.soft
         turn, far_m = math.remainder(float(away[2]), math.tau), math.hypot(away[0], away[1])
-        if self.rigid and (far_m > patience.corridor_m or abs(turn) > patience.corridor_rad):
+        lost = far_m > patience.corridor_m or abs(turn) > patience.corridor_rad
+        if session.guard is not None:
+            lost = session.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
+        if self.rigid and lost:
             text = f"the robot is {1e3 * far_m:.0f} mm and {abs(turn):.2f} rad from the plan"
             return Abort("corridor", text)
         if not soft:

@@ -9,6 +9,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
+from twosra_mpc.execution.guard import TooNearError, guard_of
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
@@ -21,6 +22,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.world import Pass
 from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
@@ -72,10 +74,13 @@ class _Execution:
         robot, self.settings, self.problem = executor.robot, executor.settings, plan.problem
         self.meanwhile = executor.meanwhile
         self.tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
-        self.session = Session(robot, plan.problem, executor.on_command)
+        guard = guard_of(plan.problem, self.settings.patience)
+        self.session = Session(robot, plan.problem, executor.on_command, guard)
         self.plans, self.begun = [plan], [0]
         self.broken: set[int] = set()
-        self.replans = self.corrections = self.melted_on = 0
+        self.cooled: set[int] = set()
+        self.replans = self.corrections = self.melted_on = self.stops = 0
+        self.near = ""
         self.session.tell("plan", _summary(plan))
 
     def run(self) -> Run:
@@ -93,7 +98,10 @@ class _Execution:
         pulses = Pulses(settings.dead_zone_rad_s)
         by_camera = ByCamera(plan, self.tracker, pulses)
         runner = PlanRunner(self.session, plan, by_camera, settings.patience, settings.longest_s)
-        left = runner.follow()
+        try:
+            left = runner.follow()
+        except TooNearError as near:
+            left = Abort("near", str(near))
         self.begun[-1] = runner.schedule.begun(runner.progress)
         return left
 
@@ -127,7 +135,23 @@ class _Execution:
                 self.session.tell("look", left.text)
                 if left.stiff:
                     self._melt_on()
+            case "near":
+                return self._stopped(left.text)
         return None
+
+    def _stopped(self, where: str) -> tuple[Ending, str] | None:
+        """Stopped near something: let everything become solid, to be planned again from there."""
+        self.session.tell("look", where)
+        self.stops, self.near = self.stops + 1, where
+        if self.stops > self.settings.stops:
+            return Ending.TOO_NEAR, f"{where}, {times(self.stops)} by now; {self._where()}"
+        return self._cool()
+
+    def _cool(self) -> tuple[Ending, str] | None:
+        """Let all segments become solid."""
+        self.cooled = set(range(len(self.session.setpoint_C)))
+        stuck, self.cooled = self._wait_for_metal(), set()
+        return stuck
 
     def _melt_on(self) -> None:
         """Hold the soft segments for a while, twice as long each time, so that all of it melts."""
@@ -142,20 +166,29 @@ class _Execution:
         session.rest(self._as_they_become(), session.period_s)  # no wheel turns meanwhile
         if (stuck := self._wait_for_metal()) is not None:
             return stuck
+        found = self._planned()
+        if isinstance(found, str) and session.guard is not None and any(session.mode or ()):
+            if (stuck := self._cool()) is not None:  # a solid robot may drive to where it can bend
+                return stuck
+            found = self._planned()
+        return self._no_plan(found) if isinstance(found, str) else self._adopt(found)
+
+    def _planned(self) -> Plan | str:
+        """A plan of what is left, or why there is none."""
+        session = self.session
         mode = session.mode
         assert mode is not None
         try:
             now = session.q, session.reading.temperature_C, mode
             rest = remaining_problem(self.problem, *now, self.broken)
+            rest = rest.with_values(tasks=tasks_left(rest.tasks, session.path))
             result = self.meanwhile(
                 lambda: find_plan(rest),
                 lambda: session.rest(self._as_they_become(), self.settings.patience.rest_s),
             )
         except InputError as error:
-            return self._no_plan(str(error))
-        if result.plan is None:
-            return self._no_plan(result.message)
-        return self._adopt(result.plan)
+            return str(error)
+        return result.message if result.plan is None else result.plan
 
     def _adopt(self, plan: Plan) -> tuple[Ending, str] | None:
         """Go on with another plan, unless that has been done too often."""
@@ -172,10 +205,13 @@ class _Execution:
             self.session.tell("correct", f"the pose is corrected, {_summary(plan)}")
         self.plans.append(plan)
         self.begun.append(0)
+        self.near = ""
         return None
 
     def _no_plan(self, why: str) -> tuple[Ending, str]:
         where = self._where()
+        if self.near:
+            return Ending.TOO_NEAR, f"{self.near}; {where}; the rest cannot be planned: {why}"
         if self.broken:
             names = " and ".join(str(segment + 1) for segment in sorted(self.broken))
             known = why.split("; allowed modes")[0]  # no advice to use what has failed
@@ -188,7 +224,7 @@ class _Execution:
     def _wait_for_metal(self) -> tuple[Ending, str] | None:
         """Wait until no segment is changing; each goes on to what it was becoming."""
         session, settings = self.session, self.settings
-        while session.mode is None or any(session.mode[segment] for segment in self.broken):
+        while session.mode is None or any(session.mode[j] for j in self.broken | self.cooled):
             slow = max(map(session.asked_for_s, range(len(session.setpoint_C))))
             if slow > settings.patience.longest_change_s or session.now_s > settings.longest_s:
                 return Ending.HEATER_FAILED, f"a segment has been changing for {slow:.0f} s"
@@ -202,7 +238,7 @@ class _Execution:
         for segment, now in enumerate(self.session.reading.stiffness):
             asked = self.session.setpoint_C[segment] >= heater.soft_setpoint_C
             soft = now == "soft" or (now == "changing" and asked)
-            becoming.append(soft and segment not in self.broken)
+            becoming.append(soft and segment not in self.broken | self.cooled)
         return np.where(becoming, heater.soft_setpoint_C, heater.rigid_setpoint_C)
 
 
@@ -252,6 +288,16 @@ def remaining_problem(
         outline = (shape.units, shape.wheels, *fibre)
         workspace = workspace.holding(np.concatenate([part.reshape(-1, 2) for part in outline]))
     return problem.with_values(start=start, goal=goal, modes=modes, workspace=workspace)
+
+
+def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:
+    """Tasks that a path (m, 3 + n) has not done yet, in their order."""
+    for done, task in enumerate(tasks):
+        met = task.met(path[:, :POSE])
+        if not met.any():
+            return tasks[done:]
+        path = path[met.argmax() :]
+    return ()
 
 
 def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:

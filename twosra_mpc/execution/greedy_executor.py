@@ -16,6 +16,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import Pulses
+from twosra_mpc.execution.guard import TooNearError, guard_of
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict
 from twosra_mpc.execution.session import Session
@@ -46,8 +47,12 @@ class GreedyExecutor:
         """
         if problem.robot.coordinates.segments != 2:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows two segments")
-        session = Session(self.robot, problem)
-        ending, reason = _GreedyRun(session, self.settings).run()
+        session = Session(self.robot, problem, guard=guard_of(problem, self.settings.patience))
+        try:
+            ending, reason = _GreedyRun(session, self.settings).run()
+        except TooNearError as near:
+            where = session.accuracy.describe(session.error)
+            ending, reason = Ending.TOO_NEAR, f"{near}; {where}"
         return session.finish(Verdict("greedy", ending, reason))
 
 

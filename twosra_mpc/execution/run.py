@@ -31,6 +31,7 @@ class Ending(enum.StrEnum):
     NO_PLAN = "no plan"  # the rest of the problem has no plan, or none was found
     CAMERA_LOST = "camera lost"  # nothing sees the robot any more
     HEATER_FAILED = "heater failed"  # and what is left without it has no plan
+    TOO_NEAR = "too near"  # stopped before it touched something
     GAVE_UP = "gave up"  # replanned or corrected too often, or no mode comes nearer
     TIME_LIMIT = "time limit"  # the run took too long
     LOGGED = "logged"  # written down as it was; nobody has judged where it ended

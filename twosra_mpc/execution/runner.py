@@ -30,15 +30,15 @@ class Abort(NamedTuple):
 
     Attributes:
         kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
-            segment did not become what it should; "camera": nothing sees the robot; "time": the
-            run takes too long.
+            segment did not become what it should; "camera": nothing sees the robot; "near": it was
+            stopped near something; "time": the run takes too long.
         text: The same in words.
         segment: The segment (from 0) whose heater it is.
         to: What it should have become.
         stiff: Whether a segment that is reported soft seems to need more time.
     """
 
-    kind: Literal["corridor", "heater", "camera", "time"]
+    kind: Literal["corridor", "heater", "camera", "near", "time"]
     text: str
     segment: int = 0
     to: Stiffness = "soft"

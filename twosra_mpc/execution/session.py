@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
 
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution import run
-from twosra_mpc.execution.camera_filter import CameraFilter
+from twosra_mpc.execution.camera_filter import COASTING, CameraFilter
+from twosra_mpc.execution.guard import Guard, TooNearError
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
@@ -16,6 +18,8 @@ from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import Mode
 
 _STILL = np.zeros(WHEELS)
+_LATELY = 3  # periods whose motion the guard expects to go on
+_STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
 _CODES: dict[KnownStiffness | None, float] = {
     **{"rigid": 0.0, "changing": run.CHANGING, "soft": 1.0},
     None: np.nan,
@@ -32,6 +36,7 @@ class Session:
         reading: The last reading.
         accuracy: How near to the goal is near enough.
         goal: What the run is measured by.
+        guard: What keeps it clear of what is around it, if anything is.
         setpoint_C: Set-points last sent, (n,).
         events: What happened.
         changes: Melts and freezes so far.
@@ -43,6 +48,7 @@ class Session:
         robot: RobotInterface,
         problem: Problem,
         on_command: Callable[[Session], None] = lambda session: None,
+        guard: Guard | None = None,
     ) -> None:
         """Read the robot for the first time; it is where the problem starts.
 
@@ -50,7 +56,9 @@ class Session:
             robot: The robot.
             problem: What is asked.
             on_command: Called after every command.
+            guard: What keeps it clear of what is around it.
         """
+        self.guard = guard
         self.robot, self.problem, self.during = robot, problem, "before the plan begins"
         self.accuracy = problem.robot.ends_within
         self.goal = problem.judged_goal
@@ -68,6 +76,7 @@ class Session:
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
         self._planned, self._no_mode = self._unknown, (np.nan,) * segments
+        self._lately: deque[tuple[float, Array]] = deque(maxlen=_LATELY)
         self._rows: list[tuple[object, ...]] = []  # in the order of the log's columns
 
     @property
@@ -99,6 +108,11 @@ class Session:
     def deviation(self) -> Array:
         """Standard deviation of what is believed, (3 + n,)."""
         return self._filter.deviation
+
+    @property
+    def path(self) -> Array:
+        """Where the robot was believed to be so far, (rows, 3 + n)."""
+        return np.array([row[1] for row in self._rows] + [self.q])
 
     @property
     def error(self) -> Array:
@@ -136,19 +150,54 @@ class Session:
             wheel_rad_s: Wheel speeds, (4,).
             setpoint_C: Set-points of the heaters, (n,).
             planned: Where the plan is now, (3 + n,).
+
+        Raises:
+            TooNearError: If the robot would come too near to something; it stands then.
         """
+        self._keep_clear(mode, wheel_rad_s)
         begun_s, before = self.now_s, self.q.copy()
         self._pass(wheel_rad_s, setpoint_C, self.period_s, planned, mode)
         duration_s = self.now_s - begun_s
         turned = wheel_rad_s * duration_s
-        after = rolling(self.problem.robot, mode)(before, turned, NO_DRIFT).full().ravel()
+        after = self._rolled(mode, before, turned)
         if self.drives and self.drives[-1].mode != mode:
             self._filter.forget_response()
         self._believe(after - before)
-        if self.drives and self.drives[-1][::2] == (mode, begun_s):
+        if self._goes_on(mode, begun_s):
             self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
         else:
             self.drives.append(run.Drive(mode, begun_s, self.now_s))
+
+    def _goes_on(self, mode: Mode, time_s: float) -> bool:
+        """Whether a drive at this time continues the last one."""
+        return bool(self.drives) and self.drives[-1][::2] == (mode, time_s)
+
+    def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
+        """Stop instead of driving nearer to something than the guard allows."""
+        if self.guard is None:
+            return
+        if not self._goes_on(mode, self.now_s):
+            self.guard.begin(self.q)
+        if not wheel_rad_s.any():
+            return
+        ahead_s = (1 + COASTING) * self.period_s
+        told = self._rolled(mode, self.q, ahead_s * wheel_rad_s)
+        places = [self.q, told, self.q + ahead_s * self._rate()]
+        if self.guard.forbids(mode, np.array(places), self.deviation):
+            self.rest(self.setpoint_C, self.period_s)
+            self.average(self.setpoint_C, np.zeros_like(self.q), _STOPPED_S)
+            raise TooNearError(f"stopped {self.guard.describe(self.q)}")
+
+    def _rate(self) -> Array:
+        """How fast the robot has moved in the last periods, as believed, (3 + n,) [1/s]."""
+        if not self._lately:
+            return np.zeros_like(self.q)
+        time_s, q = self._lately[0]
+        return (self.q - q) / (self.now_s - time_s)
+
+    def _rolled(self, mode: Mode, q: Array, turned: Array) -> Array:
+        after: Array = rolling(self.problem.robot, mode)(q, turned, NO_DRIFT).full().ravel()
+        return after
 
     def average(self, setpoint_C: Array, deviation: Array, at_most_s: float) -> None:
         """Look at the resting robot until the belief is this certain (3 + n,), or time is up."""
@@ -230,4 +279,5 @@ class Session:
         seen = reading.frames.mean(axis=0) if len(reading.frames) else self._unknown
         stiffness = tuple(_CODES[now] for now in reading.stiffness)
         known = (reading.time_s, self.q, seen, planned, reading.temperature_C, stiffness)
+        self._lately.append((reading.time_s, self.q))
         self._rows.append((*known, setpoint_C, wheels, mode))

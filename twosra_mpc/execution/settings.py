@@ -34,6 +34,9 @@ class Patience(Value):
         corridor_m: A robot that drives as a rigid body farther from its plan has left it.
         corridor_rad: The same for its heading.
         stiff_per_m: A curvature farther from the plan is of metal that is not yet all liquid.
+        stop_m: Nearer to an obstacle no robot drives, however sure it is of where it is.
+        stop_deviations: So many standard deviations of its outline it stays farther away.
+        narrow_m: Corridor of the outline of rigid drives where something is around.
         listen_s: How long a robot is listened to for its first temperature reports.
         silent_s: A segment that has not reported for so long is an error.
         held_up_s: A command that turns the wheels and lasts so much too long is an error.
@@ -60,6 +63,9 @@ class Patience(Value):
     corridor_m: Positive = 0.1
     corridor_rad: Positive = 1.0
     stiff_per_m: Positive = 5.0
+    stop_m: Positive = 0.002
+    stop_deviations: Positive = 3.0  # in all 8 mm in rigid drives and 11 in soft ones at `moderate`
+    narrow_m: Positive = 0.02
     listen_s: Positive = 5.0  # five reports of the follow-up robot
     silent_s: Positive = 5.0  # five reports missed
     held_up_s: Positive = 0.5  # at 10 rad/s of a 2sra-v1 wheel: 75 mm too far
@@ -72,6 +78,7 @@ class ExecutorSettings:
     Attributes:
         patience: How long it waits, and how near to a plan it wants the robot.
         replans: How often the remaining problem is planned again at most.
+        stops: How often it may have been stopped near something at most.
         corrections: How often in a row the pose is corrected at most.
         longest_s: Longest run.
         dead_zone_rad_s: Of the robot's drives, as far as it is known.
@@ -80,5 +87,6 @@ class ExecutorSettings:
     patience: Patience = field(default_factory=Patience)
     replans: int = 8
     corrections: int = 6
+    stops: int = 4
     longest_s: float = 7200.0
     dead_zone_rad_s: float = 0.0

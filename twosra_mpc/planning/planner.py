@@ -29,7 +29,7 @@ from twosra_mpc.planning.search.infeasibility import disproof, impossibility, to
 from twosra_mpc.planning.search.mode_tree import ModeTree, nothing_blocks
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
-from twosra_mpc.planning.sequence_solver import SequenceSolver, Solved
+from twosra_mpc.planning.sequence_solver import SequenceSolver, Solved, checked
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
@@ -94,11 +94,12 @@ def plan_without(
     if problem.obstacles or problem.tasks:
         from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
 
-        solver: SequenceSolver | Placer = Placer(problem, deadline)
-        blocked = solver.necessity
+        placer = Placer(problem, checked, deadline)
+        solver: SequenceSolver | Placer[Solved] = placer
+        tree = mode_tree(problem, placer, excluded, placer.necessity)
     else:
-        solver, blocked = SequenceSolver(problem, deadline), nothing_blocks
-    tree = mode_tree(problem, solver, excluded, blocked)
+        solver = SequenceSolver(problem, deadline)
+        tree = mode_tree(problem, solver, excluded)
     result = branch_and_bound(
         tree,
         gap=problem.gap,

@@ -157,6 +157,11 @@ class Drives:
             return None
         return self.roadmap(headings).field(pose)
 
+    def spread(self, most: int) -> Array:
+        """Poses of the roads, all over the plane, at most so many, (m, 3)."""
+        poses = self.roadmap(self.headings[0]).poses
+        return poses[:: max(1, -(-len(poses) // most))]
+
     def apart(self, start: Array, goal: Array) -> Bools:
         """Which of poses (a, 3) and (b, 3) are in different components of coarse F-, (a, b)."""
         slices = self.certified_slices(self.headings[0])

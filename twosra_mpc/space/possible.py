@@ -49,7 +49,7 @@ def blocked_unit(
 ) -> int | None:
     """A locomotion unit, 1 or 2, whose inscribed disc has no way from start to goal (3 + n,).
 
-    Its centre must stay farther than half a side from obstacles, whatever the robot's shape is;
+    Its centre must stay farther than half a side from obstacles, whatever the shape, at all times;
     discs around obstacles are taken a little too small, what is free a little too large.
 
     Args:
@@ -62,7 +62,7 @@ def blocked_unit(
     radius = geometry.unit_side_m / 2
     ends = robot_shape(geometry, np.array([start, goal]), 2).centres  # (2, unit, 2)
     solid = shapely.union_all([shapely.Polygon(item.inner_corners_m) for item in world.obstacles])
-    blocked = shapely.buffer(solid, radius + world.clearance_m, quad_segs=_QUADRANT)
+    blocked = shapely.buffer(solid, radius, quad_segs=_QUADRANT)
     if world.workspace is not None:
         edges = world.workspace.corners_m + np.array([[radius], [-radius]])
     else:

@@ -161,11 +161,8 @@ def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
     """
     x0, y0, x1, y1 = shapely.total_bounds(slices.parts)
     spacing_m = max(spacing_m, ((x1 - x0) * (y1 - y0) / _MOST) ** 0.5)
-    grid, exact, (meeting, of_meeting) = (
-        lattice(slices, spacing_m),
-        triangles(slices),
-        _in_both(slices),
-    )
+    grid, exact = lattice(slices, spacing_m), triangles(slices)
+    meeting, of_meeting = _in_both(slices)
     some = _one_of_each(grid)
     of_some = slices.index_of(grid.poses[some, 2])
     sizes = np.cumsum([len(grid.poses), len(exact.positions)])

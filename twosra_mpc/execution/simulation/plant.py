@@ -23,6 +23,7 @@ from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
+from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn
@@ -170,6 +171,11 @@ class SimulatedRobot:
         for column in columns:
             column.setflags(write=False)
         return Truth(*columns)
+
+    @property
+    def geometry(self) -> Geometry:
+        """Lengths as they truly are."""
+        return self._true.geometry
 
     @property
     def mode(self) -> Mode:

@@ -13,6 +13,7 @@ from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.settings import ExecutorSettings
+from twosra_mpc.execution.simulation.contact import Approach, closest_approach
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
 from twosra_mpc.planning.planner import plan as find_plan
@@ -27,7 +28,8 @@ class Metrics(NamedTuple):
     """What a run came to.
 
     Attributes:
-        reached: Whether the robot is in truth within the accuracy of the goal, and says so.
+        reached: Whether the robot is in truth within the accuracy of the goal, and says so; one
+            that has touched an obstacle is not.
         ending: How the run ended.
         reason: Why, in a sentence.
         position_m: True distance from the goal in the plane.
@@ -40,6 +42,8 @@ class Metrics(NamedTuple):
         replans: How often the rest was planned again.
         corrections: How often the pose was corrected.
         forced_s: How long wheels turned while metal was changing.
+        least_clearance_m: Least distance to an obstacle in truth; None where there are none.
+        touched: What the robot touched first and when, in words; empty if nothing.
     """
 
     reached: bool
@@ -55,6 +59,8 @@ class Metrics(NamedTuple):
     replans: int
     corrections: int
     forced_s: float
+    least_clearance_m: float | None = None
+    touched: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +73,7 @@ class Simulation:
         seed: Of all that was drawn.
         run: What the robot measured and did.
         truth: What really happened.
+        approach: How near it came to an obstacle, or which it touched first; None without any.
     """
 
     plant: str
@@ -74,14 +81,16 @@ class Simulation:
     seed: int
     run: Run
     truth: Truth
+    approach: Approach | None = None
 
     @property
     def metrics(self) -> Metrics:
         """Numbers, by what really happened."""
         run, truth = self.run, self.truth
-        error = run.goal.error(truth.q[-1].copy())
+        error, near = run.goal.error(truth.q[-1].copy()), self.approach
+        touched = near is not None and near.touched
         return Metrics(
-            reached=run.reached and run.accuracy.of(error) <= 1.0,
+            reached=run.reached and run.accuracy.of(error) <= 1.0 and not touched,
             ending=str(run.ending),
             reason=run.reason,
             position_m=float(np.hypot(error[0], error[1])),
@@ -94,6 +103,8 @@ class Simulation:
             replans=run.replans,
             corrections=run.corrections,
             forced_s=float(truth.forced_s[-1]),
+            least_clearance_m=None if near is None else near.clearance_m,
+            touched=f"touched {near.name} at {near.time_s:.0f} s" if near and near.touched else "",
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -144,7 +155,9 @@ def simulate(
         run = GreedyExecutor(robot, chosen).run(problem)
     else:
         run = Executor(robot, chosen).run(plan or find_plan(problem).require())
-    return Simulation(plant, disturbance, seed, run, robot.truth())
+    truth = robot.truth()
+    near = closest_approach(problem.world, robot.geometry, truth)
+    return Simulation(plant, disturbance, seed, run, truth, near)
 
 
 class Spread(NamedTuple):

@@ -22,6 +22,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.footprint import footprint, kept_m, moved_by_bending_m
+from twosra_mpc.space.separation import Separation
 
 _HEADINGS = (72, 180)  # slices, until something is proved
 _MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
@@ -88,10 +89,12 @@ class Necessity:
 
         kept, world = kept_m(problem.world, geometry), problem.world
         low, high = (end[:POSE] for end in problem.goal.box(start))
-        first = possible_slices(footprint(geometry, start[POSE:]), world, kept, headings)
-        from_start = components_in(first, start[:POSE], start[:POSE])
-        if not from_start:  # it starts nearer to something than it may drive
+        shape = footprint(geometry, start[POSE:])
+        own = float(Separation(shape, world, kept).distances(start[None, :POSE])[0])
+        if own < kept:  # the first drive may keep less; nothing is proved
             return
+        first = possible_slices(shape, world, kept, headings)
+        from_start = components_in(first, start[:POSE], start[:POSE])
         needed = 1
         if (np.abs(start[POSE:] - goal[POSE:]) <= width).all():
             needed = int(from_start.isdisjoint(components_in(first, low, high)))

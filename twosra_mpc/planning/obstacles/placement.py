@@ -5,50 +5,58 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, scheduled
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled
 from twosra_mpc.planning.nlp.guess import bend_changes, inner_bends, inner_goal
-from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, blocks_of, soft_runs
+from twosra_mpc.planning.obstacles.block import Block, Shares, block, blocks_of, soft_runs
+from twosra_mpc.planning.obstacles.itinerary import Itinerary
 from twosra_mpc.planning.obstacles.necessity import Necessity
-from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
+from twosra_mpc.planning.obstacles.stations import Chain
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.schedule import with_durations
-from twosra_mpc.planning.sequence_solver import Solved, checked
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
-from twosra_mpc.space.screws import composed, inverse, twists
+from twosra_mpc.space.screws import twists
 from twosra_mpc.timing import TemporalNetwork, earliest_times
+
+Solution = TypeVar("Solution")
+Check = Callable[[Problem, Candidate | None, TemporalNetwork], tuple[float, Solution] | None]
 
 _SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first
 _STEP_PER_M, _STEPS = 15.0, 5  # between shapes that are tried on the way
 _MOST_WAYS, _MOST_SHAPES = 5000, 24
 _ENOUGH, _ENOUGH_OF_ALL = 2, 8  # plans of several blocks: of a sequence, of all
 _SAME_PER_M = 1.0
-_CANDIDATES, _REACH_M = 300, 0.4  # stations of a block, and how far from where it should be
-_NEAR_M = 0.1  # from a station found, where better ones may be
-_MOST_LOOKS = 60
+_STILL = 1e-9  # m or rad
 _LONG_S = 1e5
 
 
-class Placer:
-    """Yields verified plans of one mode sequence among obstacles.
+class Placer(Generic[Solution]):
+    """Yields plans of one mode sequence among obstacles.
 
     Soft phases without driving in between are blocks. Their bends are those of the bound; a
-    sequence of several blocks also takes other shapes on the way.
+    sequence of several blocks takes other shapes on the way.
+
+    Args:
+        problem: The problem.
+        checked: Makes (cost, plan) of a candidate, or None if it does not verify.
+        deadline: Of ``time.perf_counter()``; nothing is begun after it.
     """
 
-    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
-        self.problem, self.deadline = problem, deadline  # of time.perf_counter()
+    def __init__(
+        self, problem: Problem, checked: Check[Solution], deadline: float = math.inf
+    ) -> None:
+        self.problem, self.deadline, self._checked = problem, deadline, checked
         self.iterations = self._several = 0
         self.necessity = Necessity(problem)
         self._drives: dict[bytes, Drives] = {}
@@ -57,7 +65,7 @@ class Placer:
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound
-    ) -> Iterator[tuple[float, Solved] | None]:
+    ) -> Iterator[tuple[float, Solution] | None]:
         """Yield (cost, plan) of every attempt; None: it failed."""
         sequence, found = network.sequence, 0
         several = blocks_of(sequence) > 1
@@ -80,14 +88,15 @@ class Placer:
         bends: Array,
         shares: Shares,
         hidden_s: Sequence[float],
-    ) -> tuple[float, Solved] | None:
+    ) -> tuple[float, Solution] | None:
         sequence = network.sequence
         blocks = self._blocks(sequence, bends, shares)
         chain = None if blocks is None else self._chain(sequence, blocks, hidden_s)
         if blocks is None or chain is None:
             return None
         motion = self._motion(sequence, blocks, chain)
-        return checked(self.problem, scheduled(motion, network, self.problem, 0), network)
+        candidate = scheduled(motion, network, self.problem, iterations=0)
+        return self._checked(self.problem, candidate, network)
 
     def drives(self, kappa: Array) -> Drives:
         """Drives in a shape (n,), worked out once."""
@@ -155,63 +164,28 @@ class Placer:
     def _chain(
         self, sequence: ModeSequence, blocks: Sequence[Block], hidden_s: Sequence[float]
     ) -> Chain | None:
-        """Where to carry out the blocks: a first choice, then one nearer to the goal."""
-        problem, start = self.problem, self.problem.start.configuration
-        shapes = [start[POSE:], *(each.shape for each in blocks)]
-        sweeps = [Sweep(each, problem.robot, problem.world) for each in blocks]
-        opens, closes = is_rigid(sequence[0]), is_rigid(sequence[-1])
-        used = [opens, *[True] * (len(blocks) - 1), closes][: len(shapes)]
-        drivers = [
-            self.drives(each) if use else None for each, use in zip(shapes, used, strict=True)
-        ]
-        goals = partial(self._goals, shape=shapes[-1])
-
-        def chain_through(begins: Sequence[Array]) -> Chain | None:
-            """The best chain through these candidates of the poses in which blocks begin."""
-            layers = []
-            for each, sweep, begin in zip(blocks, sweeps, begins, strict=True):
-                clear = begin[sweep.may_be_clear(begin)]
-                layers.append(Stations(clear, composed(clear, each.displacement)))
-            return shortest_chain(
-                start[:POSE],
-                goals,
-                layers,
-                lambda k, pose: sweeps[k].clear(pose),
-                drivers,
-                hidden_s,
-                _MOST_LOOKS,
-            )
-
-        def begins_for(ends: Array) -> Array:
-            return composed(ends, inverse(blocks[-1].displacement))
-
-        begins = [around(start[:POSE], _CANDIDATES, _REACH_M) for _ in blocks]
-        goal = goals(start[None, :POSE])[0]
-        if blocks:
-            begins[-1] = begins_for(around(goal, _CANDIDATES, _REACH_M))
-        if blocks and not opens:
-            begins[0] = start[None, :POSE]
-        found = chain_through(begins)
-        if found is None or not blocks or found.cost_s == 0.0:
-            return found
-        nearer = [around(begin, _CANDIDATES, _NEAR_M) for begin in found.begins]
-        end = composed(found.begins[-1], blocks[-1].displacement)
-        nearer[-1] = np.vstack(
-            [nearer[-1], begins_for(between(goals(end[None])[0], end, _CANDIDATES))]
-        )
-        if not opens:
-            nearer[0] = start[None, :POSE]
-        better = chain_through(nearer)
-        return min(found, better or found, key=lambda each: each.cost_s)
-
-    def _goals(self, poses: Array, shape: Array) -> Array:
-        """Members of the goal to aim at from poses (m, 3) in a shape, (m, 3)."""
-        goal = self.problem.goal
-        return np.array([goal.aim(np.append(pose, shape))[:POSE] for pose in poses])
+        """Where to carry out the blocks, and when to pass the boxes: the best chain found."""
+        shapes = [self.problem.start.configuration[POSE:], *(each.shape for each in blocks)]
+        drives: list[Drives | None] = [self.drives(shape) for shape in shapes]
+        if not is_rigid(sequence[0]):
+            drives[0] = None
+        if not is_rigid(sequence[-1]):
+            drives[-1] = None
+        itinerary = Itinerary(self.problem, blocks, drives, hidden_s)
+        usable = [k for k, each in enumerate(drives) if each is not None]
+        best: Chain | None = None
+        for passed_in in itertools.combinations_with_replacement(usable, len(self.problem.tasks)):
+            found = itinerary.chain(passed_in)
+            if found is not None and (best is None or found.cost_s < best.cost_s):
+                best = found
+            if best is not None and best.cost_s == 0.0:
+                break
+        return best
 
     def _motion(self, sequence: ModeSequence, blocks: Sequence[Block], chain: Chain) -> Motion:
         """The motion of a chain: a leg takes an interval."""
-        routes = [twists(route[:-1], route[1:]) for route in chain.routes]
+        legs = [twists(route[:-1], route[1:]) for route in chain.routes]
+        routes = [each[np.abs(each).max(axis=1) > _STILL] for each in legs]
         intervals = max(INTERVALS, *map(len, routes))
         inputs = np.zeros((len(sequence), intervals, 5))
         drives = iter(routes if is_rigid(sequence[0]) else routes[1:])

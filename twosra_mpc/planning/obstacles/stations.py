@@ -104,6 +104,8 @@ def shortest_chain(
         hidden_s: Time that each drive may take without making the plan longer.
         most_looks: Drives and sweeps to look at before giving up.
     """
+    if not all(len(layer.begin) for layer in layers):
+        return None
     legs = _Legs(start, goals, layers, drivers, np.asarray(hidden_s))
     looked: set[tuple[int, int]] = set()
     best: Chain | None = None

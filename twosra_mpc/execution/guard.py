@@ -1,0 +1,93 @@
+"""Stopping a robot before it comes too near to what is around it, by where it is believed to be.
+
+Looked at are where it is believed to be, and where the coming command and coasting after a stop
+would lead, by the model and by how it has moved lately. Too near is `Patience.stop_m` and what the
+belief may be off by; where a rigid drive began nearer than that, half the distance there, so that a
+robot that was stopped can drive away. The edge of the workspace may be touched, as in plans.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twosra_mpc.errors import TwosraError
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode, is_rigid
+
+_WAY_OUT = 0.5  # of the distance at which a rigid drive began
+
+
+class TooNearError(TwosraError):
+    """The robot stands, for it would have come too near to something."""
+
+
+class Guard:
+    """What is around a robot, and how near it may come."""
+
+    def __init__(self, problem: Problem, patience: Patience) -> None:
+        """Guard a robot among the obstacles and within the workspace of a problem."""
+        from twosra_mpc.space.proximity import Proximity, arms_m
+
+        geometry = problem.robot.geometry
+        self._around, self._patience = Proximity(problem.world, geometry), patience
+        self._arms_m = arms_m(geometry)
+        self._began_m = self._known_m = np.empty(0)
+        self._known_at = problem.start.configuration
+
+    def begin(self, q: Array) -> None:
+        """Begin a drive at rest at q (3 + n,)."""
+        self._began_m = self._looked_m(q[None])
+
+    def forbids(self, mode: Mode, places: Array, deviation: Array) -> bool:
+        """Whether the robot must not go on.
+
+        Args:
+            mode: Mode it is in.
+            places: Where it is believed to be, and where it may be before it stands, (m, 3 + n).
+            deviation: Standard deviation of the belief, (3 + n,).
+        """
+        least_m = self._least_m(mode, deviation)
+        moved_m = float((np.abs(places - self._known_at) @ self._arms_m).max())
+        if (self._known_m - moved_m >= least_m).all():  # it cannot have come so near since
+            return False
+        return bool((self._looked_m(places) < least_m).any())
+
+    def stop_m(self, deviation: Array) -> float:
+        """What is too near while the belief has a standard deviation (3 + n,) [m]."""
+        return self._patience.stop_m + self._patience.stop_deviations * self.off_m(deviation)
+
+    def off_m(self, away: Array) -> float:
+        """How far points of the outline are about, from a difference of q (3 + n,) [m]."""
+        return float(np.linalg.norm(self._arms_m * away))
+
+    def describe(self, q: Array) -> str:
+        """Say what the robot is nearest to at q (3 + n,)."""
+        distance_m, name = self._around.nearest(q)
+        side = "from" if distance_m >= 0 else "beyond"
+        return f"{1e3 * abs(distance_m):.1f} mm {side} {name}"
+
+    def _looked_m(self, places: Array) -> Array:
+        """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""
+        distances_m = self._around.distances(places)
+        self._known_at, self._known_m = places[0], distances_m[0]
+        least_m: Array = distances_m.min(axis=0)
+        return least_m
+
+    def _least_m(self, mode: Mode, deviation: Array) -> Array:
+        """Least distance to each obstacle, and to the edges, (k + 1,) [m]."""
+        patience, began_m = self._patience, self._began_m
+        least_m = np.full(len(began_m), self.stop_m(deviation))
+        if is_rigid(mode):
+            way_out_m = np.minimum(np.maximum(_WAY_OUT * began_m, patience.stop_m), began_m)
+            least_m = np.minimum(least_m, way_out_m)
+        least_m[-1] = min(0.0, float(began_m[-1]))
+        return least_m
+
+
+def guard_of(problem: Problem, patience: Patience) -> Guard | None:
+    """A guard, where there is anything around the robot."""
+    if not problem.obstacles and problem.workspace is None:
+        return None
+    return Guard(problem, patience)
