@@ -71,10 +71,14 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
 
     Raises:
         InputError: If the locomotion units would overlap at the start or at the goal, or the robot
-            would be outside of its workspace there.
+            would be outside of its workspace or overlap an obstacle there.
     """
     check_shapes(problem)
     check_workspace(problem)
+    if problem.obstacles:
+        from twosra_mpc.checking.clearance import check_obstacles
+
+        check_obstacles(problem)
     if problem.planner == "greedy":
         return plan_greedily(problem)
     return plan_without(problem, frozenset(), on_progress=on_progress)
