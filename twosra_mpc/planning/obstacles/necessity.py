@@ -99,8 +99,10 @@ class Necessity:
         if (np.abs(start[POSE:] - goal[POSE:]) <= width).all():
             needed = int(from_start.isdisjoint(components_in(first, low, high)))
         last_shape = footprint(geometry, goal[POSE:]).shrunk(moved_by_bending_m(geometry, width))
-        last = possible_slices(last_shape, world, kept, headings)
-        apart = apart_m(first, from_start, last, components_in(last, low, high))
+        apart = 0.0
+        if len(last_shape.inner):  # else nothing is known of where it is
+            last = possible_slices(last_shape, world, kept, headings)
+            apart = apart_m(first, from_start, last, components_in(last, low, high))
         if needed and apart > problem.robot.limits.soft_travel_m:
             needed = 2
             self._left.clear()
