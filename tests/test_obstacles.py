@@ -20,6 +20,7 @@ from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
 from twosra_mpc.planning.obstacles.stations import Stations, shortest_chain
+from twosra_mpc.planning.sequence_solver import checked
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.limits import check_shapes, check_workspace
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -52,7 +53,7 @@ def random_problem(seed: int, robot: Robot = ROBOT) -> Problem:
             )
         ]
         try:
-            made = Problem(**dict(world), robot=robot, start=ends[0], goal=ends[1])
+            made = Problem(**{**dict(world), "robot": robot, "start": ends[0], "goal": ends[1]})
             check_shapes(made)
             check_workspace(made)
             check_obstacles(made)
@@ -68,7 +69,7 @@ def solved(seed: int) -> Result:
 
 
 def blocks(result: Result) -> int:
-    return blocks_of([phase.mode for phase in result.require().phases])
+    return blocks_of(tuple(phase.mode for phase in result.require().phases))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -242,7 +243,7 @@ def test_a_block_is_where_its_inputs_lead(name: str, shares: tuple[float, float]
     robot = load_robot(name)
     count = robot.coordinates.segments
     shape = np.linspace(-5.0, 8.0, count)
-    modes = [(1,) + (0,) * (count - 1), (1,) * count]
+    modes = ((1,) + (0,) * (count - 1), (1,) * count)
     bends = [0.3, -0.2]
     made = block(robot, shape, modes, bends, shares)
     begin = np.array([0.2, -0.1, 0.7, *shape])
@@ -357,13 +358,14 @@ def test_a_limit_of_time_returns_the_best_so_far() -> None:
 
 def test_an_interrupt_returns_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     """After the first plan that is found."""
-    original, seen = planner.checked, []
+    seen: list[tuple[float, Any]] = []
 
     def interrupted(*args: Any) -> Any:
         if seen:
             raise KeyboardInterrupt
-        made = original(*args)
-        seen.append(made)
+        made = checked(*args)
+        if made is not None:
+            seen.append(made)
         return made
 
     monkeypatch.setattr(planner, "checked", interrupted)

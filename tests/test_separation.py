@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from worlds import corridor, random_world
 
 from twosra_mpc import load_robot
+from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
@@ -58,7 +59,7 @@ def test_the_depth_is_the_shortest_way_out(seed: int) -> None:
     hull = shapely.MultiPoint(0.1 * rng.normal(size=(6, 2))).convex_hull
     middle = np.array([hull.centroid.x, hull.centroid.y])
     box = middle + np.array([(-0.05, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.05, 0.03)])
-    world = World(obstacles=[{"polygon_m": shapely.get_coordinates(hull)[:-1].tolist()}])
+    world = World(**{"obstacles": [{"polygon_m": shapely.get_coordinates(hull)[:-1].tolist()}]})
     depth = -float(Surroundings(world, 0.0).distances(box[None, None])[0])
     assert depth > 0
     angles = np.linspace(0, 2 * np.pi, 1440, endpoint=False)
@@ -111,7 +112,7 @@ def test_batches_agree_with_one_by_one() -> None:
 
 def test_a_part_far_away_does_not_count() -> None:
     shape, at = shaped(0), np.zeros((1, 3))
-    far = World(obstacles=[{"disc": {"x_m": 3.0, "y_m": 0.0, "radius_m": 0.1}}])
+    far = World(**{"obstacles": [{"disc": {"x_m": 3.0, "y_m": 0.0, "radius_m": 0.1}}]})
     assert Separation(shape, far, 0.0).distances(at)[0] == FAR_M
     assert Separation(shape, World(), 0.0).distances(at)[0] == FAR_M
 
@@ -120,7 +121,7 @@ def test_a_part_far_away_does_not_count() -> None:
 def test_the_edge_of_the_workspace_may_be_touched(kept_m: float) -> None:
     shape = footprint(ROBOTS[0].geometry, [0.0, 0.0])
     right = float(shape.outer[..., 0].max())
-    edge = World(workspace={"x_m": (-1.0, right), "y_m": (-1.0, 1.0)})
+    edge = World(workspace=Workspace(x_m=(-1.0, right), y_m=(-1.0, 1.0)))
     distances = Separation(shape, edge, kept_m).distances
     at = np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], [-2e-3, 0.0, 0.0]])
     assert distances(at) == pytest.approx([kept_m, kept_m - 1e-3, kept_m + 2e-3])
