@@ -396,7 +396,8 @@ def test_a_time_limit_returns_the_best_plan_so_far(
     def an_hour_later() -> None:
         clock.now += 3600.0
 
-    monkeypatch.setattr(planner, "time", SimpleNamespace(perf_counter=lambda: clock.now))
+    for module in (planner, sequence_solver):
+        monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: clock.now))
     monkeypatch.setattr(sequence_solver, "solve", Solving(an_hour_later, before=0))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; a limit was reached: raise time_limit_s or gap", tmp_path)
@@ -408,7 +409,7 @@ def test_an_interrupt_before_the_first_plan_has_none(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner, "scheduled", interrupt)
+    monkeypatch.setattr(sequence_solver, "scheduled", interrupt)
     code, out, err = run("plan", "paper-1", "--out", "a.json")
     assert (code, err) == (4, "")
     assert "no plan found (interrupted): run again to continue the search" in out

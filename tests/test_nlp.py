@@ -63,14 +63,18 @@ def test_the_guess_reaches_the_goal_pose_exactly_and_the_shape_nearly(seed: int)
     assert np.abs(error[3:]).max() < 1e-2
 
 
+@pytest.mark.parametrize("shares", [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.3, 1.0)])
 @pytest.mark.parametrize("bend", [-0.05, -1e-6, 1e-6, 0.03])
-def test_bending_travel_changes_the_coordinate_by_what_was_asked(bend: float) -> None:
+def test_bending_travel_changes_the_coordinate_by_what_was_asked(
+    bend: float, shares: tuple[float, float]
+) -> None:
     coordinate = bending(ROBOT).coordinate
     q = np.array([0.1, 0.2, 0.3, 20.0, -30.0])
     for mode in (SOFT_1, SOFT_2, SOFT_BOTH):
-        reached, travel = bending_flow(ROBOT, 64)(q, bend, mode)
+        reached, travel = bending_flow(ROBOT, 64)(q, bend, mode, shares)
         segment = mode.index(1)
-        pieces = np.tile([[[float(travel) / 40, float(travel) / 40, 0, 0, 0]]], (1, 40, 1))
+        units = np.multiply(shares, float(travel) / 40)
+        pieces = np.tile([[[*units, 0, 0, 0]]], (1, 40, 1))
         end = roll_out(ROBOT, q, (mode,), pieces).end
         change = coordinate(end[3 + segment]) - coordinate(q[3 + segment])
         assert change == pytest.approx(bend, abs=1e-7)

@@ -163,7 +163,7 @@ def test_rigid_driving_changes_the_pose_alone(robot: Robot) -> None:
 def test_bending_coordinates_of_soft_segments_change_alike(robot: Robot) -> None:
     facts, q, bend = bending(robot), shapes(robot, 5) / 3, 0.2
     for mode in robot.modes[1:]:
-        end, travel = bending_flow(robot, 64)(q, bend, mode)
+        end, travel = bending_flow(robot, 64)(q, bend, mode, (1.0, 1.0))
         before, after = facts.coordinates(q[3:]), facts.coordinates(end.full().ravel()[3:])
         assert np.subtract(after, before) == pytest.approx(bend * np.array(mode), abs=1e-8)
         s = [float(travel), float(travel), 0, 0, 0]

@@ -4,8 +4,8 @@ For convex P and O and the outward normals n of the sides of either one,
 
 .. math:: d(P, O) \ge \max_n \min_{p \in P} n \cdot p - \max_{o \in O} n \cdot o,
 
-with n turned for the sides of P. Where P and O overlap this is minus the depth; both change by at
-most as much as P is moved.
+with n turned for the sides of P. Where P and O overlap this is minus the depth, which changes by at
+most as much as P is moved, as the distance itself does.
 """
 
 from __future__ import annotations

@@ -121,6 +121,9 @@ class Necessity(InTheWay):
         if (np.abs(start[POSE:] - goal[POSE:]) <= width).all():
             needed = int(from_start.isdisjoint(components_in(first, low, high)))
         last_shape = footprint(geometry, goal[POSE:]).shrunk(moved_by_bending_m(geometry, width))
+        if not len(last_shape.inner):  # nothing is known of where it is
+            self.needed = max(self.needed, needed)
+            return
         last = possible_slices(last_shape, world, kept, headings)
         ahead = Region.of(first, from_start)
         behind = Region.of(last, components_in(last, low, high))
@@ -128,12 +131,7 @@ class Necessity(InTheWay):
         if needed and apart_m > soft_m:
             needed = 2
             self._left.clear()
-        to_start, to_goal = Region.box(start, start), Region.box(low, high)
-        self._apart_m = np.array(
-            [
-                behind.apart_m(to_start) - soft_m,
-                apart_m - 2 * soft_m,
-                ahead.apart_m(to_goal) - soft_m,
-            ]
-        )
+        before_m = behind.apart_m(Region.box(start, start)) - soft_m
+        after_m = ahead.apart_m(Region.box(low, high)) - soft_m
+        self._apart_m = np.array([before_m, apart_m - 2 * soft_m, after_m])
         self.needed = max(self.needed, needed)

@@ -1,0 +1,375 @@
+"""Plans among obstacles: found, verified, bounded; proved impossible only where they are."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from worlds import random_world
+
+import twosra_mpc.planning.planner as planner
+from twosra_mpc import InputError, Problem, Result, Status, load_problem, load_robot, plan
+from twosra_mpc.checking.clearance import check_obstacles
+from twosra_mpc.checking.verification import verify
+from twosra_mpc.model.flow import roll_out
+from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
+from twosra_mpc.planning.obstacles.necessity import Necessity
+from twosra_mpc.planning.obstacles.stations import Stations, shortest_chain
+from twosra_mpc.planning.sequence_solver import checked
+from twosra_mpc.plans.ending import Ending
+from twosra_mpc.problem.limits import check_shapes, check_workspace
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.space.footprint import footprint
+from twosra_mpc.space.separation import placed
+
+ROBOT = load_robot("2sra-v1")
+LEFT = {"x_m": -0.42, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
+RIGHT = {**LEFT, "x_m": 0.42}
+POST = {"disc": {"x_m": 0.0, "y_m": 0.0, "radius_m": 0.05}}
+FAR = {"disc": {"x_m": 3.0, "y_m": 3.0, "radius_m": 0.05}}
+
+
+def problem(*obstacles: dict[str, Any], **overrides: Any) -> Problem:
+    base = {"robot": ROBOT, "start": LEFT, "goal": RIGHT, "obstacles": list(obstacles)}
+    return Problem(**{**base, **overrides})
+
+
+def random_problem(seed: int, robot: Robot = ROBOT) -> Problem:
+    """Random ends in a random world, neither of them in an obstacle."""
+    world, count = random_world(seed), robot.coordinates.segments
+    for attempt in itertools.count():
+        rng = np.random.default_rng([seed, attempt])
+        ends = [
+            {**dict(zip(("x_m", "y_m", "phi_rad"), pose.tolist(), strict=True)), "kappa_per_m": k}
+            for pose, k in (
+                (rng.uniform([-0.45, -0.45, -3], [0.45, 0.45, 3]), rng.uniform(-30, 30, count))
+                for _ in range(2)
+            )
+        ]
+        try:
+            made = Problem(**{**dict(world), "robot": robot, "start": ends[0], "goal": ends[1]})
+            check_shapes(made)
+            check_workspace(made)
+            check_obstacles(made)
+        except InputError:
+            continue
+        return made
+    raise AssertionError
+
+
+@cache
+def solved(seed: int) -> Result:
+    return plan(random_problem(seed))
+
+
+def blocks(result: Result) -> int:
+    return blocks_of(tuple(phase.mode for phase in result.require().phases))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_scenes_are_planned_verified_and_bounded(seed: int) -> None:
+    result = solved(seed)
+    made = result.require()
+    assert result.lower_bound is not None
+    assert verify(made.trajectory).ok
+    assert 0 < result.lower_bound <= made.cost.total
+    with_nothing = result.problem.with_values(obstacles=(), workspace=None)
+    free = plan(with_nothing)
+    assert free.lower_bound is not None
+    assert made.cost.total >= free.lower_bound
+    necessity = Necessity(result.problem)
+    for step in necessity._left[:2]:
+        step()
+    assert necessity.impossible is None
+    assert necessity.blocks <= blocks(result)
+
+
+def test_the_bound_among_obstacles_is_no_lower_than_without() -> None:
+    result = solved(1)
+    free = plan(result.problem.with_values(obstacles=(), workspace=None, gap=0.0, time_limit_s=5.0))
+    assert result.require().cost.total >= (1 - 1e-6) * (free.lower_bound or 0.0)
+
+
+def test_a_mirrored_scene_has_a_mirrored_plan() -> None:
+    post = {"disc": {"x_m": 0.0, "y_m": 0.06, "radius_m": 0.05}}
+    ends = ({**LEFT, "phi_rad": 0.4}, {**RIGHT, "phi_rad": -0.3, "kappa_per_m": [10.0, -5.0]})
+
+    def mirrored(end: dict[str, Any]) -> dict[str, Any]:
+        bends = [-kappa for kappa in end["kappa_per_m"]]
+        return {**end, "y_m": -end["y_m"], "phi_rad": -end["phi_rad"], "kappa_per_m": bends}
+
+    other = {"disc": {**post["disc"], "y_m": -0.06}}
+    one = plan(problem(post, start=ends[0], goal=ends[1]))
+    two = plan(problem(other, start=mirrored(ends[0]), goal=mirrored(ends[1])))
+    assert one.status == two.status
+    # wheels of the two units sit on opposite sides, so mirrored drives take other times
+    assert two.require().cost.total == pytest.approx(one.require().cost.total, rel=0.02)
+
+
+@pytest.mark.parametrize("bends", [[0.0, 0.0], [20.0, 0.0]])
+def test_an_obstacle_far_away_costs_nothing(bends: list[float]) -> None:
+    goal = {**RIGHT, "kappa_per_m": bends}
+    far, free = plan(problem(FAR, goal=goal)), plan(problem(goal=goal))
+    assert far.require().cost.total == pytest.approx(free.require().cost.total, rel=0.01)
+    assert far.lower_bound == pytest.approx(free.lower_bound, rel=0.01)
+
+
+def test_a_drive_around_a_post_is_longer_than_through_it() -> None:
+    made, free = plan(problem(POST)).require(), plan(problem()).require()
+    assert blocks(plan(problem(POST))) == 0
+    assert free.cost.total < made.cost.total < 60
+
+
+def test_more_obstacles_never_make_it_proved_cheaper() -> None:
+    few, many = (plan(problem(*some)) for some in ([FAR], [FAR, POST]))
+    assert (many.lower_bound or 0) >= (few.lower_bound or 0) - 1e-9
+    assert many.require().cost.total >= (few.lower_bound or 0)
+
+
+def test_a_corridor_too_narrow_for_its_shape_takes_two_reshapings() -> None:
+    made = plan(load_problem("corridor", gap=0.1))
+    assert blocks(made) == 2
+    assert made.require().verification.ok
+    necessity = Necessity(made.problem)
+    sequences = [((0, 0),), ((0, 0), (1, 1), (0, 0)), ((0, 0), (1, 0), (1, 1), (0, 1), (0, 0))]
+    assert all(necessity.proves_impossible(sequence) for sequence in sequences)
+    assert "soft_travel_m" in necessity.words
+    assert not necessity.proves_impossible(((0, 0), (1, 1), (0, 0), (1, 1), (0, 0)))
+
+
+def test_a_blocked_way_is_proved_with_its_reason() -> None:
+    result = plan(load_problem("blocked"))
+    assert result.status is Status.INFEASIBLE
+    assert result.plan is None
+    assert "locomotion unit" in result.message
+    assert "whatever the robot's shape" in result.message
+
+
+ROOM = {"x_m": [-0.8, 0.8], "y_m": [-0.5, 0.5]}
+NARROW = [  # a gap that the units pass, and the robot straight across it does not
+    {"box": {"x_m": [-0.18, 0.18], "y_m": [0.045, 0.5]}},
+    {"box": {"x_m": [-0.18, 0.18], "y_m": [-0.5, -0.045]}},
+]
+
+
+def test_a_drive_that_is_blocked_is_infeasible_where_nothing_may_melt() -> None:
+    bent = [30.0, 30.0]
+    ends = {"start": {**LEFT, "kappa_per_m": bent}, "goal": {**RIGHT, "kappa_per_m": bent}}
+    result = plan(problem(*NARROW, workspace=ROOM, modes=[[0, 0]], **ends))
+    assert result.status is Status.INFEASIBLE
+    assert "proved" in result.message
+
+
+def test_a_goal_box_too_wide_to_prove_anything_is_no_trouble() -> None:
+    """Nothing is left of the robot once it is shrunk by all that its box of shapes leaves open."""
+    bent, wide = [18.0, 18.0], {"kappa_per_m": [2.9, 2.9]}
+    ends = {"start": {**LEFT, "kappa_per_m": bent}}
+    goal = {**RIGHT, "kappa_per_m": bent, "tolerance": wide}
+    made = problem(*NARROW, robot="2sr-v2", workspace=ROOM, goal=goal, **ends)
+    necessity = Necessity(made)
+    assert not necessity.proves_impossible(((0, 0), (1, 1), (0, 0)))
+    assert necessity.blocks <= 1
+
+
+def test_what_is_not_proved_failed_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A superset that decides nothing: the same scene, and it is never called infeasible."""
+    monkeypatch.setattr(Necessity, "proves_impossible", lambda self, sequence: False)
+    bent = [30.0, 30.0]
+    ends = {"start": {**LEFT, "kappa_per_m": bent}, "goal": {**RIGHT, "kappa_per_m": bent}}
+    result = plan(problem(*NARROW, workspace=ROOM, modes=[[0, 0]], **ends))
+    assert result.status is Status.FAILED
+    assert "among the obstacles" in result.message
+    assert "allow more modes" in result.message
+
+
+FREE_GOALS: list[dict[str, Any]] = [
+    {key: value for key, value in RIGHT.items() if key != "phi_rad"},
+    {key: value for key, value in RIGHT.items() if key != "x_m"} | {"y_m": 0.3},
+    {"x_m": 0.42, "kappa_per_m": [15.0, 0.0]},
+    {"kappa_per_m": [20.0, -10.0]},
+    {"x_m": 0.42, "y_m": 0.0},
+    {**RIGHT, "kappa_per_m": [20.0, 0.0], "mode": [1, 0]},
+    {**RIGHT, "kappa_per_m": [10.0, 10.0], "tolerance": {"x_m": 0.02, "kappa_per_m": [2.0, 2.0]}},
+    {**RIGHT, "phi_rad": 2 * math.pi},
+]
+
+
+@pytest.mark.parametrize("goal", FREE_GOALS, ids=str)
+def test_goals_that_leave_something_free_are_reached(goal: dict[str, Any]) -> None:
+    result = plan(problem(POST, goal=goal))
+    made = result.require()
+    assert np.abs(result.problem.goal.error(made.trajectory.samples.q[-1])).max() < 1e-6
+    assert verify(made.trajectory).ok
+
+
+def test_a_soft_start_is_reshaped_where_it_is() -> None:
+    start = {**LEFT, "temperature_C": [70.0, 70.0]}
+    assert problem(start=start).start_mode == (1, 1)
+    made = plan(problem(POST, start=start, goal={**RIGHT, "kappa_per_m": [20.0, 5.0]})).require()
+    assert made.verification.ok
+
+
+def test_a_start_nearer_than_the_clearance_may_be_left() -> None:
+    top = float(footprint(ROBOT.geometry, [0.0, 0.0]).outer[..., 1].max())
+    near = {"box": {"x_m": [-0.6, -0.3], "y_m": [top + 1e-3, 0.2]}}
+    for clearance_m in (0.002, 0.01):
+        made = plan(problem(near, clearance_m=clearance_m))
+        assert made.require().verification.ok
+
+
+def test_soft_travel_is_respected() -> None:
+    made = solved(1).require()
+    q, phases = made.trajectory, made.phases
+    runs = soft_runs(tuple(phase.mode for phase in phases))
+    assert runs
+    for run in runs:
+        begin = q.configuration(np.array([phases[run[0]].start_s]))[0]
+        end = q.configuration(np.array([phases[run[-1]].end_s]))[0]
+        assert np.hypot(*(end - begin)[:2]) <= ROBOT.limits.soft_travel_m + 1e-9
+
+
+SHARES = [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)]
+
+
+@pytest.mark.parametrize("shares", SHARES)
+@pytest.mark.parametrize("name", ["2sra-v1", "2sr-v2", "3sra"])
+def test_a_block_is_where_its_inputs_lead(name: str, shares: tuple[float, float]) -> None:
+    robot = load_robot(name)
+    count = robot.coordinates.segments
+    shape = np.linspace(-5.0, 8.0, count)
+    modes = ((1,) + (0,) * (count - 1), (1,) * count)
+    bends = [0.3, -0.2]
+    made = block(robot, shape, modes, bends, shares)
+    begin = np.array([0.2, -0.1, 0.7, *shape])
+    states = roll_out(robot, begin, modes, made.inputs).states
+    end = states.reshape(-1, POSE + count)[-1]
+    c, s = math.cos(0.7), math.sin(0.7)
+    x, y, turn = made.displacement
+    assert end[:POSE] == pytest.approx([0.2 + c * x - s * y, -0.1 + s * x + c * y, 0.7 + turn])
+    assert end[POSE:] == pytest.approx(made.shape)
+
+
+def test_a_sweep_that_is_clear_is_clear_at_every_shape() -> None:
+    world = random_world(4)
+    made = block(ROBOT, np.zeros(2), [(1, 0), (1, 1)], [0.6, 0.4], (1.0, 1.0))
+    sweep = Sweep(made, ROBOT, world)
+    rng = np.random.default_rng(0)
+    at = rng.uniform([-0.6, -0.6, -3], [0.6, 0.6, 3], (200, 3))
+    may = sweep.may_be_clear(at)
+    clear = np.array([sweep.clear(pose) for pose in at])
+    assert clear.any()
+    assert not (clear & ~may).any()
+    for pose in at[clear][:20]:
+        corners = placed(sweep._pieces, np.tile(pose, (len(sweep._pieces), 1)))
+        assert (sweep._around.distances(corners) >= sweep._around.kept_m).all()
+
+
+class Line:
+    """Drives along straight lines, some of them blocked, some longer than they seem."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._key = int(rng.integers(1 << 30))
+
+    def _share(self, start: Array, goal: Array) -> float:
+        where = np.abs(np.concatenate([start, goal]) * 1e6).astype(int).tolist()
+        return float(np.random.default_rng([self._key, *where]).random())
+
+    def leg_times_s(self, start: Array, end: Array) -> Array:
+        found: Array = np.linalg.norm(end - start, axis=-1)
+        return found
+
+    def best(self, start: Array, goal: Array) -> Array | None:
+        share = self._share(start, goal)
+        if share < 0.3:
+            return None
+        if share < 0.6:
+            return np.array([start, (start + goal) / 2 + [0, share, 0], goal])
+        return np.array([start, goal])
+
+    def time_s(self, poses: Array) -> float:
+        return float(self.leg_times_s(poses[:-1], poses[1:]).sum())
+
+    def apart(self, start: Array, goal: Array) -> Any:
+        return np.zeros((len(start), len(goal)), dtype=bool)
+
+
+def cheapest(
+    start: Array, goal: Array, layers: list[Stations], clear: Any, drivers: Any, hidden: Any
+) -> float:
+    """Least cost over every combination of stations."""
+    best = math.inf
+    for path in itertools.product(*(range(len(layer.begin)) for layer in layers)):
+        if not all(clear(k, layers[k].begin[i]) for k, i in enumerate(path)):
+            continue
+        leave = [start, *(layers[k].end[i] for k, i in enumerate(path))]
+        arrive = [*(layers[k].begin[i] for k, i in enumerate(path)), goal]
+        cost = 0.0
+        for driver, here, there, free in zip(drivers, leave, arrive, hidden, strict=True):
+            route = driver.best(here, there)
+            cost += math.inf if route is None else max(0.0, driver.time_s(route) - free)
+        best = min(best, cost)
+    return best
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_lazy_search_finds_a_chain_where_there_is_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    depth = 1 + seed % 3
+    layers = [Stations(rng.normal(size=(5, 3)), rng.normal(size=(5, 3))) for _ in range(depth)]
+    dirty = {(k, i) for k in range(depth) for i in range(5) if rng.random() < 0.3}
+    drivers, hidden = [Line(rng) for _ in range(depth + 1)], [0.4 * (seed % 2)] * (depth + 1)
+    start, goal = rng.normal(size=3), rng.normal(size=3)
+
+    def clear(k: int, pose: Array) -> bool:
+        return (k, int(np.abs(layers[k].begin - pose).sum(axis=1).argmin())) not in dirty
+
+    def goals(ends: Array) -> Array:
+        return np.tile(goal, (len(ends), 1))
+
+    least = cheapest(start, goal, layers, clear, drivers, hidden)
+    found = shortest_chain(start, goals, layers, clear, drivers, hidden, most_looks=500)
+    assert (found is None) == math.isinf(least)
+    if found is not None:
+        assert len(found.begins) == depth
+        assert len(found.routes) == depth + 1
+        assert found.cost_s >= least - 1e-9
+        longer = sum(
+            max(0.0, driver.time_s(route) - free)
+            for driver, route, free in zip(drivers, found.routes, hidden, strict=True)
+        )
+        assert found.cost_s == pytest.approx(longer)
+        assert found.cost_s <= 1.25 * least + 0.1  # at most three chains are looked at
+
+
+def test_a_limit_of_time_returns_the_best_so_far() -> None:
+    made = load_problem("corridor", time_limit_s=1e-3)
+    began = time.process_time()
+    result = plan(made)
+    assert time.process_time() - began < 10
+    assert result.ending is Ending.LIMIT
+    assert result.status in (Status.FAILED, Status.FEASIBLE)
+
+
+def test_an_interrupt_returns_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the first plan that is found."""
+    seen: list[tuple[float, Any]] = []
+
+    def interrupted(*args: Any) -> Any:
+        if seen:
+            raise KeyboardInterrupt
+        made = checked(*args)
+        if made is not None:
+            seen.append(made)
+        return made
+
+    monkeypatch.setattr(planner, "checked", interrupted)
+    goal = {**RIGHT, "kappa_per_m": [20.0, -10.0]}
+    result = plan(problem(POST, goal=goal, gap=0.0))
+    assert result.ending is Ending.INTERRUPTED
+    assert result.require().cost.total == seen[0][0]
