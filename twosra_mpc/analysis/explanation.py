@@ -237,7 +237,7 @@ def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternati
             problem, details = changed()
             found = plan(problem)
             if among and found.found and found.require().cost.total < original.cost.total:
-                details = "no worse a plan of the same problem: its gap leaves room for that"
+                details = "so the plan explained is not the best one; its gap allows that"
             yield Alternative(change, details, original, found)
         except InputError as error:
             yield Alternative(change, f"no such problem: {error}", original, None)

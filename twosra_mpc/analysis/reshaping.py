@@ -109,7 +109,8 @@ def _other_reasons(problem: Problem, made: Plan, proved: bool) -> Iterator[str]:
     if not proved and _same_shape(problem):
         yield "no drive in this shape was found; that there is none is not proved"
     elif not proved:
-        yield "the goal asks for another shape; no obstacle is proved to block either one"
+        free = "no obstacle is proved to block the start's or the goal's"
+        yield f"the goal asks for another shape; {free}"
     if blocks_of(made.sequence) > 1:
         necessity = Necessity(problem)
         necessity.proves_impossible((RIGID, SOFT_BOTH, RIGID))
@@ -198,7 +199,7 @@ def _nearest(problem: Problem) -> list[int]:
     shape = footprint(problem.robot.geometry, start[POSE:])
     alone = [World(obstacles=(one,)) for one in problem.obstacles]
     far = [float(Separation(shape, one, 0.0).distances(poses).min()) for one in alone]
-    return np.argsort(far, kind="stable")[:_MOST_OBSTACLES].tolist()
+    return sorted(range(len(far)), key=far.__getitem__)[:_MOST_OBSTACLES]
 
 
 def _at(names: tuple[str, ...]) -> str:
