@@ -184,9 +184,8 @@ def test_room_is_there_where_obstacles_are_far_and_none_where_they_are_near() ->
         soft = next(phase for phase in made.phases if phase.mode == SOFT_1)
         assert place.begin == pytest.approx(made.trajectory.at(soft.start_s).q[0, :3], abs=1e-9)
         assert place.end == pytest.approx(made.trajectory.at(soft.end_s).q[0, :3], abs=1e-9)
-        assert told.why == (
-            "the goal asks for another shape; no obstacle is proved to block the start's or the goal's",
-        )
+        assert len(told.why) == 1
+        assert told.why[0].startswith("the goal asks for another shape; no obstacle is proved")
         shares.append(place.room)
     assert shares[0] == 1.0
     assert 0.3 < shares[1] < 0.9  # the wall takes less than half of the disc of places
