@@ -14,6 +14,7 @@ from conftest import Run
 import twosra_mpc.analysis.explanation as explanation_module
 import twosra_mpc.cli.comparisons as command
 import twosra_mpc.planning.planner as planner_module
+import twosra_mpc.planning.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, Status, load_problem, plan
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
@@ -375,7 +376,7 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", interrupted)
     told = explain(made)
     assert not told.complete
     last = told.alternatives[-1]
@@ -391,7 +392,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", interrupted)
     told = explain(made)  # at full speed it is planned anew
     assert (told.result, told.alternatives, told.complete) == (made, (), False)
 
@@ -402,7 +403,7 @@ def test_an_interrupt_of_the_plan_itself_plans_nothing_more(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", interrupted)
     told = explain(load_problem("rigid-move", gap=0.0))
     assert told.result.found
     assert (told.alternatives, told.complete) == ((), False)
@@ -420,7 +421,7 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(planner_module, "time", SimpleNamespace(perf_counter=lambda: now))
-    monkeypatch.setattr(planner_module, "solve", interrupted)
+    monkeypatch.setattr(sequence_solver, "solve", interrupted)
     told = explain(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED
     assert not told.complete

@@ -115,7 +115,7 @@ def _other_reasons(problem: Problem, made: Plan, proved: bool) -> Iterator[str]:
         necessity = Necessity(problem)
         necessity.proves_impossible((RIGID, SOFT_BOTH, RIGID))
         unknown = "one reshaping was not found to be enough; that it is not is not proved"
-        yield necessity.words if necessity.blocks > 1 else unknown
+        yield necessity.words if necessity.needed > 1 else unknown
 
 
 def _blockages(problem: Problem) -> Iterator[Blockage]:
