@@ -420,7 +420,9 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
         now += 100.0
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_module, "time", SimpleNamespace(perf_counter=lambda: now))
+    clock = SimpleNamespace(perf_counter=lambda: now)
+    monkeypatch.setattr(planner_module, "time", clock)
+    monkeypatch.setattr(sequence_solver, "time", clock)
     monkeypatch.setattr(sequence_solver, "solve", interrupted)
     told = explain(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED

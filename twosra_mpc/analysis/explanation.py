@@ -3,13 +3,20 @@
 Everything said of another plan comes from planning it: the next best mode sequence, the plan
 without a mode, with one heater, with slower transitions. Plans are compared at full speed: gentle
 ones all cost as much as the gap allows. What the duration is made of is read off the plan itself.
+
+Among obstacles each plan takes longer to find, and other plans are planned: the next best mode
+sequence, the next best way round (the narrowest gap that b0 goes through closed), and the plan that
+keeps 5 mm more clearance. That comes with why the plan reshapes, and where.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from twosra_mpc.analysis.critical_path import (
     Activity,
@@ -23,15 +30,20 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import bending_task, plan, plan_without
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.plans.ending import Ending
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
 
+if TYPE_CHECKING:
+    from twosra_mpc.analysis.reshaping import Reshaping
+
 SLOWER = 1.5  # how many times slower a freeze or a melt is made
+FARTHER_M = 0.005  # how much more clearance is asked for
 
 _ROUNDS = 8  # how often a sequence that only adds unused phases is set aside
 _SAME_S = 1e-5  # events closer than this are one
+_LOOKS = 200  # at a phase
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +111,7 @@ class Explanation:
         hidden: Activities that cost no time of their own.
         alternatives: Other plans, as far as they are known.
         complete: Whether all alternatives were planned; False after Ctrl-C.
+        reshaping: Why it reshapes, and where; None where there are no obstacles.
     """
 
     result: Result
@@ -107,9 +120,12 @@ class Explanation:
     hidden: tuple[Hidden, ...]
     alternatives: tuple[Alternative, ...]
     complete: bool
+    reshaping: Reshaping | None = None
 
     def __str__(self) -> str:
         lines = [self.result.message, *(f"  {reason}" for reason in self.why)]
+        if self.reshaping is not None:
+            lines += [f"  {words}" for words in (*self.reshaping.why, *self.reshaping.places)]
         if self.critical_path:
             lines.append(f"The {self.critical_path[-1].end_s:.1f} s are")
             told = in_words(self.critical_path)
@@ -152,6 +168,10 @@ def explain(
     result = subject if isinstance(subject, Result) else plan(subject)
     made, others = result.plan, list[Alternative]()
     complete = isinstance(subject, Result) or result.ending is not Ending.INTERRUPTED
+    reasons = None
+    if complete and problem.obstacles:
+        tell("without one obstacle after the other")
+        reasons, complete = _reshaping(result)
     if complete and made is not None and (made.phases or made.transitions):
         complete = _collect(_alternatives(made, tell), others)
     return Explanation(
@@ -161,7 +181,18 @@ def explain(
         hidden=() if made is None else hidden_activities(made),
         alternatives=tuple(others),
         complete=complete,
+        reshaping=reasons,
     )
+
+
+def _reshaping(result: Result) -> tuple[Reshaping | None, bool]:
+    """Why and where a plan reshapes; whether that was not ended by Ctrl-C."""
+    from twosra_mpc.analysis.reshaping import reshaping  # only among obstacles anyone waits for it
+
+    try:
+        return reshaping(result), True
+    except KeyboardInterrupt:
+        return None, False
 
 
 def _collect(alternatives: Iterator[Alternative], known: list[Alternative]) -> bool:
@@ -199,11 +230,15 @@ def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternati
     original = _at_full_speed(made, tell)
     tell("the next best mode sequence")
     yield _next_best(original)
-    for change, changed in _changes(original):
+    among = original.problem.obstacles
+    for change, changed in _changes_among_obstacles(original) if among else _changes(original):
         tell(change)
         try:
             problem, details = changed()
-            yield Alternative(change, details, original, plan(problem))
+            found = plan(problem)
+            if among and found.found and found.require().cost.total < original.cost.total:
+                details = "so the plan explained is not the best one; its gap allows that"
+            yield Alternative(change, details, original, found)
         except InputError as error:
             yield Alternative(change, f"no such problem: {error}", original, None)
 
@@ -212,6 +247,9 @@ def _at_full_speed(made: Plan, tell: Callable[[str], None]) -> Plan:
     """The plan itself if it is, or the best one that is."""
     if not made.problem.drives_gently:
         return made
+    if made.problem.obstacles and made.status is Status.FEASIBLE:  # no gap was left for gentleness
+        quick = made.problem.with_values(motion="fastest")
+        return replace(made, trajectory=replace(made.trajectory, problem=quick))
     tell("the same at full speed")
     quickest = plan(made.problem.with_values(motion="fastest"))
     if quickest.ending is Ending.INTERRUPTED:
@@ -234,6 +272,28 @@ def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, 
         yield f"melting {SLOWER:g} times slower", partial(slowed, problem, "melt", SLOWER)
 
 
+def _changes_among_obstacles(
+    original: Plan,
+) -> Iterator[tuple[str, Callable[[], tuple[Problem, str]]]]:
+    """As `_changes`: another way round, and farther from all obstacles."""
+    from twosra_mpc.checking.clearance import check_obstacles
+    from twosra_mpc.space.gaps import gaps_through
+
+    problem, moving = original.problem, [phase[1:] for phase in original.phases]
+    times = np.concatenate([np.linspace(*ends, _LOOKS) for ends in moving])
+    for gap in gaps_through(problem.world, original.trajectory.at(times).q[:, :2]):
+        closed = problem.with_values(obstacles=(*problem.obstacles, gap.closed))
+        try:
+            check_obstacles(closed)
+        except InputError:  # start or goal are in this gap
+            continue
+        yield f"the next best way round: {gap} closed", partial(_with, closed)
+        break
+    farther = problem.clearance_m + FARTHER_M
+    change = f"with {1e3 * FARTHER_M:g} mm more clearance"
+    yield change, partial(_with, problem, clearance_m=farther)
+
+
 def _with(problem: Problem, **changes: object) -> tuple[Problem, str]:
     return problem.with_values(**changes), ""
 
@@ -246,7 +306,7 @@ def _next_best(original: Plan) -> Alternative:
     """
     excluded = _sequences(original)
     cheapest = found = plan_without(original.problem, frozenset(excluded))
-    for _ in range(_ROUNDS):
+    for _ in range(1 if original.problem.obstacles else _ROUNDS):
         other = found.plan
         if other is None or found.ending is Ending.INTERRUPTED or _differ(other, original):
             break

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,6 +19,9 @@ from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import sequence_name
+
+if TYPE_CHECKING:
+    from twosra_mpc.analysis.reshaping import Reshaping
 
 PLANNERS = ("optimal", "greedy")
 _MEASURES = ("duration_s", "waiting_s", "moving_s", "transitions", "energy_J", "cost_s")
@@ -194,8 +197,9 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 
     Every other plan is found by planning again: the next best mode sequence, each mode forbidden,
-    one heater, slower metal. --time-limit is for each of the plans. Ctrl-C prints what is known so
-    far.
+    one heater, slower metal. Among obstacles: the next best mode sequence, the next best way round,
+    5 mm more clearance; and why it reshapes, and where. --time-limit is for each of the plans.
+    Ctrl-C prints what is known so far.
 
     \b
     Why these modes, in this order?
@@ -236,6 +240,15 @@ def _explanation(found: Explanation) -> dict[str, Any]:
             for other in found.alternatives
         ],
         "complete": found.complete,
+        **({} if found.reshaping is None else {"reshaping": _reshaping(found.reshaping)}),
+    }
+
+
+def _reshaping(found: Reshaping) -> dict[str, Any]:
+    return {
+        "why": found.why,
+        "blocked": [{"words": each.words, "obstacles": each.obstacles} for each in found.blocked],
+        "places": [place._asdict() | {"words": str(place)} for place in found.places],
     }
 
 
@@ -247,7 +260,10 @@ def _activity(item: Activity) -> dict[str, Any]:
 def _print_explanation(found: Explanation) -> None:
     made = found.result
     rows = [("status", str(made.status)), ("outcome", made.message)]
-    rows += [("why" if i == 0 else "", reason) for i, reason in enumerate(found.why)]
+    rows += _named_once("why", found.why)
+    if found.reshaping is not None:
+        rows += _named_once("reshaping" if made.found else "blocked", found.reshaping.why)
+        rows += _named_once("where", found.reshaping.places)
     print_table((made.problem.robot.name, made.planner), rows)
     if found.critical_path:
         rows = [(f"{lasts:8.2f} s", words) for lasts, words in in_words(found.critical_path)]
@@ -259,3 +275,8 @@ def _print_explanation(found: Explanation) -> None:
         options = [(other.change, other.price, other.outcome) for other in found.alternatives]
         compared = "instead, at full speed" if made.problem.drives_gently else "instead"
         print_table((compared, "costs more", "outcome"), options)
+
+
+def _named_once(name: str, items: Sequence[object]) -> list[tuple[str, str]]:
+    """Rows of a table of which only the first has a name."""
+    return [("" if i else name, str(item)) for i, item in enumerate(items)]

@@ -148,7 +148,7 @@ def certified_slices(
     footprint: Footprint, world: World, kept_m: float, headings: int
 ) -> FreeSlices:
     """F-: poses at which a robot is sure to keep ``kept_m`` [m], from ``headings`` slices."""
-    half_turn, pieces = np.pi / headings, np.array(merged(list(footprint.outer)))
+    half_turn, pieces = np.pi / headings, _rectangles(footprint.outer)
     grown = list(swept(pieces, half_turn, kept_m + _ROUNDING_M))
     extent = _extents(footprint.outer, half_turn, headings) + _ROUNDING_M
     return _slices(world, grown, obstacle_parts(world.obstacles), extent, headings)
@@ -156,11 +156,17 @@ def certified_slices(
 
 def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
     """F+: poses at which a robot may keep ``kept_m`` [m]; none other can."""
-    half_turn, pieces = np.pi / headings, np.array(merged(list(footprint.inner)))
+    half_turn, pieces = np.pi / headings, _rectangles(footprint.inner)
     shrunk = kept_by_all(pieces, half_turn, kept_m - _ROUNDING_M)
     extent = _extents(footprint.inner, -half_turn, headings) - _ROUNDING_M
     obstacles = obstacle_parts(world.obstacles, inner=True)
     return _slices(world, shrunk, obstacles, extent, headings)
+
+
+def _rectangles(pieces: Array) -> Array:
+    """Pieces (m, 4, 2), those whose union is a rectangle as one."""
+    fewer = merged(list(pieces))
+    return np.array(fewer) if all(len(piece) == 4 for piece in fewer) else pieces
 
 
 def _extents(pieces: Array, half_turn_rad: float, headings: int) -> Array:

@@ -84,18 +84,7 @@ class Necessity(InTheWay):
         return self.blocks(sequence) is not None
 
     def _no_path_at_all(self) -> None:
-        problem = self.problem
-        goal, width, geometry = problem.goal.configuration, problem.goal.half_width, self._geometry
-        if not problem.obstacles or not np.isfinite(goal).all() or width.max() > _MOST_PER_M:
-            return
-        from twosra_mpc.space.possible import blocked_unit
-
-        # Around b0 a unit's centre moves by less than the footprint's radius a radian.
-        radius = footprint(geometry, goal[POSE:]).radius_m
-        off_m = float(np.hypot(*width[:2])) + radius * float(width[2])
-        off_m += moved_by_bending_m(geometry, width[POSE:])
-        start = problem.start.configuration
-        unit = blocked_unit(geometry, problem.world, start, goal, off_m)
+        unit = unit_without_way(self.problem)
         if unit is not None:
             self.impossible = f"locomotion unit {unit} has no way there, whatever the robot's shape"
 
@@ -135,3 +124,18 @@ class Necessity(InTheWay):
         after_m = ahead.apart_m(Region.box(low, high)) - soft_m
         self._apart_m = np.array([before_m, apart_m - 2 * soft_m, after_m])
         self.needed = max(self.needed, needed)
+
+
+def unit_without_way(problem: Problem) -> int | None:
+    """A locomotion unit, 1 or 2, that is proved to have no way to the goal in any shape."""
+    goal, width = problem.goal.configuration, problem.goal.half_width
+    if not problem.obstacles or not np.isfinite(goal).all() or width.max() > _MOST_PER_M:
+        return None
+    from twosra_mpc.space.possible import blocked_unit
+
+    # Around b0 a unit's centre moves by less than the footprint's radius a radian.
+    geometry = problem.robot.geometry
+    radius = footprint(geometry, goal[POSE:]).radius_m
+    off_m = float(np.hypot(*width[:2])) + radius * float(width[2])
+    off_m += moved_by_bending_m(geometry, width[POSE:])
+    return blocked_unit(geometry, problem.world, problem.start.configuration, goal, off_m)
