@@ -71,9 +71,8 @@ class Necessity(InTheWay):
         before, between, after = np.maximum(self._apart_m, 0.0) / limits.speed_m_s
         drives = [i for i, mode in enumerate(sequence) if is_rigid(mode)]
         if len(drives) == count + 1:
-            for i, time_s in zip(
-                drives, (before, after) if count == 1 else (0.0, between), strict=False
-            ):
+            times_s = (before, after) if count == 1 else (0.0, between, 0.0)
+            for i, time_s in zip(drives, times_s, strict=True):
                 least[i] = float(time_s)
         return least
 
@@ -114,8 +113,12 @@ class Necessity(InTheWay):
             self.needed = max(self.needed, needed)
             return
         last = possible_slices(last_shape, world, kept, headings)
+        to_goal = components_in(last, low, high)
+        if not to_goal:
+            self.impossible = "no pose and shape of the goal keeps clear of what is around it"
+            return
         ahead = Region.of(first, from_start)
-        behind = Region.of(last, components_in(last, low, high))
+        behind = Region.of(last, to_goal)
         apart_m = ahead.apart_m(behind)
         if needed and apart_m > soft_m:
             needed = 2
