@@ -29,6 +29,7 @@ def scenes(
     half_width_m: float,
     radius_m: tuple[float, float],
     curvature_per_m: float,
+    clearance_m: float | None = None,
 ) -> Iterator[tuple[str, Problem]]:
     """Yield (label, problem) of random scenes; positions and headings are uniform.
 
@@ -41,19 +42,22 @@ def scenes(
         half_width_m: Of the square workspace, whose middle is the origin.
         radius_m: Least and largest radius of the circles that the obstacles' corners lie on.
         curvature_per_m: Largest curvature of start and goal.
+        clearance_m: What plans keep, and start and goal have; by default plans keep the usual, and
+            start and goal have 5 mm.
     """
     rng, described = np.random.default_rng(seed), load_robot(robot)
-    edges = (-half_width_m, half_width_m)
+    edges, ends_m = (-half_width_m, half_width_m), clearance_m or LEAST_CLEARANCE_M
+    kept = {} if clearance_m is None else {"clearance_m": clearance_m}
     for number in range(count):
         things = tuple(_convex(rng, half_width_m, radius_m) for _ in range(obstacles))
-        world = World(workspace={"x_m": edges, "y_m": edges}, obstacles=things)
+        world = World(workspace={"x_m": edges, "y_m": edges}, obstacles=things, **kept)
         ends: list[dict[str, Any]] = []
         while len(ends) < 2:
             position, heading = rng.uniform(*edges, 2), rng.uniform(-math.pi, math.pi)
             kappa = rng.uniform(-curvature_per_m, curvature_per_m, described.coordinates.segments)
             q = np.array([*position, heading, *kappa])
             allowed = broken_by_shapes(described, kappa[None]) is None
-            if allowed and stands(described.geometry, world, q, LEAST_CLEARANCE_M):
+            if allowed and stands(described.geometry, world, q, ends_m):
                 x, y, phi, *bends = q.tolist()
                 ends.append({"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": tuple(bends)})
         start, goal = ends

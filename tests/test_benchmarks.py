@@ -417,6 +417,18 @@ def test_scenes_are_planned_with_obstacles_and_without(tmp_path: Path) -> None:
     assert blocks(((0, 0), (1, 0), (1, 1), (0, 0), (0, 1))) == 2
 
 
+def test_passages_are_decided_and_a_peer_that_is_missing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    done = benchmark(tmp_path, "passages", "runs=1", "widths_m=[0.09, 0.05]")
+    assert done.exit_code == 0, done.output
+    report = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "| 90 | certified |" in report
+    assert "| 50 | blocked |" in report
+    assert report.count("ompl is not installed") == 2
+
+
 def test_the_cache_study_compares_changed_robots_with_the_same_one(tmp_path: Path) -> None:
     done = benchmark(tmp_path, "cache", ONE, "repeats=1")
     assert done.exit_code == 0, done.output

@@ -107,7 +107,7 @@ def test_the_python_runs(page: Path, code: str, folder: Path) -> None:
 def test_the_file_is_valid(block: Block, tmp_path: Path) -> None:
     path = tmp_path / str(block.title)
     path.write_text(block.text)
-    if "goal" in tomllib.loads(block.text):
+    if {"goal", "tasks"} & tomllib.loads(block.text).keys():
         load_problem(path)
     else:
         load_robot(path)

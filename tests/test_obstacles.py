@@ -87,7 +87,7 @@ def test_random_scenes_are_planned_verified_and_bounded(seed: int) -> None:
     for step in necessity._left[:2]:
         step()
     assert necessity.impossible is None
-    assert necessity.blocks <= blocks(result)
+    assert necessity.needed <= blocks(result)
 
 
 def test_the_bound_among_obstacles_is_no_lower_than_without() -> None:
@@ -174,7 +174,7 @@ def test_a_goal_box_too_wide_to_prove_anything_is_no_trouble() -> None:
     made = problem(*NARROW, robot="2sr-v2", workspace=ROOM, goal=goal, **ends)
     necessity = Necessity(made)
     assert not necessity.proves_impossible(((0, 0), (1, 1), (0, 0)))
-    assert necessity.blocks <= 1
+    assert necessity.needed <= 1
 
 
 def test_what_is_not_proved_failed_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from twosra_mpc.space.minkowski import (
     swept,
     turned,
 )
-from twosra_mpc.space.possible import apart_m, components_in
+from twosra_mpc.space.possible import Region, components_in
 from twosra_mpc.space.slices import (
     FreeSlices,
     certified_slices,
@@ -167,12 +167,11 @@ def test_the_distance_that_shapes_leave_between_them_is_that_of_their_components
     (_, one), (_, other) = (both(wall, kappa, 36) for kappa in ((30.0, 30.0), STRAIGHT))
     start, goal = np.array([-0.5, 0.0, 0.0]), np.array([0.5, 0.0, 0.0])
     left, right = components_in(one, start, start), components_in(other, goal, goal)
-    assert apart_m(one, left, other, components_in(other, start, start)) == 0
+    ahead, behind = Region.of(one, left), Region.of(other, right)
+    assert ahead.apart_m(Region.of(other, components_in(other, start, start))) == 0
     reached = [
         shapely.total_bounds(slices.parts[np.isin(slices.component_of, list(found))])
         for slices, found in ((one, left), (other, right))
     ]
-    assert apart_m(one, left, other, right) == pytest.approx(
-        reached[1][0] - reached[0][2], abs=0.01
-    )
-    assert apart_m(one, left, other, frozenset()) == np.inf
+    assert ahead.apart_m(behind) == pytest.approx(reached[1][0] - reached[0][2], abs=0.01)
+    assert ahead.apart_m(Region.of(other, frozenset())) == np.inf

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from twosra_mpc.problem.geojson import obstacles_of, read_obstacles
     from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
     from twosra_mpc.problem.problem import Problem, Start, Weights, load_problem, scenario_names
+    from twosra_mpc.problem.world import Box, Disc, Obstacle, Pass, World
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
     from twosra_mpc.schema import json_schema
@@ -54,6 +55,7 @@ _PUBLIC = {
     "problem.geojson": ("obstacles_of", "read_obstacles"),
     "problem.goals": ("Goal", "GoalSet", "Tolerance"),
     "problem.problem": ("Problem", "Start", "Weights", "load_problem", "scenario_names"),
+    "problem.world": ("Box", "Disc", "Obstacle", "Pass", "World"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
     "schema": ("json_schema",),
@@ -61,6 +63,8 @@ _PUBLIC = {
 _MODULES = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
+    "Box",
+    "Disc",
     "Explanation",
     "Goal",
     "GoalSet",
@@ -68,6 +72,8 @@ __all__ = [
     "InputError",
     "Mode",
     "NoPlanError",
+    "Obstacle",
+    "Pass",
     "Plan",
     "PlanCheck",
     "Problem",
@@ -81,6 +87,7 @@ __all__ = [
     "Tolerance",
     "TwosraError",
     "Weights",
+    "World",
     "__version__",
     "check_plan",
     "compare_models",

@@ -9,6 +9,7 @@ from benchmarks.studies.cold_start import ColdStart
 from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.departure import Departure
 from benchmarks.studies.growth import Growth
+from benchmarks.studies.passages import Passages
 from benchmarks.studies.peers import Peers
 from benchmarks.studies.scenes import Scenes
 from benchmarks.studies.tracker_step import TrackerSteps
@@ -45,8 +46,12 @@ STUDIES: dict[str, Study] = {
     "certificate": Certificate(problems=("random-100:50",), repeats=1),
     "closed-loop": ClosedLoop(),
     "closed-loop-hard": ClosedLoop(level="hard", seeds=2, path_models=("arc",)),
+    "closed-loop-scenes": ClosedLoop(
+        problems=("scenes-100",), seeds=1, executors=("optimal",), path_models=("arc",)
+    ),
     "departure": Departure(),
     "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
+    "passages": Passages(),
     "scenes": Scenes(problems=("scenes-6", "scenes-14"), repeats=1, time_limit_s=60.0),
     "tracker-step": TrackerSteps(),
 }

@@ -17,9 +17,8 @@ from pydantic import BeforeValidator, TypeAdapter
 from benchmarks.problems import Choices, labelled
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import InputError, NoPlanError, with_path_model
-from twosra_mpc.execution.simulation.disturbance import CLEARANCE_M
 from twosra_mpc.execution.simulation.simulate import simulate
-from twosra_mpc.validation import Positive, plain
+from twosra_mpc.validation import plain
 
 UNPLANNED = "not planned"
 
@@ -45,7 +44,6 @@ class ClosedLoop(Study):
         seeds: Robots each problem is run on.
         executors: What drives.
         path_models: What plans assume.
-        clearance_m: What plans keep from obstacles, where there are any.
     """
 
     record: ClassVar = TypeAdapter(dict[str, Any])
@@ -56,7 +54,6 @@ class ClosedLoop(Study):
     seeds: Count = 8
     executors: Executors = ("optimal", "greedy")
     path_models: PathModels = ("arc", "log_spiral")
-    clearance_m: Positive = CLEARANCE_M["moderate"]
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs; those that share a robot are neighbours."""
@@ -68,7 +65,6 @@ class ClosedLoop(Study):
         """Run one case on a robot of exact arcs; its ``Metrics``, and what its plan asked for."""
         problem = labelled(self.problems)[case.problem]
         problem = problem.with_values(robot=with_path_model(problem.robot, case.path_model))
-        problem = problem.with_values(clearance_m=self.clearance_m)
         drawn: dict[str, Any] = {"disturbance": self.level, "seed": case.seed}
         try:
             done = simulate(problem, executor=case.executor, **drawn)
@@ -83,7 +79,7 @@ class ClosedLoop(Study):
         del folder
         ran = [found for found in results if found.record["ending"] != UNPLANNED]
         ours = [made for case, made in ran if case.executor == "optimal"]
-        around = [made for _, made in ran if made["least_clearance_m"] is not None]
+        around = [made for _, made in ran if made.get("least_clearance_m") is not None]
         return {
             "ran": ran,
             "unplanned": [found for found in results if found not in ran],

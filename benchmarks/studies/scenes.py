@@ -14,6 +14,7 @@ from benchmarks.measurement import PlanRecord, plan_record
 from benchmarks.study import Measured, OneProblem, PlanStudy
 from twosra_mpc import Problem, plan
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
+from twosra_mpc.validation import Positive
 
 AMONG, FREE = "among obstacles", "without obstacles"
 
@@ -32,17 +33,19 @@ class Scenes(PlanStudy):
     """Every scene with its obstacles and without, in turns.
 
     Attributes:
+        gap: Gap asked of the search.
         exact: Whether goals are met exactly; else as nearly as the robot's accuracy asks.
     """
 
     record: ClassVar = TypeAdapter(dict[str, PlanRecord])
     question: ClassVar = "Plans among random obstacles: how often, how good, how fast?"
 
+    gap: Positive = 0.005
     exact: bool = False
 
     def run(self, case: OneProblem) -> dict[str, PlanRecord]:
         """Plan a scene as it is, and without what is around the robot."""
-        problem = self.named[case.problem]
+        problem = self.named[case.problem].with_values(gap=self.gap)
         if self.exact:
             problem = problem.with_values(goal=problem.goal.with_values(tolerance="exact"))
         made = self.timed(

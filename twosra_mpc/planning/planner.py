@@ -26,7 +26,7 @@ from twosra_mpc.planning.search.bends import BendingTask, Conserved
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
-from twosra_mpc.planning.search.mode_tree import ModeTree, nothing_blocks
+from twosra_mpc.planning.search.mode_tree import InTheWay, ModeTree
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.planning.sequence_solver import SequenceSolver, Solved, checked
@@ -76,7 +76,7 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     check_shapes(problem)
     check_workspace(problem)
     if problem.obstacles:
-        from twosra_mpc.checking.clearance import check_obstacles
+        from twosra_mpc.checking.clearance import check_obstacles  # only then anyone waits for it
 
         check_obstacles(problem)
     if problem.planner == "greedy":
@@ -124,7 +124,7 @@ def mode_tree(
     problem: Problem,
     solver: Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]],
     excluded: frozenset[ModeSequence] = frozenset(),
-    blocked: Callable[[ModeSequence | None], str | None] = nothing_blocks,
+    in_the_way: InTheWay | None = None,
 ) -> ModeTree[Solution]:
     """Build the tree of mode sequences of ``problem``; ``solver`` makes plans of one of them."""
     return ModeTree(
@@ -138,7 +138,7 @@ def mode_tree(
         rigid_time=lambda: rigid_time(problem),
         solver=solver,
         excluded=excluded,
-        blocked=blocked,
+        in_the_way=in_the_way or InTheWay(),
     )
 
 
@@ -300,9 +300,9 @@ def _quality(made: Plan, ending: Ending) -> str:
 
 def _proof(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str | None:
     """Why there is no plan at all; None where that is not proved."""
-    proof = tree.blocked(None) or impossibility(tree)
+    proof = tree.in_the_way.blocks(None) or impossibility(tree)
     if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
-        proof = tree.blocked((problem.robot.rigid,)) or disproof(tree)
+        proof = tree.in_the_way.blocks((problem.robot.rigid,)) or disproof(tree)
     return proof
 
 

@@ -78,8 +78,8 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         ax.set_title(f"{number}: {mode_name(phase.mode)}, {timeline.phase_duration(phase)}")
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
     shown = world.shown_m(plan.problem, robot_shape(plan.robot.geometry, seen, 2).wheels)
-    for ax in axes:
-        world.draw_world(ax, plan.problem, shown)
+    for ax, size_pt in zip(axes, (8.0, *[6.0] * len(axes)), strict=False):
+        world.draw_world(ax, plan.problem, shown, size_pt)
     nearest = closest_approach(plan.trajectory)
     world.draw_nearest(axes[0], nearest)
     if nearest is not None:

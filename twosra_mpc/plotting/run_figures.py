@@ -88,8 +88,8 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     for number, (ax, drive) in enumerate(zip(axes[1:], drives, strict=True), start=1):
         _draw_drive(ax, run, record, number, drive)
     shown = world.shown_m(run.problem, robot_shape(geometry, record.q[::20], 2).wheels)
-    for ax in axes:
-        world.draw_world(ax, run.problem, shown)
+    for ax, size_pt in zip(axes, (8.0, *[6.0] * len(axes)), strict=False):
+        world.draw_world(ax, run.problem, shown, size_pt)
     plane.to_one_scale(axes, shown)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,

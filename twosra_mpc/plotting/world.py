@@ -78,7 +78,8 @@ def draw_nearest(ax: Axes, nearest: Clearance | None) -> None:
     ax.plot(*nearest.points_m.T, lw=1.6, marker="o", ms=2.5, scalex=False, scaley=False, **style)
     words: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "zorder": 9}
     words |= {"color": figures.NEAREST_COLOUR, "fontweight": "bold", "annotation_clip": True}
-    ax.annotate(length(nearest), nearest.points_m.mean(axis=0).tolist(), (5, 5), **words)
+    words |= {"va": "top", "bbox": {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5}}
+    ax.annotate(length(nearest), nearest.points_m.mean(axis=0).tolist(), (4, -5), **words)
 
 
 def length(nearest: Clearance) -> str:

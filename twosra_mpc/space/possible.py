@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -15,6 +16,7 @@ from twosra_mpc.space.slices import FreeSlices
 
 _QUADRANT = 16  # corners in a quarter of a disc
 _FAR_M = 1.0  # beyond all obstacles
+_EVERYWHERE_M = 1e6
 
 
 def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]:
@@ -31,17 +33,28 @@ def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]
     return frozenset(slices.component_of[here].tolist())
 
 
-def apart_m(
-    first: FreeSlices, some: frozenset[int], second: FreeSlices, others: frozenset[int]
-) -> float:
-    """Least distance in the plane of positions in components of two shapes; infinite for none."""
-    if not some or not others:
-        return np.inf
-    reached = [
-        shapely.union_all(slices.parts[np.isin(slices.component_of, list(components))])
-        for slices, components in ((first, some), (second, others))
-    ]
-    return float(shapely.distance(*reached))
+@dataclass(frozen=True)
+class Region:
+    """Positions of b0 in the plane."""
+
+    shape: shapely.Geometry
+
+    @classmethod
+    def of(cls, slices: FreeSlices, components: frozenset[int]) -> Region:
+        """Positions in some components of a shape, at whatever heading."""
+        held = np.isin(slices.component_of, list(components))
+        return cls(shapely.union_all(slices.parts[held]))
+
+    @classmethod
+    def box(cls, low: Array, high: Array) -> Region:
+        """Positions in a box of poses; infinite ends are free."""
+        (x0, y0), (x1, y1) = np.clip([low[:2], high[:2]], -_EVERYWHERE_M, _EVERYWHERE_M)
+        return cls(shapely.box(x0, y0, x1, y1))
+
+    def apart_m(self, other: Region) -> float:
+        """Least distance of their positions; infinite if one of them is empty."""
+        empty = shapely.is_empty(self.shape) or shapely.is_empty(other.shape)
+        return np.inf if empty else float(shapely.distance(self.shape, other.shape))
 
 
 def blocked_unit(

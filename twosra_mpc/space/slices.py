@@ -51,6 +51,8 @@ Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6
+# GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
+_GRID_M, _LOST_M2 = 1e-9, 1e-9
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
 
@@ -184,7 +186,7 @@ def _slices(
     free[some] = shapely.box(*low[some].T, *high[some].T)
     if pieces and obstacles:
         blocked = _blocked(pieces, obstacles, low, np.where(some[:, None], high, -np.inf))
-        free = np.asarray(shapely.difference(free, blocked), dtype=object)
+        free = _left_of(free, blocked)
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0
     beyond = np.where(np.isfinite(edges), [[-np.inf], [np.inf]], box)
@@ -200,7 +202,22 @@ def _blocked(pieces: list[Array], obstacles: list[Array], low: Array, high: Arra
     blocked = np.full(met.shape, None, dtype=object)
     blocked[met] = shapely.polygons(sums[met])
     by_obstacle = np.asarray(shapely.union_all(blocked, axis=1))  # faster than all at once
-    return np.asarray(shapely.union_all(by_obstacle, axis=1), dtype=object)
+    whole = np.asarray(shapely.union_all(by_obstacle, axis=1), dtype=object)
+    at, *_ = np.nonzero(met)
+    middles = shapely.points(sums[met].mean(axis=1))
+    shapely.prepare(whole)
+    for k in np.unique(at[~shapely.intersects(whole[at], middles)]):
+        whole[k] = shapely.union_all(blocked[k].ravel(), grid_size=_GRID_M)
+    return whole
+
+
+def _left_of(free: Geometries, blocked: Geometries) -> Geometries:
+    """What is left of boxes without what is blocked, (n,)."""
+    left = np.asarray(shapely.difference(free, blocked), dtype=object)
+    covered = shapely.area(shapely.intersection(free, blocked))
+    lost = np.abs(shapely.area(free) - shapely.area(left) - covered) > _LOST_M2
+    left[lost] = shapely.difference(free[lost], blocked[lost], grid_size=_GRID_M)
+    return left
 
 
 def _box(pieces: list[Array], obstacles: list[Array]) -> Array:

@@ -92,8 +92,8 @@ LEVELS: dict[str, Disturbance] = {
 
 
 # With so much clearance the guard stops no rigid drive of 2sra-v1: the most that one of 96 to 103
-# drives in free space needed, rounded up (``python -m benchmarks departure``). At `hard` nine of ten
-# need 39 mm.
+# drives in free space needed, rounded up: ``python -m benchmarks departure``. Nine of ten drives at
+# `hard` need 39 mm.
 CLEARANCE_M: dict[str, float] = {"none": 0.005, "mild": 0.015, "moderate": 0.025, "hard": 0.075}
 
 

@@ -18,8 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from twosra_mpc.planning.obstacles.block import blocks_of
+from twosra_mpc.planning.search.mode_tree import InTheWay
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.footprint import footprint, kept_m, moved_by_bending_m
 from twosra_mpc.space.separation import Separation
@@ -28,38 +29,59 @@ _HEADINGS = (72, 180)  # slices, until something is proved
 _MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
 
 
-class Necessity:
+class Necessity(InTheWay):
     """How many blocks every plan needs; what is worked out stays known."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self._geometry = problem, problem.robot.geometry
-        self.blocks = 0
+        self.needed = 0
+        self._apart_m: Array | None = None  # what drives must bridge at least
         self.impossible: str | None = None
         self._left = [self._no_path_at_all, *(lambda n=n: self._by_slices(n) for n in _HEADINGS)]
 
-    def __call__(self, sequence: ModeSequence | None) -> str | None:
+    def blocks(self, sequence: ModeSequence | None) -> str | None:
         """Why a sequence, or any if None, cannot be carried out, by what is known so far."""
         if sequence is None or self.impossible is not None:
             return self.impossible
-        if blocks_of(sequence) >= self.blocks:
+        if blocks_of(sequence) >= self.needed:
             return None
         return self.words
 
     @property
     def words(self) -> str:
         """What is known, in words."""
-        if self.blocks == 0:
+        if self.needed == 0:
             return "nothing is proved of the obstacles"
-        if self.blocks == 1:
+        if self.needed == 1:
             return "no drive in the start's shape: proved blocked"
         far = f"limits.soft_travel_m = {self.problem.robot.limits.soft_travel_m:g} m"
         return f"one reshaping is not enough: its drives, proved, end more than {far} apart"
 
+    def least_drives_s(self, sequence: ModeSequence) -> list[float]:
+        """Least durations of drives: of one block's before and after, of two blocks' between them.
+
+        What a drive leads past, it must drive: at most at ``limits.speed_m_s``.
+        """
+        while self._apart_m is None and self._left:
+            self._left.pop(0)()
+        least, count = [0.0] * len(sequence), blocks_of(sequence)
+        limits = self.problem.robot.limits
+        if self._apart_m is None or limits.speed_m_s is None or count not in (1, 2):
+            return least
+        before, between, after = np.maximum(self._apart_m, 0.0) / limits.speed_m_s
+        drives = [i for i, mode in enumerate(sequence) if is_rigid(mode)]
+        if len(drives) == count + 1:
+            for i, time_s in zip(
+                drives, (before, after) if count == 1 else (0.0, between), strict=False
+            ):
+                least[i] = float(time_s)
+        return least
+
     def proves_impossible(self, sequence: ModeSequence) -> bool:
         """Whether a sequence is proved impossible, by what is known or is worked out now."""
-        while self(sequence) is None and self._left:
+        while self.blocks(sequence) is None and self._left:
             self._left.pop(0)()
-        return self(sequence) is not None
+        return self.blocks(sequence) is not None
 
     def _no_path_at_all(self) -> None:
         problem = self.problem
@@ -84,7 +106,7 @@ class Necessity:
         solid = is_rigid(problem.start_mode) and is_rigid(problem.goal.mode)
         if not solid or np.isnan(goal[POSE:]).any() or width.max() > _MOST_PER_M:
             return
-        from twosra_mpc.space.possible import apart_m, components_in
+        from twosra_mpc.space.possible import Region, components_in
         from twosra_mpc.space.slices import possible_slices
 
         kept, world = kept_m(problem.world, geometry), problem.world
@@ -95,15 +117,26 @@ class Necessity:
             return
         first = possible_slices(shape, world, kept, headings)
         from_start = components_in(first, start[:POSE], start[:POSE])
-        needed = 1
+        needed, soft_m = 1, problem.robot.limits.soft_travel_m
         if (np.abs(start[POSE:] - goal[POSE:]) <= width).all():
             needed = int(from_start.isdisjoint(components_in(first, low, high)))
         last_shape = footprint(geometry, goal[POSE:]).shrunk(moved_by_bending_m(geometry, width))
-        apart = 0.0
-        if len(last_shape.inner):  # else nothing is known of where it is
-            last = possible_slices(last_shape, world, kept, headings)
-            apart = apart_m(first, from_start, last, components_in(last, low, high))
-        if needed and apart > problem.robot.limits.soft_travel_m:
+        if not len(last_shape.inner):  # nothing is known of where it is
+            self.needed = max(self.needed, needed)
+            return
+        last = possible_slices(last_shape, world, kept, headings)
+        ahead = Region.of(first, from_start)
+        behind = Region.of(last, components_in(last, low, high))
+        apart_m = ahead.apart_m(behind)
+        if needed and apart_m > soft_m:
             needed = 2
             self._left.clear()
-        self.blocks = max(self.blocks, needed)
+        to_start, to_goal = Region.box(start, start), Region.box(low, high)
+        self._apart_m = np.array(
+            [
+                behind.apart_m(to_start) - soft_m,
+                apart_m - 2 * soft_m,
+                ahead.apart_m(to_goal) - soft_m,
+            ]
+        )
+        self.needed = max(self.needed, needed)

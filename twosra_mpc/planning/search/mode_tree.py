@@ -8,7 +8,7 @@ nothing), and no phase repeats the mode before it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -22,10 +22,17 @@ Solution = TypeVar("Solution")
 SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
 
 
-def nothing_blocks(sequence: ModeSequence | None) -> str | None:
-    """Say why a mode sequence, or any if None, cannot be carried out: in free space nothing."""
-    del sequence
-    return None
+class InTheWay:
+    """What is in the robot's way: in free space, nothing."""
+
+    def blocks(self, sequence: ModeSequence | None) -> str | None:
+        """Why a complete sequence, or any if None, cannot be carried out, as far as is known."""
+        del sequence
+        return None
+
+    def least_drives_s(self, sequence: ModeSequence) -> Sequence[float]:
+        """Proved least duration of each phase of a complete sequence, for the ways to go [s]."""
+        return [0.0] * len(sequence)
 
 
 @dataclass
@@ -43,8 +50,7 @@ class ModeTree(Generic[Solution]):
         rigid_time: Proved least duration of a plan that never melts anything [s].
         solver: Yields attempts at a plan of one sequence, given its network and bound.
         excluded: Complete sequences that are not to be used.
-        blocked: Why something in the way proves that a complete sequence, or none at all, can be
-            carried out; asked again and again, as more may be known the next time.
+        in_the_way: What is in the way; asked again and again, as more may be known the next time.
         unreachable: Filled by the search: why leaves were proved infeasible.
     """
 
@@ -58,7 +64,7 @@ class ModeTree(Generic[Solution]):
     rigid_time: Callable[[], float]
     solver: SequenceSolver[Solution]
     excluded: frozenset[ModeSequence] = frozenset()
-    blocked: Callable[[ModeSequence | None], str | None] = nothing_blocks
+    in_the_way: InTheWay = field(default_factory=InTheWay)
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
     _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
 
@@ -82,7 +88,8 @@ class ModeTree(Generic[Solution]):
     def bound(self, node: ModeSequence) -> float:
         """Transitions alone: every completion passes through the events of ``node``."""
         everything = (*node, *self.modes)
-        if (reason := self.blocked(None) or unreachable_reason(everything, self.task)) is not None:
+        reason = self.in_the_way.blocks(None) or unreachable_reason(everything, self.task)
+        if reason is not None:
             self.unreachable[node] = reason
             return math.inf
         if not node:
@@ -149,7 +156,7 @@ class ModeTree(Generic[Solution]):
         leaf = self.leaf(node)
         if leaf is None or len(leaf) > self.max_phases or leaf in self.excluded:
             return math.inf
-        reason = self.blocked(leaf) or unreachable_reason(leaf, self.task)
+        reason = self.in_the_way.blocks(leaf) or unreachable_reason(leaf, self.task)
         if reason is not None:
             self.unreachable[leaf] = reason
             return math.inf
@@ -176,12 +183,17 @@ class ModeTree(Generic[Solution]):
         leaf = self.leaf(node)
         if leaf is None:
             return -math.inf
-        if (reason := self.blocked(leaf)) is not None:
+        if (reason := self.in_the_way.blocks(leaf)) is not None:
             self.unreachable[leaf] = reason
             return math.inf
-        durations = least_durations(leaf, self.task)
-        network = self.timing.network(leaf, self.last, durations)
-        return pose_bound(network, self.task, self.weights, durations, enough)
+        durations, drives_s = least_durations(leaf, self.task), self.in_the_way.least_drives_s(leaf)
+        longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
+        network = self.timing.network(leaf, self.last, longer)
+        bound = pose_bound(network, self.task, self.weights, longer, enough)
+        if any(drives_s):
+            relaxed = sequence_bound(network, self.task, self.weights, longer)
+            bound = max(bound, math.inf if relaxed is None else relaxed.cost)
+        return bound
 
     def solve(self, node: ModeSequence) -> Iterable[tuple[float, Solution] | None]:
         """Hand the complete sequence to the fixed-sequence solver."""
