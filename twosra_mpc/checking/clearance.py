@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from twosra_mpc.checking.reintegration import paths
 from twosra_mpc.checking.sweep import CHORDS, Clearance, Sweep, least, sagitta_m, uncertain_m
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
@@ -26,6 +27,7 @@ _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _NO_LINE_M = 1e-7
 _ROUNDING_M = 1e-6
+_NEARER_M = 2e-4  # than at its start may a first leg seem to lead
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
 
@@ -136,8 +138,8 @@ def _closest(around: Surroundings, sweep: Sweep, first: int, last: int) -> Clear
 def kept(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
     """What is left of the clearance that a plan must keep [m], and what is wrong if too little.
 
-    Uncertain curvatures add to what must be kept. A start that is nearer keeps its own distance,
-    until the robot has first come as far as asked, or has ended its first phase.
+    Uncertain curvatures add to what must be kept. A start that is nearer keeps its own distance, to
+    the accuracy of the sweep, until its first leg ends: all that it moves in one direction.
     """
     problem, last = trajectory.problem, len(sweep.t_s) - 1
     around = Surroundings(problem.world, problem.robot.geometry)
@@ -145,10 +147,10 @@ def kept(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
     at_start, away = float(around.distances_m(sweep.q[:1])[0]), 0
     stretches = []
     if at_start < needed and trajectory.phases and not list(around.overlaps(sweep.q[0])):
-        away = int(np.searchsorted(sweep.t_s, trajectory.phases[0].end_s))
-        far = around.distances_m(sweep.q[:away]) >= needed
-        away = int(far.argmax()) if far.any() else min(away, last)
-        stretches = [(0, away, at_start)]
+        samples = trajectory.samples
+        end_s = next(samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
+        away = min(int(np.searchsorted(sweep.t_s, end_s)), last)
+        stretches = [(0, away, at_start - _NEARER_M)]
     worst, words = np.inf, ""
     for first, end, asked in [*stretches, (away, last, needed)]:
         found = _closest(around, sweep, first, end)

@@ -37,7 +37,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
     jacobian = InPlace(kinematics(problem.robot).jacobian, [q, sigma], [columns])
     reached = np.full((len(samples), size), np.nan)
     reached[0] = problem.start.configuration
-    for first, last, direction, lengths in _paths(samples):
+    for first, last, direction, lengths in paths(samples):
         if not direction.any():
             reached[first + 1 : last + 1] = reached[first]
             continue
@@ -66,7 +66,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
     return reached
 
 
-def _paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
+def paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:
     """Runs of samples with one mode and one direction: (first, last, direction, lengths).
 
     Lengths are those of the input displacements s = (v + a dt / 2) dt, direction is s / |s|, zero

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from twosra_mpc.model.bending import bending, from_rest_to_rest
-from twosra_mpc.model.flow import roll_out
+from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.gentle import ROUNDING, gentle
 from twosra_mpc.planning.greedy import plan_greedily
@@ -217,7 +217,7 @@ def pose_task(problem: Problem) -> PoseTask | None:
         turn=float(goal[2] - start[2]),
         reach=np.array([[c * half_x, -s * half_x], [s * half_y, c * half_y]]),
         turn_reach=float(half_turn),
-        known_s=float(interval_durations(guess).sum()),
+        known_s=_known_s(guess),
         speed_rows=partial(rigid_rows_between, problem.robot),
         soft_motions=bending(problem.robot).motions_between,
     )
@@ -243,9 +243,24 @@ def rigid_time(problem: Problem) -> float:
         shift_box=box[:2],
         turns=(float(low[2]), float(high[2])),
         modulo=problem.goal.phi_modulo,
-        known_s=float(interval_durations(guess).sum()),
+        known_s=_known_s(guess),
     )
     return from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
+
+
+def _known_s(guess: Motion) -> float:
+    """How long a rigid drive takes at full speed, as guessed: by a screw, or straight and a turn.
+
+    The screw of nearly a full turn leads far away.
+    """
+    screw_s = float(interval_durations(guess).sum())
+    first, last = guess.states[0, 0], guess.states[-1, -1]
+    turn = float(last[2] - first[2])
+    if abs(turn) <= math.pi:
+        return screw_s
+    rows, far = rigid_rows(guess.robot, first[POSE:]), float(np.hypot(*(last - first)[:2]))
+    straight_s = far * float(np.linalg.norm(rows[:, :2], axis=1).max())
+    return min(screw_s, straight_s + abs(turn) * float(np.abs(rows[:, 2]).max()))
 
 
 def _conclude(

@@ -57,6 +57,17 @@ class Region:
         return np.inf if empty else float(shapely.distance(self.shape, other.shape))
 
 
+def within_obstacles(world: World, low: Array, high: Array) -> bool:
+    """Whether b0, which is a point of the robot, has no place in a box of poses (3,) to (3,)."""
+    if not world.obstacles or not np.isfinite([low[:2], high[:2]]).all():
+        return False
+    return bool(shapely.covers(_inner_union(world), shapely.box(*low[:2], *high[:2])))
+
+
+def _inner_union(world: World) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(item.inner_corners_m) for item in world.obstacles])
+
+
 def blocked_unit(
     geometry: Geometry, world: World, start: Array, goal: Array, off_m: float
 ) -> int | None:
@@ -74,8 +85,7 @@ def blocked_unit(
     """
     radius = geometry.unit_side_m / 2
     ends = robot_shape(geometry, np.array([start, goal]), 2).centres  # (2, unit, 2)
-    solid = shapely.union_all([shapely.Polygon(item.inner_corners_m) for item in world.obstacles])
-    blocked = shapely.buffer(solid, radius, quad_segs=_QUADRANT)
+    blocked = shapely.buffer(_inner_union(world), radius, quad_segs=_QUADRANT)
     if world.workspace is not None:
         edges = world.workspace.corners_m + np.array([[radius], [-radius]])
     else:

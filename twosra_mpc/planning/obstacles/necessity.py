@@ -25,6 +25,7 @@ from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.footprint import footprint, kept_m, moved_by_bending_m
 from twosra_mpc.space.separation import Separation
 
+_NO_DRIVE = "no drive in the start's shape: proved blocked"
 _HEADINGS = (72, 180)  # slices, until something is proved
 _MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
 
@@ -43,9 +44,10 @@ class Necessity(InTheWay):
         """Why a sequence, or any if None, cannot be carried out, by what is known so far."""
         if sequence is None or self.impossible is not None:
             return self.impossible
-        if blocks_of(sequence) >= self.needed:
+        count = blocks_of(sequence)
+        if count >= self.needed:
             return None
-        return self.words
+        return self.words if count else _NO_DRIVE
 
     @property
     def words(self) -> str:
@@ -53,7 +55,7 @@ class Necessity(InTheWay):
         if self.needed == 0:
             return "nothing is proved of the obstacles"
         if self.needed == 1:
-            return "no drive in the start's shape: proved blocked"
+            return _NO_DRIVE
         far = f"limits.soft_travel_m = {self.problem.robot.limits.soft_travel_m:g} m"
         return f"one reshaping is not enough: its drives, proved, end more than {far} apart"
 
@@ -83,6 +85,12 @@ class Necessity(InTheWay):
         return self.blocks(sequence) is not None
 
     def _no_path_at_all(self) -> None:
+        from twosra_mpc.space.possible import within_obstacles
+
+        for i, task in enumerate(self.problem.tasks, start=1):
+            if within_obstacles(self.problem.world, *task.ends):
+                named = f" ({task.name})" if task.name else ""
+                self.impossible = f"all of the box of task {i}{named} is within obstacles"
         unit = unit_without_way(self.problem)
         if unit is not None:
             self.impossible = f"locomotion unit {unit} has no way there, whatever the robot's shape"
