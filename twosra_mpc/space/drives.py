@@ -170,6 +170,11 @@ class Drives:
         different = here[:, None] != there[None]
         return np.asarray(different & (here >= 0)[:, None] & (there >= 0)[None])
 
+    def estimates_s(self, pose: Array, others: Array) -> Array:
+        """About how long drives from a pose (3,) to others (m, 3) take at least, (m,) [s]."""
+        field = self.field(pose)
+        return np.zeros(len(others)) if field is None else field.estimates_s(others)
+
     # Drives.
 
     def decide(self, start: Array, goal: Array) -> Decision:

@@ -25,6 +25,7 @@ from twosra_mpc.space.triangles import triangles
 
 _MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
+_NEAREST = 4  # by which the way to a pose is estimated
 _APART = 1e3  # times as far apart as the plane is wide are slices, where they are told apart
 
 
@@ -60,6 +61,11 @@ class Roadmap:
 
     def _told_apart(self, positions: Array, slices: Indices) -> Array:
         return np.column_stack([positions, _APART * slices])
+
+    def nearest(self, positions: Array, slices: Indices, count: int) -> Indices:
+        """The nodes nearest to positions (m, 2) in slices (m,), (m, count)."""
+        _, near = self._tree.query(self._told_apart(positions, slices), k=range(1, count + 1))
+        return np.asarray(np.minimum(near, len(self.poses) - 1))
 
     def links(self, pose: Array) -> tuple[Array, Indices, Array]:
         """Nodes that a pose (3,) gets to by a turn in place, then straight on.
@@ -152,6 +158,20 @@ class Field:
             last, node = node, int(self.before[node])
         poses += [self.via[last], self.pose]
         return continued(np.array(poses[::-1]))
+
+    def estimates_s(self, poses: Array) -> Array:
+        """About how long roads to other poses (m, 3) take, (m,) [s]; zero where that is not known.
+
+        By the nearest nodes of their slices, seen or not.
+        """
+        roads = self.roadmap
+        turn = poses[:, 2] / (2 * np.pi) * roads.slices.headings
+        slices = np.round(turn).astype(int) % roads.slices.headings
+        near = roads.nearest(roads.slices.within(poses[:, :2]), slices, _NEAREST)
+        legs = times_at_speed_s(roads.rows, twists(poses[:, None], roads.poses[near]))
+        same = roads.slice_of[near] == slices[:, None]
+        times = np.where(same, self.times_s[near] + legs, np.inf).min(axis=1)
+        return np.where(np.isfinite(times), times, 0.0)
 
 
 def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:

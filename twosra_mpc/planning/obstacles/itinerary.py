@@ -16,7 +16,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.screws import composed, inverse
 
-_CANDIDATES, _REACH_M = 300, 0.4  # stations of a block, and how far from where it should be
+_CANDIDATES, _REACH_M = 600, 0.4  # stations of a block, and how far from where it should be
 _NEAR_M = 0.1  # from a station found, where better ones may be
 _PASSES = 60  # candidates about each end
 _INSIDE_M = 1e-4  # of a box, and rad

@@ -22,7 +22,8 @@ from twosra_mpc.space.screws import twists, wrapped
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
 _SAME = 1e-9  # m or rad
-_MOST_CHAINS = 3
+_MOST_CHAINS = 6
+_DETOUR_S = 1.0  # longer than direct: others are estimated by roads then
 
 
 class Stations(NamedTuple):
@@ -54,6 +55,9 @@ class Driver(Protocol):
 
     def best(self, start: Array, goal: Array) -> Array | None:
         """A drive that is clear through poses (m, 3), both ends included; None: none found."""
+
+    def estimates_s(self, pose: Array, others: Array) -> Array:
+        """About how long drives from a pose (3,) to others (m, 3) take at least, (m,) [s]."""
 
     def apart(self, start: Array, goal: Array) -> NDArray[np.bool_]:
         """Which of poses (a, 3) and (b, 3) it does not know how to join, (a, b)."""
@@ -156,6 +160,7 @@ class _Legs:
             self._cost.append(cost)
         self._found: dict[tuple[int, int, int], Array] = {}
         self._parted: set[int] = set()
+        self._surveyed: set[int] = set()
 
     def shortest(self) -> list[int] | None:
         """Station of each layer on the shortest chain, by dynamic programming from the goal."""
@@ -189,9 +194,27 @@ class _Legs:
                 self._strike_apart(k, driver)
                 return False
             self._found[k, i, j] = route
-            true = max(0.0, driver.time_s(route) - float(self._hidden[k]))
-            self._cost[k][self._place(k, i, j)] = true
+            place = self._place(k, i, j)
+            true = driver.time_s(route) - float(self._hidden[k])
+            longer = true - self._cost[k][place] > _DETOUR_S
+            self._cost[k][place] = max(0.0, true)
+            if longer:
+                self._survey(k, driver)
         return True
+
+    def _survey(self, drive: int, driver: Driver) -> None:
+        """Estimate drives from the start, or to the goal, along roads, as one makes a detour."""
+        first, last = drive == 0, drive == len(self._cost) - 1
+        one, others = (self._leave, self._arrive) if first else (self._arrive, self._leave)
+        if drive in self._surveyed or first == last or np.ptp(one[drive], axis=0).any():
+            return
+        self._surveyed.add(drive)
+        longer = driver.estimates_s(one[drive][0], others[drive]) - float(self._hidden[drive])
+        cost = self._cost[drive]
+        known = np.zeros(cost.shape, dtype=bool)
+        for place in (self._place(*found) for found in self._found if found[0] == drive):
+            known[place] = True
+        self._cost[drive] = np.where(known, cost, np.maximum(cost, longer))
 
     def _strike_apart(self, drive: int, driver: Driver) -> None:
         """Never again ask for a drive between what is known to be apart."""
