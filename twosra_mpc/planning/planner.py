@@ -309,7 +309,8 @@ def _quality(made: Plan, ending: Ending) -> str:
         return str(made)
     if ending is Ending.EXHAUSTED:
         tried = f"no mode sequence of up to max_phases = {made.problem.max_phases} is left to try"
-        return f"{made}; {tried}: the gap is slack of the bounds, or in longer sequences"
+        elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
+        return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
     return f"{made}; {_STOPPED[ending]}: {_ADVICE[ending]}"
 
 
