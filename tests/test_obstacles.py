@@ -295,6 +295,9 @@ class Line:
     def time_s(self, poses: Array) -> float:
         return float(self.leg_times_s(poses[:-1], poses[1:]).sum())
 
+    def estimates_s(self, pose: Array, others: Array) -> Array:
+        return self.leg_times_s(np.broadcast_to(pose, others.shape), others)
+
     def apart(self, start: Array, goal: Array) -> Any:
         return np.zeros((len(start), len(goal)), dtype=bool)
 
@@ -318,7 +321,7 @@ def cheapest(
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_lazy_search_finds_a_chain_where_there_is_one(seed: int) -> None:
+def test_the_lazy_search_finds_the_best_of_all_combinations(seed: int) -> None:
     rng = np.random.default_rng(seed)
     depth = 1 + seed % 3
     layers = [Stations(rng.normal(size=(5, 3)), rng.normal(size=(5, 3))) for _ in range(depth)]
@@ -333,18 +336,17 @@ def test_the_lazy_search_finds_a_chain_where_there_is_one(seed: int) -> None:
         return np.tile(goal, (len(ends), 1))
 
     least = cheapest(start, goal, layers, clear, drivers, hidden)
-    found = shortest_chain(start, goals, layers, clear, drivers, hidden, most_looks=500)
+    found = shortest_chain(start, goals, layers, clear, drivers, hidden, 5000, 500)
     assert (found is None) == math.isinf(least)
     if found is not None:
         assert len(found.begins) == depth
         assert len(found.routes) == depth + 1
-        assert found.cost_s >= least - 1e-9
         longer = sum(
             max(0.0, driver.time_s(route) - free)
             for driver, route, free in zip(drivers, found.routes, hidden, strict=True)
         )
         assert found.cost_s == pytest.approx(longer)
-        assert found.cost_s <= 1.25 * least + 0.1  # at most three chains are looked at
+        assert found.cost_s == pytest.approx(least)
 
 
 def test_a_limit_of_time_returns_the_best_so_far() -> None:

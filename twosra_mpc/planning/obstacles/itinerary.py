@@ -21,6 +21,7 @@ _NEAR_M = 0.1  # from a station found, where better ones may be
 _PASSES = 60  # candidates about each end
 _INSIDE_M = 1e-4  # of a box, and rad
 _MOST_LOOKS = 60
+_MOST_CHAINS, _MOST_CHAINS_OF_SEVERAL = 6, 2  # compared
 _MOST_POSES = 1500  # all over the plane
 
 
@@ -152,6 +153,7 @@ class Itinerary:
             [self._drives[k] for k in drive_of],
             shares,
             _MOST_LOOKS,
+            _MOST_CHAINS if len(self._blocks) < 2 else _MOST_CHAINS_OF_SEVERAL,
         )
 
     def _by_drive(self, chain: Chain, drive_of: Sequence[int]) -> Chain:

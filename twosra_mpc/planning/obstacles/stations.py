@@ -22,7 +22,6 @@ from twosra_mpc.space.screws import twists, wrapped
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
 _SAME = 1e-9  # m or rad
-_MOST_CHAINS = 6
 _DETOUR_S = 1.0  # longer than direct: others are estimated by roads then
 
 
@@ -96,6 +95,7 @@ def shortest_chain(
     drivers: Sequence[Driver | None],
     hidden_s: Sequence[float],
     most_looks: int,
+    most_chains: int,
 ) -> Chain | None:
     """The chain of least time through one station of every layer; None if none is found.
 
@@ -107,6 +107,7 @@ def shortest_chain(
         drivers: Drives before, between and after the blocks; None: there is no drive.
         hidden_s: Time that each drive may take without making the plan longer.
         most_looks: Drives and sweeps to look at before giving up.
+        most_chains: Chains to compare.
     """
     if not all(len(layer.begin) for layer in layers):
         return None
@@ -116,7 +117,7 @@ def shortest_chain(
     chains = 0
     for _ in range(most_looks):
         path = legs.shortest()
-        if path is None or chains == _MOST_CHAINS or (best and legs.cost_s(path) >= best.cost_s):
+        if path is None or chains == most_chains or (best and legs.cost_s(path) >= best.cost_s):
             break
         unseen = next(((b, i) for b, i in enumerate(path) if (b, i) not in looked), None)
         if unseen is not None:
