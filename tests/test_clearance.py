@@ -370,3 +370,22 @@ def test_what_the_planner_takes_for_the_robot_holds_what_is_checked(robot: str) 
         thick = shapely.buffer(fibre[0], made.geometry.fibre_radius_m, quad_segs=32)
         assert held.covers(thick)
         assert shapely.covers(held, shapely.get_parts(solid)).all()
+
+
+def test_a_first_leg_that_starts_a_hair_away_may_not_touch() -> None:
+    """The start's own distance, less what the sweep is accurate to, is never less than nothing."""
+    free = load_problem("rigid-move", motion="fastest")
+    made = plan(free).require().trajectory
+    outline = robot_shape(free.robot.geometry, made.samples.q, 2)
+    points = np.concatenate(
+        [
+            outline.units.reshape(len(made.samples), -1, 2),
+            outline.wheels.reshape(len(made.samples), -1, 2),
+        ],
+        axis=1,
+    )
+    top = points[0, :, 1].max()
+    assert points[..., 1].max() > top + 1e-3  # it goes up
+    wall = {"box": {"x_m": [-9.0, 9.0], "y_m": [float(top + 1e-4), 9.0]}}
+    found = verify(replace(made, problem=free.with_values(obstacles=[wall])))
+    assert any("runs into" in words for words in found.problems)

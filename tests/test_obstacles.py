@@ -14,17 +14,20 @@ from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
 from twosra_mpc import InputError, Problem, Result, Status, load_problem, load_robot, plan
+from twosra_mpc.analysis.passages import decide_between
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
+from twosra_mpc.planning.obstacles.placement import Placer
 from twosra_mpc.planning.obstacles.stations import Stations, shortest_chain
 from twosra_mpc.planning.sequence_solver import checked
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.limits import check_shapes, check_workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.separation import placed
 
@@ -375,3 +378,41 @@ def test_an_interrupt_returns_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -
     result = plan(problem(POST, goal=goal, gap=0.0))
     assert result.ending is Ending.INTERRUPTED
     assert result.require().cost.total == seen[0][0]
+
+
+# --- bounds of leaves, before the search cuts them at the incumbent ------------------------------
+
+
+@pytest.mark.parametrize("walls", ["post", "wall", "task"])
+@pytest.mark.parametrize("far_m", [0.45, 2.0, 3.5])
+def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None:
+    """Also beyond the box at which slices end where there is no workspace."""
+    goal = {"x_m": far_m, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [20.0, 0.0]}
+    given: dict[str, Any] = {
+        "post": {"obstacles": [{"disc": {"x_m": -0.42, "y_m": 0.4, "radius_m": 0.03}}]},
+        "wall": {"obstacles": [{"box": {"x_m": [0.0, 0.05], "y_m": [-0.3, 0.3]}}]},
+        "task": {"tasks": [{"do": "pass", "x_m": [0.0, 0.1]}]},
+    }[walls]
+    base = Problem(robot=ROBOT, start=LEFT, goal=goal, gap=0.0, motion="fastest", **given)
+    made = plan(base).require()
+    placer = Placer(base, checked)
+    tree = planner.mode_tree(base, placer, in_the_way=placer.necessity)
+    modes = [phase.mode for phase in made.phases]
+    node = tuple(modes[:-1] if modes[-1] == (0, 0) else modes)
+    assert tree.leaf_bound(node) <= made.cost.total
+    assert tree.tighter_bound(node, math.inf) <= made.cost.total
+    assert blocks_of(tuple(modes)) >= placer.necessity.needed
+
+
+def test_a_start_that_is_too_near_gets_away_and_keeps_out() -> None:
+    wall = {"box": {"x_m": [-0.6, -0.2], "y_m": [0.012, 0.05]}}
+    ends = {**LEFT, "y_m": -0.032}
+    near = problem(wall, start=ends, goal={**ends, "y_m": -0.2}, clearance_m=0.01, modes=[[0, 0]])
+    made = plan(near).require()
+    assert made.verification.limits["clearance_m"] >= 0
+    boxes = [
+        (end.copy(), end.copy())
+        for end in (near.start.configuration[:POSE], np.array([-0.42, -0.2, 0.0]))
+    ]
+    drives = Drives(ROBOT, near.world, near.start.configuration[POSE:])
+    assert decide_between(drives, *boxes) != "blocked"

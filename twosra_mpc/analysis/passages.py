@@ -105,14 +105,25 @@ def decide_between(drives: Drives, start: _Box, goal: _Box) -> Verdict:
     """Whether a drive leads from one box of poses to another; infinite ends are free."""
     from twosra_mpc.space.possible import components_in  # shapely
 
+    kept_m = _kept_by_the_first_leg(drives, *start)
     for fineness in drives.headings:
         sure = drives.certified_slices(fineness)
         if components_in(sure, *start) & components_in(sure, *goal):
             return "certified"
-        possible = drives.possible_slices(fineness)
+        possible = drives.possible_slices(fineness, kept_m)
         if not components_in(possible, *start) & components_in(possible, *goal):
             return "blocked"
     return "undecided"
+
+
+def _kept_by_the_first_leg(drives: Drives, low: Array, high: Array) -> float:
+    """What drives must keep that start in a box: nothing, if the robot may stand nearer there."""
+    turned = np.linspace(0.0, 2 * np.pi, drives.headings[-1])
+    headings = np.atleast_1d(low[2]) if np.isfinite(low[2]) else turned
+    poses = np.column_stack([np.tile(low[:2], (len(headings), 1)), headings])
+    between = 0.0 if len(headings) == 1 else drives.footprint.radius_m * float(turned[1])
+    near = float(drives.clear(poses).min()) < drives.kept_m + between
+    return 0.0 if near else drives.kept_m
 
 
 def _boxes(problem: Problem, headings: Headings) -> tuple[_Box, _Box]:

@@ -146,13 +146,15 @@ def kept(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
     needed = problem.clearance_m + uncertain_m(problem)
     at_start, away = float(around.distances_m(sweep.q[:1])[0]), 0
     stretches = []
-    if at_start < needed and trajectory.phases and not list(around.overlaps(sweep.q[0])):
+    if at_start < needed and not list(around.overlaps(sweep.q[0])):
         samples = trajectory.samples
-        end_s = next(samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
-        away = min(int(np.searchsorted(sweep.t_s, end_s)), last)
-        stretches = [(0, away, at_start - _NEARER_M)]
+        ways = (samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
+        away = min(int(np.searchsorted(sweep.t_s, next(ways, np.inf))), last)
+        stretches = [(0, away, max(at_start - _NEARER_M, 0.0))]
+    if away < last or not stretches:
+        stretches.append((away, last, needed))
     worst, words = np.inf, ""
-    for first, end, asked in [*stretches, (away, last, needed)]:
+    for first, end, asked in stretches:
         found = _closest(around, sweep, first, end)
         margin = found.least_m - asked
         if abs(margin) <= _ROUNDING_M:

@@ -114,9 +114,11 @@ class _Execution:
         if session.unseen_s > patience.unseen_s:
             return Ending.CAMERA_LOST, f"no camera frame for {patience.unseen_s:g} s and more"
         where = accuracy.describe(session.error)
-        if accuracy.surely(session.error):
+        left = tasks_left(self.problem.tasks, session.path)
+        if accuracy.surely(session.error) and not left:
             return Ending.REACHED, f"the goal is reached: {where}"
-        session.tell("look", f"the plan is at its end, {where}")
+        missing = f"; {len(left)} of {len(self.problem.tasks)} tasks left" if left else ""
+        session.tell("look", f"the plan is at its end, {where}{missing}")
         return None
 
     def _left(self, left: Abort) -> tuple[Ending, str] | None:

@@ -132,6 +132,8 @@ def plan_greedily(problem: Problem) -> Result:
         status, message, check = made.status, str(made), made.verification
         if not check.ok:
             message += f", which does not verify: {'; '.join(check.problems)}"
+            if problem.obstacles or problem.tasks:
+                message += " (the greedy rule knows neither obstacles nor tasks)"
     return Result(problem, "greedy", status, message, None, None, stats, made)
 
 

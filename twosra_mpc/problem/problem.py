@@ -153,7 +153,14 @@ class Problem(Value):
     @field_validator("obstacles", mode="before")
     @classmethod
     def _read_obstacles(cls, value: object) -> object:
-        return read_obstacles(value) if isinstance(value, str | Path) else value
+        if not isinstance(value, str | Path):
+            return value
+        try:
+            return read_obstacles(value)
+        except InputError as error:
+            if error.field == "file":  # the field is called obstacles here
+                raise InputError("", error.value, error.allowed) from None
+            raise
 
     @field_validator("goal", mode="before")
     @classmethod
@@ -223,6 +230,7 @@ class Problem(Value):
                 if abs(q[3 + j]) > limit:
                     allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
+        yield from self._tasks_outside()
         yield from self._impossible_temperatures()
         if self.heaters_at_once < sum(self.start_mode):
             liquid = "both" if sum(self.start_mode) == 2 else sum(self.start_mode)
@@ -236,6 +244,15 @@ class Problem(Value):
                 yield InputError("heating", self.heating, constant)
             if self.transition_quantile is not None:
                 yield InputError("transition_quantile", self.transition_quantile, constant)
+
+    def _tasks_outside(self) -> Iterator[InputError]:
+        """Yield boxes to pass that are wholly outside of the workspace."""
+        edges = () if self.workspace is None else (self.workspace.x_m, self.workspace.y_m)
+        for i, task in enumerate(self.tasks):
+            for name, pair, edge in zip(("x_m", "y_m"), (task.x_m, task.y_m), edges, strict=False):
+                if pair and edge and (pair[1] < edge[0] or pair[0] > edge[1]):
+                    allowed = f"some of it within the workspace, {edge[0]:g} to {edge[1]:g} m"
+                    yield InputError(f"tasks.{i}.{name}", pair, allowed)
 
     def _impossible_temperatures(self) -> Iterator[InputError]:
         heater, name = self.robot.heater, self.robot.name

@@ -169,6 +169,12 @@ def _check_polygon(corners: Array) -> None:
         raise InputError("polygon_m", len(corners), "at least three corners")
     if np.linalg.matrix_rank(corners - corners[0], tol=_FLAT_M) < 2:
         raise InputError("polygon_m", corners.tolist(), "corners that do not lie on one line")
+    again = np.flatnonzero((corners == np.roll(corners, 1, axis=0)).all(axis=1))
+    if len(again):
+        at, before = int(again[0]), (int(again[0]) - 1) % len(corners)
+        twice, first = (before, at) if at == 0 else (at, before)
+        allowed = f"each corner once; corner {twice + 1} is corner {first + 1} again"
+        raise InputError("polygon_m", tuple(corners[twice].tolist()), allowed)
     if (pair := _crossing(corners)) is not None:
         i, j = pair
         given = [tuple(corners[k].tolist()) for k in pair]

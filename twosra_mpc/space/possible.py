@@ -15,8 +15,9 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.slices import FreeSlices
 
 _QUADRANT = 16  # corners in a quarter of a disc
-_FAR_M = 1.0  # beyond all obstacles
+_AROUND_M = 1.0  # beyond all obstacles
 _EVERYWHERE_M = 1e6
+_AT_EDGE_M = 1e-6
 
 
 def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]:
@@ -35,26 +36,43 @@ def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]
 
 @dataclass(frozen=True)
 class Region:
-    """Positions of b0 in the plane."""
+    """Positions of b0 in the plane.
+
+    Where the workspace has no edge, slices end at a box; beyond it all is free. A region that
+    reaches its edge goes on there; what is beyond is as near to it as the box's nearest point.
+
+    Attributes:
+        shape: The positions, as far as the box.
+        box_m: Least and largest x and y of the box, (2, 2); infinite where a workspace ends.
+        goes_on: Whether there are more of them beyond the box.
+    """
 
     shape: shapely.Geometry
+    box_m: Array
+    goes_on: bool
 
     @classmethod
     def of(cls, slices: FreeSlices, components: frozenset[int]) -> Region:
         """Positions in some components of a shape, at whatever heading."""
         held = np.isin(slices.component_of, list(components))
-        return cls(shapely.union_all(slices.parts[held]))
-
-    @classmethod
-    def box(cls, low: Array, high: Array) -> Region:
-        """Positions in a box of poses; infinite ends are free."""
-        (x0, y0), (x1, y1) = np.clip([low[:2], high[:2]], -_EVERYWHERE_M, _EVERYWHERE_M)
-        return cls(shapely.box(x0, y0, x1, y1))
+        shape = shapely.union_all(slices.parts[held])
+        ends = np.reshape(shapely.bounds(shape), (2, 2))
+        at_edge = np.abs(ends - slices.box_m) <= _AT_EDGE_M
+        return cls(shape, slices.box_m, bool(at_edge.any()))
 
     def apart_m(self, other: Region) -> float:
-        """Least distance of their positions; infinite if one of them is empty."""
-        empty = shapely.is_empty(self.shape) or shapely.is_empty(other.shape)
-        return np.inf if empty else float(shapely.distance(self.shape, other.shape))
+        """Least distance of their positions, or less; infinite if one of them is empty."""
+        if shapely.is_empty(self.shape) or shapely.is_empty(other.shape):
+            return np.inf
+        if self.goes_on and other.goes_on:
+            return 0.0
+        return float(shapely.distance(self.shape, other.shape))
+
+    def from_box_m(self, low: Array, high: Array) -> float:
+        """Least distance of its positions to those of a box of poses, or less."""
+        ends = np.clip([low[:2], high[:2]], *np.clip(self.box_m, -_EVERYWHERE_M, _EVERYWHERE_M))
+        box = shapely.box(*ends[0], *ends[1])
+        return np.inf if shapely.is_empty(self.shape) else float(shapely.distance(self.shape, box))
 
 
 def within_obstacles(world: World, low: Array, high: Array) -> bool:
@@ -91,8 +109,8 @@ def blocked_unit(
     else:
         edges = np.array([[-np.inf], [np.inf]])
     around = np.concatenate([shapely.bounds(blocked).reshape(2, 2), ends.reshape(-1, 2)])
-    low = np.maximum(edges[0], around.min(axis=0) - _FAR_M)
-    high = np.minimum(edges[1], around.max(axis=0) + _FAR_M)
+    low = np.maximum(edges[0], around.min(axis=0) - _AROUND_M)
+    high = np.minimum(edges[1], around.max(axis=0) + _AROUND_M)
     parts = shapely.get_parts(shapely.difference(shapely.box(*low, *high), blocked))
     for unit, (here, there) in enumerate(zip(*ends, strict=True), start=1):
         from_start = shapely.dwithin(parts, shapely.points(here), 1e-6)

@@ -19,7 +19,7 @@ from twosra_mpc.space.screws import composed, inverse
 _CANDIDATES, _REACH_M = 600, 0.4  # stations of a block, and how far from where it should be
 _NEAR_M = 0.1  # from a station found, where better ones may be
 _PASSES = 60  # candidates about each end
-_INSIDE_M = 1e-4  # of a box, and rad
+_INSIDE_M = 5e-3  # of a box if it is as wide, and rad
 _MOST_LOOKS = 60
 _MOST_CHAINS, _MOST_CHAINS_OF_SEVERAL = 6, 2  # compared
 _MOST_POSES = 1500  # all over the plane
@@ -54,8 +54,10 @@ class Itinerary:
         blocks: Sequence[Block],
         drives: Sequence[Drives | None],
         hidden_s: Sequence[float],
+        deadline: float,
     ) -> None:
         self._problem, self._drives, self._hidden_s = problem, drives, hidden_s
+        self._deadline = deadline
         self._start = problem.start.configuration[:POSE]
         self._last_shape = blocks[-1].shape if blocks else problem.start.configuration[POSE:]
         self._blocks = [self._block(blocks, k) for k in range(len(blocks))]
@@ -154,6 +156,7 @@ class Itinerary:
             shares,
             _MOST_LOOKS,
             _MOST_CHAINS if len(self._blocks) < 2 else _MOST_CHAINS_OF_SEVERAL,
+            self._deadline,
         )
 
     def _by_drive(self, chain: Chain, drive_of: Sequence[int]) -> Chain:

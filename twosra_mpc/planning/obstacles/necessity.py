@@ -100,7 +100,8 @@ class Necessity(InTheWay):
         goal, width = problem.goal.configuration, problem.goal.half_width[POSE:]
         start = problem.start.configuration
         solid = is_rigid(problem.start_mode) and is_rigid(problem.goal.mode)
-        if not solid or np.isnan(goal[POSE:]).any() or width.max() > _MOST_PER_M:
+        known = not np.isnan(goal[POSE:]).any() and width.max() <= _MOST_PER_M
+        if not (solid and known and problem.obstacles):  # only then ``soft_travel_m`` is a rule
             return
         from twosra_mpc.space.possible import Region, components_in
         from twosra_mpc.space.slices import possible_slices
@@ -108,33 +109,29 @@ class Necessity(InTheWay):
         kept, world = kept_m(problem.world, geometry), problem.world
         low, high = (end[:POSE] for end in problem.goal.box(start))
         shape = footprint(geometry, start[POSE:])
-        own = float(Separation(shape, world, kept).distances(start[None, :POSE])[0])
-        if own < kept:  # the first drive may keep less; nothing is proved
+        near = float(Separation(shape, world, kept).distances(start[None, :POSE])[0]) < kept
+        same = bool((np.abs(start[POSE:] - goal[POSE:]) <= width).all())
+        held = footprint(geometry, goal[POSE:]).shrunk(moved_by_bending_m(geometry, width))
+        last = possible_slices(held, world, kept, headings) if len(held.inner) else None
+        to_goal = components_in(last, low, high) if last else frozenset()
+        if last and not to_goal and not (near and same):  # one leg may do, and keep less
+            self.impossible = "no pose and shape of the goal keeps clear of what is around it"
+        if near or self.impossible:  # the first leg may keep less: nothing is proved of drives
             return
         first = possible_slices(shape, world, kept, headings)
         from_start = components_in(first, start[:POSE], start[:POSE])
-        needed, soft_m = 1, problem.robot.limits.soft_travel_m
-        if (np.abs(start[POSE:] - goal[POSE:]) <= width).all():
-            needed = int(from_start.isdisjoint(components_in(first, low, high)))
-        last_shape = footprint(geometry, goal[POSE:]).shrunk(moved_by_bending_m(geometry, width))
-        if not len(last_shape.inner):  # nothing is known of where it is
-            self.needed = max(self.needed, needed)
+        blocked = not same or from_start.isdisjoint(components_in(first, low, high))
+        self.needed = max(self.needed, int(blocked))
+        if last is None:
             return
-        last = possible_slices(last_shape, world, kept, headings)
-        to_goal = components_in(last, low, high)
-        if not to_goal:
-            self.impossible = "no pose and shape of the goal keeps clear of what is around it"
-            return
-        ahead = Region.of(first, from_start)
-        behind = Region.of(last, to_goal)
-        apart_m = ahead.apart_m(behind)
-        if needed and apart_m > soft_m:
-            needed = 2
+        ahead, behind = Region.of(first, from_start), Region.of(last, to_goal)
+        apart_m, soft_m = ahead.apart_m(behind), problem.robot.limits.soft_travel_m
+        if blocked and apart_m > soft_m:
+            self.needed = 2
             self._left.clear()
-        before_m = behind.apart_m(Region.box(start, start)) - soft_m
-        after_m = ahead.apart_m(Region.box(low, high)) - soft_m
+        before_m = behind.from_box_m(start, start) - soft_m
+        after_m = ahead.from_box_m(low, high) - soft_m
         self._apart_m = np.array([before_m, apart_m - 2 * soft_m, after_m])
-        self.needed = max(self.needed, needed)
 
 
 def unit_without_way(problem: Problem) -> int | None:

@@ -171,7 +171,7 @@ class Placer(Generic[Solution]):
             drives[0] = None
         if not is_rigid(sequence[-1]):
             drives[-1] = None
-        itinerary = Itinerary(self.problem, blocks, drives, hidden_s)
+        itinerary = Itinerary(self.problem, blocks, drives, hidden_s, self.deadline)
         usable = [k for k, each in enumerate(drives) if each is not None]
         best: Chain | None = None
         for passed_in in itertools.combinations_with_replacement(usable, len(self.problem.tasks)):
