@@ -63,7 +63,8 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
     try:
         document = json.loads(text) if path.suffix in _JSON else tomllib.loads(text)
     except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
-        allowed = f"valid TOML, or JSON in a .json or .geojson file ({error})"
+        kinds = "JSON" if path.suffix == ".geojson" else "TOML, or JSON in a .json file"
+        allowed = f"valid {kinds} ({error})"
         raise InputError("file", source, allowed) from error
     if not isinstance(document, dict):
         raise InputError("file", source, "a table of keys at the top level")
