@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 import shapely
 
+import twosra_mpc.checking.sweep as sweep_module
 from twosra_mpc import InputError, Plan, Problem, load_problem, load_robot, plan
 from twosra_mpc.checking.clearance import Surroundings, _drawn, check_obstacles
 from twosra_mpc.checking.surroundings import closest_approach
-from twosra_mpc.checking.sweep import Clearance, bending_reach_m2, least, swept
+from twosra_mpc.checking.sweep import Clearance, bending_reach_m2, least, sagitta_m, swept
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
-from twosra_mpc.problem.world import Obstacle, Pass, World
+from twosra_mpc.problem.world import UNSEEN_M, Obstacle, Pass, World
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.space.footprint import footprint
@@ -389,3 +390,12 @@ def test_a_first_leg_that_starts_a_hair_away_may_not_touch() -> None:
     wall = {"box": {"x_m": [-9.0, 9.0], "y_m": [float(top + 1e-4), 9.0]}}
     found = verify(replace(made, problem=free.with_values(obstacles=[wall])))
     assert any("runs into" in words for words in found.problems)
+
+
+def test_proofs_allow_for_what_the_check_may_not_see() -> None:
+    """Distances are proved to _ACCURACY_M of a drawing whose chords stray from its arcs."""
+    for name in ("2sra-v1", "2sr-v2", "3sra"):
+        robot = load_robot(name)
+        limit = robot.limits.curvature_per_m
+        most = np.array([[0.0] * POSE + [limit] * robot.coordinates.segments])
+        assert sweep_module._ACCURACY_M + sagitta_m(robot.geometry, most) <= UNSEEN_M

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,12 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.space.drives import Drives
 
+if TYPE_CHECKING:  # it imports shapely
+    from twosra_mpc.space.possible import Box
+
 Verdict = Literal["certified", "blocked", "undecided", "not allowed"]
 Headings = Literal["free", "given"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-
-_Box = tuple[Array, Array]  # least and largest pose, each (3,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,32 +102,32 @@ def _verdict(problem: Problem, kappa: Array, headings: Headings) -> Verdict | No
     return decide_between(drives, *_boxes(problem, headings))
 
 
-def decide_between(drives: Drives, start: _Box, goal: _Box) -> Verdict:
+def decide_between(drives: Drives, start: Box, goal: Box) -> Verdict:
     """Whether a drive leads from one box of poses to another; infinite ends are free."""
-    from twosra_mpc.space.possible import components_in  # shapely
+    from twosra_mpc.space.possible import apart  # shapely
 
     kept_m = _kept_by_the_first_leg(drives, *start)
     for fineness in drives.headings:
         sure = drives.certified_slices(fineness)
-        if components_in(sure, *start) & components_in(sure, *goal):
+        if not apart(sure, start, goal):
             return "certified"
-        possible = drives.possible_slices(fineness, kept_m)
-        if not components_in(possible, *start) & components_in(possible, *goal):
+        if apart(drives.possible_slices(fineness, kept_m), start, goal):
             return "blocked"
     return "undecided"
 
 
 def _kept_by_the_first_leg(drives: Drives, low: Array, high: Array) -> float:
-    """What drives must keep that start in a box: nothing, if the robot may stand nearer there."""
+    """What drives that start in a box of headings must keep; nothing where some may be near."""
+    if low[2] == high[2]:
+        return drives.separation.kept_from_m(low[None])
     turned = np.linspace(0.0, 2 * np.pi, drives.headings[-1])
-    headings = np.atleast_1d(low[2]) if np.isfinite(low[2]) else turned
-    poses = np.column_stack([np.tile(low[:2], (len(headings), 1)), headings])
-    between = 0.0 if len(headings) == 1 else drives.footprint.radius_m * float(turned[1])
-    near = float(drives.clear(poses).min()) < drives.kept_m + between
-    return 0.0 if near else drives.kept_m
+    poses = np.column_stack([np.tile(low[:2], (len(turned), 1)), turned])
+    between = drives.footprint.radius_m * float(turned[1])
+    sure = float(drives.clear(poses).min()) >= drives.kept_m + between
+    return drives.kept_m if sure else 0.0
 
 
-def _boxes(problem: Problem, headings: Headings) -> tuple[_Box, _Box]:
+def _boxes(problem: Problem, headings: Headings) -> tuple[Box, Box]:
     """Poses to start at, and to end at."""
     at = problem.start.configuration[:POSE].copy()
     low, high = problem.goal.box(problem.start.configuration)

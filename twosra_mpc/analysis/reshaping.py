@@ -11,12 +11,18 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from twosra_mpc.planning.obstacles.block import Block, Sweep, blocks_of
-from twosra_mpc.planning.obstacles.necessity import Necessity, unit_without_way
+from twosra_mpc.planning.obstacles.necessity import (
+    HEADINGS,
+    Necessity,
+    last_shape,
+    same_shape,
+    unit_without_way,
+)
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.trajectory import Phase
@@ -24,12 +30,13 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, ModeSequence, is_rigid, sequence_name
-from twosra_mpc.space.footprint import Footprint, footprint, kept_m, moved_by_bending_m
+from twosra_mpc.space.footprint import Footprint, footprint, kept_m
 from twosra_mpc.space.screws import composed, inverse
 from twosra_mpc.space.separation import Separation
 
-_HEADINGS = (72, 180)  # slices, until something is proved
-_MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
+if TYPE_CHECKING:  # it imports shapely
+    from twosra_mpc.space.possible import Box
+
 _MOST_OBSTACLES = 10
 _ROOM_M, _PLACES = 0.2, 200
 _NODES = 40  # of a phase
@@ -106,7 +113,7 @@ def reshaping(result: Result) -> Reshaping:
 
 
 def _other_reasons(problem: Problem, made: Plan, proved: bool) -> Iterator[str]:
-    if not proved and _same_shape(problem):
+    if not proved and same_shape(problem):
         yield "no drive in this shape was found; that there is none is not proved"
     elif not proved:
         free = "no obstacle is proved to block the start's or the goal's"
@@ -126,7 +133,7 @@ def _blockages(problem: Problem) -> Iterator[Blockage]:
         yield Blockage(words, _to_blame(problem, lambda one: unit_without_way(one) is not None))
         return
     for words, blocked in _drives(problem):
-        for headings in _HEADINGS:
+        for headings in HEADINGS:
             if blocked(headings, problem):
                 yield Blockage(words, _to_blame(problem, partial(blocked, headings)))
                 break
@@ -144,40 +151,29 @@ def _drives(problem: Problem) -> Iterator[tuple[str, Callable[[int, Problem], bo
     own, here = footprint(geometry, start[POSE:]), (start[:POSE], start[:POSE])
     low, high = problem.goal.box(start)
     there = (low[:POSE], high[:POSE])
-    if _same_shape(problem):
+    if same_shape(problem):
         yield "no drive in this shape", _blocks(own, here, there)
         return
     travel = np.array([problem.robot.limits.soft_travel_m] * 2 + [np.inf])
     near_start, near_goal = ((one - travel, other + travel) for one, other in (here, there))
     yield "the start's shape does not get to the goal", _blocks(own, here, near_goal)
-    width = problem.goal.half_width[POSE:]
-    if np.isfinite(width).all() and width.max() <= _MOST_PER_M:
-        last = footprint(geometry, problem.goal.configuration[POSE:])
-        last = last.shrunk(moved_by_bending_m(geometry, width))
+    last = last_shape(problem)
+    if last is not None:
         yield "the goal's shape does not get there from the start", _blocks(last, near_start, there)
 
 
-def _same_shape(problem: Problem) -> bool:
-    start = problem.start.configuration
-    low, high = (end[POSE:] for end in problem.goal.box(start))
-    return bool(((low <= start[POSE:]) & (start[POSE:] <= high)).all())
-
-
-def _blocks(
-    shape: Footprint, here: tuple[Array, Array], there: tuple[Array, Array]
-) -> Callable[[int, Problem], bool]:
+def _blocks(shape: Footprint, here: Box, there: Box) -> Callable[[int, Problem], bool]:
     """Whether what is around proves that no drive joins a box of poses to another one."""
 
     def proved(headings: int, problem: Problem) -> bool:
-        from twosra_mpc.space.possible import components_in  # they import shapely
+        from twosra_mpc.space.possible import apart  # they import shapely
         from twosra_mpc.space.slices import possible_slices
 
         world, start = problem.world, problem.start.configuration
         kept = kept_m(world, problem.robot.geometry)
-        own = footprint(problem.robot.geometry, start[POSE:])  # a start may be nearer
-        at_start = float(Separation(own, world, kept).distances(start[None, :POSE])[0])
-        slices = possible_slices(shape, world, min(kept, max(at_start, 0.0)), headings)
-        return components_in(slices, *here).isdisjoint(components_in(slices, *there))
+        own = footprint(problem.robot.geometry, start[POSE:])
+        kept = Separation(own, world, kept).kept_from_m(start[None, :POSE])
+        return apart(possible_slices(shape, world, kept, headings), here, there)
 
     return proved
 

@@ -19,7 +19,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.limits import ends_to_check
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.world import World
+from twosra_mpc.problem.world import UNSEEN_M, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 
@@ -27,7 +27,6 @@ _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _NO_LINE_M = 1e-7
 _ROUNDING_M = 1e-6
-_NEARER_M = 2e-4  # than at its start may a first leg seem to lead
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
 
@@ -150,7 +149,7 @@ def kept(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
         samples = trajectory.samples
         ways = (samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
         away = min(int(np.searchsorted(sweep.t_s, next(ways, np.inf))), last)
-        stretches = [(0, away, max(at_start - _NEARER_M, 0.0))]
+        stretches = [(0, away, max(at_start - UNSEEN_M, 0.0))]
     if away < last or not stretches:
         stretches.append((away, last, needed))
     worst, words = np.inf, ""

@@ -35,6 +35,7 @@ from twosra_mpc.plotting.plan_figures import (
     plot_snapshots,
 )
 from twosra_mpc.plotting.plane import draw_outline, draw_robot
+from twosra_mpc.plotting.sweep_figure import draw_sweep, plot_sweep
 from twosra_mpc.plotting.timeline import (
     TimeStretch,
     draw_configuration,
@@ -69,6 +70,7 @@ __all__ = [
     "draw_outline",
     "draw_robot",
     "draw_snapshot",
+    "draw_sweep",
     "draw_temperatures",
     "draw_timeline",
     "draw_wheel_speeds",
@@ -81,6 +83,7 @@ __all__ = [
     "plot_published_tasks",
     "plot_run",
     "plot_snapshots",
+    "plot_sweep",
     "robot_shape",
     "save_figure",
 ]

@@ -6,7 +6,7 @@ Keys are those of the scenario file; a coordinate left out of the goal is free.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -69,6 +69,16 @@ class Weights(Value):
     energy_s_per_J: NonNegative = 0.0
     transition_s: NonNegative = 0.0
     effort: NonNegative = 0.0
+
+
+def _named_here(load: Callable[[Any], object], source: object, field: str) -> object:
+    """Load what a file holds; that there is no such ``field`` is said of the key that names it."""
+    try:
+        return load(source)
+    except InputError as error:
+        if error.field == field:
+            raise InputError("", error.value, error.allowed) from None
+        raise
 
 
 class Problem(Value):
@@ -141,26 +151,14 @@ class Problem(Value):
     @field_validator("robot", mode="before")
     @classmethod
     def _load_robot(cls, value: object) -> object:
-        if not isinstance(value, str | Path):
-            return value
-        try:
-            return load_robot(value)
-        except InputError as error:
-            if error.field == "robot":  # no such robot: the field is called that here already
-                raise InputError("", error.value, error.allowed) from None
-            raise
+        named = isinstance(value, str | Path)
+        return _named_here(load_robot, value, "robot") if named else value
 
     @field_validator("obstacles", mode="before")
     @classmethod
     def _read_obstacles(cls, value: object) -> object:
-        if not isinstance(value, str | Path):
-            return value
-        try:
-            return read_obstacles(value)
-        except InputError as error:
-            if error.field == "file":  # the field is called obstacles here
-                raise InputError("", error.value, error.allowed) from None
-            raise
+        named = isinstance(value, str | Path)
+        return _named_here(read_obstacles, value, "file") if named else value
 
     @field_validator("goal", mode="before")
     @classmethod

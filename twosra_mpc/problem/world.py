@@ -14,6 +14,7 @@ from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import NonNegative, Number, Pair, Positive, Value, plain
 
+UNSEEN_M = 2e-4  # by which a plan may miss a clearance unseen: verification proves to within it
 _SIDES = 16  # of the polygons that stand for a disc
 _FLAT_M = 1e-6
 

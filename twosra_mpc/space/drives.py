@@ -69,7 +69,8 @@ class Drives:
         self.footprint = footprint(self.geometry, self.kappa)
         self.kept_m = kept_m(world, self.geometry)
         self.rows, self.ramp_s = rigid_rows(robot, self.kappa), rigid_ramp_s(robot, self.kappa)
-        self.clear = Separation(self.footprint, world, self.kept_m).distances
+        self.separation = Separation(self.footprint, world, self.kept_m)
+        self.clear = self.separation.distances
         self._certified: dict[int, FreeSlices] = {}
         self._possible: dict[tuple[int, float], FreeSlices] = {}
         self._roadmaps: dict[int, Roadmap] = {}
@@ -171,7 +172,7 @@ class Drives:
         return np.asarray(different & (here >= 0)[:, None] & (there >= 0)[None])
 
     def estimates_s(self, pose: Array, others: Array) -> Array:
-        """About how long drives from a pose (3,) to others (m, 3) take at least, (m,) [s]."""
+        """About how long drives from a pose (3,) to others (m, 3) take, by roads, (m,) [s]."""
         field = self.field(pose)
         return np.zeros(len(others)) if field is None else field.estimates_s(others)
 
@@ -252,11 +253,10 @@ class Drives:
 
     def _blocked(self, headings: int, start: Array, goal: Array) -> bool:
         """Whether F+ proves that no drive from start to goal exists."""
-        own = float(self.clear(np.array([start, goal])).min())
-        kept = self.kept_m if own >= self.kept_m else max(own, 0.0)
-        slices = self.possible_slices(headings, kept)
-        ends = [slices.component(pose) for pose in (start, goal)]
-        return None in ends or ends[0] != ends[1]
+        from twosra_mpc.space.possible import apart
+
+        slices = self.possible_slices(headings, self.separation.kept_from_m(start[None]))
+        return apart(slices, (start, start), (goal, goal))
 
     def _free(self, poses: Array) -> Bools:
         return np.asarray(self.clear(poses) >= self.kept_m)

@@ -9,10 +9,12 @@ import numpy as np
 import shapely
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.problem.world import World
+from twosra_mpc.problem.world import UNSEEN_M, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.slices import FreeSlices
+
+Box = tuple[Array, Array]  # of poses: least and largest x, y, phi, infinite where free
 
 _QUADRANT = 16  # corners in a quarter of a disc
 _AROUND_M = 1.0  # beyond all obstacles
@@ -32,6 +34,14 @@ def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]
     low_x, high_x = np.clip(box, -1e3, 1e3) + np.array([[-1e-9], [1e-9]])
     here &= shapely.intersects(slices.parts, shapely.box(*low_x, *high_x))
     return frozenset(slices.component_of[here].tolist())
+
+
+def apart(slices: FreeSlices, here: Box, there: Box) -> bool:
+    """Whether no drive joins a box of poses to another one, proved, for slices of F+.
+
+    What is kept there must be no more than the first leg has to keep.
+    """
+    return components_in(slices, *here).isdisjoint(components_in(slices, *there))
 
 
 @dataclass(frozen=True)
@@ -103,7 +113,7 @@ def blocked_unit(
     """
     radius = geometry.unit_side_m / 2
     ends = robot_shape(geometry, np.array([start, goal]), 2).centres  # (2, unit, 2)
-    blocked = shapely.buffer(_inner_union(world), radius, quad_segs=_QUADRANT)
+    blocked = shapely.buffer(_inner_union(world), radius - UNSEEN_M, quad_segs=_QUADRANT)
     if world.workspace is not None:
         edges = world.workspace.corners_m + np.array([[radius], [-radius]])
     else:

@@ -95,6 +95,11 @@ class Separation:
         """Least distance at each pose (m, 3), (m,) [m]; see `Surroundings.distances`."""
         return self.surroundings.distances(placed(self._pieces, poses))
 
+    def kept_from_m(self, poses: Array) -> float:
+        """What drives that start at one of these poses (m, 3) must keep: no more than all do."""
+        own = float(self.distances(poses).min())
+        return self.kept_m if own >= self.kept_m else max(own, 0.0)
+
     def to_parts(self, poses: Array) -> Array:
         """Distance at each pose (m, 3) to each convex part of an obstacle, (m, parts) [m]."""
         return self.surroundings.to_parts(placed(self._pieces, poses))

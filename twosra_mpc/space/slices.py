@@ -15,7 +15,7 @@ in :math:`I_k`, or where the inner ones may be. The heading alone is discretised
 
 Parts of neighbouring slices that intersect share poses of the heading between them. So two poses in
 one component of F- are joined by a path, and two in different components of F+ are not. F+ is made
-of sums a micrometre smaller, so that no passage is too narrow for its polygons.
+of sums 0.2 mm smaller: what verification may not see, and no passage is too narrow for polygons.
 
 Where the workspace has no edge, slices end at a box so far out that on its edge all is free. Beyond
 it all is free too, so that what is connected in the plane is so in the box.
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from twosra_mpc.problem.world import World
+from twosra_mpc.problem.world import UNSEEN_M, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.footprint import Footprint
 from twosra_mpc.space.minkowski import (
@@ -155,9 +155,9 @@ def certified_slices(
 
 
 def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
-    """F+: poses at which a robot may keep ``kept_m`` [m]; none other can."""
+    """F+: poses at which a robot may keep ``kept_m`` [m], or seem to; none other can."""
     half_turn, pieces = np.pi / headings, _rectangles(footprint.inner)
-    shrunk = kept_by_all(pieces, half_turn, kept_m - _ROUNDING_M)
+    shrunk = kept_by_all(pieces, half_turn, kept_m - UNSEEN_M)
     extent = _extents(footprint.inner, -half_turn, headings) - _ROUNDING_M
     obstacles = obstacle_parts(world.obstacles, inner=True)
     return _slices(world, shrunk, obstacles, extent, headings)

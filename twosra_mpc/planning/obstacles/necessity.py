@@ -22,11 +22,11 @@ from twosra_mpc.planning.search.mode_tree import InTheWay
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
-from twosra_mpc.space.footprint import footprint, kept_m, moved_by_bending_m
+from twosra_mpc.space.footprint import Footprint, footprint, kept_m, moved_by_bending_m
 from twosra_mpc.space.separation import Separation
 
 _NO_DRIVE = "no drive in the start's shape: proved blocked"
-_HEADINGS = (72, 180)  # slices, until something is proved
+HEADINGS = (72, 180)  # slices, until something is proved
 _MOST_PER_M = 3.0  # half-width of a box of shapes that is worth looking at
 
 
@@ -38,7 +38,7 @@ class Necessity(InTheWay):
         self.needed = 0
         self._apart_m: Array | None = None  # what drives must bridge at least
         self.impossible: str | None = None
-        self._left = [self._no_path_at_all, *(lambda n=n: self._by_slices(n) for n in _HEADINGS)]
+        self._left = [self._no_path_at_all, *(lambda n=n: self._by_slices(n) for n in HEADINGS)]
 
     def blocks(self, sequence: ModeSequence | None) -> str | None:
         """Why a sequence, or any if None, cannot be carried out, by what is known so far."""
@@ -97,10 +97,10 @@ class Necessity(InTheWay):
 
     def _by_slices(self, headings: int) -> None:
         problem, geometry = self.problem, self._geometry
-        goal, width = problem.goal.configuration, problem.goal.half_width[POSE:]
-        start = problem.start.configuration
+        start, goal = problem.start.configuration, problem.goal.configuration
         solid = is_rigid(problem.start_mode) and is_rigid(problem.goal.mode)
-        known = not np.isnan(goal[POSE:]).any() and width.max() <= _MOST_PER_M
+        known = not np.isnan(goal[POSE:]).any()
+        known &= problem.goal.half_width[POSE:].max() <= _MOST_PER_M
         if not (solid and known and problem.obstacles):  # only then ``soft_travel_m`` is a rule
             return
         from twosra_mpc.space.possible import Region, components_in
@@ -109,10 +109,9 @@ class Necessity(InTheWay):
         kept, world = kept_m(problem.world, geometry), problem.world
         low, high = (end[:POSE] for end in problem.goal.box(start))
         shape = footprint(geometry, start[POSE:])
-        near = float(Separation(shape, world, kept).distances(start[None, :POSE])[0]) < kept
-        same = bool((np.abs(start[POSE:] - goal[POSE:]) <= width).all())
-        held = footprint(geometry, goal[POSE:]).shrunk(moved_by_bending_m(geometry, width))
-        last = possible_slices(held, world, kept, headings) if len(held.inner) else None
+        near = Separation(shape, world, kept).kept_from_m(start[None, :POSE]) < kept
+        same, held = same_shape(problem), last_shape(problem)
+        last = possible_slices(held, world, kept, headings) if held else None
         to_goal = components_in(last, low, high) if last else frozenset()
         if last and not to_goal and not (near and same):  # one leg may do, and keep less
             self.impossible = "no pose and shape of the goal keeps clear of what is around it"
@@ -132,6 +131,23 @@ class Necessity(InTheWay):
         before_m = behind.from_box_m(start, start) - soft_m
         after_m = ahead.from_box_m(low, high) - soft_m
         self._apart_m = np.array([before_m, apart_m - 2 * soft_m, after_m])
+
+
+def same_shape(problem: Problem) -> bool:
+    """Whether the goal may be reached in the shape of the start."""
+    kappa = problem.start.configuration[POSE:]
+    low, high = (end[POSE:] for end in problem.goal.box(problem.start.configuration))
+    return bool(((low <= kappa) & (kappa <= high)).all())
+
+
+def last_shape(problem: Problem) -> Footprint | None:
+    """What every shape of the goal holds of its middle one; None if that is nothing."""
+    kappa, width = problem.goal.configuration[POSE:], problem.goal.half_width[POSE:]
+    if np.isnan(kappa).any() or width.max() > _MOST_PER_M:
+        return None
+    geometry = problem.robot.geometry
+    held = footprint(geometry, kappa).shrunk(moved_by_bending_m(geometry, width))
+    return held if len(held.inner) else None
 
 
 def unit_without_way(problem: Problem) -> int | None:

@@ -58,7 +58,7 @@ class Driver(Protocol):
         """A drive that is clear through poses (m, 3), both ends included; None: none found."""
 
     def estimates_s(self, pose: Array, others: Array) -> Array:
-        """About how long drives from a pose (3,) to others (m, 3) take at least, (m,) [s]."""
+        """About how long drives from a pose (3,) to others (m, 3) take, by roads, (m,) [s]."""
 
     def apart(self, start: Array, goal: Array) -> NDArray[np.bool_]:
         """Which of poses (a, 3) and (b, 3) it does not know how to join, (a, b)."""
