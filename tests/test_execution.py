@@ -343,6 +343,12 @@ def test_the_greedy_rule_says_that_it_knows_two_segments() -> None:
         GreedyExecutor(SimulatedRobot(problem())).run(task)
 
 
+def test_the_greedy_rule_says_that_it_knows_no_tasks() -> None:
+    task = problem("rigid-move").with_values(tasks=[{"do": "pass", "x_m": [0.05, 0.06]}])
+    with pytest.raises(InputError, match="the greedy rule knows no tasks"):
+        GreedyExecutor(SimulatedRobot(problem())).run(task)
+
+
 def test_an_unknown_executor_is_refused() -> None:
     with pytest.raises(InputError, match=r"executor = 'best'.*optimal, greedy"):
         simulate(problem(), executor="best")

@@ -43,10 +43,13 @@ class GreedyExecutor:
         """Drive to the goal; the robot must be where the problem starts.
 
         Raises:
-            InputError: If the robot has more or fewer segments than the rule knows.
+            InputError: If the robot has more or fewer segments than the rule knows, or there are
+                tasks.
         """
         if problem.robot.coordinates.segments != 2:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows two segments")
+        if problem.tasks:
+            raise InputError("executor", "greedy", "optimal: the greedy rule knows no tasks")
         session = Session(self.robot, problem, guard=guard_of(problem, self.settings.patience))
         try:
             ending, reason = _GreedyRun(session, self.settings).run()
