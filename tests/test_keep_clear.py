@@ -17,7 +17,8 @@ from twosra_mpc.execution.simulation.contact import closest_approach
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.problem.world import Obstacle, Pass, World
+from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.space.proximity import EDGE, Proximity
 
 Array = NDArray[np.float64]

@@ -51,6 +51,7 @@ STAGES = [
     ("identification/",),
     ("problem/",),
     ("space/",),
+    ("contact/",),
     ("timing/",),
     ("plans/ending.py", "plans/trajectory.py", "plans/speed_profile.py"),
     ("planning/search/",),

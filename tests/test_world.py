@@ -12,7 +12,8 @@ import pytest
 import shapely
 
 from twosra_mpc import InputError, Problem, load_problem, plan
-from twosra_mpc.problem.world import Obstacle, Pass, World
+from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.problem.world import Obstacle, World
 
 START = {"x_m": -0.3, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
 GOAL = {**START, "x_m": 0.3}

@@ -30,8 +30,10 @@ if TYPE_CHECKING:
     from twosra_mpc.plans.setpoints import save_setpoints
     from twosra_mpc.problem.geojson import obstacles_of, read_obstacles
     from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
+    from twosra_mpc.problem.objects import Object, Pose, Round
     from twosra_mpc.problem.problem import Problem, Start, Weights, load_problem, scenario_names
-    from twosra_mpc.problem.world import Box, Disc, Obstacle, Pass, World
+    from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+    from twosra_mpc.problem.world import Box, Disc, Obstacle, World
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
     from twosra_mpc.schema import json_schema
@@ -55,7 +57,9 @@ _PUBLIC = {
     "problem.geojson": ("obstacles_of", "read_obstacles"),
     "problem.goals": ("Goal", "GoalSet", "Tolerance"),
     "problem.problem": ("Problem", "Start", "Weights", "load_problem", "scenario_names"),
-    "problem.world": ("Box", "Disc", "Obstacle", "Pass", "World"),
+    "problem.objects": ("Object", "Pose", "Round"),
+    "problem.tasks": ("Carry", "Conform", "Grasp", "Pass", "Reach", "Release", "Task"),
+    "problem.world": ("Box", "Disc", "Obstacle", "World"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
     "schema": ("json_schema",),
@@ -64,25 +68,34 @@ _MODULES = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "Box",
+    "Carry",
+    "Conform",
     "Disc",
     "Explanation",
     "Goal",
     "GoalSet",
+    "Grasp",
     "HeatingLog",
     "InputError",
     "Mode",
     "NoPlanError",
+    "Object",
     "Obstacle",
     "Pass",
     "Plan",
     "PlanCheck",
+    "Pose",
     "Problem",
     "Progress",
+    "Reach",
+    "Release",
     "Result",
     "Robot",
     "RobotShape",
+    "Round",
     "Start",
     "Status",
+    "Task",
     "ThermalFit",
     "Tolerance",
     "TwosraError",

@@ -30,8 +30,8 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import RIGID, SOFT_BOTH, ModeSequence, is_rigid, sequence_name
+from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m
-from twosra_mpc.space.screws import composed, inverse
 from twosra_mpc.space.separation import Separation
 
 if TYPE_CHECKING:  # it imports shapely

@@ -11,7 +11,7 @@ import numpy as np
 from twosra_mpc.checking.sweep import Clearance, Sweep, swept
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.limits import CLEARANCE, SOFT_TRAVEL
-from twosra_mpc.problem.world import Pass
+from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.validation import Pair
 
 _ROUNDING = 1e-9  # m or rad by which a box may be missed
@@ -84,7 +84,7 @@ def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
 def _tasks_not_done(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
     """Tasks whose box b0 does not enter, after those before it."""
     since = 0
-    for number, task in enumerate(trajectory.problem.tasks, start=1):
+    for number, task in enumerate(trajectory.problem.passes, start=1):
         inside = _rounded(task).met(sweep.q[since:, :3])
         if not inside.any():
             named = f"{task.do} {task.name}".strip()

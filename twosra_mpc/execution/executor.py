@@ -22,7 +22,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, Start
-from twosra_mpc.problem.world import Pass
+from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
@@ -114,7 +114,7 @@ class _Execution:
         if session.unseen_s > patience.unseen_s:
             return Ending.CAMERA_LOST, f"no camera frame for {patience.unseen_s:g} s and more"
         where = accuracy.describe(session.error)
-        left = tasks_left(self.problem.tasks, session.path)
+        left = tasks_left(self.problem.passes, session.path)
         if accuracy.surely(session.error) and not left:
             return Ending.REACHED, f"the goal is reached: {where}"
         missing = f"; {len(left)} of {len(self.problem.tasks)} tasks left" if left else ""
@@ -183,7 +183,7 @@ class _Execution:
         try:
             now = session.q, session.reading.temperature_C, mode
             rest = remaining_problem(self.problem, *now, self.broken)
-            rest = rest.with_values(tasks=tasks_left(rest.tasks, session.path))
+            rest = rest.with_values(tasks=tasks_left(rest.passes, session.path))
             result = self.meanwhile(
                 lambda: find_plan(rest),
                 lambda: session.rest(self._as_they_become(), self.settings.patience.rest_s),

@@ -70,7 +70,7 @@ def surroundings(problem: Problem) -> messages.SceneUpdate:
         )
         for name, obstacle in named
     ]
-    for number, task in enumerate(problem.tasks, start=1):
+    for number, task in enumerate(problem.passes, start=1):
         name = task.name or f"task {number}"
         (left, low), (right, high) = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         box = np.array([(left, low), (right, low), (right, high), (left, high)])

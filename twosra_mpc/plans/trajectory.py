@@ -100,15 +100,20 @@ class Trajectory:
         samples: The plan on its own grid.
         phases: Motion phases in order.
         transitions: Melts and freezes by heater time.
+        done_s: When each task of a mission is done [s]; empty where there is only a goal.
     """
 
     problem: Problem
     samples: Samples
     phases: tuple[Phase, ...]
     transitions: tuple[Transition, ...]
+    done_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         segments, found = self.problem.robot.coordinates.segments, self.samples.mode.shape[1]
+        tasks = len(self.problem.tasks) if self.problem.is_mission else 0
+        if len(self.done_s) != tasks:
+            raise InputError("done_s", self.done_s, f"a time for each of {tasks} tasks")
         if found != segments:
             allowed = f"a column for each of {segments} segments"
             raise InputError("samples.mode", f"{found} columns", allowed)

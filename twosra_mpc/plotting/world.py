@@ -62,7 +62,7 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
     white = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.8}
     for name, (x, y) in names_m(problem, points).items():
         ax.text(x, y, name, ha="center", va="center", c="0.25", bbox=white, **words)
-    for number, task in enumerate(problem.tasks, start=1):
+    for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
         x, y = np.clip((low[0], high[1]), picture.min, picture.max).tolist()

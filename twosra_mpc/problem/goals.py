@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
-from pydantic import BeforeValidator, field_validator, model_validator
+from pydantic import BeforeValidator, field_validator, model_serializer, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import RIGID, Mode, rigid_mode
+from twosra_mpc.robot.modes import RIGID, rigid_mode
 from twosra_mpc.validation import EachSegment, ModeField, NonNegative, Number, Numbers, Value, plain
 
 if TYPE_CHECKING:  # scenarios are listed without it
@@ -83,11 +83,24 @@ class GoalSet(Value, ABC):
         return read_only([w / 2 if math.isfinite(w) else 0.0 for w in (high - low).tolist()])
 
 
-class Stage(NamedTuple):
-    """A part of a problem: what it ends in, and the stiffness there."""
+class Anywhere(GoalSet):
+    """Every configuration: the goal of a problem whose last task says where it ends."""
 
-    goal: GoalSet
-    mode: Mode
+    def of_robot(self, robot: Robot) -> Anywhere:
+        """Return it with a stiffness for each segment."""
+        return Anywhere(mode=rigid_mode(robot.coordinates.segments))
+
+    def box(self, near: Array) -> tuple[Array, Array]:
+        """All of the space."""
+        return np.full(len(near), -math.inf), np.full(len(near), math.inf)
+
+    def aim(self, q: Array) -> Array:
+        """``q`` itself."""
+        return q
+
+    @model_serializer
+    def _nothing(self) -> None:
+        return None
 
 
 def _free_to_none(value: object) -> object:

@@ -6,7 +6,7 @@ Keys are those of the scenario file; a coordinate left out of the goal is free.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,9 +22,11 @@ from pydantic import (
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, locate, read_document
 from twosra_mpc.problem.geojson import read_obstacles
-from twosra_mpc.problem.goals import Goal, GoalSet, Stage, read_only
+from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.tasks import Pass, Reach, Task, task_problems
 from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.problem.world import Obstacles, Pass, World, names_twice
+from twosra_mpc.problem.world import Obstacles, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot, load_robot, segment_model
 from twosra_mpc.robot.modes import Mode
@@ -43,13 +45,14 @@ from twosra_mpc.validation import (
 
 
 class Start(Value):
-    """Where the robot is, what shape it has and how warm its segments are."""
+    """Where the robot is, what shape it has, how warm its segments are and which object it holds."""
 
     x_m: Number
     y_m: Number
     phi_rad: Number
     kappa_per_m: Numbers
     temperature_C: Numbers | None = None
+    holding: str | None = None
 
     @property
     def configuration(self) -> Array:
@@ -81,6 +84,12 @@ def _named_here(load: Callable[[Any], object], source: object, field: str) -> ob
         raise
 
 
+Tasks = Annotated[
+    tuple[Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)], ...],
+    BeforeValidator(plain),
+]
+
+
 class Problem(Value):
     """A complete planning problem (``planner`` chooses the optimal or the greedy planner).
 
@@ -94,8 +103,9 @@ class Problem(Value):
     for: "gentle" drives and bends as slowly as they allow, "fastest" as fast as the robot can. With
     ``weights.effort`` the cost itself says how fast, and ``motion`` has nothing to add. No point of
     the robot leaves the ``workspace``, and all keep ``clearance_m`` from the ``obstacles``. The
-    ``tasks`` are done one after the other, then the goal is reached; a last task that says
-    ``do = "reach"`` is the goal.
+    ``tasks`` are done one after the other, or with ``order = "free"`` in the order that costs least
+    (those of one object keep theirs); then the goal is reached. A last task that says
+    ``do = "reach"`` is the goal, and a mission may end without one.
     """
 
     description: str = ""
@@ -103,7 +113,9 @@ class Problem(Value):
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
     goal: SerializeAsAny[GoalSet]
-    tasks: Annotated[tuple[Pass, ...], BeforeValidator(plain)] = ()
+    tasks: Tasks = ()
+    order: Literal["given", "free"] = "given"
+    objects: Annotated[tuple[Object, ...], BeforeValidator(plain)] = ()
     workspace: Workspace | None = None
     obstacles: Obstacles = ()
     clearance_m: NonNegative = 0.002
@@ -132,21 +144,19 @@ class Problem(Value):
     @model_validator(mode="before")
     @classmethod
     def _reached_last(cls, data: Any) -> Any:
-        tasks = data.get("tasks") if isinstance(data, dict) else None
-        if not isinstance(tasks, list | tuple):
+        """A last task that says reach is the goal; other tasks need none after them."""
+        if not isinstance(data, dict) or data.get("goal") is not None:
             return data
-        asked = [isinstance(task, dict) and task.get("do") == "reach" for task in tasks]
-        if True in asked[:-1]:
-            raise InputError(
-                f"tasks.{asked.index(True)}.do", "reach", "reach as the last task only"
-            )
-        if not asked or not asked[-1]:
+        tasks = data.get("tasks")
+        if not isinstance(tasks, list | tuple) or not tasks:
             return data
-        last = len(tasks) - 1
-        if "goal" in data:
-            raise InputError(f"tasks.{last}.do", "reach", "pass, as there is a [goal] already")
-        goal = {key: value for key, value in tasks[-1].items() if key not in ("do", "name")}
-        return {**data, "tasks": list(tasks[:-1]), "goal": goal}
+        *before, last = (dict(task) if isinstance(task, Task) else task for task in tasks)
+        if not isinstance(last, dict) or last.get("do") == "pass":
+            return data
+        if last.get("do") != "reach" or last.get("mode") == "any":
+            return {**data, "goal": Anywhere()}
+        goal = last.get("goal") or {k: v for k, v in last.items() if k not in ("do", "name")}
+        return {**data, "tasks": before, "goal": goal}
 
     @field_validator("robot", mode="before")
     @classmethod
@@ -171,6 +181,12 @@ class Problem(Value):
         robot = info.data.get("robot")
         return goal if robot is None else goal.of_robot(robot)
 
+    @field_validator("tasks", mode="after")
+    @classmethod
+    def _for_this_robot(cls, tasks: tuple[Task, ...], info: ValidationInfo) -> tuple[Task, ...]:
+        robot = info.data.get("robot")
+        return tasks if robot is None else tuple(task.of_robot(robot) for task in tasks)
+
     @field_validator("modes")
     @classmethod
     def _some_mode(cls, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
@@ -181,7 +197,11 @@ class Problem(Value):
     @model_validator(mode="after")
     def _consistent(self) -> Problem:
         found = list(self._wrong_lengths()) or list(self._contradictions())
-        found += names_twice(self.obstacles)
+        found += names_twice(self.world_at_start.obstacles, len(self.obstacles))
+        segments = self.robot.coordinates.segments
+        found += task_problems(
+            self.tasks, self.objects, self.obstacles, segments, self.start.holding
+        )
         if found:
             raise found[0].among(found[1:])
         return self
@@ -197,6 +217,7 @@ class Problem(Value):
             "goal.kappa_per_m": tuple(self.goal.configuration[POSE:].tolist()),
             "goal.tolerance.kappa_per_m": tuple(self.goal.half_width[POSE:].tolist()),
             "goal.mode": self.goal.mode,
+            **self._lists_of_tasks(),
             **{f"modes.{i}": mode for i, mode in enumerate(self.modes)},
         }
         for field, given in lists.items():
@@ -213,6 +234,16 @@ class Problem(Value):
         ):  # what between them is possible is not worked out
             yield InputError("heaters_at_once", self.heaters_at_once, f"1 or {count}")
 
+    def _lists_of_tasks(self) -> dict[str, tuple[object, ...]]:
+        """Lists that goals on the way have."""
+        found: dict[str, tuple[object, ...]] = {}
+        for i, task in enumerate(self.tasks):
+            if isinstance(task, Reach):
+                goal, where = task.goal, f"tasks.{i}"
+                found[f"{where}.kappa_per_m"] = tuple(goal.configuration[POSE:].tolist())
+                found[f"{where}.tolerance.kappa_per_m"] = tuple(goal.half_width[POSE:].tolist())
+        return found
+
     def _contradictions(self) -> Iterator[InputError]:
         """Yield every value that the robot does not allow."""
         robot = self.robot
@@ -220,11 +251,11 @@ class Problem(Value):
             names = ", ".join(robot.timing)
             yield InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
         limit = robot.limits.curvature_per_m
+        ends = [("start", self.start.configuration), ("goal", self.goal.configuration)]
+        reaches = [(i, task) for i, task in enumerate(self.tasks) if isinstance(task, Reach)]
+        ends += [(f"tasks.{i}", task.goal.configuration) for i, task in reaches]
         for j in range(robot.coordinates.segments):
-            for where, q in (
-                ("start", self.start.configuration),
-                ("goal", self.goal.configuration),
-            ):
+            for where, q in ends:
                 if abs(q[3 + j]) > limit:
                     allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
@@ -247,6 +278,8 @@ class Problem(Value):
         """Yield boxes to pass that are wholly outside of the workspace."""
         edges = () if self.workspace is None else (self.workspace.x_m, self.workspace.y_m)
         for i, task in enumerate(self.tasks):
+            if not isinstance(task, Pass):
+                continue
             for name, pair, edge in zip(("x_m", "y_m"), (task.x_m, task.y_m), edges, strict=False):
                 if pair and edge and (pair[1] < edge[0] or pair[0] > edge[1]):
                     allowed = f"some of it within the workspace, {edge[0]:g} to {edge[1]:g} m"
@@ -318,19 +351,35 @@ class Problem(Value):
 
     @property
     def world(self) -> World:
-        """What is around the robot."""
+        """What is around the robot, but for objects."""
         return World(**{name: getattr(self, name) for name in World.model_fields})
+
+    @property
+    def world_at_start(self) -> World:
+        """What is around the robot at t = 0, objects as obstacles."""
+        return self.world_with([item.pose.pose for item in self.objects])
+
+    def world_with(self, poses: Sequence[Array | None]) -> World:
+        """What is around the robot where objects are at poses (3,); None: not in the way."""
+        placed = zip(self.objects, poses, strict=True)
+        there = [item.at(pose) for item, pose in placed if pose is not None]
+        return self.world.with_values(obstacles=(*self.obstacles, *there))
+
+    @property
+    def is_mission(self) -> bool:
+        """Whether there is more to do than to pass boxes and to reach one goal past obstacles."""
+        return bool(self.objects) or any(not isinstance(task, Pass) for task in self.tasks)
+
+    @property
+    def passes(self) -> tuple[Pass, ...]:
+        """The boxes to pass."""
+        return tuple(task for task in self.tasks if isinstance(task, Pass))
 
     @property
     def judged_goal(self) -> GoalSet:
         """What runs are measured by: the goal narrowed by the robot's accuracy, which is added."""
         robot = self.robot
         return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
-
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """What is to be reached, one after the other: so far, one goal."""
-        return (Stage(self.goal, self.goal.mode),)
 
     @property
     def start_mode(self) -> Mode:

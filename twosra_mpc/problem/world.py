@@ -1,10 +1,10 @@
-"""What is around the robot: obstacles, how far to keep from them, and boxes to drive through."""
+"""What is around the robot: obstacles, and how far to keep from them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import BeforeValidator, model_validator
@@ -71,7 +71,7 @@ class Obstacle(Value):
         if len(given) != 1:
             raise InputError("", given or "no shape", "one of polygon_m, box, disc")
         if self.polygon_m is not None:
-            _check_polygon(np.array(self.polygon_m).reshape(-1, 2))
+            check_polygon(np.array(self.polygon_m).reshape(-1, 2))
         return self
 
     @property
@@ -92,41 +92,6 @@ class Obstacle(Value):
             return self.box.corners_m
         corners = np.array(self.polygon_m)
         return corners if area_m2(corners) > 0 else corners[::-1]
-
-
-class Pass(Value):
-    """A task: drive b0 through a box of poses on the way; what is left out is free."""
-
-    do: Literal["pass"] = "pass"
-    name: str = ""
-    x_m: Pair | None = None
-    y_m: Pair | None = None
-    phi_rad: Pair | None = None
-
-    @model_validator(mode="after")
-    def _growing(self) -> Pass:
-        given = {name: getattr(self, name) for name in ("x_m", "y_m", "phi_rad")}
-        if not any(given.values()):
-            raise InputError("", {}, "at least one of x_m, y_m, phi_rad")
-        for name, pair in given.items():
-            if pair is not None and not pair[0] < pair[1]:
-                raise InputError(name, pair, "two numbers, the lower one first")
-        return self
-
-    @property
-    def ends(self) -> Array:
-        """Least and largest x, y, phi, (2, 3); infinite where free."""
-        free = (-math.inf, math.inf)
-        return np.array([self.x_m or free, self.y_m or free, self.phi_rad or free]).T
-
-    def met(self, poses: Array) -> Array:
-        """Whether each pose (..., 3) is in the box; headings count modulo full turns."""
-        low, high = self.ends
-        inside = ((poses[..., :2] >= low[:2]) & (poses[..., :2] <= high[:2])).all(axis=-1)
-        if self.phi_rad is not None:
-            inside &= np.mod(poses[..., 2] - low[2], math.tau) <= high[2] - low[2]
-        found: Array = inside
-        return found
 
 
 Obstacles = Annotated[tuple[Obstacle, ...], BeforeValidator(plain)]
@@ -157,15 +122,24 @@ class World(Value):
         return tuple(item.name or f"obstacle {i}" for i, item in enumerate(self.obstacles, start=1))
 
 
-def names_twice(obstacles: tuple[Obstacle, ...]) -> Iterator[InputError]:
-    """Yield every name of an obstacle that one before it has."""
-    names = [obstacle.name for obstacle in obstacles]
+def names_twice(
+    obstacles: tuple[Obstacle, ...], objects_from: int | None = None
+) -> Iterator[InputError]:
+    """Yield every name that one before it has; those from a place on are of objects."""
+    names, split = [item.name for item in obstacles], len(obstacles)
+    split = split if objects_from is None else objects_from
     for i, name in enumerate(names):
         if name and name in names[:i]:
-            yield InputError(f"obstacles.{i}.name", name, "a name that no other obstacle has")
+            field = f"obstacles.{i}.name" if i < split else f"objects.{i - split}.name"
+            yield InputError(field, name, "a name that nothing else has")
 
 
-def _check_polygon(corners: Array) -> None:
+def check_polygon(corners: Array) -> None:
+    """Check the corners of a polygon, (m, 2).
+
+    Raises:
+        InputError: If it crosses itself, is flat, or has less than three corners.
+    """
     if len(corners) < 3:
         raise InputError("polygon_m", len(corners), "at least three corners")
     if np.linalg.matrix_rank(corners - corners[0], tol=_FLAT_M) < 2:

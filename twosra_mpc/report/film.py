@@ -109,7 +109,7 @@ def surroundings(
     seen = np.array([(left, -top - height), (left + width, -top)]) / 1e3
     middles = {name: svg_points(np.array(at)) for name, at in names_m(problem, seen).items()}
     low, high = seen
-    tasks = [(task, np.clip(task.ends[:, :2], low - 1.0, high + 1.0)) for task in problem.tasks]
+    tasks = [(task, np.clip(task.ends[:, :2], low - 1.0, high + 1.0)) for task in problem.passes]
     return {
         "obstacles": [svg_points(obstacle.corners_m) for obstacle in problem.obstacles],
         "names": {name: at.split(",") for name, at in middles.items()},

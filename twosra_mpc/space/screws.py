@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.poses import wrapped
 
 
 def twists(start: Array, end: Array, turns_rad: Array | None = None) -> Array:
@@ -34,27 +35,6 @@ def moved(start: Array, twist: Array, share: Array) -> Array:
     x = start[..., 0] + chord * (c * twist[..., 0] - s * twist[..., 1])
     y = start[..., 1] + chord * (s * twist[..., 0] + c * twist[..., 1])
     return np.stack([x, y, start[..., 2] + turn], axis=-1)
-
-
-def composed(poses: Array, by: Array) -> Array:
-    """Poses (..., 3) moved on by poses given in their frames (..., 3) [m, m, rad]."""
-    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
-    x = poses[..., 0] + c * by[..., 0] - s * by[..., 1]
-    y = poses[..., 1] + s * by[..., 0] + c * by[..., 1]
-    return np.stack(np.broadcast_arrays(x, y, poses[..., 2] + by[..., 2]), axis=-1)
-
-
-def inverse(poses: Array) -> Array:
-    """The way back of poses (..., 3): composed with it, they are the origin."""
-    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
-    x, y = poses[..., 0], poses[..., 1]
-    return np.stack([-c * x - s * y, s * x - c * y, -poses[..., 2]], axis=-1)
-
-
-def wrapped(angle_rad: Array) -> Array:
-    """Angles within half a turn of zero [rad]."""
-    found: Array = np.mod(angle_rad + np.pi, 2 * np.pi) - np.pi
-    return found
 
 
 def times_at_speed_s(rows: Array, twist: Array) -> Array:

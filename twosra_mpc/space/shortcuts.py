@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.space.screws import moved, twists, wrapped
+from twosra_mpc.robot.poses import wrapped
+from twosra_mpc.space.screws import moved, twists
 
 Bools = NDArray[np.bool_]
 Times = Callable[[Array, Array], Array]  # of legs between poses (m, 3) each, (m,) [s]

@@ -34,6 +34,7 @@ from scipy.sparse.csgraph import connected_components
 
 from twosra_mpc.problem.world import UNSEEN_M, World
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.poses import wrapped
 from twosra_mpc.space.footprint import Footprint
 from twosra_mpc.space.minkowski import (
     kept_by_all,
@@ -45,7 +46,6 @@ from twosra_mpc.space.minkowski import (
     swept,
     turned,
 )
-from twosra_mpc.space.screws import wrapped
 
 Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]

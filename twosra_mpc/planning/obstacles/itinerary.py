@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from twosra_mpc.planning.obstacles.block import Block, Sweep
 from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.world import Pass
+from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.drives import Drives
-from twosra_mpc.space.screws import composed, inverse
 
 _CANDIDATES, _REACH_M = 600, 0.4  # stations of a block, and how far from where it should be
 _NEAR_M = 0.1  # from a station found, where better ones may be
@@ -91,7 +91,7 @@ class Itinerary:
         for k in range(len(self._drives)):
             here = [
                 task
-                for task, drive in zip(self._problem.tasks, passed_in, strict=True)
+                for task, drive in zip(self._problem.passes, passed_in, strict=True)
                 if drive == k
             ]
             stops += [*map(self._pass, here), *self._blocks[k : k + 1]]

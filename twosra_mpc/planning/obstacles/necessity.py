@@ -87,7 +87,7 @@ class Necessity(InTheWay):
     def _no_path_at_all(self) -> None:
         from twosra_mpc.space.possible import within_obstacles
 
-        for i, task in enumerate(self.problem.tasks, start=1):
+        for i, task in enumerate(self.problem.passes, start=1):
             if within_obstacles(self.problem.world, *task.ends):
                 named = f" ({task.name})" if task.name else ""
                 self.impossible = f"all of the box of task {i}{named} is within obstacles"

@@ -174,7 +174,7 @@ class Placer(Generic[Solution]):
         itinerary = Itinerary(self.problem, blocks, drives, hidden_s, self.deadline)
         usable = [k for k, each in enumerate(drives) if each is not None]
         best: Chain | None = None
-        for passed_in in itertools.combinations_with_replacement(usable, len(self.problem.tasks)):
+        for passed_in in itertools.combinations_with_replacement(usable, len(self.problem.passes)):
             found = itinerary.chain(passed_in)
             if found is not None and (best is None or found.cost_s < best.cost_s):
                 best = found
