@@ -45,7 +45,7 @@ from twosra_mpc.validation import (
 
 
 class Start(Value):
-    """Where the robot is, what shape it has, how warm its segments are and which object it holds."""
+    """Where the robot is, its shape, how warm its segments are, and which object it holds."""
 
     x_m: Number
     y_m: Number
