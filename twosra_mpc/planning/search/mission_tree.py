@@ -26,7 +26,7 @@ from twosra_mpc.planning.search.bends import (
     unreachable_reason,
 )
 from twosra_mpc.planning.search.bounds import SequenceBound
-from twosra_mpc.planning.search.mission_bound import MissionRelaxation, mission_bound
+from twosra_mpc.planning.search.mission_bound import MissionRelaxation, StageEnd, mission_bound
 from twosra_mpc.planning.search.schedule import with_durations
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, sequence_name
@@ -49,8 +49,8 @@ class StageTask:
         last: Stiffness at its end; None: any.
         drives_first: Whether it may begin with a drive.
         drives_last: Whether it may drive after its last soft phase.
-        least_drive_s: Least duration of all its drives together.
-        spared_s: By how much each block of soft phases may shorten that.
+        distance_m: How far b0 must come in it, at least.
+        rigid_s: Least duration where nothing bends in it.
         reshapes: Whether it is proved that it must reshape.
     """
 
@@ -60,8 +60,8 @@ class StageTask:
     last: Mode | None
     drives_first: bool = True
     drives_last: bool = True
-    least_drive_s: float = 0.0
-    spared_s: float = 0.0
+    distance_m: float = 0.0
+    rigid_s: float = 0.0
     reshapes: bool = False
 
     def sequences(self, begins: Mode, most_phases: int) -> Iterator[ModeSequence]:
@@ -103,15 +103,9 @@ class StageTask:
         found = [0.0] * len(sequence)
         if self.bend is not None:
             found = list(least_durations(sequence, self.bend))
-        drives = [i for i, mode in enumerate(sequence) if is_rigid(mode)]
-        if len(drives) == 1 and len(sequence) == 1:
-            found[0] = max(found[0], self.least_drive_s)
+        if len(sequence) == 1 and is_rigid(sequence[0]):
+            found[0] = max(found[0], self.rigid_s)
         return found
-
-    def drive_s(self, sequence: ModeSequence) -> float:
-        """Proved least duration of all drives of a sequence together."""
-        blocks = sum(1 for rigid, _ in itertools.groupby(sequence, key=is_rigid) if not rigid)
-        return max(0.0, self.least_drive_s - blocks * self.spared_s)
 
 
 class Node(NamedTuple):
@@ -219,14 +213,15 @@ class MissionTree(Generic[Solution]):
             return math.inf
         stages = self.variants[node.variant]
         ends = list(itertools.accumulate(map(len, node.sequences)))
-        pairs = list(zip(stages, node.sequences, strict=True))
         bound = mission_bound(
             self.network(node),
             self.relaxation,
             self.weights,
             self._durations(node),
-            [(end, stage.change) for end, stage in zip(ends, stages, strict=True)],
-            [stage.drive_s(sequence) for stage, sequence in pairs],
+            [
+                StageEnd(end, stage.change, stage.distance_m)
+                for end, stage in zip(ends, stages, strict=True)
+            ],
         )
         if bound is None:
             name = sequence_name(node.joined)
@@ -284,7 +279,8 @@ class MissionTree(Generic[Solution]):
     def _least_prefix(self, stage: StageTask, begins: Mode) -> float:
         """Least time of what every longer sequence begins with, by depth first search."""
         rigid, best = rigid_mode(len(begins)), math.inf
-        heads = [((rigid,) if stage.drives_first and not any(begins) else (), 0.0)]
+        first: ModeSequence = (rigid,) if stage.drives_first and not any(begins) else ()
+        heads = [(first, 0.0)]
         while heads:
             head, least = heads.pop()
             if least >= best:
