@@ -1,4 +1,4 @@
-"""What the search must know of a problem, worked out from the model: its tree and its relaxation."""
+"""What the search must know of a problem, worked out from the model: its tree, its relaxation."""
 
 from __future__ import annotations
 
