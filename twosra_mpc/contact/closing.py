@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.contact.contour import Contour, distances, parts
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.footprint import reach_per_curvature_m2
 
 Rows = NDArray[np.intp]
@@ -97,6 +97,6 @@ def room_m(
     if not len(q):
         return np.zeros(0)
     geometry = robot.geometry
-    each = [distances(geometry, contour, parts(geometry, q, j)) for j in segments]
+    each = [np.min(apart_m(geometry, contour, parts(geometry, q, j)), axis=0) for j in segments]
     found: Array = np.min(each, axis=0) - gap_m + TOUCHES_M
     return found

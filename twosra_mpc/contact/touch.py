@@ -14,12 +14,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import shapely
 
 from twosra_mpc.contact.closing import TOUCHES_M, Rows, close, room_m
-from twosra_mpc.contact.contour import Contour, parts, wraps_rad
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.limits import CURVATURE, SHAPE_LIMITS, UNIT_GAP, shape_margins
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.world import Obstacle
@@ -27,6 +24,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.poses import composed, inverse
+from twosra_mpc.space.contour import Contour, apart_m, farthest_m, parts, wraps_rad
 
 OVERLAPS = "overlaps the object"
 NOTHING = "nothing to wrap"
@@ -136,8 +134,9 @@ def conform_touches(
     """
     contour, geometry = Contour.of(outline), robot.geometry
     asked = {j - 1 for j in segments}
-    chains = [tuple(j for j in chain if j in asked) for chain in _chains(geometry)]
-    if any(chain != whole[: len(chain)] for chain, whole in zip(chains, _chains(geometry))):
+    wholes = _chains(geometry)
+    chains = [tuple(j for j in chain if j in asked) for chain in wholes]
+    if any(c != whole[: len(c)] for c, whole in zip(chains, wholes, strict=True)):
         raise InputError("segments", segments, "segments that begin next to b0")
     chains = [chain for chain in chains if chain]
     found, refused = [], Counter[str]()
@@ -152,7 +151,7 @@ def conform_touches(
         reasons[(reasons == "") & (room_m(robot, contour, q, (None,), 0.0) < 0)] = OVERLAPS
         for chain in rest:
             _close_chain(robot, contour, q, chain, side, 0.0, reasons)
-        gaps = np.array([_largest_gap(geometry, contour, q, j) for j in sorted(asked)])
+        gaps = np.array([farthest_m(geometry, contour, q, j) for j in sorted(asked)])
         for i in np.flatnonzero((reasons == "") & (gaps.max(axis=0) > gap_m + TOUCHES_M)):
             reasons[i] = _what_keeps_off(robot, contour, q[i], sorted(asked))
         q[:, [POSE + j for j in range(geometry.segments) if j not in asked]] = np.nan
@@ -180,7 +179,8 @@ def _ordered(found: list[Touch]) -> tuple[Touch, ...]:
 
 def _turned(poses: Array, side: int) -> Array:
     """Poses, turned round for -y to be on the outline."""
-    return poses + [0.0, 0.0, 0.0 if side > 0 else np.pi]
+    turned: Array = poses + np.array([0.0, 0.0, 0.0 if side > 0 else np.pi])
+    return turned
 
 
 def _close_chain(
@@ -200,7 +200,9 @@ def _close_chain(
         if not len(rows):
             return
 
-        def place(curvature: Array, at: Rows, rows: Rows = rows, moving: tuple[int, ...] = moving) -> Array:
+        def place(
+            curvature: Array, at: Rows, rows: Rows = rows, moving: tuple[int, ...] = moving
+        ) -> Array:
             placed = q[rows[at]]
             placed[:, [POSE + j for j in moving]] = side * curvature[:, None]
             return placed
@@ -210,6 +212,13 @@ def _close_chain(
         start[rows] = done.curvature
         reasons[rows[~done.touches]] = CURVATURE.name
         reasons[rows[~done.fits]] = OVERLAPS
+
+
+def _bent(q: Array, segments: tuple[int, ...], side: int, curvature: Array, rows: Rows) -> Array:
+    """Rows of configurations (m, 3 + n) with segments of a curvature each, (k, 3 + n)."""
+    bent = q[rows]
+    bent[:, [POSE + j for j in segments]] = side * curvature[:, None]
+    return bent
 
 
 def _laid(
@@ -238,18 +247,11 @@ def _laid(
     return place(done.curvature, rows)
 
 
-def _largest_gap(geometry: Geometry, contour: Contour, q: Array, segment: int) -> Array:
-    """Largest distance of a segment of configurations (m, 3 + n) from a contour, (m,) [m]."""
-    points = robot_shape(geometry, q, 33).segments[:, segment]
-    farthest: Array = contour.distances(shapely.points(points)).max(axis=1)
-    return farthest - geometry.fibre_radius_m
-
-
 def _what_keeps_off(robot: Robot, contour: Contour, q: Array, segments: list[int]) -> str:
     """Why segments of a configuration (3 + n,) do not lie along a contour."""
     for j in segments:
-        solids = parts(robot.geometry, q[None], j).solids
-        if contour.distances(shapely.polygons(solids)).min() < 4 * TOUCHES_M:
+        solids, _ = apart_m(robot.geometry, contour, parts(robot.geometry, q[None], j))
+        if solids[0] < 4 * TOUCHES_M:
             return IN_THE_WAY
     return LEAVES
 
