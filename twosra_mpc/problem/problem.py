@@ -371,6 +371,11 @@ class Problem(Value):
         return bool(self.objects) or any(not isinstance(task, Pass) for task in self.tasks)
 
     @property
+    def ends_anywhere(self) -> bool:
+        """Whether the last task says where it ends, soft or rigid, and there is no goal."""
+        return isinstance(self.goal, Anywhere)
+
+    @property
     def passes(self) -> tuple[Pass, ...]:
         """The boxes to pass."""
         return tuple(task for task in self.tasks if isinstance(task, Pass))
