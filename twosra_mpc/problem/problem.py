@@ -418,8 +418,19 @@ class Problem(Value):
         return self.robot.timing[self.timing]
 
     def scenario(self) -> dict[str, Any]:
-        """The scenario as plain data with all defaults filled in (the robot by its name)."""
-        return {**self.model_dump(mode="json", exclude={"robot"}), "robot": self.robot.name}
+        """The scenario as plain data with all defaults filled in (the robot by its name).
+
+        What only missions have is left out where it is not used.
+        """
+        found = self.model_dump(mode="json", exclude={"robot"})
+        for table, key, unused in (
+            (found, "objects", []),
+            (found, "order", "given"),
+            (found["start"], "holding", None),
+        ):
+            if table[key] == unused:
+                del table[key]
+        return {**found, "robot": self.robot.name}
 
 
 def load_problem(source: str | Path, **overrides: Any) -> Problem:
