@@ -14,8 +14,8 @@ from twosra_mpc.planning.nlp.fixed_sequence import Candidate, feasible_schedule
 from twosra_mpc.planning.outcome import verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.plans.trajectory import Trajectory
-from twosra_mpc.robot.coordinates import INPUTS, Array
-from twosra_mpc.robot.modes import ModeSequence
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import RIGID, ModeSequence
 from twosra_mpc.timing import transition_model
 
 RADIUS_M = 0.03
@@ -33,10 +33,10 @@ def made(start: Array, sequence: ModeSequence, inputs: Array) -> Plan:
         {**dict(zip(names, q.tolist(), strict=False)), "kappa_per_m": q[3:].tolist()}
         for q in (start, motion.states[-1, -1])
     ]
-    problem = Problem(robot=robot, start=ends[0], goal={**ends[1], "mode": sequence[-1]})
+    problem = Problem(robot=robot, start=ends[0], goal=ends[1])
     profiles = fastest(motion)
     lasting = [profile.duration_s for profile in profiles]
-    network = transition_model(problem).network(sequence, sequence[-1], lasting)
+    network = transition_model(problem).network(sequence, RIGID, lasting)
     found = feasible_schedule(network, np.array(lasting), problem)
     assert found is not None
     return verified(problem, Candidate(motion, profiles, found[0], 0), found[1])
@@ -48,15 +48,20 @@ def repeated(displacement: tuple[float, ...]) -> Array:
 
 
 def pick_and_place(
-    carry: tuple[float, float, float] = (0.2, 0.1, 0.5), hold: str = "caged", **world: Any
+    carry: tuple[float, float, float] = (0.2, 0.1, 0.5),
+    hold: str = "caged",
+    closed_per_m: float = CLOSED_PER_M,
+    **world: Any,
 ) -> Trajectory:
     """Grasp the cup at the origin, carry it by a twist (m, m, rad) and release it."""
-    return mission(_picked(carry), _problem(_picked(carry), hold, **world))
+    plan = picked(carry, closed_per_m)
+    return replace(plan.trajectory, problem=_problem(plan, hold, **world), done_s=times(plan))
 
 
 @cache
-def _picked(carry: tuple[float, float, float]) -> Plan:
-    closed = np.array([0.0, -0.0345, 0.0, CLOSED_PER_M, CLOSED_PER_M])
+def picked(carry: tuple[float, float, float], closed_per_m: float = CLOSED_PER_M) -> Plan:
+    """Its motion: close around what is at the origin, drive, open, and back away."""
+    closed = np.array([0.0, -0.0345, 0.0, closed_per_m, closed_per_m])
     opening = repeated((-0.15, -0.15, 0, 0, 0))
     begun = roll_out(load_robot("2sra-v1"), closed, ((1, 1),), opening[None]).states[-1, -1]
     driven = repeated((0, 0, *carry))
@@ -73,11 +78,6 @@ def times(plan: Plan) -> tuple[float, float, float]:
         if item.to == "rigid" and item.done_s < plan.phases[1].start_s + 1e-3
     )
     return frozen, plan.phases[1].end_s, plan.phases[-1].end_s
-
-
-def mission(plan: Plan, problem: Problem) -> Trajectory:
-    """The plan's motion as a mission."""
-    return replace(plan.trajectory, problem=problem, done_s=times(plan))
 
 
 def _problem(plan: Plan, hold: str, **world: Any) -> Problem:

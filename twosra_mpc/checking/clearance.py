@@ -29,6 +29,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.poses import composed
 
+CONTACT_M = 5e-4  # by which contacts may differ in their distance
 OVERLAP_M = 5e-4  # allowed with what may be touched
 TOUCHING_M = 1e-3  # what is grasped is no further away
 _CONTACTS_M = 1e-3  # between points of an edge that may be touched
@@ -175,7 +176,10 @@ def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
 
 
 def contacts(geometry: Geometry, item: Obstacle, q: Array) -> tuple[Array, Array]:
-    """Points of a thing's edge that a robot touches, and the normals into it there, (m, 2) each."""
+    """Points of a thing's edge that a robot touches, and the normals into it there, (m, 2) each.
+
+    These are the nearest, and those half a millimetre further away.
+    """
     corners = fine_corners_m(item)
     sides = np.roll(corners, -1, axis=0) - corners
     long = np.linalg.norm(sides, axis=1)
@@ -184,7 +188,8 @@ def contacts(geometry: Geometry, item: Obstacle, q: Array) -> tuple[Array, Array
     share = (np.arange(len(at)) - (np.cumsum(count) - count)[at]) / (count - 1)[at]
     points = corners[at] + share[:, None] * sides[at]
     inward = (sides[:, ::-1] * [-1.0, 1.0] / long[:, None])[at]  # corners are counter-clockwise
-    near = robot_distances_m(geometry, q, points) <= TOUCHING_M
+    apart = robot_distances_m(geometry, q, points)
+    near = apart <= apart.min() + CONTACT_M
     return points[near], inward[near]
 
 

@@ -135,8 +135,8 @@ def pushes(
 
     Friction under an object that slides slowly resists a load (v, c^2 w) about its centroid, where
     c is 0.6 of the radius of a disc as large (an ellipsoidal limit surface). It stays if contact
-    forces within their friction cones add up to that load. Contacts are all points of its edge no
-    further from the robot than what counts as touching.
+    forces within their friction cones add up to that load. Contacts are the points of its edge
+    that are nearest to the robot, and those half a millimetre further away.
     """
     still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
     placed = thing.at(pose_in_b0)

@@ -140,7 +140,8 @@ def _heading(asked: Pair, done: Done) -> Iterator[str]:
     """B0 heads into an interval, full turns aside."""
     beyond = np.mod(done.q[2] - asked[0] + ROUNDING, math.tau)
     if beyond > asked[1] - asked[0] + 2 * ROUNDING:
-        yield f"b0 heads to {done.q[2]:.3f} rad, not within {asked[0]:g} to {asked[1]:g} rad"
+        heading = round(float(done.q[2]), 3) + 0.0  # no minus zero
+        yield f"b0 heads to {heading:g} rad, not within {asked[0]:g} to {asked[1]:g} rad"
 
 
 def _conform(task: Conform, done: Done) -> Iterator[str]:
