@@ -148,10 +148,10 @@ def test_a_release_restores_the_clearance() -> None:
     opened = trajectory.phases[2].end_s
     left = told(pick_and_place(clearance_m=0.0))
     assert not left
-    wide = trajectory.problem.with_values(clearance_m=0.07)
+    wide = trajectory.problem.with_values(clearance_m=0.2)
     problems = told(replace(trajectory, problem=wide))
     assert any(
-        "task 3 (release)" in p and "mm from cup (clearance_m = 70 mm)" in p for p in problems
+        "task 3 (release)" in p and "mm from cup (clearance_m = 200 mm)" in p for p in problems
     )
     assert told(done_at(trajectory, 2, opened)) == ()  # opening alone gives 20 mm
 
