@@ -197,7 +197,8 @@ class Problem(Value):
     @model_validator(mode="after")
     def _consistent(self) -> Problem:
         found = list(self._wrong_lengths()) or list(self._contradictions())
-        found += names_twice(self.world_at_start.obstacles, len(self.obstacles))
+        things = [[item.name for item in kind] for kind in (self.obstacles, self.objects)]
+        found += names_twice(*things)
         segments = self.robot.coordinates.segments
         found += task_problems(
             self.tasks, self.objects, self.obstacles, segments, self.start.holding
