@@ -15,10 +15,11 @@ from jsonschema import Draft7Validator
 from missions import RADIUS_M, made, pick_and_place, picked, repeated, times
 
 from twosra_mpc import InputError, Problem, Result, Status, load_plan, load_robot
-from twosra_mpc.checking.clearance import robot_distances_m
+from twosra_mpc.checking.clearance import Carrying, robot_distances_m
 from twosra_mpc.checking.holds import cage_proved, pushes
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.surroundings import closest_approach
+from twosra_mpc.checking.sweep import swept
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
@@ -319,6 +320,29 @@ def test_an_object_held_at_the_start_is_carried_from_there() -> None:
     problem = Problem(**{**dict(plan.problem), **values})
     done_s = (plan.phases[0].end_s, plan.duration_s)
     assert not told(replace(plan.trajectory, problem=problem, done_s=done_s))
+
+
+def test_tasks_may_be_done_at_the_same_time() -> None:
+    trajectory = pick_and_place()
+    grasp, *rest = trajectory.problem.tasks
+    here = {"do": "carry", "object": "cup", "x_m": 0.0, "y_m": 0.0}
+    problem = trajectory.problem.with_values(tasks=[grasp, here, *rest])
+    done_s = (trajectory.done_s[0], *trajectory.done_s)
+    assert not told(replace(trajectory, problem=problem, done_s=done_s))
+
+
+def test_no_point_of_what_is_carried_travels_more_than_the_bound() -> None:
+    trajectory = pick_and_place()
+    sweep = swept(trajectory.problem, trajectory.samples)
+    assert sweep is not None
+    held = Carrying(trajectory.problem.objects[0], carried(trajectory)[0].pose_in_b0)
+    assert held.radius_m == pytest.approx(0.0345 + RADIUS_M, rel=1e-3)
+    first, last = sweep.over(*trajectory.done_s[:2])
+    steps = np.diff(held.corners_m(sweep.q[first : last + 1]), axis=0)
+    travelled = np.linalg.norm(steps, axis=2).max(axis=1)
+    bound = np.diff(sweep.carried_m(held.radius_m)[first : last + 1])
+    assert (travelled <= bound + 1e-12).all()
+    assert travelled.sum() > 0.5 * bound.sum() > 0
 
 
 # --- what holds ----------------------------------------------------------------------------------

@@ -43,16 +43,19 @@ def stages(trajectory: Trajectory, sweep: Sweep) -> list[Stage]:
     world = problem.world
     if not problem.is_mission:
         return [Stage(0, last, world)]
-    found, held_before = list[Stage](), None
-    everything = carried(trajectory)
+    found, taken = list[Stage](), iter(carried(trajectory))
+    held = held_before = None
+    if problem.start.holding is not None:
+        held = next(taken)
     ends = (0.0, *trajectory.done_s, trajectory.duration_s)
     for i, (from_s, to_s) in enumerate(itertools.pairwise(ends)):
         if to_s - from_s <= SAME_TIME_S and i == len(problem.tasks):
             break
+        task = problem.tasks[i] if i < len(problem.tasks) else None
+        if isinstance(task, Release):
+            held = None
         names = touched_in(problem, i)
-        middle = (from_s + to_s) / 2
-        held = next((c for c in everything if c.from_s < middle < c.to_s), None)
-        poses = object_poses(trajectory, np.array([middle]))[0]
+        poses = object_poses(trajectory, np.array([(from_s + to_s) / 2]))[0]
         things = [
             item.at(pose)
             for k, (item, pose) in enumerate(zip(problem.objects, poses, strict=True))
@@ -62,10 +65,11 @@ def stages(trajectory: Trajectory, sweep: Sweep) -> list[Stage]:
         apart = tuple(item for item in problem.obstacles if item not in touched)
         resting = tuple(item for item in things if item not in touched)
         around = world if len(apart) == len(world.obstacles) else world.with_values(obstacles=apart)
-        taken = held is not None and held is not held_before
-        span = sweep.over(from_s, to_s)
-        found.append(Stage(*span, around, resting, touched, held, taken))
+        span, begins = sweep.over(from_s, to_s), held is not held_before
+        found.append(Stage(*span, around, resting, touched, held, begins))
         held_before = held
+        if isinstance(task, Grasp):
+            held = next(taken)
     return found
 
 
