@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patches import Patch, Polygon
 
 from twosra_mpc.model.outline import RobotShape
@@ -39,10 +39,9 @@ def fill_of(number: int) -> str:
     return figures.OBJECT_COLOURS[number % len(figures.OBJECT_COLOURS)]
 
 
-def edge_of(number: int) -> tuple[float, float, float]:
+def edge_of(number: int) -> str:
     """Colour of the edge of object ``number``, from 0."""
-    red, green, blue = (_SHADE * part for part in to_rgb(fill_of(number)))
-    return red, green, blue
+    return to_hex([_SHADE * part for part in to_rgb(fill_of(number))])
 
 
 def outline_m(item: Object, pose: Array) -> Array:
@@ -117,13 +116,13 @@ def draw_objects(
         style: dict[str, Any] = {"fc": fill_of(number), "ec": edge_of(number), "alpha": alpha}
         artists.append(ax.add_patch(Polygon(corners, lw=1.2, zorder=2.2, **style)))
         if size_pt is not None:
-            edge, way = _free_side(corners, beside)
+            edge, way = free_side(corners, beside)
             name, colour = problem.objects[number].name, edge_of(number)
             artists.append(_name(ax, name, edge, way, colour, size_pt))
     return artists
 
 
-def _free_side(corners: Array, robot: RobotShape | None) -> tuple[Array, Array]:
+def free_side(corners: Array, robot: RobotShape | None) -> tuple[Array, Array]:
     """Where the name of a polygon (m, 2) may begin, and in which direction from its middle."""
     middle, way = corners.mean(axis=0), np.array([0.0, 1.0])
     if robot is None:
@@ -178,12 +177,18 @@ def touching(geometry: Geometry, shape: RobotShape, outline: Array) -> list[Arra
     Parts of the fibre are those of its middle line.
     """
     units = [np.concatenate([_along(unit[[i, i - 1]]) for i in range(4)]) for unit in shape.units]
-    parts = [(line, geometry.fibre_radius_m) for line in shape.segments]
-    parts += [(_along(line), geometry.fibre_radius_m) for line in shape.links]
-    parts += [(line, 0.0) for line in units]
-    found = list[Array]()
-    for line, radius in parts:
-        near = np.flatnonzero(_distance_m(line, outline) <= radius + TOUCH_M)
+    lines = [*shape.segments, *map(_along, shape.links), *units]
+    radii = [geometry.fibre_radius_m] * (len(lines) - len(units)) + [0.0] * len(units)
+    within_m = np.repeat(radii, [len(line) for line in lines]) + TOUCH_M
+    points, found = np.concatenate(lines), list[Array]()
+    far = within_m.max()
+    low, high = outline.min(axis=0) - far, outline.max(axis=0) + far
+    touches = ((points >= low) & (points <= high)).all(axis=1)
+    touches[touches] = _distance_m(points[touches], outline) <= within_m[touches]
+    for line, flags in zip(
+        lines, np.split(touches, np.cumsum([len(line) for line in lines])[:-1]), strict=True
+    ):
+        near = np.flatnonzero(flags)
         runs = np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
         found += [line[run] if len(run) > 1 else line[[run[0]] * 2] for run in runs if len(run)]
     return found
