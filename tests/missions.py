@@ -11,6 +11,7 @@ import numpy as np
 from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Carry
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.poses import composed, inverse
 
@@ -79,3 +80,16 @@ def reshaped() -> Plan:
     goals = [task.goal.configuration for task in problem.tasks]  # type: ignore[attr-defined]
     places = [np.nan_to_num(q).tolist() for q in (*goals, problem.goal.configuration)]
     return joined(problem, places, (0, 1))
+
+
+@cache
+def tidied() -> Plan:
+    """``tidy-up`` as a plan of six legs, one a task."""
+    problem, legs = load_problem("tidy-up"), list[list[float]]()
+    for item, task in zip(problem.objects, problem.tasks[1::3], strict=True):
+        assert isinstance(task, Carry)
+        held = grasping(item.pose.pose, -0.9)
+        put = grasping(np.array([task.x_m, task.y_m, 0.0]), -1.5)
+        back = composed(np.array(put[:3]), np.array([0.0, -0.05, 0.0])).tolist()
+        legs += [held, put, [*back, 0.0, 0.0]]
+    return joined(problem, legs, range(6))

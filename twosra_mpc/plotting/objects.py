@@ -142,7 +142,7 @@ def _name(ax: Axes, name: str, at: Array, way: Array, colour: Any, size_pt: floa
     side = ("center", "left", "right")[round(way[0])]
     level = ("center", "bottom", "top")[round(way[1])]
     words: dict[str, Any] = {"ha": side, "va": level, "fontsize": size_pt, "color": colour}
-    words |= {"textcoords": "offset points", "zorder": 8.5, "annotation_clip": True}
+    words |= {"textcoords": "offset points", "zorder": 8.5, "clip_on": True}
     words |= {"bbox": {"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.6}}
     return ax.annotate(name, at.tolist(), (_BESIDE_PT * way).tolist(), **words)
 

@@ -32,7 +32,8 @@ HEIGHT_IN, LANE_IN = 9.0, 0.4  # of the figure of a plan, with a lane for each s
 STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
 HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
-CLOSE = 0.62  # of the robot's size, from its middle to the edges of a close look
+ROOM = 0.12  # around what panels show, for names, in its size
+CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
 MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
 
 
@@ -56,8 +57,10 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
 
 
 def plan_title(plan: Plan) -> str:
-    """Mode sequence, duration and what is known, in one line."""
+    """Mode sequence, or how many tasks, duration and what is known, in one line."""
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
+    if each := stages(plan.trajectory):
+        sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
     planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
     gap = "no bound proved"
     if plan.gap is not None:
@@ -99,6 +102,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         plane.draw_robot(axes[0], plan.robot.geometry, q, mode, alpha=figures.FAINT / 2)
     plane.to_one_scale(axes, shown)
     for ax, stage in zip(axes[1:], each, strict=False):
+        ax.margins(ROOM)
         if isinstance(stage.task, Grasp | Conform | Release):
             _look_closely(ax, plan, stage)
     last, part = _end_name(plan), "task" if each else "phase"
@@ -143,8 +147,8 @@ def _draw_touched(ax: Axes, plan: Plan, q: Array, poses: Array, linewidth: float
 
 def _look_closely(ax: Axes, plan: Plan, stage: Stage) -> None:
     """Let axes show no more than the robot at the end of a stage, with a bar that says how large."""
-    shape = robot_shape(plan.robot.geometry, plan.trajectory.configuration(stage.to_s)[0], 2)
-    corners = shape.wheels.reshape(-1, 2)
+    shape = robot_shape(plan.robot.geometry, plan.trajectory.configuration(stage.to_s)[0], 8)
+    corners = np.concatenate([part.reshape(-1, 2) for part in (shape.wheels, shape.segments)])
     low, high = corners.min(axis=0), corners.max(axis=0)
     half = CLOSE * float((high - low).max())
     middle = (low + high) / 2

@@ -97,7 +97,7 @@ def _tasks(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
     for number, stage in enumerate(stages(plan.trajectory), start=1):
         title = f"{number}: {stage.words}, {_during(stage.from_s, stage.to_s)}"
         span = _span(stretch, stage.from_s, stage.to_s, "done", f"{number} {stage.words}", title)
-        fits = 2.2 * len(span.label) < span.width + 14  # else the number alone
+        fits = len(span.label) + 1 < span.width  # else the number alone
         yield span if fits else span._replace(label=str(number))
 
 
