@@ -27,6 +27,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 
 TOUCH_M = 0.0015  # nearer than that to an object, the robot is shown to touch it
+UP = np.array([0.0, 1.0])
 _ROUND = 64  # corners of a disc
 _SHADE = 0.55  # of the colour of an object, for its edge and its name
 _HELD_M = 0.06  # from an object to parts of the robot that its name must not lie on
@@ -98,6 +99,7 @@ def draw_objects(
     poses: Array,
     *,
     beside: RobotShape | None = None,
+    ahead: Array | None = None,
     alpha: float = 1.0,
     size_pt: float | None = 8.0,
 ) -> list[Artist]:
@@ -107,7 +109,8 @@ def draw_objects(
         ax: Axes in m.
         problem: Whose objects they are.
         poses: Where they are.
-        beside: The robot; names are on the other side, and not on it. Default: names above.
+        beside: The robot; names are not on it.
+        ahead: Direction from an object to its name, (2,); default: away from the robot, or up.
         alpha: Opacity.
         size_pt: Of the names; None: without.
     """
@@ -116,20 +119,26 @@ def draw_objects(
         style: dict[str, Any] = {"fc": fill_of(number), "ec": edge_of(number), "alpha": alpha}
         artists.append(ax.add_patch(Polygon(corners, lw=1.2, zorder=2.2, **style)))
         if size_pt is not None:
-            edge, way = free_side(corners, beside)
+            edge, way = free_side(corners, beside, ahead)
             name, colour = problem.objects[number].name, edge_of(number)
             artists.append(_name(ax, name, edge, way, colour, size_pt))
     return artists
 
 
-def free_side(corners: Array, robot: RobotShape | None) -> tuple[Array, Array]:
-    """Where the name of a polygon (m, 2) may begin, and in which direction from its middle."""
-    middle, way = corners.mean(axis=0), np.array([0.0, 1.0])
+def free_side(
+    corners: Array, robot: RobotShape | None, ahead: Array | None = None
+) -> tuple[Array, Array]:
+    """Where the name of a polygon (m, 2) may begin, and in which direction from its middle.
+
+    Arguments are those of ``draw_objects``.
+    """
+    middle = corners.mean(axis=0)
+    if ahead is None:
+        ahead = UP if robot is None else middle - robot.origin
+    length = float(np.hypot(*ahead))
+    way = ahead / length if length > 0 else UP
     if robot is None:
         return middle + way * ((corners - middle) @ way).max(), way
-    off = middle - robot.origin
-    if (length := float(np.hypot(*off))) > 0:
-        way = off / length
     parts = np.concatenate([robot.units.reshape(-1, 2), robot.wheels.reshape(-1, 2)]) - middle
     size = np.linalg.norm(corners - middle, axis=1).max()
     near = np.linalg.norm(parts, axis=1) < size + _HELD_M

@@ -32,6 +32,7 @@ HEIGHT_IN, LANE_IN = 9.0, 0.4  # of the figure of a plan, with a lane for each s
 STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
 HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
+TOUCHING = (Conform, Grasp, Release)  # tasks that are looked at closely
 ROOM = 0.12  # around what panels show, for names, in its size
 CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
 MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
@@ -103,7 +104,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
     plane.to_one_scale(axes, shown)
     for ax, stage in zip(axes[1:], each, strict=False):
         ax.margins(ROOM)
-        if isinstance(stage.task, Grasp | Conform | Release):
+        if isinstance(stage.task, TOUCHING):
             _look_closely(ax, plan, stage)
     last, part = _end_name(plan), "task" if each else "phase"
     entries = {
@@ -133,14 +134,18 @@ def _draw_stage(ax: Axes, plan: Plan, stage: Stage) -> None:
     for phase in reversed(within):
         _draw_path(ax, phase_rows(trajectory.samples, phase), phase)
     objects.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
-    _draw_touched(ax, plan, ends.q[1], poses[1], 3)
+    ahead = None if isinstance(stage.task, TOUCHING) else objects.UP
+    _draw_touched(ax, plan, ends.q[1], poses[1], 3, ahead)
 
 
-def _draw_touched(ax: Axes, plan: Plan, q: Array, poses: Array, linewidth: float) -> None:
-    """Draw objects at poses, named, and what of the robot at q touches them."""
+def _draw_touched(
+    ax: Axes, plan: Plan, q: Array, poses: Array, linewidth: float, ahead: Array | None = None
+) -> None:
+    """Draw objects at poses, named as ``draw_objects`` does, and what of the robot touches them."""
     geometry, shape = plan.robot.geometry, robot_shape(plan.robot.geometry, q)
     size_pt = 8.0 if linewidth == 5 else 7.0
-    objects.draw_objects(ax, plan.problem, poses, beside=shape, size_pt=size_pt)
+    style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": size_pt}
+    objects.draw_objects(ax, plan.problem, poses, **style)
     outlines = objects.outlines_m(plan.problem, poses)
     objects.draw_contacts(ax, geometry, shape, outlines, linewidth)
 
@@ -301,7 +306,7 @@ def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
         )
     poses = object_poses(trajectory, np.array([time_s]))[0]
     objects.draw_targets(ax, plan.problem, objects.targets(trajectory))
-    _draw_touched(ax, plan, q[-1], poses, 4)
+    _draw_touched(ax, plan, q[-1], poses, 4, objects.UP)
     plane.draw_robot(ax, geometry, q[-1], mode, changing=changing)
     plane.number_units(ax, geometry, q[-1])
     ax.plot(*q[:, :2].T, c="black", lw=1.0, zorder=5)
