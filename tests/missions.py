@@ -47,10 +47,16 @@ def joined(problem: Problem, places: Sequence[Sequence[float]], tasks: Sequence[
     trajectory = Trajectory(
         problem,
         Samples(**{name: values[kept] for name, values in samples.items()}),
-        tuple(p._replace(start_s=t + p.start_s, end_s=t + p.end_s)
-              for t, part in shifted for p in part.phases),
-        tuple(m._replace(heater_s=t + m.heater_s, onset_s=t + m.onset_s, done_s=t + m.done_s)
-              for t, part in shifted for m in part.transitions),
+        tuple(
+            p._replace(start_s=t + p.start_s, end_s=t + p.end_s)
+            for t, part in shifted
+            for p in part.phases
+        ),
+        tuple(
+            m._replace(heater_s=t + m.heater_s, onset_s=t + m.onset_s, done_s=t + m.done_s)
+            for t, part in shifted
+            for m in part.transitions
+        ),
         tuple(begins[leg + 1] for leg in tasks),
     )
     return replace(parts[-1], trajectory=trajectory)

@@ -42,7 +42,8 @@ def fill_of(number: int) -> str:
 
 def edge_of(number: int) -> str:
     """Colour of the edge of object ``number``, from 0."""
-    return to_hex([_SHADE * part for part in to_rgb(fill_of(number))])
+    red, green, blue = (_SHADE * part for part in to_rgb(fill_of(number)))
+    return to_hex((red, green, blue))
 
 
 def outline_m(item: Object, pose: Array) -> Array:

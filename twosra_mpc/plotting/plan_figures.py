@@ -151,7 +151,7 @@ def _draw_touched(
 
 
 def _look_closely(ax: Axes, plan: Plan, stage: Stage) -> None:
-    """Let axes show no more than the robot at the end of a stage, with a bar that says how large."""
+    """Show only the robot at the end of a stage, with a bar that says how large it is."""
     shape = robot_shape(plan.robot.geometry, plan.trajectory.configuration(stage.to_s)[0], 8)
     corners = np.concatenate([part.reshape(-1, 2) for part in (shape.wheels, shape.segments)])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -212,7 +212,7 @@ def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:
 
 
 def _draw_over_time(figure: SubFigure, plan: Plan) -> None:
-    heights = (0.25 + 0.5 * plan.robot.geometry.segments, 1.0, 1.0, 1.0, 0.7)
+    heights: tuple[float, ...] = (0.25 + 0.5 * plan.robot.geometry.segments, 1.0, 1.0, 1.0, 0.7)
     stretch, each = timeline.plan_stretch(plan), stages(plan.trajectory)
     levels = timeline.label_levels(each, stretch)
     if each:

@@ -80,7 +80,14 @@ class Scene:
         """Move to a row."""
         for artist in self._moving:
             artist.remove()
-        parts = (self._objects, self._robot, self._trails, self._words, self._columns, self._progress)
+        parts = (
+            self._objects,
+            self._robot,
+            self._trails,
+            self._words,
+            self._columns,
+            self._progress,
+        )
         self._moving = list(chain.from_iterable(part(row) for part in parts))
 
     def image(self, row: int) -> Image.Image:
