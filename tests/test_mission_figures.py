@@ -17,8 +17,8 @@ from matplotlib.patches import Polygon
 from matplotlib.text import Text
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-
 from missions import CUP_IN_B0, fetched, reshaped, tidied
+
 from twosra_mpc import Plan, load_problem
 from twosra_mpc.export.plan_mcap import save_mcap
 from twosra_mpc.model.outline import robot_shape
