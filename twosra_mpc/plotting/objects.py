@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patches import Patch, Polygon
 
-from twosra_mpc.model.outline import RobotShape
+from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.stages import Stage, has_goal
 from twosra_mpc.plans.trajectory import Trajectory
@@ -124,6 +124,16 @@ def draw_objects(
             name, colour = problem.objects[number].name, edge_of(number)
             artists.append(_name(ax, name, edge, way, colour, size_pt))
     return artists
+
+
+def draw_ends(ax: Axes, trajectory: Trajectory) -> None:
+    """Draw objects where they are last, and faintly where they are first."""
+    problem, samples = trajectory.problem, trajectory.samples
+    first, last = object_poses(trajectory, samples.t_s[[0, -1]], samples.q[[0, -1]])
+    if (first != last).any():
+        draw_objects(ax, problem, first, alpha=figures.FAINT)
+    shape = robot_shape(problem.robot.geometry, samples.q[-1], 2)
+    draw_objects(ax, problem, last, beside=shape)
 
 
 def free_side(
@@ -241,12 +251,16 @@ def number_places(ax: Axes, trajectory: Trajectory, each: Sequence[Stage]) -> No
 
 def legend_entries(problem: Problem) -> dict[str, Any]:
     """What a legend says about objects and goals on the way; nothing where there are none."""
-    entries: dict[str, Any] = {}
+    entries = resting_entries(problem)
     if problem.objects:
-        entries["object"] = Patch(fc=fill_of(0), ec=edge_of(0), lw=1.2)
         entries["touches it"] = plane.line(figures.CONTACT_COLOUR, 6)
     if any(isinstance(task, Carry) for task in problem.tasks):
         entries["carried to"] = Patch(fill=False, ec=edge_of(0), ls="--", lw=1.2)
     if any(isinstance(task, Reach) for task in problem.tasks):
         entries["goal to reach"] = plane.DASHED
     return entries
+
+
+def resting_entries(problem: Problem) -> dict[str, Any]:
+    """What a legend says about objects that are drawn where they rest."""
+    return {"object": Patch(fc=fill_of(0), ec=edge_of(0), lw=1.2)} if problem.objects else {}

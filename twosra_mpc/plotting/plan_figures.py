@@ -193,11 +193,11 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
 def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
     """Draw where objects are first and last, and where each task is done."""
     trajectory, ends = plan.trajectory, plan.trajectory.samples.q[[0, -1]]
-    poses = object_poses(trajectory, trajectory.samples.t_s[[0, -1]])
-    moved = np.abs(poses[1] - poses[0]).max(initial=0.0) > 0.0
-    if moved:
-        objects.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT)
-    _draw_touched(ax, plan, ends[1], poses[1], 5)
+    objects.draw_ends(ax, trajectory)
+    poses = object_poses(trajectory, trajectory.samples.t_s[[-1]])[0]
+    shape = robot_shape(plan.robot.geometry, ends[1])
+    outlines = objects.outlines_m(plan.problem, poses)
+    objects.draw_contacts(ax, plan.robot.geometry, shape, outlines, 5)
     objects.draw_targets(ax, plan.problem, objects.targets(trajectory))
     for q in objects.goals(trajectory):
         plane.draw_outline(ax, plan.robot.geometry, q)

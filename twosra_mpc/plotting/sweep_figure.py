@@ -13,7 +13,7 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting import figures, plane, world
+from twosra_mpc.plotting import figures, objects, plane, world
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.robot.coordinates import Array
@@ -40,10 +40,9 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
         figure.suptitle(plan_title(plan), wrap=True)
         draw_sweep(ax, plan)
         shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        shown, nearest = (
-            world.shown_m(plan.problem, shapes.wheels),
-            closest_approach(plan.trajectory),
-        )
+        seen = [shapes.wheels.reshape(-1, 2), objects.seen_m(plan.trajectory)]
+        shown = world.shown_m(plan.problem, np.concatenate(seen))
+        nearest = closest_approach(plan.trajectory)
         world.draw_world(ax, plan.problem, shown)
         world.draw_nearest(ax, nearest)
         plane.to_one_scale([ax], shown)
@@ -53,6 +52,7 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
             "end": plane.ROBOT,
             "swept while driving": plane.line(RIGID_COLOUR, 6),
             "swept while bending": plane.line(SOFT_COLOUR, 6),
+            **objects.resting_entries(plan.problem),
             **world.legend_entries(plan.problem, nearest),
         }
         plane.legend_below(figure, entries, 3)
@@ -60,7 +60,10 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
 
 
 def draw_sweep(ax: Axes, plan: Plan) -> Axes:
-    """Draw the robot of a plan every few millimetres, pale, and where it starts and ends."""
+    """Draw the robot of a plan every few millimetres, pale, and where it starts and ends.
+
+    Objects are drawn where they are first and last.
+    """
     geometry, samples = plan.robot.geometry, plan.trajectory.samples
     for phase in plan.phases:
         colour = RIGID_COLOUR if is_rigid(phase.mode) else SOFT_COLOUR
@@ -70,6 +73,7 @@ def draw_sweep(ax: Axes, plan: Plan) -> Axes:
         fibre = [*shape.segments.reshape(-1, 12, 2), *shape.links.reshape(-1, 2, 2)]
         ax.add_collection(LineCollection(fibre, colors=colour, lw=2.0, alpha=_PALE, zorder=2))
     plane.draw_ends(ax, geometry, samples.q[[0, -1]], samples.mode[[0, -1]].tolist(), 4)
+    objects.draw_ends(ax, plan.trajectory)
     return ax
 
 
