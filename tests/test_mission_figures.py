@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
 from matplotlib.text import Text
@@ -26,7 +27,7 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.plans.stages import Stage, has_goal, stages
-from twosra_mpc.plotting import figures, objects, plot_plan, plot_snapshots, timeline
+from twosra_mpc.plotting import figures, objects, plot_plan, plot_snapshots, plot_sweep, timeline
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.problem.objects import Object
@@ -120,6 +121,18 @@ def test_a_plan_has_a_panel_a_task_and_says_when_each_is_done() -> None:
     lines = [line for line in overview.lines if line.get_color() == figures.CONTACT_COLOUR]
     assert not lines  # the cup is free at the end
     assert [line for line in panels[0].lines if line.get_color() == figures.CONTACT_COLOUR]
+
+
+def test_what_is_carried_sweeps_too() -> None:
+    made = fetched()
+    (ax,) = plot_sweep(made).axes
+    *_, swept = [item for item in ax.collections if isinstance(item, PolyCollection)]
+    assert to_hex(swept.get_facecolor()[0]) == figures.OBJECT_COLOURS[0]
+    middles = np.array([path.vertices[:-1].mean(axis=0) for path in swept.get_paths()])
+    grasped_s, carried_s, _ = made.trajectory.done_s
+    there = object_poses(made.trajectory, np.linspace(grasped_s, carried_s, 100))[:, 0, :2]
+    assert np.linalg.norm(there[:, None] - middles, axis=-1).min(axis=1).max() < 0.02
+    assert [round(x, 3) for x in drawn_objects(ax)[0].mean(axis=0)] == [0.32, 0.1]
 
 
 def boxes(texts: list[Text]) -> list[Any]:

@@ -107,7 +107,12 @@ def caveat_sentences(result: Result) -> Iterator[str]:
         " other one bends: expect 5 to 10 cm and up to 2 rad after a soft phase, unless a camera"
         " closes the loop."
     )
-    if result.problem.obstacles:
+    if result.problem.objects:
+        yield (
+            "An object is taken to rest until it is grasped and while the robot opens, and to move"
+            " with the robot in between: that it is pushed away or slips is not part of the model."
+        )
+    if result.problem.obstacles or result.problem.objects:
         yield "Slipping wheels, and obstacles that move, are not part of the model."
     else:
         yield "Obstacles and slipping wheels are not part of the model."
