@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from forged_missions import CUP_IN_B0, fetched, reshaped, tidied
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon
 from matplotlib.text import Text
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from missions import CUP_IN_B0, fetched, reshaped, tidied
 
 from twosra_mpc import Plan, load_problem
 from twosra_mpc.export.plan_mcap import save_mcap
