@@ -52,3 +52,11 @@ def apart_m(body: shapely.Geometry, thing: Object, pose: Array | None = None) ->
         return float(body.distance(polygon))
     shared = shapely.intersection(body, polygon)
     return -float(shared.area / max(shared.length / 2, 1e-12))
+
+
+def overlap_m2(body: shapely.Geometry, thing: Object) -> float:
+    """Area that a body shares with an object at the origin."""
+    at = thing.own
+    middle = None if at.disc is None else shapely.Point(at.disc.x_m, at.disc.y_m)
+    shape = shapely.Polygon(at.corners_m) if middle is None else middle.buffer(at.disc.radius_m, 64)
+    return float(shapely.intersection(body, shape).area)

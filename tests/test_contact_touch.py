@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from grasps import apart_m, cube, disc, drawn, pebble
+from grasps import apart_m, cube, disc, drawn, overlap_m2, pebble
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -37,15 +37,16 @@ robots = st.sampled_from(list(ROBOTS.values()))
 
 def check_touch(robot: Robot, thing: Object, touch: Touch) -> None:
     geometry, inner = robot.geometry, robot.geometry.inner_link_of_b0
-    assert abs(apart_m(drawn(geometry, touch.configuration), thing)) < ROUNDING_M
+    body = drawn(geometry, touch.configuration)
+    assert abs(apart_m(body, thing)) < ROUNDING_M
     assert broken_by_shapes(robot, touch.kappa[None]) is None
     assert may_drive_in(robot, touch.kappa).all()
     sides = [np.arange(geometry.segments) < inner, np.arange(geometry.segments) >= inner]
     for moving in sides:
         if moving.any():
             tighter = touch.configuration.copy()
-            tighter[POSE:][moving] += 0.3 * touch.side
-            assert apart_m(drawn(geometry, tighter), thing) < -ROUNDING_M / 3
+            tighter[POSE:][moving] += 0.5 * touch.side
+            assert overlap_m2(drawn(geometry, tighter), thing) > overlap_m2(body, thing)
 
 
 @given(robots, st.floats(0.015, 0.09))
@@ -62,7 +63,7 @@ def test_a_disc_is_touched_once_from_each_side_or_named_why_not(
         assert apart_m(drawn(robot.geometry, touch.configuration), disc(radius_m)) > -ROUNDING_M
 
 
-@pytest.mark.parametrize(("name", "seed"), zip(NAMES, (3, 4, 5, 6), strict=True))
+@pytest.mark.parametrize(("name", "seed"), list(zip(NAMES, (3, 4, 5, 6), strict=True)))
 def test_polygons_are_touched_and_not_overlapped(name: str, seed: int) -> None:
     robot = ROBOTS[name]
     thing = pebble(seed)
@@ -121,7 +122,8 @@ def test_what_cannot_be_grasped_is_said() -> None:
     assert grasp_touches(V1, disc(0.025)).refused == {UNITS: 2}
     assert grasp_touches(ROBOTS["2sr-v2"], disc(0.02)).refused == {"curvature_per_m": 2}
     none = grasp_touches(V1, disc(0.025))
-    assert none.best_wrap_rad == 0.0 and not len(none.shapes)
+    assert none.best_wrap_rad == 0.0
+    assert not len(none.shapes)
 
 
 def test_units_on_one_side_of_the_fibre_make_sides_differ() -> None:
@@ -158,7 +160,8 @@ def test_segments_lie_along_a_cylinder_or_it_is_said_why_not(
             q = np.nan_to_num(np.concatenate([touch.configuration[:POSE], kappa]))
             lines = robot_shape(robot.geometry, q, 200).segments[asked]
             off = np.linalg.norm(lines, axis=-1) - radius_m - robot.geometry.fibre_radius_m
-            assert -ROUNDING_M < off.min() and off.max() < gap_m * 1.05 + ROUNDING_M
+            assert off.min() > -ROUNDING_M
+            assert off.max() < gap_m * 1.05 + ROUNDING_M
         assert (touch.slack_per_m[asked] <= 2 * gap_m / np.array(lengths)[asked] ** 2).all()
 
 
