@@ -162,7 +162,7 @@ def test_segments_lie_along_a_cylinder_or_it_is_said_why_not(
             off = np.linalg.norm(lines, axis=-1) - radius_m - robot.geometry.fibre_radius_m
             assert off.min() > -ROUNDING_M
             assert off.max() < gap_m * 1.05 + ROUNDING_M
-        assert (touch.slack_per_m[asked] <= 2 * gap_m / np.array(lengths)[asked] ** 2).all()
+        assert (touch.slack_per_m[asked] <= 2 * gap_m / np.array(lengths)[asked] ** 2 + 1e-9).all()
 
 
 def test_a_segment_that_is_free_to_is_concentric() -> None:
