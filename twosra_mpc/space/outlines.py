@@ -20,7 +20,7 @@ def eroded(thing: Obstacle, by_m: float) -> tuple[Obstacle, ...]:
             return ()
         angles = (np.arange(_SIDES) + 0.5) * math.tau / _SIDES
         corners = np.column_stack([np.cos(angles), np.sin(angles)]) * left / math.cos(angles[0])
-        placed = corners + [disc.x_m, disc.y_m]
+        placed = corners + np.array([disc.x_m, disc.y_m])
         return (Obstacle(name=thing.name, polygon_m=tuple(map(tuple, placed.tolist()))),)
     import shapely  # a disc needs none
 

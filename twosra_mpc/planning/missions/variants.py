@@ -206,6 +206,7 @@ class Ways:
                 ends=ends,
                 drives_last=False,
                 touches=True,
+                reshapes=task.hold == "caged",  # it gets in no more than out
             )
             after = self._after(state, stage)
             hold = Hold(number, touch.kappa, touch.pose_in_b0, task.hold == "caged")

@@ -80,6 +80,7 @@ class _Entry(Generic[Node, Solution]):
     node: Node = field(compare=False)
     attempts: Iterator[tuple[float, Solution] | None] | None = field(default=None, compare=False)
     tight: bool = field(default=False, compare=False)
+    done: bool = field(default=False, compare=False)
 
 
 def branch_and_bound(
@@ -150,6 +151,8 @@ class _Search(Generic[Node, Solution]):
             self._branch(self.queue[0])
         else:
             self._attempt(self.queue[0])
+        while self.queue and self.queue[0].done:
+            heapq.heappop(self.queue)
 
     def _entry(self, bound: float, *, branch: bool, node: Node) -> _Entry[Node, Solution]:
         return _Entry(bound, branch, next(self.order), node)
@@ -163,6 +166,8 @@ class _Search(Generic[Node, Solution]):
             opened.append(self._entry(max(leaf_bound, entry.bound), branch=False, node=node))
         for child in tree.children(node):
             bound = max(tree.bound(child), entry.bound)
+            if bound >= self.cost:
+                continue
             if tree.too_deep(child):
                 kept = min(kept, bound)
             else:
@@ -170,8 +175,7 @@ class _Search(Generic[Node, Solution]):
         for one in opened:
             heapq.heappush(self.queue, one)
         self.kept = kept
-        self.queue.remove(entry)
-        heapq.heapify(self.queue)
+        entry.done = True
 
     def _attempt(self, entry: _Entry[Node, Solution]) -> None:
         """Try once to solve a leaf; then tighten its bound, if that is of use and not yet done."""

@@ -35,7 +35,7 @@ from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
 Solution = TypeVar("Solution")
 
 _LATE_S = 1e6  # later than anything that happens before a stage
-_MOST_PHASES = 5  # of a stage
+_MOST_PHASES, _MOST_TO_ANY = 5, 3  # of a stage, and of one that may end in any stiffness
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,16 +65,21 @@ class StageTask:
     reshapes: bool = False
     _durations: dict[ModeSequence, list[float]] = field(default_factory=dict)
 
-    def sequences(self, begins: Mode, most_phases: int) -> Iterator[ModeSequence]:
-        """Yield every sequence of up to so many phases from a stiffness on."""
+    @property
+    def most_phases(self) -> int:
+        """Of the sequences that are opened."""
+        return _MOST_TO_ANY if self.last is None else _MOST_PHASES
+
+    def sequences(self, begins: Mode) -> Iterator[ModeSequence]:
+        """Yield every sequence of up to ``most_phases`` phases from a stiffness on."""
         rigid = rigid_mode(len(begins))
         drives = self.drives_first and rigid in self.modes
         heads: list[ModeSequence] = [()] if any(begins) or not drives else [(rigid,)]
-        for length in range(most_phases + 1):
+        for length in range(self.most_phases + 1):
             heads = heads if not length else list(self._longer(heads, begins))
             for head in heads:
                 whole = self._closed(head, rigid)
-                if whole and len(whole) <= most_phases and self._fits(whole):
+                if whole and len(whole) <= self.most_phases and self._fits(whole):
                     yield whole
 
     def _longer(self, heads: Sequence[ModeSequence], begins: Mode) -> Iterator[ModeSequence]:
@@ -204,8 +209,7 @@ class MissionTree(Generic[Solution]):
             return []
         stage, (begins,) = stages[len(node.sequences)], self._ends(node)
         found = [
-            Node(node.variant, (*node.sequences, sequence))
-            for sequence in stage.sequences(begins, _MOST_PHASES)
+            Node(node.variant, (*node.sequences, sequence)) for sequence in stage.sequences(begins)
         ]
         return [*found, node._replace(beyond=True)]
 
@@ -270,7 +274,7 @@ class MissionTree(Generic[Solution]):
         if key not in self._alone:
             whole = (
                 self._from_warm(begins, sequence, stage.durations(sequence))
-                for sequence in stage.sequences(begins, _MOST_PHASES)
+                for sequence in stage.sequences(begins)
             )
             self._alone[key] = min(min(whole, default=math.inf), self._beyond(stage, begins))
         return self._alone[key]
@@ -291,7 +295,7 @@ class MissionTree(Generic[Solution]):
             head, least = heads.pop()
             if least >= best:
                 continue
-            if len(head) == _MOST_PHASES:
+            if len(head) == stage.most_phases:
                 best = least
                 continue
             longer = [
