@@ -48,13 +48,13 @@ def stage_tasks(problem: Problem, members: Sequence[Sequence[Stage]]) -> tuple[S
     """What the search must know of each stage, for all members of a variant."""
     start = problem.start.configuration
     before: Box = (start, start)
-    begins: list[Array | None] = [start[None, :POSE]] * len(members)
+    known, begins, since = before, list[Array | None]([start[None, :POSE]] * len(members)), 1
     found = []
     for same in zip(*members, strict=True):
         boxes = [stage.box(before[0]) for stage in same]
         after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
         ends = [stage.ends for stage in same]
-        far_m = min(_apart_m(before, after, *pair) for pair in zip(begins, ends, strict=True))
+        far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, ends, strict=True))
         stage = same[0]
         found.append(
             StageTask(
@@ -65,11 +65,14 @@ def stage_tasks(problem: Problem, members: Sequence[Sequence[Stage]]) -> tuple[S
                 drives_first=stage.drives_first,
                 drives_last=stage.drives_last,
                 distance_m=far_m,
-                rigid_s=far_m / (problem.robot.limits.speed_m_s or math.inf),
+                since=since,
+                rigid_s=far_m / (problem.robot.limits.speed_m_s or math.inf) if since == 1 else 0.0,
                 reshapes=stage.reshapes,
             )
         )
-        before, begins = after, ends
+        before, since = after, since + 1
+        if np.isfinite([end[:2] for end in after]).all():
+            known, begins, since = after, ends, 1
     return tuple(found)
 
 

@@ -37,6 +37,11 @@ class MissionRelaxation:
     speed_m_s: Callable[[Mode], float]
     soft_travel_m: float
 
+    def driven_m(self, sequence: Sequence[Mode], distance_m: float) -> float:
+        """How far drives must come where a sequence comes so far."""
+        soft = sum(1 for rigid, _ in itertools.groupby(sequence, key=is_rigid) if not rigid)
+        return distance_m - soft * self.soft_travel_m if soft else distance_m
+
 
 class StageEnd(NamedTuple):
     """Where a stage ends.
@@ -44,11 +49,13 @@ class StageEnd(NamedTuple):
     Attributes:
         phases: Number of phases up to there, from the first one of the mission.
         change: (low, high) of every segment's change of W up to there.
-        distance_m: How far b0 must come in the stage, at least.
+        begun: Number of phases up to the end of a stage before it from which b0 must come here.
+        distance_m: How far that is, at least.
     """
 
     phases: int
     change: Intervals
+    begun: int
     distance_m: float
 
 
@@ -74,10 +81,8 @@ def mission_bound(
     for j, room in enumerate(relaxation.room):
         if not _bends(program, network, ends, j, room):
             return None
-    begin = 0
     for end in ends:
-        _comes_as_far(program, network, relaxation, range(begin, end.phases), end.distance_m)
-        begin = end.phases
+        _comes_as_far(program, network, relaxation, range(end.begun, end.phases), end.distance_m)
     return program.optimum()
 
 
@@ -113,10 +118,8 @@ def _comes_as_far(
 ) -> None:
     """Let all phases of a stage, and its drives alone, last as long as the way takes."""
     sequence = network.sequence
-    blocks = itertools.groupby(phases, key=lambda i: is_rigid(sequence[i]))
-    soft = sum(1 for rigid, _ in blocks if not rigid)
     by_drives = [i for i in phases if is_rigid(sequence[i])]
-    without_blocks = distance_m - soft * relaxation.soft_travel_m
+    without_blocks = relaxation.driven_m([sequence[i] for i in phases], distance_m)
     for moving, least in ((list(phases), distance_m), (by_drives, without_blocks)):
         speeds = [relaxation.speed_m_s(sequence[i]) for i in moving]
         if least > 0.0 and all(map(math.isfinite, speeds)):

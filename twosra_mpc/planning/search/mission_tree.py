@@ -49,7 +49,9 @@ class StageTask:
         last: Stiffness at its end; None: any.
         drives_first: Whether it may begin with a drive.
         drives_last: Whether it may drive after its last soft phase.
-        distance_m: How far b0 must come in it, at least.
+        distance_m: How far b0 must come in it, at least; or in it and in those before it, since
+            the last one of which it is known where it ends.
+        since: How many stages these are.
         rigid_s: Least duration where nothing bends in it.
         reshapes: Whether it is proved that it must reshape.
     """
@@ -61,6 +63,7 @@ class StageTask:
     drives_first: bool = True
     drives_last: bool = True
     distance_m: float = 0.0
+    since: int = 1
     rigid_s: float = 0.0
     reshapes: bool = False
     _durations: dict[ModeSequence, list[float]] = field(default_factory=dict)
@@ -176,6 +179,9 @@ class MissionTree(Generic[Solution]):
         stages, joined = self.variants[node.variant], node.joined
         done = len(node.sequences)
         cost = 0.0
+        if self._stranded(node):
+            self.unreachable[node] = "without a drive it does not come so far"
+            return math.inf
         if joined:
             network = self.network(node)
             durations = self._durations(node)
@@ -200,6 +206,16 @@ class MissionTree(Generic[Solution]):
             begins = self._after(stage)
         return cost
 
+    def _stranded(self, node: Node) -> bool:
+        """Whether the last stage is too far away for blocks alone, and there is no drive."""
+        done = len(node.sequences)
+        if not done:
+            return False
+        stage = self.variants[node.variant][done - 1]
+        phases = list(itertools.chain.from_iterable(node.sequences[done - stage.since :]))
+        left_m = self.relaxation.driven_m(phases, stage.distance_m)
+        return left_m > 0.0 and not any(map(is_rigid, phases))
+
     def children(self, node: Node) -> list[Node]:
         """The variants, or the next stage with each of its sequences."""
         if node.variant < 0:
@@ -222,15 +238,15 @@ class MissionTree(Generic[Solution]):
         if node.variant < 0 or len(node.sequences) < len(self.variants[node.variant]):
             return math.inf
         stages = self.variants[node.variant]
-        ends = list(itertools.accumulate(map(len, node.sequences)))
+        ends = [0, *itertools.accumulate(map(len, node.sequences))]
         bound = mission_bound(
             self.network(node),
             self.relaxation,
             self.weights,
             self._durations(node),
             [
-                StageEnd(end, stage.change, stage.distance_m)
-                for end, stage in zip(ends, stages, strict=True)
+                StageEnd(ends[k], stage.change, ends[k - stage.since], stage.distance_m)
+                for k, stage in enumerate(stages, start=1)
             ],
         )
         if bound is None:
