@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -115,7 +115,7 @@ class Simulation:
             "disturbance": self.disturbance,
             "seed": self.seed,
             "metrics": self.metrics._asdict(),
-            "truth": {item.name: getattr(self.truth, item.name).tolist() for item in fields(Truth)},
+            "truth": _plain(self.truth),
         }
 
 
