@@ -5,7 +5,7 @@ An executor knows nothing else of the robot it drives, simulated or real.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -71,7 +71,7 @@ class Reading:
     temperature_C: tuple[float, ...]
     stiffness: tuple[KnownStiffness | None, ...]
     faulty: tuple[bool, ...]
-    objects: Array | None = None
+    objects: Array | None = field(default=None, kw_only=True)
 
     def describe(self, segment: int) -> str:
         """What is known about a segment (from 0), in words."""

@@ -17,12 +17,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from twosra_mpc.execution.simulation.penetration import Contact, Thing
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import footprints
+from twosra_mpc.space.penetration import Contact, Thing
 from twosra_mpc.space.proximity import arms_m
 from twosra_mpc.space.separation import placed
 

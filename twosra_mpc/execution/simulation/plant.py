@@ -62,7 +62,7 @@ class Truth:
     heat_J: Array
     forced_s: Array
     objects: Array = field(default_factory=lambda: np.empty((0, 0, POSE)))
-    squeezed: str = ""
+    squeezed: str = field(default="", kw_only=True)
 
 
 def plant_robot(robot: Robot, plant: str) -> Robot:

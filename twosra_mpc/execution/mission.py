@@ -1,0 +1,313 @@
+"""A mission on its way: which tasks are done, what is held, and where the objects are.
+
+Tasks count as done by what the camera sees when their time has come. A robot whose camera sees no
+objects is taken to hold what it has closed around, and to leave it where it opens.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+
+from twosra_mpc.execution.guard import Guard
+from twosra_mpc.execution.runner import Abort
+from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.plans.carried import Carried, carried
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.problem.objects import ACCURACY, Object
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.robot.accuracy import POSE_SHARE
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.poses import composed, wrapped
+
+HOLD_M = 0.010  # an object that is held is no farther from where it should be in the hold
+_OUT_OF_IT_M = 1e-4  # of the robot, for an object that is seen to overlap it
+_TRIES = 20  # to move it out
+
+
+class Mission:
+    """What of a mission is done, and what the robot holds.
+
+    Attributes:
+        left: Tasks that are left, in order.
+        done_s: When tasks were done.
+        lost: How often each object was lost.
+        trouble: What was lost last and not grasped since, in words; empty if nothing.
+    """
+
+    def __init__(self, session: Session, patience: Patience, plan: Plan) -> None:
+        """Begin with a plan of all tasks."""
+        self.session, self._patience, self.problem = session, patience, plan.problem
+        self.done_s: list[float] = []
+        self.lost: Counter[str] = Counter()
+        self.trouble = ""
+        self._goals: dict[str, Carry] = {}
+        self._numbers = {item.name: i for i, item in enumerate(self.problem.objects)}
+        self.begin(plan)
+
+    def begin(self, plan: Plan) -> None:
+        """Go on with a plan of what is left."""
+        self.plan, self.left = plan, plan.problem.tasks
+        self._ends = list(plan.trajectory.done_s)
+        self._grips = list(carried(plan.trajectory))
+        self._hold: Carried | None = None
+        self._rows = len(self.session.path)
+        if plan.problem.start.holding is not None:
+            self._hold = self._grips.pop(0)
+        self._open_before_release()
+        self._watch(None)
+
+    @property
+    def holding(self) -> str | None:
+        """Name of the object that a plan made now has to start with."""
+        if self._hold is not None:
+            return self.problem.objects[self._hold.object].name
+        first = self.left[0] if self.left else None
+        return first.object if isinstance(first, Release) else None
+
+    @property
+    def matters_s(self) -> float:
+        """Time of the plan up to which shapes count: the next one that is asked for; inf: none."""
+        for task, end_s in zip(self.left, self._ends, strict=False):
+            if isinstance(task, Grasp | Conform | Reach):
+                return end_s
+        return math.inf
+
+    def ends_between(self, first_s: float, last_s: float) -> bool:
+        """Whether a task is done in a stretch of the plan."""
+        return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in self._ends)
+
+    def arrived(self, clock_s: float) -> Abort | None:
+        """Look whether tasks are done whose time in the plan has come."""
+        while self._ends and self._ends[0] <= clock_s + SAME_TIME_S:
+            if (left := self._missing(self.left[0])) is not None:
+                return left
+            self._done()
+        return None
+
+    def dropped(self) -> Abort | None:
+        """Whether what is held is not where it is held."""
+        session, hold = self.session, self._hold
+        if hold is None or session.objects is None or not session.objects.seen:
+            return None
+        away_m = _far_m(session.objects.in_b0[hold.object] - hold.pose_in_b0)
+        if away_m <= HOLD_M:
+            return None
+        name = self.problem.objects[hold.object].name
+        return Abort("lost", f"{name} is {1e3 * away_m:.0f} mm from where it was held")
+
+    @property
+    def account(self) -> tuple[tuple[float, ...], int]:
+        """When tasks were done, and how often objects were lost."""
+        return tuple(self.done_s), self.lost.total()
+
+    def lose(self, words: str) -> int:
+        """Have the object of this task grasped again: it is not held, or not where it was put.
+
+        Returns:
+            How often it has been lost by now.
+        """
+        name, first = self._concerned(), self.left[0]
+        self.lost[name] += 1
+        self.trouble, self._hold = words, None
+        again: tuple[Task, ...] = () if isinstance(first, Grasp) else (self._grasp(name),)
+        if isinstance(first, Release) and name in self._goals:
+            again += (self._goals[name],)
+        self.left, self._ends = (*again, *self.left), []
+        self._watch(None)
+        return self.lost[name]
+
+    def rest(self, problem: Problem) -> Problem:
+        """What is left of a problem that starts where the robot is."""
+        poses = self.poses()
+        loose = [i for i, item in enumerate(problem.objects) if item.name != self.holding]
+        _move_out(problem, poses, loose)
+        objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
+        start = problem.start.with_values(holding=self.holding)
+        return problem.with_values(start=start, tasks=self.left, objects=objects)
+
+    def poses(self) -> Array:
+        """Where the objects are, as far as is known, (objects, 3)."""
+        session = self.session
+        if session.objects is None:
+            return np.zeros((0, POSE))
+        poses = session.objects.poses.copy()
+        if (hold := self._hold) is not None:
+            seen = session.objects.in_b0[hold.object]
+            in_b0 = seen if session.objects.seen else hold.pose_in_b0
+            poses[hold.object] = composed(session.q[:POSE], in_b0)
+        return poses
+
+    def _concerned(self) -> str:
+        """Name of the object that the task is about, or that is held meanwhile."""
+        named: str | None = self.holding or getattr(self.left[0], "object", None)
+        assert named is not None
+        return named
+
+    def _grasp(self, name: str) -> Grasp:
+        tasks = [task for task in self.problem.tasks if isinstance(task, Grasp)]
+        return next((task for task in tasks if task.object == name), Grasp(object=name))
+
+    def _missing(self, task: Task) -> Abort | None:
+        """Why a task is not done."""
+        session, name = self.session, _name(task)
+        if isinstance(task, Pass):
+            met = task.met(session.path[self._rows :, :POSE]).any()
+            return None if met else Abort("task", f"{name} is not done: the box was not entered")
+        self._look()
+        if (dropped := self.dropped()) is not None:
+            return dropped
+        match task:
+            case Grasp():
+                return self._not_grasped(task)
+            case Carry():
+                if self._off(task) > POSE_SHARE:
+                    return Abort("task", f"{name} is not done: {self._where(task)}")
+                return None
+            case Release(object=thing):
+                goal = self._goals.get(thing)
+                if goal is not None and self._off(goal) > 1.0:
+                    text = f"{thing} was moved while it was released: {self._where(goal)}"
+                    return Abort("lost", text)
+                return None
+        error = self._error(task)
+        if session.accuracy.surely(error):
+            return None
+        return Abort("task", f"{name} is not done: {session.accuracy.describe(error)}")
+
+    def _error(self, task: Task) -> Array:
+        """How far the robot is from where a task leaves it, (3 + n,)."""
+        session, robot = self.session, self.problem.robot
+        if isinstance(task, Reach):
+            goal = task.goal.loosened(-session.accuracy.scale(robot.coordinates))
+            return goal.error(session.q.copy())
+        error: Array = session.q - self.plan.trajectory.configuration([self._ends[0]])[0]
+        error[2] = wrapped(error[2])
+        return error
+
+    def _not_grasped(self, task: Grasp) -> Abort | None:
+        seen = self.session.objects
+        if seen is None or not seen.seen:
+            return None
+        away_m = _far_m(seen.in_b0[self._numbers[task.object]] - self._grips[0].pose_in_b0)
+        if away_m <= HOLD_M:
+            return None
+        where = f"it is {1e3 * away_m:.0f} mm from where it should be held"
+        return Abort("lost", f"{task.object} is not grasped: {where}")
+
+    def _off(self, task: Carry) -> float:
+        """How far the object is from where it is carried, in units of `ACCURACY`."""
+        (far_m, turn_rad) = self._away(task)
+        return max(far_m / ACCURACY[0], turn_rad / ACCURACY[2])
+
+    def _away(self, task: Carry) -> tuple[float, float]:
+        return away(task, self.poses()[self._numbers[task.object]])
+
+    def _where(self, task: Carry) -> str:
+        far_m, turn_rad = self._away(task)
+        turned = "" if task.phi_rad is None else f" and {math.degrees(turn_rad):.1f} degrees"
+        return f"{task.object} is {1e3 * far_m:.1f} mm{turned} from where it is to be"
+
+    def _look(self) -> None:
+        """Look at the resting robot and the objects."""
+        session, patience = self.session, self._patience
+        accuracy = session.accuracy.scale(self.problem.robot.coordinates)
+        if session.objects is not None:
+            session.objects.forget()
+            session.average(session.setpoint_C, np.zeros_like(session.q), patience.objects_s)
+        session.average(session.setpoint_C, patience.certain * accuracy, patience.look_s)
+
+    def _done(self) -> None:
+        task, *left = self.left
+        self._ends.pop(0)
+        if isinstance(task, Grasp):
+            self._hold, self.trouble = self._grips.pop(0), ""
+        if isinstance(task, Carry):
+            self._goals[task.object] = task
+        self.left, self._rows = tuple(left), len(self.session.path)
+        self._open_before_release()
+        self.done_s.append(self.session.now_s)
+        where = f": {self._where(task)}" if isinstance(task, Carry) else ""
+        self.session.tell("task", f"{_name(task)} is done{where}")
+        self._watch(task)
+
+    def _open_before_release(self) -> None:
+        """What is about to be released rests while the robot opens."""
+        objects = self.session.objects
+        if self._hold is not None and self.left and isinstance(self.left[0], Release):
+            if objects is not None and not objects.seen:
+                objects.poses = self.poses()
+            self._hold = None
+
+    def _watch(self, before: Task | None) -> None:
+        """Have the guard keep from what must not be touched until the next task is done."""
+        problem, hold = self.problem, self._hold
+        touched: list[Task] = [before] if isinstance(before, Conform) else []
+        touched += [task for task in self.left[:1] if isinstance(task, Grasp | Conform | Release)]
+        names = {getattr(task, "object", None) for task in touched}
+        if not problem.obstacles and not problem.objects and problem.workspace is None:
+            return
+        free = [
+            None if item.name in names or (hold is not None and hold.object == i) else pose
+            for i, (item, pose) in enumerate(zip(problem.objects, self.poses(), strict=True))
+        ]
+        world = problem.world_with(free)
+        kept = [item for item in world.obstacles if item.name not in names]
+        pieces: list[Array] = []
+        if hold is not None:
+            from twosra_mpc.space.convex import convex_parts
+
+            held = problem.objects[hold.object].at(hold.pose_in_b0)
+            pieces = convex_parts(held.corners_m)
+        world = world.with_values(obstacles=kept)
+        self.session.guard = Guard(problem, self._patience, world, pieces)
+
+
+def away(task: Carry, pose: Array) -> tuple[float, float]:
+    """How far an object at a pose (3,) is from where a task carries it, beyond its tolerance.
+
+    Returns:
+        Distance [m] and turn [rad].
+    """
+    far_m = math.hypot(pose[0] - task.x_m, pose[1] - task.y_m) - task.position_tolerance_m
+    turn_rad = 0.0
+    if task.phi_rad is not None:
+        turn_rad = abs(math.remainder(pose[2] - task.phi_rad, math.tau))
+        turn_rad = max(turn_rad - task.heading_tolerance_rad, 0.0)
+    return max(far_m, 0.0), turn_rad
+
+
+def _far_m(away: Array) -> float:
+    return math.hypot(away[0], away[1])
+
+
+def _name(task: Task) -> str:
+    return f"{task.do} {task.name or getattr(task, 'object', '')}".strip()
+
+
+def _put(item: Object, pose: Array) -> Object:
+    x_m, y_m, phi_rad = pose.tolist()
+    return item.with_values(pose={"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad})
+
+
+def _move_out(problem: Problem, poses: Array, loose: list[int]) -> None:
+    """Move objects that seem to overlap the robot out of it; poses (objects, 3) are changed."""
+    from twosra_mpc.space.footprint import footprint
+    from twosra_mpc.space.penetration import Thing
+    from twosra_mpc.space.separation import placed
+
+    if not loose:
+        return
+    q = problem.start.configuration
+    pieces = placed(footprint(problem.robot.geometry, q[POSE:]).outer, q[None, :POSE])[0]
+    for i in loose:
+        thing = Thing(problem.objects[i])
+        for _ in range(_TRIES):
+            if (contact := thing.deepest(poses[i], pieces)) is None:
+                break
+            poses[i, :2] += (contact.depth_m + _OUT_OF_IT_M) * contact.way
