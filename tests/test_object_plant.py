@@ -69,7 +69,7 @@ def test_a_caged_disc_follows_whatever_the_robot_does() -> None:
     poses = driven(plant, CAGE, *ways)
     seen = composed(inverse(np.array(ways[-1], dtype=float)), poses[-1])
     assert np.hypot(*(seen - IN_CAGE)[:2]) < 0.005
-    assert np.ptp(poses[:, 0]) > 0.1
+    assert np.ptp(poses[:, 0]) > 0.09
     assert not plant.squeezed
 
 

@@ -171,9 +171,8 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
         median, most, largest = (f"{unit * value:.4g}" for value in values)
         rows.append((words, median, most, largest))
     if placed := [1e3 * m for each in found if (m := each.object_m) is not None]:
-        rows.append(
-            ("object error [mm]", *(f"{v:.4g}" for v in np.quantile(placed, (0.5, 0.9, 1))))
-        )
+        median, most, largest = (f"{mm:.4g}" for mm in np.quantile(placed, (0.5, 0.9, 1.0)))
+        rows.append(("object error [mm]", median, most, largest))
         rows.append(("objects lost", f"{sum(each.lost for each in found)} in all", "", ""))
     if cleared := [1e3 * m for each in found if (m := each.least_clearance_m) is not None]:
         least = f"least {min(cleared):.4g}"

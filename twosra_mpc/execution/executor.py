@@ -123,6 +123,8 @@ class _Execution:
         where = accuracy.describe(session.error)
         left = self._tasks_left()
         if accuracy.surely(session.error) and not left:
+            if np.isnan(self.session.goal.configuration).all():  # a mission without a goal
+                return Ending.REACHED, f"all {len(self.problem.tasks)} tasks are done"
             return Ending.REACHED, f"the goal is reached: {where}"
         missing = f"; {len(left)} of {len(self.problem.tasks)} tasks left" if left else ""
         session.tell("look", f"the plan is at its end, {where}{missing}")
@@ -211,10 +213,10 @@ class _Execution:
         assert mode is not None
         try:
             now = session.q, session.reading.temperature_C, mode
-            rest = remaining_problem(self.problem, *now, self.broken)
             if self.mission is not None:
-                rest = self.mission.rest(rest)
+                rest = remaining_problem(self.mission.rest(), *now, self.broken)
             else:
+                rest = remaining_problem(self.problem, *now, self.broken)
                 rest = rest.with_values(tasks=self._tasks_left())
             result = self.meanwhile(
                 lambda: find_plan(rest),
@@ -315,6 +317,7 @@ def remaining_problem(
         phi_rad=q[2],
         kappa_per_m=tuple(kappa.tolist()),
         temperature_C=_temperatures(problem, temperature_C, mode),
+        holding=problem.start.holding,
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
     goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken)

@@ -122,13 +122,13 @@ class Mission:
         self._watch(None)
         return self.lost[name]
 
-    def rest(self, problem: Problem) -> Problem:
-        """What is left of a problem that starts where the robot is."""
-        poses = self.poses()
-        loose = [i for i, item in enumerate(problem.objects) if item.name != self.holding]
-        _move_out(problem, poses, loose)
+    def rest(self) -> Problem:
+        """The problem with what is left to do, what is held and where objects are."""
+        problem, poses, holding = self.problem, self.poses(), self.holding
+        loose = [i for i, item in enumerate(problem.objects) if item.name != holding]
+        _move_out(problem, self.session.q, poses, loose)
         objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
-        start = problem.start.with_values(holding=self.holding)
+        start = problem.start.with_values(holding=holding)
         return problem.with_values(start=start, tasks=self.left, objects=objects)
 
     def poses(self) -> Array:
@@ -295,7 +295,7 @@ def _put(item: Object, pose: Array) -> Object:
     return item.with_values(pose={"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad})
 
 
-def _move_out(problem: Problem, poses: Array, loose: list[int]) -> None:
+def _move_out(problem: Problem, q: Array, poses: Array, loose: list[int]) -> None:
     """Move objects that seem to overlap the robot out of it; poses (objects, 3) are changed."""
     from twosra_mpc.space.footprint import footprint
     from twosra_mpc.space.penetration import Thing
@@ -303,7 +303,6 @@ def _move_out(problem: Problem, poses: Array, loose: list[int]) -> None:
 
     if not loose:
         return
-    q = problem.start.configuration
     pieces = placed(footprint(problem.robot.geometry, q[POSE:]).outer, q[None, :POSE])[0]
     for i in loose:
         thing = Thing(problem.objects[i])
