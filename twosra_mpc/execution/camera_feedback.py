@@ -81,25 +81,25 @@ class _TrackedPhase:
         self.session, self.patience = run.session, run.patience
         self.phase, self.mission = run.plan.phases[index], by.mission
         self.rigid = is_rigid(self.phase.mode)
-        self.last = self._must_arrive()
+        self.bends, self.last = self._goes_on()
         modes = [phase.mode for phase in run.plan.phases[index:]]
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.scale = self.session.accuracy.scale(run.plan.robot.coordinates)
         self.begun = run.session.q.copy()
 
-    def _must_arrive(self) -> bool:
-        """Whether nothing after this phase makes good what it misses.
+    def _goes_on(self) -> tuple[bool, bool]:
+        """Whether a mission goes on to bend, and whether nothing later makes good what is missed.
 
-        So it is at the end, where a task is done, and where a mission goes on to bend.
+        So it is before a bend, where a task is done, and at the end.
         """
         phases = self.run.plan.phases
         if self.index == len(phases) - 1:
-            return True
+            return False, True
         if self.mission is None:
-            return False
+            return False, False
         after = phases[self.index + 1]
         bends = self.rigid and not is_rigid(after.mode)
-        return bends or self.mission.ends_between(self.phase.start_s, after.start_s)
+        return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)
 
     def drive(self) -> Abort | None:
         before = off = math.inf
@@ -113,8 +113,8 @@ class _TrackedPhase:
         away = self.session.q - self.run.planned
         away[2] = math.remainder(float(away[2]), math.tau)
         off = self.session.accuracy.of_pose(away)
-        if self.mission is not None and self.last and off > 1.0:
-            return Abort("corridor", "the robot is not where it is to bend, or to end a task")
+        if self.bends and off > 1.0:
+            return Abort("corridor", "the robot is not where it is to bend")
         return None
 
     def _travel(self) -> Abort | None:

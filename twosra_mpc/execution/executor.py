@@ -199,6 +199,8 @@ class _Execution:
         holds = self.mission is not None and self.mission.holding is not None
         if holds and (stuck := self._cool()) is not None:  # no soft robot holds anything
             return stuck
+        if self.mission is not None:
+            self.mission.look()
         found = self._planned()
         if isinstance(found, str) and session.guard is not None and any(session.mode or ()):
             if (stuck := self._cool()) is not None:  # a solid robot may drive to where it can bend

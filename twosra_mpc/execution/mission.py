@@ -206,20 +206,25 @@ class Mission:
         return max(far_m / ACCURACY[0], turn_rad / ACCURACY[2])
 
     def _away(self, task: Carry) -> tuple[float, float]:
-        return away(task, self.poses()[self._numbers[task.object]])
+        number = self._numbers[task.object]
+        return away(task, self.problem.objects[number], self.poses()[number])
 
     def _where(self, task: Carry) -> str:
         far_m, turn_rad = self._away(task)
-        turned = "" if task.phi_rad is None else f" and {math.degrees(turn_rad):.1f} degrees"
+        turned = f" and {math.degrees(turn_rad):.1f} degrees" if turn_rad else ""
         return f"{task.object} is {1e3 * far_m:.1f} mm{turned} from where it is to be"
 
-    def _look(self) -> None:
-        """Look at the resting robot and the objects."""
-        session, patience = self.session, self._patience
-        accuracy = session.accuracy.scale(self.problem.robot.coordinates)
+    def look(self) -> None:
+        """Look at objects from a robot at rest."""
+        session, never = self.session, np.zeros_like(self.session.q)
         if session.objects is not None:
             session.objects.forget()
-            session.average(session.setpoint_C, np.zeros_like(session.q), patience.objects_s)
+            session.average(session.setpoint_C, never, self._patience.objects_s)
+
+    def _look(self) -> None:
+        session, patience = self.session, self._patience
+        accuracy = session.accuracy.scale(self.problem.robot.coordinates)
+        self.look()
         session.average(session.setpoint_C, patience.certain * accuracy, patience.look_s)
 
     def _done(self) -> None:
@@ -268,15 +273,17 @@ class Mission:
         self.session.guard = Guard(problem, self._patience, world, pieces)
 
 
-def away(task: Carry, pose: Array) -> tuple[float, float]:
+def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:
     """How far an object at a pose (3,) is from where a task carries it, beyond its tolerance.
+
+    A disc has no heading: nobody sees it turn in a cage.
 
     Returns:
         Distance [m] and turn [rad].
     """
     far_m = math.hypot(pose[0] - task.x_m, pose[1] - task.y_m) - task.position_tolerance_m
     turn_rad = 0.0
-    if task.phi_rad is not None:
+    if task.phi_rad is not None and item.disc is None:
         turn_rad = abs(math.remainder(pose[2] - task.phi_rad, math.tau))
         turn_rad = max(turn_rad - task.heading_tolerance_rad, 0.0)
     return max(far_m, 0.0), turn_rad

@@ -191,10 +191,11 @@ def object_errors(problem: Problem, truth: Truth) -> tuple[float | None, float |
     carries = {task.object: task for task in problem.tasks if isinstance(task, Carry)}
     for number, item in enumerate(problem.objects):
         if item.name in carries:
-            found.append(away(carries[item.name], truth.objects[-1, number]))
+            found.append(away(carries[item.name], item, truth.objects[-1, number]))
         elif item.name not in held:
             moved = truth.objects[-1, number] - item.pose.pose
-            found.append((float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))))
+            turned = abs(float(moved[2])) if item.disc is None else 0.0
+            found.append((float(np.hypot(moved[0], moved[1])), turned))
     if not found:
         return None, None
     far_m, turn_rad = np.max(found, axis=0).tolist()
