@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
-from twosra_mpc.planning.planner import bending_task
+from twosra_mpc.planning.relaxed import bending_task
 from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
 from twosra_mpc.problem.limits import check_shapes

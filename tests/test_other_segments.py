@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.planning.planner import mode_tree
+from twosra_mpc.planning.relaxed import mode_tree
 from twosra_mpc.planning.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import ModeSequence, all_modes
 

@@ -11,7 +11,8 @@ from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 import twosra_mpc.planning.sequence_solver as sequence_solver
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
-from twosra_mpc.planning.planner import Progress, bending_task
+from twosra_mpc.planning.planner import Progress
+from twosra_mpc.planning.relaxed import bending_task
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.planning.sequence_solver import SequenceSolver
 from twosra_mpc.plans.ending import Ending

@@ -14,7 +14,7 @@ from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.planner import bending_task
+from twosra_mpc.planning.relaxed import bending_task
 from twosra_mpc.planning.search import bounds
 from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import pose_bound

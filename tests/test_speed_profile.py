@@ -20,7 +20,7 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.gentle import gentle
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, feasible_schedule, scheduled
 from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.planner import rigid_time
+from twosra_mpc.planning.relaxed import rigid_time
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.limits import interval_durations, rigid_ramp_s, rigid_rows

@@ -26,7 +26,7 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Goal, Plan, Problem, Start, Status, load_problem, plan
-from twosra_mpc.planning.planner import bending_task, mode_tree
+from twosra_mpc.planning.relaxed import bending_task, mode_tree
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.robot.description import segment_model

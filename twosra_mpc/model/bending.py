@@ -154,6 +154,10 @@ class Bending:
         )
         return low, high
 
+    def largest_speed_m_s(self, mode: Mode) -> float:
+        """Upper bound of the speed of b0 in a soft mode, both locomotion units at full speed."""
+        return _largest_speed(self.body, mode)
+
     def _boxes(self, low: list[Array], high: list[Array]) -> tuple[Array, Array]:
         """Lower and upper corners of boxes of curvatures between neighbouring W, each (n, m).
 
@@ -289,6 +293,20 @@ def _unit_ramp_s(body: Body) -> float:
 
 @per_body(512)
 def _fastest(body: Body, mode: Mode, kappa: tuple[float | None, ...]) -> float:
+    return float(_largest_rate(body, mode, *_grid(body, kappa)).max())
+
+
+@per_body(32)
+def _largest_speed(body: Body, mode: Mode) -> float:
+    with np.errstate(invalid="ignore"):  # wide boxes may hold shapes of unbounded speed
+        low, high = enclose(_twists(body, mode), *_grid(body, (None,) * len(mode)))
+    most = np.maximum(np.abs(low), np.abs(high)).reshape(2, POSE, -1)
+    speed = np.hypot(most[:, 0], most[:, 1]).sum(axis=0) * _unit_speed(body)
+    return float(np.where(np.isnan(speed), np.inf, speed).max())
+
+
+def _grid(body: Body, kappa: tuple[float | None, ...]) -> tuple[Array, Array]:
+    """Lower and upper corners of boxes that hold all curvatures allowed, each (n, boxes)."""
     limit, boxes = body.limits.curvature_per_m, _BOXES[sum(value is None for value in kappa)]
     edges = [
         np.linspace(-limit, limit, boxes + 1) if value is None else np.array([value, value])
@@ -298,4 +316,4 @@ def _fastest(body: Body, mode: Mode, kappa: tuple[float | None, ...]) -> float:
         np.array(list(itertools.product(*(edge[part] for edge in edges)))).T
         for part in (slice(None, -1), slice(1, None))
     )
-    return float(_largest_rate(body, mode, lower, upper).max())
+    return lower, upper

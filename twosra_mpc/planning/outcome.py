@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
 from twosra_mpc.plans.plan import Cost, Plan
 from twosra_mpc.plans.sampling import sample
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
+
+_LOOK_S = 0.02  # between looks whether a box is entered
 
 
 def verified(
@@ -31,9 +37,27 @@ def verified(
     )
     finish = times[layout.finish]
     samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)
-    trajectory = Trajectory(problem, samples, phases, transitions)
+    ends_s = [starts[end - 1] + profiles[end - 1].duration_s for end in candidate.stage_ends]
+    done_s = _done_s(problem, ends_s, samples)
+    trajectory = Trajectory(problem, samples, phases, transitions, done_s)
     cost = _cost(problem, samples, transitions, candidate.effort_s)
     return Plan(planner, trajectory, cost, verify(trajectory), lower_bound=None)
+
+
+def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tuple[float, ...]:
+    """When each task of a mission is done: at the end of its stage; a box when it is entered."""
+    if not problem.is_mission:
+        return ()
+    plain = Trajectory(problem.with_values(tasks=(), objects=()), samples, (), ())
+    done, stages = [0.0], iter(ends_s)
+    for task in problem.tasks:
+        if isinstance(task, Pass):
+            t = np.arange(done[-1], samples.t_s[-1], _LOOK_S)
+            met = task.met(plain.configuration(t)[:, :POSE])
+            done.append(float(t[met.argmax()]))
+        else:
+            done.append(next(stages))
+    return tuple(done[1:])
 
 
 def _cost(

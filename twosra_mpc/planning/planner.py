@@ -4,49 +4,33 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from twosra_mpc.model.bending import bending, from_rest_to_rest
-from twosra_mpc.model.flow import Motion, roll_out
-from twosra_mpc.model.path_models import path_model
+from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.gentle import ROUNDING, gentle
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
-from twosra_mpc.planning.nlp.guess import (
-    bend_changes,
-    guess_motion,
-)
 from twosra_mpc.planning.outcome import verified
-from twosra_mpc.planning.search.bends import BendingTask, Conserved
-from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.relaxed import mode_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
-from twosra_mpc.planning.search.mode_tree import InTheWay, ModeTree
-from twosra_mpc.planning.search.pose_bound import PoseTask
-from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.planning.sequence_solver import SequenceSolver, Solved, checked
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import (
-    CURVATURE,
     check_shapes,
     check_workspace,
-    interval_durations,
-    rigid_ramp_s,
-    rigid_rows,
-    rigid_rows_between,
-    surely_broken,
 )
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
-from twosra_mpc.timing import TemporalNetwork, transition_model
+from twosra_mpc.robot.modes import ModeSequence, mode_name
+from twosra_mpc.timing import transition_model
 
 Solution = TypeVar("Solution")
 
@@ -120,28 +104,6 @@ def plan_without(
     return _conclude(problem, result, tree, stats)
 
 
-def mode_tree(
-    problem: Problem,
-    solver: Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]],
-    excluded: frozenset[ModeSequence] = frozenset(),
-    in_the_way: InTheWay | None = None,
-) -> ModeTree[Solution]:
-    """Build the tree of mode sequences of ``problem``; ``solver`` makes plans of one of them."""
-    return ModeTree(
-        first=problem.start_mode,
-        last=problem.goal.mode,
-        modes=problem.modes,
-        max_phases=problem.max_phases,
-        timing=transition_model(problem),
-        task=bending_task(problem),
-        weights=problem.cost_weights,
-        rigid_time=lambda: rigid_time(problem),
-        solver=solver,
-        excluded=excluded,
-        in_the_way=in_the_way or InTheWay(),
-    )
-
-
 def _rest(problem: Problem) -> Result | None:
     """The empty plan, where the start is the goal already."""
     start = problem.start.configuration
@@ -156,111 +118,6 @@ def _rest(problem: Problem) -> Result | None:
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
     message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0)
     return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)
-
-
-def bending_task(problem: Problem) -> BendingTask:
-    """What the plan must do to the bending coordinates, from start, goal and path model."""
-    facts = bending(problem.robot)
-    start = problem.start.configuration
-    ends = zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True)
-    limit = problem.robot.limits.curvature_per_m
-    origin = facts.coordinates(start[POSE:].tolist())
-    room, exact, words = [], [], []
-    for j, (here, (low, high)) in enumerate(zip(origin, ends, strict=True)):
-        most = facts.coordinate(limit, j)
-        room.append((-most - here, most - here))
-        exact.append(low if low == high else None)
-        words.append(_asked(f"kappa{j + 1}", float(start[POSE + j]), low, high))
-
-    def forbidden(mode: Mode, before: tuple[tuple[float, float], ...], bend: float) -> str | None:
-        limit = surely_broken(problem.robot, *facts.shapes_on_the_way(mode, before, bend))
-        return None if limit is None else limit.words(problem.robot.limits)
-
-    return BendingTask(
-        change=tuple(map(tuple, bend_changes(problem, problem.goal).T.tolist())),
-        room=tuple(room),
-        start=tuple(start[POSE:].tolist()),
-        goal=tuple(exact),
-        rate=facts.fastest,
-        origin=origin,
-        least_time=facts.least_time,
-        least_effort=facts.least_effort_s2,
-        forbidden=forbidden,
-        beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
-        shape=", ".join(words),
-        conserved=Conserved(*path_model(problem.robot).conserved),
-        curvature=facts.curvatures,
-        pose=pose_task(problem),
-    )
-
-
-def _asked(name: str, start: float, low: float, high: float) -> str:
-    """What a goal asks of a curvature, in words."""
-    if not math.isfinite(high - low):
-        return f"{name} free"
-    box = f" (+- {(high - low) / 2:g})" if high > low else ""
-    return f"{name} from {start:g} to {(low + high) / 2:g}{box} 1/m"
-
-
-def pose_task(problem: Problem) -> PoseTask | None:
-    """What the plan must do to the pose; None where the goal leaves part of it free."""
-    start = problem.start.configuration
-    low, high = (end[:POSE] for end in problem.goal.box(start))
-    if not np.isfinite(high - low).all():
-        return None
-    goal, (half_x, half_y, half_turn) = (low + high) / 2, (high - low) / 2
-    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
-    c, s = math.cos(start[2]), math.sin(start[2])
-    east, north = (goal[:2] - start[:2]).tolist()
-    return PoseTask(
-        shift=np.array([c * east + s * north, -s * east + c * north]),
-        turn=float(goal[2] - start[2]),
-        reach=np.array([[c * half_x, -s * half_x], [s * half_y, c * half_y]]),
-        turn_reach=float(half_turn),
-        known_s=_known_s(guess),
-        speed_rows=partial(rigid_rows_between, problem.robot),
-        soft_motions=bending(problem.robot).motions_between,
-    )
-
-
-def rigid_time(problem: Problem) -> float:
-    """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
-    start = problem.start.configuration
-    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box(start))
-    guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
-    rows = rigid_rows(problem.robot, start[POSE:])
-    c, s = math.cos(start[2]), math.sin(start[2])
-    given = np.isfinite(high - low)
-    ends = np.where(given, [low, high], math.nan)
-    shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
-    if given[:2].all() and not box[:2].any():
-        shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
-    else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
-        rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    at_speed = least_time(
-        speed_rows=rows,
-        shift=shift,
-        shift_box=box[:2],
-        turns=(float(low[2]), float(high[2])),
-        modulo=problem.goal.phi_modulo,
-        known_s=_known_s(guess),
-    )
-    return from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
-
-
-def _known_s(guess: Motion) -> float:
-    """How long a rigid drive takes at full speed, as guessed: by a screw, or straight and a turn.
-
-    The screw of nearly a full turn leads far away.
-    """
-    screw_s = float(interval_durations(guess).sum())
-    first, last = guess.states[0, 0], guess.states[-1, -1]
-    turn = float(last[2] - first[2])
-    if abs(turn) <= math.pi:
-        return screw_s
-    rows, far = rigid_rows(guess.robot, first[POSE:]), float(np.hypot(*(last - first)[:2]))
-    straight_s = far * float(np.linalg.norm(rows[:, :2], axis=1).max())
-    return min(screw_s, straight_s + abs(turn) * float(np.abs(rows[:, 2]).max()))
 
 
 def _conclude(

@@ -163,6 +163,17 @@ def possible_slices(footprint: Footprint, world: World, kept_m: float, headings:
     return _slices(world, shrunk, obstacles, extent, headings)
 
 
+def free_slices(pieces: list[Array], obstacles: list[Array], headings: int) -> FreeSlices:
+    """Positions at which convex pieces, turned to the middle of each slice, meet no obstacle.
+
+    Args:
+        pieces: Of what moves, counter-clockwise, (corners, 2) each [m].
+        obstacles: Convex parts of what is around, the same.
+        headings: Slices.
+    """
+    return _slices(World(), pieces, obstacles, np.zeros((headings, 4)), headings)
+
+
 def _rectangles(pieces: Array) -> Array:
     """Pieces (m, 4, 2), those whose union is a rectangle as one."""
     fewer = merged(list(pieces))

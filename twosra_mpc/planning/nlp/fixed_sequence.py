@@ -70,12 +70,14 @@ class Candidate:
         profiles: How fast each phase is travelled.
         times: Event times of the temporal network [s].
         iterations: Iterations of the nonlinear program spent on it.
+        stage_ends: Number of phases up to the end of each stage of a mission.
     """
 
     motion: Motion
     profiles: tuple[SpeedProfile, ...]
     times: Array
     iterations: int
+    stage_ends: tuple[int, ...] = ()
 
     @property
     def effort_s(self) -> float:
@@ -91,12 +93,26 @@ def scheduled(
     Returns None if it cannot be corrected or takes a shape that the limits forbid.
     """
     corrected = correct_end(motion, problem.goal)
-    if corrected is None or not shapes_allowed(corrected, _STILL):
+    return None if corrected is None else timed(corrected, network, problem, iterations)
+
+
+def timed(
+    motion: Motion,
+    network: TemporalNetwork,
+    problem: Problem,
+    iterations: int,
+    stage_ends: tuple[int, ...] = (),
+) -> Candidate | None:
+    """Run a motion as fast as the limits allow and schedule its transitions.
+
+    Returns None if it takes a shape that the limits forbid.
+    """
+    if not shapes_allowed(motion, _STILL):
         return None
-    profiles = fastest(corrected)
+    profiles = fastest(motion)
     durations = np.array([profile.duration_s for profile in profiles])
     found = feasible_schedule(network, durations, problem)
-    return None if found is None else Candidate(corrected, profiles, found[0], iterations)
+    return None if found is None else Candidate(motion, profiles, found[0], iterations, stage_ends)
 
 
 def feasible_schedule(

@@ -50,6 +50,7 @@ class BendingTask:
         conserved: What bending together cannot change, for messages.
         curvature: W of all segments -> their curvatures [1/m].
         pose: The change of pose, if the goal gives one.
+        origin_within: How far W may be off ``origin`` at t = 0, by segment; exact without.
     """
 
     change: Intervals
@@ -66,6 +67,7 @@ class BendingTask:
     conserved: Conserved
     curvature: Callable[[Sequence[float]], tuple[float, ...]]
     pose: PoseTask | None
+    origin_within: tuple[float, ...] | None = None
 
     @property
     def segments(self) -> range:
@@ -204,7 +206,8 @@ def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | No
     """What is known of the bend of each phase; None if the soft modes are not independent."""
     if (ranges := bend_ranges(sequence, task)) is None:
         return None
-    here, steps = np.array([task.origin, task.origin]), list[BendStep]()
+    within = np.array(task.origin_within or [0.0] * len(task.origin))
+    here, steps = task.origin + np.array([-within, within]), list[BendStep]()
     for i, mode in enumerate(sequence):
         bend, before = np.array([part[i] for part in ranges]), _pairs(here)
         here = here + np.outer(bend, mode)

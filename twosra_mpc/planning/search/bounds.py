@@ -163,56 +163,93 @@ def _linear_program_bound(
     least_durations: Sequence[float],
     pose: PoseConstraint | None = None,
 ) -> SequenceBound | None:
-    layout, n = network.layout, network.layout.phases
     efforts = least_efforts(network.sequence, task) if weights.effort else []
-    width = layout.count + n + len(efforts)
-    rows: list[Array] = []
-    limits: list[float] = []
-
-    def at_least(terms: dict[int, float], least: float) -> None:
-        row = np.zeros(width)
-        for column, value in terms.items():
-            row[column] -= value
-        rows.append(row)
-        limits.append(-least)
-
-    for (u, v), least in network.least.items():
-        at_least({v: 1.0, u: -1.0}, least)
-    for i, least in enumerate(least_durations):
-        at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
-    for i, mode in enumerate(network.sequence):
-        rate = task.rate(mode, known_curvatures(network.sequence, i, task)) if any(mode) else 0.0
-        if any(mode) and np.isfinite(rate):
-            for sign in (1.0, -1.0):
-                bend = layout.count + i
-                at_least({layout.end(i): rate, layout.start(i): -rate, bend: sign}, 0.0)
+    rates = [
+        task.rate(mode, known_curvatures(network.sequence, i, task)) if any(mode) else 0.0
+        for i, mode in enumerate(network.sequence)
+    ]
+    program = Relaxation(network, weights, least_durations, rates, efforts)
+    layout = network.layout
     for j in task.segments:
         bends: dict[int, float] = {}
         for i in (i for i, mode in enumerate(network.sequence) if mode[j]):
             bends[layout.count + i] = 1.0
             later = any(mode[j] for mode in network.sequence[i + 1 :])
             low, high = task.room[j] if later else task.change[j]
-            at_least(bends, low)
-            at_least(dict.fromkeys(bends, -1.0), -high)
-
-    for i, effort in enumerate(efforts):
-        column, end, start = layout.count + n + i, layout.end(i), layout.start(i)
-        for slope in _TANGENTS if effort else ():
-            at_least({column: 1.0, end: slope, start: -slope}, 2 * math.sqrt(slope * effort))
-
+            program.at_least(bends, low)
+            program.at_least(dict.fromkeys(bends, -1.0), -high)
+    program.weigh_efforts()
     if pose is not None:
         drives: dict[int, float] = {}
         for i, rate in enumerate(pose.rates.tolist()):
             drives |= {layout.end(i): rate, layout.start(i): -rate}
-        at_least(drives, pose.need)
+        program.at_least(drives, pose.need)
+    return program.optimum()
 
-    objective, constant = cost_coefficients(network, weights)
-    bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in network.sequence]
-    bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
-    bounds += [(0.0, None)] * len(efforts)
-    objective = np.concatenate([objective, np.zeros(n), np.full(len(efforts), weights.effort)])
-    optimum = minimise(objective, np.array(rows), np.array(limits), bounds)
-    if optimum is None:
-        return None
-    times, bends_found, _ = np.split(optimum[1], [layout.count, layout.count + n])
-    return SequenceBound(optimum[0] + constant, times=times, bends=bends_found)
+
+class Relaxation:
+    """The linear program in event times and bends, row by row; columns are in this order.
+
+    Args:
+        network: Constraints of the event times.
+        weights: Weights of the cost.
+        least_durations: Of the phases [s].
+        rates: Upper bound of abs(dW/dt) in each phase.
+        efforts: Least effort times duration of each phase [s2]; none where effort has no weight.
+    """
+
+    def __init__(
+        self,
+        network: TemporalNetwork,
+        weights: Weights,
+        least_durations: Sequence[float],
+        rates: Sequence[float],
+        efforts: Sequence[float] = (),
+    ) -> None:
+        self._network, self._weights, self._efforts = network, weights, efforts
+        layout = network.layout
+        self._width = layout.count + layout.phases + len(efforts)
+        self._rows: list[Array] = []
+        self._limits: list[float] = []
+        for (u, v), least in network.least.items():
+            self.at_least({v: 1.0, u: -1.0}, least)
+        for i, least in enumerate(least_durations):
+            self.at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
+        for i, (mode, rate) in enumerate(zip(network.sequence, rates, strict=True)):
+            if any(mode) and np.isfinite(rate):
+                for sign in (1.0, -1.0):
+                    bend = layout.count + i
+                    self.at_least({layout.end(i): rate, layout.start(i): -rate, bend: sign}, 0.0)
+
+    def at_least(self, terms: dict[int, float], least: float) -> None:
+        """Demand that the sum of columns times factors is no less."""
+        row = np.zeros(self._width)
+        for column, value in terms.items():
+            row[column] -= value
+        self._rows.append(row)
+        self._limits.append(-least)
+
+    def weigh_efforts(self) -> None:
+        """Demand that efforts are at least tangents of effort over duration."""
+        layout = self._network.layout
+        for i, effort in enumerate(self._efforts):
+            column, end, start = layout.count + layout.phases + i, layout.end(i), layout.start(i)
+            for slope in _TANGENTS if effort else ():
+                self.at_least(
+                    {column: 1.0, end: slope, start: -slope}, 2 * math.sqrt(slope * effort)
+                )
+
+    def optimum(self) -> SequenceBound | None:
+        """The least cost; None if the constraints contradict each other."""
+        layout, n = self._network.layout, self._network.layout.phases
+        count = len(self._efforts)
+        objective, constant = cost_coefficients(self._network, self._weights)
+        bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in self._network.sequence]
+        bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
+        bounds += [(0.0, None)] * count
+        objective = np.concatenate([objective, np.zeros(n), np.full(count, self._weights.effort)])
+        optimum = minimise(objective, np.array(self._rows), np.array(self._limits), bounds)
+        if optimum is None:
+            return None
+        times, bends_found, _ = np.split(optimum[1], [layout.count, layout.count + n])
+        return SequenceBound(optimum[0] + constant, times=times, bends=bends_found)

@@ -1,0 +1,102 @@
+r"""Motions in which an object held by contact alone stays where it is on the robot.
+
+Sliding on the floor, slowly, an object whose limit surface is an ellipsoid resists a twist (v, w)
+about its centroid with a force and torque along :math:`(v, c^2 w)` (Lynch and Mason, 1996, after
+Howe and Cutkosky). Contact moves it with the robot if forces within friction cones at its contacts
+can be that load; such twists are a polyhedral cone. For a pressure spread evenly
+:math:`c \approx 0.6 \sqrt{A / \pi}`, A its area.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.poses import inverse
+from twosra_mpc.space.contour import Contour, contacts
+
+_FLAT = 1e-9
+_OFF = 1e-7  # of a load, out of the cone and still held
+
+
+@dataclass(frozen=True, eq=False)
+class PushingCone:
+    """Body twists of b0 that an object follows.
+
+    Attributes:
+        friction: Coefficient between robot and object.
+        contacts: Where they touch, in b0, (k, 2) [m].
+        facets: Twists t with facets @ t <= 0 are held, (f, 3).
+    """
+
+    friction: float
+    contacts: Array
+    facets: Array
+
+    @property
+    def words(self) -> str:
+        """What to say of it."""
+        return f"pushed: held only while contact is kept (friction {self.friction:g})"
+
+    def holds(self, twists: ArrayLike) -> NDArray[np.bool_]:
+        """Which constant body twists (s_u, s_v, s_r) of b0 (..., 3) keep the object, (...,)."""
+        given = np.asarray(twists, dtype=float)
+        size = np.linalg.norm(given, axis=-1, keepdims=True)
+        kept: NDArray[np.bool_] = (given @ self.facets.T <= _OFF * size).all(axis=-1)
+        return kept
+
+
+def pushing_cone(
+    geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: ArrayLike, friction: float
+) -> PushingCone:
+    """Motions of a robot in one shape that an object it touches follows.
+
+    Args:
+        geometry: Lengths of the robot.
+        kappa: Its curvatures, (n,) [1/m].
+        thing: The object.
+        pose_in_b0: Where it is in the frame of b0, (3,).
+        friction: Coefficient between robot and object.
+    """
+    contour, pose = Contour.of(thing.own), np.asarray(pose_in_b0, dtype=float)
+    q = np.concatenate([inverse(pose), np.asarray(kappa, dtype=float)])
+    points, into = contacts(geometry, contour, q)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    turn = np.array([[c, s], [-s, c]])  # for row vectors
+    middle = contour.centroid @ turn + pose[:2]
+    points, into = points @ turn + pose[:2], into @ turn
+    wide = 0.6 * np.sqrt(contour.area_m2 / np.pi)
+    across = friction * np.column_stack([-into[:, 1], into[:, 0]])
+    forces = np.concatenate([into + across, into - across])
+    arms = np.tile(points - middle, (2, 1))
+    torque = (arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]) / wide
+    x, y = middle
+    load = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, wide]])  # of a twist of b0
+    return PushingCone(friction, points, _facets(np.column_stack([forces, torque])) @ load)
+
+
+def _facets(generators: Array) -> Array:
+    """Normals n of a cone's facets: loads x are in it if n . x <= 0 for all, (f, 3)."""
+    if not len(generators):
+        return np.concatenate([np.eye(3), -np.eye(3)])
+    rays = generators / np.linalg.norm(generators, axis=1, keepdims=True)
+    _, sizes, axes = np.linalg.svd(rays, full_matrices=True)
+    rank = int((sizes > 1e-6).sum())
+    flat = np.concatenate([axes[rank:], -axes[rank:]])
+    own = rays @ axes[:rank].T
+    if rank == 3:
+        hull = ConvexHull(np.vstack([np.zeros(3), own])).equations
+        sides = hull[np.abs(hull[:, 3]) < _FLAT, :3]
+        sides = sides[np.unique(np.round(sides, 9), axis=0, return_index=True)[1]]
+    else:
+        across = own if rank == 1 else np.column_stack([-own[:, 1], own[:, 0]])
+        sides = np.concatenate([across, -across])
+        sides = sides[(sides @ own.T <= _FLAT).all(axis=1)]
+    facets: Array = np.concatenate([flat, sides @ axes[:rank]])
+    return facets

@@ -1,0 +1,274 @@
+r"""Configurations that touch an outline: closed around it, or laid along it.
+
+For a grasp the link of b0 is laid on the outline, tangent to it. Then segments close, those next to
+it first, until something of what they move touches. A robot whose links have no length touches a
+disc of radius R all along, at :math:`\kappa = 1 / (R + r_f)`, :math:`r_f` the radius of the fibre.
+A segment that is laid along an outline touches it in its middle and closes about that.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twosra_mpc.contact.closing import TOUCHES_M, Rows, close, room_m
+from twosra_mpc.errors import InputError
+from twosra_mpc.problem.limits import CURVATURE, SHAPE_LIMITS, UNIT_GAP, shape_margins
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import Obstacle
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.poses import composed, inverse
+from twosra_mpc.space.contour import Contour, apart_m, farthest_m, parts, wraps_rad
+
+OVERLAPS = "overlaps the object"
+NOTHING = "nothing to wrap"
+IN_THE_WAY = "a unit, wheel or link touches first"
+LEAVES = "leaves the outline by more than gap_m"
+_WORDS = {UNIT_GAP.name: "the units would meet", CURVATURE.name: CURVATURE.name}
+
+_FREE = 9  # curvatures tried for a segment that is left free
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A configuration that touches a thing.
+
+    Attributes:
+        configuration: Of the robot where the thing is at the origin of its own frame, (3 + n,);
+            NaN for curvatures that are left free.
+        slack_per_m: By how much less segments may close, b0 where it is, (n,) [1/m].
+        wrap_rad: How far the normals of contacts turn from one end of the robot to the other.
+        side: 1 with the thing on +y of b0, -1 on -y.
+    """
+
+    configuration: Array
+    slack_per_m: Array
+    wrap_rad: float
+    side: int
+
+    @property
+    def kappa(self) -> Array:
+        """Curvatures, (n,) [1/m]."""
+        return self.configuration[POSE:]
+
+    @property
+    def pose_in_b0(self) -> Array:
+        """Pose of the thing's frame in b0, (3,)."""
+        return inverse(self.configuration[:POSE])
+
+
+@dataclass(frozen=True, eq=False)
+class TouchSet:
+    """The configurations found that touch a thing, those that embrace most first.
+
+    Attributes:
+        touches: At most one for each place around the outline and each side of the robot.
+        turns_freely: Whether the thing is a disc: a touch may be turned about its centre.
+        refused: Why other places have none -> how many.
+    """
+
+    touches: tuple[Touch, ...]
+    turns_freely: bool
+    refused: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def best_wrap_rad(self) -> float:
+        """Most that a touch embraces, 0 if there is none."""
+        return max((touch.wrap_rad for touch in self.touches), default=0.0)
+
+    @property
+    def shapes(self) -> Array:
+        """Different shapes among the touches, to 0.01 1/m, (m, n) [1/m]."""
+        if not self.touches:
+            return np.zeros((0, 0))
+        return np.unique(np.round([touch.kappa for touch in self.touches], 2) + 0.0, axis=0)
+
+
+def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
+    """Configurations closed around an object, from 72 places around it (a disc: one).
+
+    Args:
+        robot: The robot.
+        thing: What it closes around; at the origin of its own frame.
+        gap_m: What is left between robot and object.
+    """
+    contour, geometry = Contour.of(thing.own), robot.geometry
+    chains = _chains(geometry)
+    found, refused = [], Counter[str]()
+    for side in (1, -1):
+        poses = _turned(contour.stations(geometry.fibre_radius_m + gap_m), side)
+        q = np.pad(poses, ((0, 0), (0, geometry.segments)))
+        reasons = np.full(len(q), "", dtype=object)
+        reasons[room_m(robot, contour, q, (None,), gap_m) < 0] = OVERLAPS
+        for chain in chains:
+            _close_chain(robot, contour, q, chain, side, gap_m, reasons)
+        _name_limits(robot, q, reasons)
+        wraps = wraps_rad(geometry, contour, q, side, gap_m + 4 * TOUCHES_M)
+        reasons[(reasons == "") & (wraps <= 0)] = NOTHING
+        refused.update(reasons[reasons != ""].tolist())
+        slack = np.zeros(geometry.segments)
+        kept = np.flatnonzero(reasons == "")
+        found += [Touch(q[i], slack, float(wraps[i]), side) for i in kept]
+    return TouchSet(_ordered(found), contour.is_disc, dict(refused))
+
+
+def conform_touches(
+    robot: Robot, outline: Obstacle, segments: tuple[int, ...], gap_m: float
+) -> TouchSet:
+    """Configurations with segments laid along an outline; the curvatures of others are left free.
+
+    Args:
+        robot: The robot.
+        outline: What they are laid along, in a frame of its own.
+        segments: Which segments, from 1: the next to b0 on a side, or on both sides.
+        gap_m: How far from the outline a segment may be anywhere along it.
+
+    Raises:
+        InputError: If a segment between b0 and the ones asked for is left out.
+    """
+    contour, geometry = Contour.of(outline), robot.geometry
+    asked = {j - 1 for j in segments}
+    wholes = _chains(geometry)
+    chains = [tuple(j for j in chain if j in asked) for chain in wholes]
+    if any(c != whole[: len(c)] for c, whole in zip(chains, wholes, strict=True)):
+        raise InputError("segments", segments, "segments that begin next to b0")
+    chains = [chain for chain in chains if chain]
+    found, refused = [], Counter[str]()
+    for side in (1, -1):
+        stations = _turned(contour.stations(geometry.fibre_radius_m), side)
+        reasons = np.full(len(stations), "", dtype=object)
+        if len(chains) == 1:
+            q = _laid(robot, contour, stations, chains[0][0], side, reasons)
+            rest = [chains[0][1:]] if chains[0][1:] else []
+        else:
+            q, rest = np.pad(stations, ((0, 0), (0, geometry.segments))), chains
+        reasons[(reasons == "") & (room_m(robot, contour, q, (None,), 0.0) < 0)] = OVERLAPS
+        for chain in rest:
+            _close_chain(robot, contour, q, chain, side, 0.0, reasons)
+        gaps = np.array([farthest_m(geometry, contour, q, j) for j in sorted(asked)])
+        for i in np.flatnonzero((reasons == "") & (gaps.max(axis=0) > gap_m + TOUCHES_M)):
+            reasons[i] = _what_keeps_off(robot, contour, q[i], sorted(asked))
+        q[:, [POSE + j for j in range(geometry.segments) if j not in asked]] = np.nan
+        _name_limits(robot, q, reasons)
+        refused.update(reasons[reasons != ""].tolist())
+        for i in np.flatnonzero(reasons == ""):
+            slack, lengths = np.zeros(geometry.segments), np.array(geometry.lengths_m)
+            own = sorted(asked)
+            slack[own] = 2 * np.maximum(gap_m - gaps[:, i], 0.0) / lengths[own] ** 2
+            turn = float(np.abs(q[i, [POSE + j for j in own]] @ lengths[own]))
+            found.append(Touch(q[i], slack, turn, side))
+    return TouchSet(_ordered(found), contour.is_disc, dict(refused))
+
+
+def _chains(geometry: Geometry) -> list[tuple[int, ...]]:
+    """Segments on either side of b0, from there outwards."""
+    inner = geometry.inner_link_of_b0
+    both = [tuple(range(inner))[::-1], tuple(range(inner, geometry.segments))]
+    return [chain for chain in both if chain]
+
+
+def _ordered(found: list[Touch]) -> tuple[Touch, ...]:
+    return tuple(sorted(found, key=lambda touch: -round(touch.wrap_rad, 6)))
+
+
+def _turned(poses: Array, side: int) -> Array:
+    """Poses, turned round for -y to be on the outline."""
+    turned: Array = poses + np.array([0.0, 0.0, 0.0 if side > 0 else np.pi])
+    return turned
+
+
+def _close_chain(
+    robot: Robot,
+    contour: Contour,
+    q: Array,
+    chain: tuple[int, ...],
+    side: int,
+    gap_m: float,
+    reasons: Array,
+) -> None:
+    """Close segments of configurations (m, 3 + n) in place: all alike, then those further out."""
+    start = np.zeros(len(q))
+    for k in range(len(chain)):
+        moving = chain[k:]
+        rows = np.flatnonzero(reasons == "")
+        if not len(rows):
+            return
+
+        def place(
+            curvature: Array, at: Rows, rows: Rows = rows, moving: tuple[int, ...] = moving
+        ) -> Array:
+            placed = q[rows[at]]
+            placed[:, [POSE + j for j in moving]] = side * curvature[:, None]
+            return placed
+
+        done = close(robot, contour, place, start[rows], moving, gap_m)
+        q[rows] = place(done.curvature, np.arange(len(rows)))
+        start[rows] = done.curvature
+        reasons[rows[~done.touches]] = CURVATURE.name
+        reasons[rows[~done.fits]] = OVERLAPS
+
+
+def _bent(q: Array, segments: tuple[int, ...], side: int, curvature: Array, rows: Rows) -> Array:
+    """Rows of configurations (m, 3 + n) with segments of a curvature each, (k, 3 + n)."""
+    bent = q[rows]
+    bent[:, [POSE + j for j in segments]] = side * curvature[:, None]
+    return bent
+
+
+def _laid(
+    robot: Robot, contour: Contour, stations: Array, segment: int, side: int, reasons: Array
+) -> Array:
+    """Configurations (m, 3 + n) with the middle of a segment next to b0 at stations, closed."""
+    geometry = robot.geometry
+    sign = 1 if segment >= geometry.inner_link_of_b0 else -1
+    run = sign * geometry.lengths_m[segment] / 2
+
+    def place(curvature: Array, at: Rows) -> Array:
+        bend = side * curvature * run
+        half = np.sinc(bend / 2 / np.pi)
+        chord = run * half
+        x = sign * geometry.half_link_m + chord * np.cos(bend / 2)
+        middle = np.column_stack([x, chord * np.sin(bend / 2), bend])
+        q = np.zeros((len(at), POSE + geometry.segments))
+        q[:, :POSE] = composed(stations[at], inverse(middle))
+        q[:, POSE + segment] = side * curvature
+        return q
+
+    rows = np.arange(len(stations))
+    done = close(robot, contour, place, np.zeros(len(rows)), (segment,), 0.0)
+    reasons[~done.touches] = CURVATURE.name
+    reasons[~done.fits] = IN_THE_WAY
+    return place(done.curvature, rows)
+
+
+def _what_keeps_off(robot: Robot, contour: Contour, q: Array, segments: list[int]) -> str:
+    """Why segments of a configuration (3 + n,) do not lie along a contour."""
+    for j in segments:
+        solids, _ = apart_m(robot.geometry, contour, parts(robot.geometry, q[None], j))
+        if solids[0] < 4 * TOUCHES_M:
+            return IN_THE_WAY
+    return LEAVES
+
+
+def _name_limits(robot: Robot, q: Array, reasons: Array) -> None:
+    """Give the limit that configurations (m, 3 + n) break as the reason against them.
+
+    Where curvatures are left free, some must be allowed.
+    """
+    most, n = robot.limits.curvature_per_m, robot.geometry.segments
+    for i in np.flatnonzero(reasons == ""):
+        kappa = q[i, POSE:]
+        choices = [[k] if np.isfinite(k) else np.linspace(-most, most, _FREE) for k in kappa]
+        margins = shape_margins(robot, np.array([*itertools.product(*choices)]).reshape(-1, n))
+        allowed = np.ones(len(margins[CURVATURE.name]), dtype=bool)
+        for limit in SHAPE_LIMITS:
+            allowed &= margins[limit.name] >= 0
+            if not allowed.any():
+                reasons[i] = _WORDS.get(limit.name, limit.name)
+                break

@@ -1,0 +1,1 @@
+"""Missions: several goals, objects to hold and to carry, as one plan."""

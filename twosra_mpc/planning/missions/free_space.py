@@ -1,0 +1,133 @@
+"""Missions of goals alone, with nothing in the way: stage by stage as single goals are solved."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.planning.missions.bends import shapes, stage_bends
+from twosra_mpc.planning.missions.stages import Stage
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, solve, timed
+from twosra_mpc.planning.nlp.guess import guess_motion, moved_inside
+from twosra_mpc.planning.nlp.terminal_correction import correct_end
+from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.search.mission_tree import Node
+from twosra_mpc.planning.sequence_solver import Solved, checked
+from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
+from twosra_mpc.problem.limits import may_drive
+from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import ModeSequence
+from twosra_mpc.timing import TemporalNetwork, transition_model
+
+_WIDE_PER_M = 1e-3  # around shapes that are chosen for the mission
+
+
+class StageSolver:
+    """Yields verified plans of one sequence of each stage: by guesses and, then, by NLPs."""
+
+    def __init__(
+        self, problem: Problem, stages: Sequence[Stage], deadline: float = math.inf
+    ) -> None:
+        self.problem, self.stages, self.deadline = problem, stages, deadline
+        self.iterations = 0
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, node: Node
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt; None: it failed."""
+        sequences = node.sequences
+        goals = [stage.goal for stage in self.stages]
+        bends = stage_bends(self.problem, goals, sequences, bound.bends)
+        yield self._attempt(network, sequences, bends, by_program=False)
+        if time.perf_counter() < self.deadline:
+            yield self._attempt(network, sequences, bends, by_program=True)
+
+    def _attempt(
+        self,
+        network: TemporalNetwork,
+        sequences: Sequence[ModeSequence],
+        bends: Sequence[Array],
+        *,
+        by_program: bool,
+    ) -> tuple[float, Solved] | None:
+        ends = shapes(self.problem, sequences, bends)
+        q, motions = self.problem.start.configuration, list[Motion]()
+        for stage, sequence, bend, shape in zip(self.stages, sequences, bends, ends, strict=True):
+            alone = self._alone(q, _chosen(stage.goal, shape, q))
+            motion = self._motion(alone, sequence, bend, by_program=by_program)
+            if motion is None:
+                return None
+            motions.append(motion)
+            q = motion.end
+        return checked(self.problem, joined(self.problem, motions, network), network)
+
+    def _alone(self, q: Array, goal: GoalSet) -> Problem:
+        """The stage as a problem of its own."""
+        x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
+        start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
+        return self.problem.with_values(start=start, goal=goal, tasks=())
+
+    def _motion(
+        self, alone: Problem, sequence: ModeSequence, bends: Array, *, by_program: bool
+    ) -> Motion | None:
+        start, goal = alone.start.configuration, alone.goal
+        usable = may_drive(alone, sequence)
+        made = guess_motion(alone.robot, start, goal, sequence, bends, INTERVALS, usable)
+        guess = moved_inside(made, alone)
+        if by_program:
+            last = goal.mode if len(sequence) == 0 else sequence[-1]
+            network = transition_model(alone).network(sequence, last, [0.0] * len(sequence))
+            candidate = solve(guess, network, alone)
+            if candidate is not None:
+                self.iterations += candidate.iterations
+                return candidate.motion
+        return correct_end(guess, goal)
+
+
+def _chosen(goal: GoalSet, shape: Array, near: Array) -> GoalSet:
+    """The goal with the shape that was chosen for the mission, where that is one of several."""
+    low, high = goal.box(near)
+    wide = high[POSE:] - low[POSE:] > 2 * _WIDE_PER_M
+    if not isinstance(goal, Goal) or not wide.any():
+        return goal
+    given = np.isfinite(high[:POSE] - low[:POSE])
+    x_m, y_m, phi_rad = (
+        float(a + b) / 2 if known else None for a, b, known in zip(low, high, given, strict=False)
+    )
+    within = np.where(given, (high[:POSE] - low[:POSE]) / 2, 0.0).tolist()
+    width = np.where(wide, _WIDE_PER_M, (high[POSE:] - low[POSE:]) / 2)
+    middle = np.where(wide, shape, (low[POSE:] + high[POSE:]) / 2)
+    tolerance = Tolerance(
+        x_m=within[0], y_m=within[1], phi_rad=within[2], kappa_per_m=tuple(width.tolist())
+    )
+    return Goal(
+        x_m=x_m,
+        y_m=y_m,
+        phi_rad=phi_rad,
+        kappa_per_m=tuple(middle.tolist()),
+        tolerance=tolerance,
+        phi_modulo=goal.phi_modulo,
+        mode=goal.mode,
+    )
+
+
+def joined(
+    problem: Problem, motions: Sequence[Motion], network: TemporalNetwork
+) -> Candidate | None:
+    """One motion after the other on one clock."""
+    most = max(motion.inputs.shape[1] for motion in motions)
+    inputs = np.concatenate(
+        [
+            np.pad(motion.inputs, ((0, 0), (0, most - motion.inputs.shape[1]), (0, 0)))
+            for motion in motions
+        ]
+    )
+    sequence = network.sequence
+    whole = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
+    ends = tuple(np.cumsum([len(motion.sequence) for motion in motions]).tolist())
+    return timed(whole, network, problem, 0, ends)

@@ -1,0 +1,53 @@
+"""The stages of a mission: what each task ends in, and what is around the robot meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.problem.world import World
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import Mode
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What leads to the end of one task, or to the goal; boxes to pass belong to what follows.
+
+    Attributes:
+        goal: What it ends in: the shapes and, where there are no ``ends``, the poses.
+        last: Stiffness at its end; None: any.
+        modes: Modes that it may use.
+        world: What is around the robot.
+        passes: Boxes to pass on the way.
+        ends: Poses of b0 to end in, one of these, (m, 3); None: those of the goal.
+        held: Convex pieces of what is carried, in b0, (pieces, 4, 2).
+        drives_first: Whether it may begin with a drive.
+        drives_last: Whether it may drive once it has its last shape.
+        reshapes: Whether it must reshape, as is proved.
+        openings: Goals that may do instead, as this one does not say how far to bend.
+        away: What is around the robot at its end; as in all of it where None.
+    """
+
+    goal: GoalSet
+    last: Mode | None
+    modes: tuple[Mode, ...]
+    world: World
+    passes: tuple[Pass, ...] = ()
+    ends: Array | None = None
+    held: Array = field(default_factory=lambda: np.zeros((0, 4, 2)))
+    drives_first: bool = True
+    drives_last: bool = True
+    reshapes: bool = False
+    openings: tuple[GoalSet, ...] = ()
+    away: World | None = None
+
+    def box(self, near: Array) -> tuple[Array, Array]:
+        """(low, high) of a box that holds every end of the stage next to ``near``, (3 + n,)."""
+        low, high = (end.copy() for end in self.goal.box(near))
+        if self.ends is not None:
+            low[:POSE], high[:POSE] = self.ends.min(axis=0), self.ends.max(axis=0)
+        return low, high
