@@ -219,6 +219,8 @@ class _TrackedPhase:
 
     def _judge(self) -> Abort | None:
         """Whether the phases to come lead to the goal's curvatures from here, as they are."""
+        if self.mission is not None and self.mission.closes:
+            return None
         patience, accuracy = self.patience, self.session.accuracy
         missed = self._predicted_miss()
         if abs(accuracy.of_shape(missed) - ACCEPTED) < patience.doubtful:

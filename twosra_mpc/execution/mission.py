@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.execution.guard import Guard
 from twosra_mpc.execution.runner import Abort
 from twosra_mpc.execution.session import Session
@@ -21,12 +23,15 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.objects import ACCURACY, Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
-from twosra_mpc.robot.accuracy import POSE_SHARE
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.poses import composed, wrapped
 
-HOLD_M = 0.010  # an object that is held is no farther from where it should be in the hold
+if TYPE_CHECKING:  # loaded where something is grasped
+    from twosra_mpc.contact.cage import Cage
+
+HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
 _OUT_OF_IT_M = 1e-4  # of the robot, for an object that is seen to overlap it
+_CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
 _TRIES = 20  # to move it out
 
 
@@ -47,15 +52,22 @@ class Mission:
         self.lost: Counter[str] = Counter()
         self.trouble = ""
         self._goals: dict[str, Carry] = {}
+        self._put_at: tuple[Array, Array] | None = None  # object and b0 before the last release
+        self._asked: dict[Task, Task] = {}  # as planned: as asked
+        self._drags: dict[str, Array] = {}  # how its release moves an object, in b0, (2,) [m]
         self._numbers = {item.name: i for i, item in enumerate(self.problem.objects)}
         self.begin(plan)
 
     def begin(self, plan: Plan) -> None:
         """Go on with a plan of what is left."""
-        self.plan, self.left = plan, plan.problem.tasks
+        self.plan, self.left = (
+            plan,
+            tuple(self._asked.get(task, task) for task in plan.problem.tasks),
+        )
         self._ends = list(plan.trajectory.done_s)
         self._grips = list(carried(plan.trajectory))
         self._hold: Carried | None = None
+        self._room_m = 0.0
         self._rows = len(self.session.path)
         if plan.problem.start.holding is not None:
             self._hold = self._grips.pop(0)
@@ -74,9 +86,14 @@ class Mission:
     def matters_s(self) -> float:
         """Time of the plan up to which shapes count: the next one that is asked for; inf: none."""
         for task, end_s in zip(self.left, self._ends, strict=False):
-            if isinstance(task, Grasp | Conform | Reach):
+            if isinstance(task, Conform | Reach):
                 return end_s
         return math.inf
+
+    @property
+    def closes(self) -> bool:
+        """Whether the robot closes round an object: which decides what shape it can take."""
+        return bool(self.left) and isinstance(self.left[0], Grasp)
 
     def ends_between(self, first_s: float, last_s: float) -> bool:
         """Whether a task is done in a stretch of the plan."""
@@ -96,7 +113,7 @@ class Mission:
         if hold is None or session.objects is None or not session.objects.seen:
             return None
         away_m = _far_m(session.objects.in_b0[hold.object] - hold.pose_in_b0)
-        if away_m <= HOLD_M:
+        if away_m <= HOLD_M + self._room_m:
             return None
         name = self.problem.objects[hold.object].name
         return Abort("lost", f"{name} is {1e3 * away_m:.0f} mm from where it was held")
@@ -129,7 +146,9 @@ class Mission:
         _move_out(problem, self.session.q, poses, loose)
         objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
         start = problem.start.with_values(holding=holding)
-        return problem.with_values(start=start, tasks=self.left, objects=objects)
+        left = [self._aimed(task) if isinstance(task, Carry) else task for task in self.left]
+        self._asked |= dict(zip(left, self.left, strict=True))
+        return problem.with_values(start=start, tasks=left, objects=objects)
 
     def poses(self) -> Array:
         """Where the objects are, as far as is known, (objects, 3)."""
@@ -166,12 +185,13 @@ class Mission:
             case Grasp():
                 return self._not_grasped(task)
             case Carry():
-                if self._off(task) > POSE_SHARE:
+                if self._off(self._aimed(task)) > _CARRIED_SHARE:
                     return Abort("task", f"{name} is not done: {self._where(task)}")
                 return None
             case Release(object=thing):
                 goal = self._goals.get(thing)
                 if goal is not None and self._off(goal) > 1.0:
+                    self._learn(thing)
                     text = f"{thing} was moved while it was released: {self._where(goal)}"
                     return Abort("lost", text)
                 return None
@@ -179,6 +199,22 @@ class Mission:
         if session.accuracy.surely(error):
             return None
         return Abort("task", f"{name} is not done: {session.accuracy.describe(error)}")
+
+    def _learn(self, name: str) -> None:
+        """Remember how the robot dragged an object along as it opened: it will do so again."""
+        if self._put_at is not None:
+            (pose, q), now = self._put_at, self.poses()[self._numbers[name]]
+            c, s = math.cos(q[2]), math.sin(q[2])
+            in_b0 = np.array([[c, s], [-s, c]]) @ (now - pose)[:2]
+            self._drags[name] = in_b0
+
+    def _aimed(self, task: Carry) -> Carry:
+        """The task with what the release is known to add taken off, for b0's heading now."""
+        if (drag := self._drags.get(task.object)) is None:
+            return task
+        c, s = math.cos(self.session.q[2]), math.sin(self.session.q[2])
+        x_m, y_m = (np.array([task.x_m, task.y_m]) - np.array([[c, -s], [s, c]]) @ drag).tolist()
+        return task.with_values(x_m=x_m, y_m=y_m)
 
     def _error(self, task: Task) -> Array:
         """How far the robot is from where a task leaves it, (3 + n,)."""
@@ -191,14 +227,21 @@ class Mission:
         return error
 
     def _not_grasped(self, task: Grasp) -> Abort | None:
-        seen = self.session.objects
+        """Whether the object is neither where it should be held, nor proved to be caged."""
+        seen, grip = self.session.objects, self._grips[0]
+        self._room_m = 0.0
         if seen is None or not seen.seen:
             return None
-        away_m = _far_m(seen.in_b0[self._numbers[task.object]] - self._grips[0].pose_in_b0)
-        if away_m <= HOLD_M:
-            return None
-        where = f"it is {1e3 * away_m:.0f} mm from where it should be held"
-        return Abort("lost", f"{task.object} is not grasped: {where}")
+        in_b0 = seen.in_b0[grip.object]
+        away_m = _far_m(in_b0 - grip.pose_in_b0)
+        cage = _cage(self.problem, self.session.q, grip.object, in_b0)
+        if cage is not None and cage.proved:
+            self._room_m = cage.room_m
+        elif away_m > HOLD_M:
+            where = f"it is {1e3 * away_m:.0f} mm from where it should be held"
+            return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
+        self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
+        return None
 
     def _off(self, task: Carry) -> float:
         """How far the object is from where it is carried, in units of `ACCURACY`."""
@@ -247,6 +290,7 @@ class Mission:
         if self._hold is not None and self.left and isinstance(self.left[0], Release):
             if objects is not None and not objects.seen:
                 objects.poses = self.poses()
+            self._put_at = self.poses()[self._hold.object], self.session.q.copy()
             self._hold = None
 
     def _watch(self, before: Task | None) -> None:
@@ -295,6 +339,16 @@ def _far_m(away: Array) -> float:
 
 def _name(task: Task) -> str:
     return f"{task.do} {task.name or getattr(task, 'object', '')}".strip()
+
+
+def _cage(problem: Problem, q: Array, number: int, in_b0: Array) -> Cage | None:
+    """Whether an object is caged where it is seen; None if it seems to overlap the robot."""
+    from twosra_mpc.contact.cage import caged
+
+    try:
+        return caged(problem.robot.geometry, q[POSE:], problem.objects[number], in_b0)
+    except InputError:
+        return None
 
 
 def _put(item: Object, pose: Array) -> Object:
