@@ -118,13 +118,6 @@ def test_a_box_says_of_itself_what_is_true(
     assert other.half_width == pytest.approx(np.maximum(goal.half_width + by, 0.0))
 
 
-def test_a_problem_is_a_tuple_of_stages() -> None:
-    problem = on_circle(0.2, (1.0, 2.0))
-    (stage,) = problem.stages
-    assert stage.goal is problem.goal
-    assert stage.mode == (0, 0)
-
-
 def test_a_goal_without_a_tolerance_is_met_within_the_robots_accuracy() -> None:
     start, where = Start(x_m=0, y_m=0, phi_rad=0, kappa_per_m=(0, 0)), {"x_m": 0.1, "y_m": 0.0}
     accuracy = ARC.ends_within

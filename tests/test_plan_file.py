@@ -337,7 +337,7 @@ def test_a_file_of_version_1_holds_its_inputs(tmp_path: Path) -> None:
 Edit = Callable[[dict[str, Any]], object]
 BAD_PLANS: dict[str, tuple[Edit, str]] = {
     "another format": (lambda d: d.update(format="other"), "format"),
-    "a later version": (lambda d: d.update(version=3), "format"),
+    "a later version": (lambda d: d.update(version=4), "format"),
     "no format": (lambda d: d.pop("format"), "format"),
     "no robot": (lambda d: d.pop("robot"), "plan.robot"),
     "no status": (lambda d: d.pop("status"), "plan.status"),
@@ -404,7 +404,7 @@ def test_a_file_that_is_no_plan_is_refused(solved: Solved, mistake: str, tmp_pat
     assert str(path) in str(caught.value)
     assert str(path) in (caught.value.source or "")
     if field == "format":
-        assert "'twosra-plan' version 1 or 2" in caught.value.allowed
+        assert "'twosra-plan' version 1, 2 or 3" in caught.value.allowed
 
 
 @pytest.mark.parametrize("mistake", ["no status", "no stats", "no onset"])

@@ -165,7 +165,7 @@ def test_a_wrong_robot_does_not_fit(key: str, value: object) -> None:
 
 WRONG_PLANS: list[tuple[str, object]] = [
     ("format", "plan"),
-    ("version", 3),
+    ("version", 4),
     ("status", "best"),
     ("planner", "best"),
     ("gap", "small"),

@@ -305,7 +305,7 @@ def test_a_file_without_a_plan_verifies_nothing(run: Run, tmp_path: Path) -> Non
     [
         ("{", "a plan in JSON"),
         ("[]", "a table of keys"),
-        ('{"format": "twosra-plan", "version": 3}', "'twosra-plan' version 1 or 2"),
+        ('{"format": "twosra-plan", "version": 4}', "'twosra-plan' version 1, 2 or 3"),
         ('{"format": "twosra-plan", "version": 1}', "this key is required"),
     ],
 )

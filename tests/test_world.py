@@ -78,8 +78,6 @@ def test_an_obstacle_that_is_none_is_refused_by_its_index(given: Any, field: str
         ([{"do": "pass"}], "tasks.0"),
         ([{"do": "pass", "x_m": [1, 0]}], "tasks.0.x_m"),
         ([{"do": "pass", "x_m": [0, 1]}, {"do": "pass", "z_m": [0, 1]}], "tasks.1.z_m"),
-        ([{"do": "reach", **GOAL}, {"do": "pass", "x_m": [0, 1]}], "tasks.0.do"),
-        ([{"do": "reach", **GOAL}], "tasks.0.do"),  # and a goal
     ],
 )
 def test_tasks_that_are_none_are_refused_by_their_index(tasks: Any, field: str) -> None:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
+from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.document import PhaseDocument, PlanDocument
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.trajectory import Samples
@@ -44,7 +45,8 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "coil": "the heating wire",
     "cost": "what the plan costs, and what that is made of; null without a plan",
     "description": "one line for people",
-    "done_s": "when the segment has changed",
+    "do": "what to do: reach, pass, conform, grasp, carry or release",
+    "done_s": "when the segment has changed, or the task is done",
     "effort": "cost of the effort, per second of it",
     "effort_s": "integral of the sum of (wheel speed / largest)^2; not in older files",
     "fill": "share of the annulus that is metal",
@@ -69,11 +71,31 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "model": "which model the other keys of this table belong to",
     "modes": "stiffness modes that may be used",
     "motion": "gentle: as slow as time to spare and the gap allow; or fastest; not with effort",
-    "name": "name of the robot",
+    "name": "what it is called",
     "obstacles": "what the robot must not touch: polygons, boxes, discs, or a GeoJSON file's path",
     "polygon_m": "corners, in either direction, the first one not repeated",
     "soft_travel_m": "how far the middle link may move while segments are soft, among obstacles",
-    "tasks": "what to do on the way to the goal, in order: boxes of poses to drive through",
+    "tasks": "what to do before the goal, or instead of one; in a plan file, when each is done",
+    "object": "name of what is touched, held or carried",
+    "objects": "things that can be touched, held and carried",
+    "order": "whether tasks keep the given order, or are done in the best one (free)",
+    "outline": "path of a CSV file of points x, y of a closed curve [m]",
+    "hold": "caged: it is proved that the object cannot leave; pushed: friction holds it",
+    "holding": "name of the object that is held at the start",
+    "directions_rad": "least and largest heading of b0 that may be used",
+    "gap_m": "how far segments may be away from what they lie along",
+    "friction": "coefficient of an object against the robot; only what is pushed needs one",
+    "pose": "where the object is at the start",
+    "pose_in_b0": "where the object is as seen from b0 [m, m, rad]",
+    "carried": "what moves with the robot, and when",
+    "from_s": "since when it is held",
+    "to_s": "until when it is held",
+    "configuration": "where the robot is then [m, m, rad, 1/m ...]",
+    "disc": "a disc; of an object, about the origin of its frame",
+    "box": "a box along the axes; of an object, in its frame",
+    "contact_m": "what is left of the overlap allowed with what is touched",
+    "position_tolerance_m": "how far the object may be from where it should be",
+    "heading_tolerance_rad": "how far it may be turned from that",
     "curvature_uncertainty_per_m": "how far off curvatures may be; widens the robot",
     "nlp_iterations": "iterations of the nonlinear solver",
     "ok": "whether everything holds",
@@ -96,7 +118,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "scenario": "the problem, defaults filled in",
     "segment": "how a segment warms and cools; of a transition, which segment, from 1",
     "segment_length_m": "length of every segment, or a list of their lengths",
-    "segments": "how many segments; in a plan file, how each warms and cools, if not alike",
+    "segments": "how many; in a plan file, how each warms and cools; of a task, which, from 1",
     "sensor_gain": "reading above the air per degree of the core",
     "sequences_bounded": "mode sequences whose lower bound was found",
     "sequences_solved": "mode sequences that were solved",
@@ -199,13 +221,31 @@ def _scenario() -> Schema:
     properties["goal"] = {"$ref": "#/definitions/Goal"}  # the kind that files can say
     properties["robot"] = {"anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}]}
     properties["obstacles"] = {"anyOf": [{"type": "string"}, properties["obstacles"]]}
+    properties["goal"] = {"anyOf": [properties["goal"], {"type": "null"}]}
+    schema["required"].remove("goal")  # where the last task says where it ends
+    schema["anyOf"] = [{"required": ["goal"]}, {"required": ["tasks"]}]
+    definitions["Object"]["properties"]["outline"] = {"type": "string"}
+    definitions["Reach"] = _reach(definitions["Reach"], goal)
+    for kind in definitions["Task"]["oneOf"]:
+        if "$ref" not in kind:
+            kind["required"] = ["do", *kind.get("required", [])]
     return {**schema, "definitions": {**definitions, "Goal": goal, "Robot": robot}}
+
+
+def _reach(table: Schema, goal: Schema) -> Schema:
+    """A goal on the way: with the keys of one, or with one as ``goal``."""
+    own, keys = table["properties"], goal["properties"]
+    mode = {"anyOf": [{"const": "any"}, keys["mode"]]}
+    flat = {"do": own["do"], "name": own["name"], **keys, "mode": mode}
+    table["properties"] = {**own, "goal": {"$ref": "#/definitions/Goal"}}
+    table["required"] = ["do", "goal"]
+    return {"oneOf": [table, {**table, "properties": flat, "required": ["do"]}]}
 
 
 def _plan() -> Schema:
     schema, scenario = _of(PlanDocument), _scenario()
     definitions = {**scenario.pop("definitions"), **schema["definitions"], "Scenario": scenario}
-    for record in (Cost, Transition, PhaseDocument):  # tables in the file
+    for record in (Cost, Transition, PhaseDocument, TaskDone, CarriedObject):  # tables in the file
         definitions[record.__name__] = _table(definitions[record.__name__]["items"], record._fields)
     number = definitions["Transition"]["properties"]["segment"]
     number |= {"minimum": 1, "maximum": MOST_SEGMENTS}

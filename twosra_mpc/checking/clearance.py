@@ -5,7 +5,8 @@ An opinion of its own: nothing here knows what is free, or how the planner separ
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,26 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import paths
+from twosra_mpc.checking.stages import Stage
 from twosra_mpc.checking.sweep import CHORDS, Clearance, Sweep, least, sagitta_m, uncertain_m
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import Carried
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.limits import ends_to_check
+from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.world import UNSEEN_M, World
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.problem.workspace import Workspace
+from twosra_mpc.problem.world import UNSEEN_M, Obstacle, World
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.poses import composed
 
+CONTACT_M = 5e-4  # by which contacts may differ in their distance
+OVERLAP_M = 5e-4  # allowed with what may be touched
+TOUCHING_M = 1e-3  # what is grasped is no further away
+_CONTACTS_M = 1e-3  # between points of an edge that may be touched
+_FINE_SIDES = 256  # of the polygons that stand for discs that are touched or carried
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _NO_LINE_M = 1e-7
@@ -31,12 +42,16 @@ _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may
 
 
 class Surroundings:
-    """The obstacles of a world, asked how far configurations of a robot are from them."""
+    """The obstacles of a world, asked how far configurations of a robot are from them.
 
-    def __init__(self, world: World, geometry: Geometry) -> None:
-        self.names = world.names
+    ``objects`` are obstacles as well; their discs are drawn finely, as they may be touched.
+    """
+
+    def __init__(self, world: World, geometry: Geometry, objects: Sequence[Obstacle] = ()) -> None:
+        self.names = (*world.names, *(item.name for item in objects))
         self.geometry = geometry
         self._each = [shapely.Polygon(obstacle.corners_m) for obstacle in world.obstacles]
+        self._each += [shapely.Polygon(fine_corners_m(item)) for item in objects]
         self._all = shapely.union_all(self._each, grid_size=_GRID_M)
         shapely.prepare(self._all)
 
@@ -47,9 +62,20 @@ class Surroundings:
         found: Array = np.maximum(np.minimum(shapely.distance(self._all, solid), to_fibre), 0.0)
         return found
 
-    def nearest(self, q: Array) -> tuple[float, int, Array]:
+    def distances_of_m(self, carried: Carrying, q: Array) -> Array:
+        """Distance of what configurations (m, 3 + n) carry to the nearest obstacle, 0 if inside."""
+        return np.asarray(shapely.distance(self._all, shapely.polygons(carried.corners_m(q))))
+
+    def signed_m(self, q: Array) -> Array:
+        """As ``distances_m``; negative where they overlap, by the depth of the deepest point."""
+        found = self.distances_m(q)
+        for k in np.flatnonzero(found == 0).tolist():
+            found[k] = min(0.0, self.nearest(q[k])[0])
+        return found
+
+    def nearest(self, q: Array, carried: Carrying | None = None) -> tuple[float, int, Array]:
         """Distance (negative: depth), obstacle and nearest points (2, 2) of one configuration."""
-        body = self._body(q)
+        body = self._body(q) if carried is None else shapely.Polygon(carried.corners_m(q[None])[0])
         apart = np.array([shapely.distance(shape, body) for shape in self._each])
         nearest = np.flatnonzero(apart <= apart.min()).tolist()
         depths = [self._depth(body, i) for i in nearest]
@@ -76,10 +102,39 @@ class Surroundings:
         shared = shapely.intersection(body, self._each[obstacle], grid_size=_GRID_M)
         if shapely.area(shared) == 0:
             return 0.0
-        edges = shapely.segmentize(shapely.boundary(shared), _LOOKED_AT_M)
+        edges = shapely.segmentize(shapely.boundary(shapely.get_parts(shared)), _LOOKED_AT_M)
         points: Any = shapely.points(shapely.get_coordinates(edges))
         own_edges = [shapely.boundary(shape) for shape in (body, self._each[obstacle])]
         return float(np.max([shapely.distance(points, edge) for edge in own_edges]))
+
+
+class Carrying:
+    """An object that moves with b0, as a polygon that holds it."""
+
+    def __init__(self, thing: Object, pose_in_b0: Array) -> None:
+        self.name = thing.name
+        self._pose_in_b0 = pose_in_b0
+        self._own = fine_corners_m(thing.own)
+        seen = fine_corners_m(thing.at(pose_in_b0))
+        self.radius_m = float(np.linalg.norm(seen, axis=1).max())  # of its farthest point from b0
+
+    def corners_m(self, q: Array) -> Array:
+        """Corners of what configurations (m, 3 + n) carry, (m, corners, 2)."""
+        x, y, phi = np.moveaxis(composed(q[:, :POSE], self._pose_in_b0), -1, 0)
+        turn = np.array([[np.cos(phi), np.sin(phi)], [-np.sin(phi), np.cos(phi)]])
+        found: Array = self._own @ np.moveaxis(turn, -1, 0) + np.stack([x, y], -1)[:, None]
+        return found
+
+
+def fine_corners_m(item: Obstacle) -> Array:
+    """Corners of a polygon that holds an obstacle, (m, 2); a disc's stray by 0.01 % of it."""
+    if item.disc is None:
+        return item.corners_m
+    angles = np.arange(_FINE_SIDES) * math.tau / _FINE_SIDES
+    radius = item.disc.radius_m / math.cos(math.pi / _FINE_SIDES)
+    return np.array([item.disc.x_m, item.disc.y_m]) + radius * np.column_stack(
+        [np.cos(angles), np.sin(angles)]
+    )
 
 
 def _drawn(geometry: Geometry, q: Array) -> tuple[Any, Any]:
@@ -101,77 +156,215 @@ def _drawn(geometry: Geometry, q: Array) -> tuple[Any, Any]:
     )
 
 
-def closest(problem: Problem, sweep: Sweep) -> Clearance:
-    """Where a sweep is nearest to an obstacle."""
-    around = Surroundings(problem.world, problem.robot.geometry)
-    return _closest(around, sweep, 0, len(sweep.t_s) - 1)
+def depths_m(item: Obstacle, points: Array) -> Array:
+    """How deep points (..., 2) lie within a thing [m]; negative outside, by their distance."""
+    shape, at = shapely.Polygon(fine_corners_m(item)), shapely.points(points)
+    shapely.prepare(shape)
+    inside = shapely.contains_properly(shape, at)
+    to_edge = shapely.distance(shapely.boundary(shape), at)
+    found: Array = np.where(inside, to_edge, -shapely.distance(shape, at))
+    return found
 
 
-def _closest(around: Surroundings, sweep: Sweep, first: int, last: int) -> Clearance:
+def robot_distances_m(geometry: Geometry, q: Array, points: Array) -> Array:
+    """Distance of points (..., 2) to a robot at a configuration (3 + n,), 0 within it [m]."""
+    (solid,), (fibre,) = _drawn(geometry, q[None])
+    at = shapely.points(points)
+    to_fibre = shapely.distance(fibre, at) - geometry.fibre_radius_m
+    found: Array = np.maximum(np.minimum(shapely.distance(solid, at), to_fibre), 0.0)
+    return found
+
+
+def contacts(geometry: Geometry, item: Obstacle, q: Array) -> tuple[Array, Array]:
+    """Points of a thing's edge that a robot touches, and the normals into it there, (m, 2) each.
+
+    These are the nearest, and those half a millimetre further away.
+    """
+    corners = fine_corners_m(item)
+    sides = np.roll(corners, -1, axis=0) - corners
+    long = np.linalg.norm(sides, axis=1)
+    count = np.ceil(long / _CONTACTS_M).astype(int) + 1
+    at = np.repeat(np.arange(len(corners)), count)
+    share = (np.arange(len(at)) - (np.cumsum(count) - count)[at]) / (count - 1)[at]
+    points = corners[at] + share[:, None] * sides[at]
+    inward = (sides[:, ::-1] * [-1.0, 1.0] / long[:, None])[at]  # corners are counter-clockwise
+    apart = robot_distances_m(geometry, q, points)
+    near = apart <= apart.min() + CONTACT_M
+    return points[near], inward[near]
+
+
+def centroid_and_area(item: Obstacle) -> tuple[Array, float]:
+    """Centroid (2,) [m] and area [m2] of a thing."""
+    shape = shapely.Polygon(fine_corners_m(item))
+    return shapely.get_coordinates(shapely.centroid(shape))[0], float(shapely.area(shape))
+
+
+def closest(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> Clearance | None:
+    """Where a sweep, and that of what is carried, is nearest to what must be kept clear of."""
+    found = [
+        _closest(around, sweep, stage.first, stage.last, carried)
+        for stage, around, carried in _pairs(problem, of)
+    ]
+    return min(found, key=lambda item: item.least_m, default=None)
+
+
+def _pairs(
+    problem: Problem, of: Iterable[Stage]
+) -> Iterator[tuple[Stage, Surroundings, Carrying | None]]:
+    """Yield each stage with what to keep clear of; where something is held, again for that."""
+    for stage in of:
+        if not stage.world.obstacles and not stage.resting:
+            continue
+        around = Surroundings(stage.world, problem.robot.geometry, stage.resting)
+        yield stage, around, None
+        if stage.held is not None:
+            yield stage, around, carrying(problem, stage.held)
+
+
+def carrying(problem: Problem, held: Carried) -> Carrying:
+    """What is held."""
+    return Carrying(problem.objects[held.object], held.pose_in_b0)
+
+
+def _closest(
+    around: Surroundings, sweep: Sweep, first: int, last: int, carried: Carrying | None
+) -> Clearance:
     """The nearest of the fine times ``first`` to ``last``; where some overlap, the deepest."""
     seen: list[NDArray[np.intp]] = []
 
     def distances(at: NDArray[np.intp]) -> Array:
-        found = around.distances_m(sweep.q[at])
+        q = sweep.q[at]
+        found = around.distances_m(q) if carried is None else around.distances_of_m(carried, q)
         seen.append(at[found == 0])
         return found
 
-    found = least(distances, sweep.travelled_m, first, last)
-    at, nearest = found.at, around.nearest(sweep.q[found.at])
+    travelled = sweep.travelled_m if carried is None else sweep.carried_m(carried.radius_m)
+    found = least(distances, travelled, first, last)
+    at, nearest = found.at, around.nearest(sweep.q[found.at], carried)
     overlapping = np.unique(np.concatenate(seen))
     for other in overlapping[:: 1 + len(overlapping) // _OVERLAPS].tolist():
-        if (deeper := around.nearest(sweep.q[other]))[0] < nearest[0]:
+        if (deeper := around.nearest(sweep.q[other], carried))[0] < nearest[0]:
             at, nearest = other, deeper
     least_m, obstacle, points = nearest
+    drawn_m = sagitta_m(around.geometry, sweep.q[first : last + 1]) if carried is None else 0.0
     return Clearance(
         least_m=min(least_m, found.distance_m),
-        proved_m=max(0.0, found.proved_m - sagitta_m(around.geometry, sweep.q[first : last + 1])),
+        proved_m=max(0.0, found.proved_m - drawn_m),
         at_s=float(sweep.t_s[at]),
         configuration=sweep.q[at],
         obstacle=obstacle,
         name=around.names[obstacle],
         points_m=points,
+        of="" if carried is None else carried.name,
     )
 
 
-def kept(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
+def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
     """What is left of the clearance that a plan must keep [m], and what is wrong if too little.
 
     Uncertain curvatures add to what must be kept. A start that is nearer keeps its own distance, to
-    the accuracy of the sweep, until its first leg ends: all that it moves in one direction.
+    the accuracy of the sweep, until its first leg ends: all that it moves in one direction. So does
+    an object that stands nearer to something when it is taken.
     """
-    problem, last = trajectory.problem, len(sweep.t_s) - 1
-    around = Surroundings(problem.world, problem.robot.geometry)
+    problem = trajectory.problem
     needed = problem.clearance_m + uncertain_m(problem)
-    at_start, away = float(around.distances_m(sweep.q[:1])[0]), 0
-    stretches = []
-    if at_start < needed and not list(around.overlaps(sweep.q[0])):
-        samples = trajectory.samples
-        ways = (samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
-        away = min(int(np.searchsorted(sweep.t_s, next(ways, np.inf))), last)
-        stretches = [(0, away, max(at_start - UNSEEN_M, 0.0))]
-    if away < last or not stretches:
-        stretches.append((away, last, needed))
     worst, words = np.inf, ""
-    for first, end, asked in stretches:
-        found = _closest(around, sweep, first, end)
-        margin = found.least_m - asked
-        if abs(margin) <= _ROUNDING_M:
-            margin = 0.0
-        if margin < worst:
-            worst, words = margin, _too_near(problem, found, asked, asked < needed)
+    for stage, around, carried in _pairs(problem, of):
+        begins = stage.first == 0 if carried is None else stage.taken
+        spans = [(stage.first, stage.last, needed)]
+        if begins:
+            spans = _leaving(trajectory, sweep, stage, around, carried)
+        for first, end, asked in spans:
+            found = _closest(around, sweep, first, end, carried)
+            margin = found.least_m - asked
+            if abs(margin) <= _ROUNDING_M:
+                margin = 0.0
+            if margin < worst:
+                worst, words = margin, _too_near(problem, found, asked, asked < needed)
     return worst, words
 
 
+def _leaving(
+    trajectory: Trajectory,
+    sweep: Sweep,
+    stage: Stage,
+    around: Surroundings,
+    carried: Carrying | None,
+) -> list[tuple[int, int, float]]:
+    """Spans of fine times, and what must be kept in each [m], where a stage may begin nearer."""
+    problem, begin, last = trajectory.problem, stage.first, stage.last
+    needed = problem.clearance_m + uncertain_m(problem)
+    here = sweep.q[begin : begin + 1]
+    apart = around.distances_m(here) if carried is None else around.distances_of_m(carried, here)
+    nearest = float(apart[0])
+    if nearest >= needed or (not nearest and -around.nearest(here[0], carried)[0] > _ROUNDING_M):
+        return [(begin, last, needed)]
+    samples, now = trajectory.samples, sweep.t_s[begin]
+    ways = (samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
+    ends = next((end for end in ways if end > now), np.inf)
+    away = min(int(np.searchsorted(sweep.t_s, ends)), last)
+    spans = [(begin, away, max(nearest - UNSEEN_M, 0.0))]
+    return [*spans, (away, last, needed)] if away < last else spans
+
+
+def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
+    """How far what is carried is within the workspace [m], and what is wrong if it leaves it."""
+    workspace, worst, words = problem.workspace, np.inf, ""
+    for stage in of:
+        if stage.held is None or workspace is None:
+            continue
+        carried, edges = carrying(problem, stage.held), workspace
+
+        def margins(at: NDArray[np.intp], of: Carrying = carried, to: Workspace = edges) -> Array:
+            found: Array = to.margin_m(of.corners_m(sweep.q[at])).min(axis=-1)
+            return found
+
+        found = least(margins, sweep.carried_m(carried.radius_m), stage.first, stage.last)
+        margin = 0.0 if abs(found.distance_m) <= _ROUNDING_M else found.distance_m
+        if margin < worst:
+            when = f"at {sweep.t_s[found.at]:.1f} s"
+            worst = margin
+            words = f"the {carried.name} leaves the workspace by {-1e3 * margin:.3g} mm {when}"
+    return worst, words
+
+
+def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
+    """What is left of the overlap allowed with what may be touched [m], and what is wrong."""
+    worst, words = np.inf, ""
+    for stage in of:
+        for item in stage.touched:
+            around = touching(problem, item)
+
+            def signed(at: NDArray[np.intp], to: Surroundings = around) -> Array:
+                return to.signed_m(sweep.q[at])
+
+            found = least(signed, sweep.travelled_m, stage.first, stage.last, -OVERLAP_M)
+            left = OVERLAP_M + min(found.distance_m, 0.0)
+            left = 0.0 if abs(left) <= _ROUNDING_M else left
+            if left < worst:
+                deep, when = 1e3 * (OVERLAP_M - left), f"at {sweep.t_s[found.at]:.1f} s"
+                words = f"overlaps {item.name} by {deep:.3g} mm {when}"
+                worst, words = left, f"{words} (where it may touch it, {1e3 * OVERLAP_M:g} mm)"
+    return worst, words
+
+
+def touching(problem: Problem, item: Obstacle) -> Surroundings:
+    """One thing that may be touched."""
+    return Surroundings(World(), problem.robot.geometry, (item,))
+
+
 def _too_near(problem: Problem, found: Clearance, asked: float, own: bool) -> str:
+    who = f"the {found.of} " if found.of else ""
     if found.least_m <= 0:
-        return f"runs into {found.name} by {-1e3 * found.least_m:.3g} mm at {found.at_s:.1f} s"
+        deep = f"{-1e3 * found.least_m:.3g} mm at {found.at_s:.1f} s"
+        return f"{who}runs into {found.name} by {deep}"
     here = f"comes within {1e3 * found.least_m:.3g} mm of {found.name} at {found.at_s:.1f} s"
     if own:
-        return f"{here}, nearer than at its start ({1e3 * asked:.3g} mm)"
+        since = "when it was taken" if found.of else "at its start"
+        return f"{who}{here}, nearer than {since} ({1e3 * asked:.3g} mm)"
     wide = 1e3 * (asked - problem.clearance_m)
     uncertain = f", and {wide:.3g} mm for curvature_uncertainty_per_m" if wide else ""
-    return f"{here} (clearance_m = {1e3 * problem.clearance_m:g} mm{uncertain})"
+    return f"{who}{here} (clearance_m = {1e3 * problem.clearance_m:g} mm{uncertain})"
 
 
 def check_obstacles(problem: Problem) -> None:

@@ -8,6 +8,7 @@ seen from a plan; it takes planning the scenario again.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ import numpy as np
 from twosra_mpc.checking.transitions import replayed
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
+from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
@@ -209,8 +211,25 @@ def _copies(plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
         else:
             same = math.isclose(stored, expected, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
         yield Check(name, f"{_number(stored)}; it should be {_number(expected)}", same)
+    if plan.problem.is_mission:
+        for name, expected in mission_document(plan.trajectory).items():
+            same = _alike(document.get(name), json.loads(json.dumps(expected)))
+            found = "what follows from the samples" if same else "not what follows from the samples"
+            yield Check(name, found, same)
     name, used = document["scenario"].get("robot"), plan.robot.name
     yield Check("scenario.robot", f"{name!r}; the robot in the file is {used!r}", name == used)
+
+
+def _alike(stored: object, expected: object) -> bool:
+    """Whether plain data are the same but for rounding."""
+    if isinstance(expected, dict) and isinstance(stored, dict):
+        pairs = [(stored[key], expected[key]) for key in expected if key in stored]
+        return stored.keys() == expected.keys() and all(itertools.starmap(_alike, pairs))
+    if isinstance(expected, list) and isinstance(stored, list):
+        return len(stored) == len(expected) and all(map(_alike, stored, expected))
+    if isinstance(expected, float) and isinstance(stored, int | float):
+        return math.isclose(stored, expected, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+    return stored == expected
 
 
 def _number(value: float | None) -> str:

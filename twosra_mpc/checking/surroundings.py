@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.checking.missions import mission_problems, rounded, times_wrong
+from twosra_mpc.checking.stages import stages
 from twosra_mpc.checking.sweep import Clearance, Sweep, swept
 from twosra_mpc.plans.trajectory import Trajectory
-from twosra_mpc.problem.limits import CLEARANCE, SOFT_TRAVEL
-from twosra_mpc.problem.tasks import Pass
-from twosra_mpc.validation import Pair
+from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE
 
 _ROUNDING = 1e-9  # m or rad by which a box may be missed
 
@@ -34,30 +34,45 @@ class Around(NamedTuple):
 def examine_around(trajectory: Trajectory) -> Around:
     """Check the clearance to obstacles, the travel while soft, and the tasks before the goal."""
     problem = trajectory.problem
-    if not problem.obstacles and not problem.tasks:
+    in_the_way = bool(problem.obstacles or problem.objects)
+    if not in_the_way and not problem.tasks:
         return Around({}, {}, ())
     sweep = swept(problem, trajectory.samples)
     if sweep is None:  # it is anywhere
         lost = "a curvature runs away: where the robot is, is not known"
-        return Around({CLEARANCE: -1.0} if problem.obstacles else {}, {CLEARANCE: lost}, ())
+        return Around({CLEARANCE: -1.0} if in_the_way else {}, {CLEARANCE: lost}, ())
+    if problem.is_mission and (wrong := tuple(times_wrong(trajectory))):
+        return Around({}, {}, wrong)
     found = {}
-    if problem.obstacles:
-        from twosra_mpc.checking.clearance import kept  # loads GEOS
+    if in_the_way:
+        from twosra_mpc.checking import clearance  # loads GEOS
 
-        found = {CLEARANCE: kept(trajectory, sweep), SOFT_TRAVEL: _soft_travel(trajectory, sweep)}
-    margins = {name: margin for name, (margin, _) in found.items()}
+        of = stages(trajectory, sweep)
+        found = {
+            CLEARANCE: clearance.kept(trajectory, sweep, of),
+            CONTACT: clearance.overlap_left(problem, sweep, of),
+            WORKSPACE: clearance.within_m(problem, sweep, of),
+            SOFT_TRAVEL: _soft_travel(trajectory, sweep),
+        }
+    margins = {name: margin for name, (margin, _) in found.items() if margin < np.inf}
     words = {name: text for name, (margin, text) in found.items() if margin < 0}
-    return Around(margins, words, tuple(_tasks_not_done(trajectory, sweep)))
+    told = mission_problems if problem.is_mission else _tasks_not_done
+    return Around(margins, words, tuple(told(trajectory, sweep)))
 
 
 def closest_approach(trajectory: Trajectory) -> Clearance | None:
-    """Where a plan is nearest to an obstacle, to 0.2 mm; None where there is none to be near to."""
+    """Where a plan is nearest to an obstacle, to 0.2 mm; None where there is none to be near to.
+
+    Objects count where they must be kept clear of, and what is carried counts as the robot.
+    """
     problem = trajectory.problem
-    if not problem.obstacles or (sweep := swept(problem, trajectory.samples)) is None:
+    if not problem.obstacles and not problem.objects:
+        return None
+    if (sweep := swept(problem, trajectory.samples)) is None:
         return None
     from twosra_mpc.checking.clearance import closest  # loads GEOS
 
-    return closest(problem, sweep)
+    return closest(problem, sweep, stages(trajectory, sweep))
 
 
 def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
@@ -85,18 +100,9 @@ def _tasks_not_done(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
     """Tasks whose box b0 does not enter, after those before it."""
     since = 0
     for number, task in enumerate(trajectory.problem.passes, start=1):
-        inside = _rounded(task).met(sweep.q[since:, :3])
+        inside = rounded(task).met(sweep.q[since:, :3])
         if not inside.any():
             named = f"{task.do} {task.name}".strip()
             yield f"task {number} ({named}) is not done"
             return
         since += int(inside.argmax())
-
-
-def _rounded(task: Pass) -> Pass:
-    """The box, wider by rounding."""
-
-    def wider(pair: Pair | None) -> Pair | None:
-        return None if pair is None else (pair[0] - _ROUNDING, pair[1] + _ROUNDING)
-
-    return Pass(x_m=wider(task.x_m), y_m=wider(task.y_m), phi_rad=wider(task.phi_rad))

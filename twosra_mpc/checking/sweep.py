@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
@@ -36,10 +37,24 @@ class Sweep(NamedTuple):
     q: Array
     travelled_m: Array
 
+    def carried_m(self, radius_m: float) -> Array:
+        """Bound on how far points that move with b0, no further from it than a radius, go, (m,)."""
+        d = np.diff(self.q[:, :POSE], axis=0)
+        arcs = np.hypot(d[:, 0], d[:, 1]) / np.sinc(
+            d[:, 2] / math.tau
+        )  # chords of a constant twist
+        return np.append(0.0, np.cumsum(arcs + radius_m * np.abs(d[:, 2])))
+
+    def over(self, from_s: float, to_s: float) -> tuple[int, int]:
+        """First and last of the fine times that hold a span of time between them."""
+        first = int(np.searchsorted(self.t_s, from_s + SAME_TIME_S, side="right")) - 1
+        last = int(np.searchsorted(self.t_s, to_s - SAME_TIME_S))
+        return max(first, 0), max(first, min(last, len(self.t_s) - 1))
+
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Where the robot is nearest to an obstacle.
+    """Where the robot, or what it carries, is nearest to an obstacle.
 
     Attributes:
         least_m: Least distance found [m]; negative: how deep the two overlap, by the deepest point
@@ -47,9 +62,10 @@ class Clearance:
         proved_m: Less than this it is at no time, samples or not [m]; 0 if they overlap.
         at_s: When [s].
         configuration: Where the robot is then, (3 + n,).
-        obstacle: Number of the obstacle, from 0.
+        obstacle: Number of the obstacle, from 0; those of objects follow.
         name: Its name.
         points_m: The nearest points, of the robot and of the obstacle, (2, 2) [m].
+        of: Name of the object that it carries and that is nearest; empty: the robot itself.
     """
 
     least_m: float
@@ -59,6 +75,7 @@ class Clearance:
     obstacle: int
     name: str
     points_m: Array
+    of: str = ""
 
 
 class Least(NamedTuple):
@@ -157,7 +174,11 @@ def outermost_m(geometry: Geometry, q: Array) -> Array:
 
 
 def least(
-    distances: Callable[[NDArray[np.intp]], Array], travelled_m: Array, first: int, last: int
+    distances: Callable[[NDArray[np.intp]], Array],
+    travelled_m: Array,
+    first: int,
+    last: int,
+    enough_m: float = math.inf,
 ) -> Least:
     """Least distance between fine times ``first`` and ``last``, proved to within 0.16 mm.
 
@@ -169,6 +190,7 @@ def least(
         travelled_m: Of the sweep, (m,).
         first: First fine time.
         last: Last one.
+        enough_m: More than this need not be proved.
     """
     even = np.linspace(travelled_m[first], travelled_m[last], _BEGUN + 1)
     marks = np.clip(np.searchsorted(travelled_m, even), first, last)
@@ -178,7 +200,7 @@ def least(
     a, b, d_a, d_b = marks[:-1], marks[1:], d[:-1], d[1:]
     while len(a):
         low = (d_a + d_b - (travelled_m[b] - travelled_m[a])) / 2
-        cut = (low < best - _ACCURACY_M) & (b - a > 1)
+        cut = (low < min(best - _ACCURACY_M, enough_m)) & (b - a > 1)
         proved = min(proved, float(low[~cut].min(initial=proved)))
         a, b, d_a, d_b = a[cut], b[cut], d_a[cut], d_b[cut]
         if not len(a):

@@ -40,7 +40,7 @@ def transition_problems(trajectory: Trajectory) -> Iterator[str]:
             for text in timing.violations(item, before, transitions):
                 yield f"{name}: {text}"
             stiffness, before = int(item.to == "soft"), item
-        if stiffness != problem.goal.mode[j]:
+        if not problem.ends_anywhere and stiffness != problem.goal.mode[j]:
             wanted = "soft" if problem.goal.mode[j] else "rigid"
             yield f"segment {j + 1} does not end {wanted}"
         if problem.transition_times.needs_segment:

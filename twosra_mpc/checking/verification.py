@@ -69,7 +69,9 @@ def examine(trajectory: Trajectory) -> Findings:
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
     around = examine_around(trajectory)
-    limits = _margins(problem, samples) | around.margins
+    limits = _margins(problem, samples)
+    for name, margin in around.margins.items():  # what is carried stays within the workspace, too
+        limits[name] = min(limits.get(name, np.inf), margin)
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
         "steady speeds": tuple(_speed_problems(trajectory)),
@@ -77,7 +79,7 @@ def examine(trajectory: Trajectory) -> Findings:
         "wheels and heaters": tuple(_command_problems(trajectory)),
         "transitions": tuple(transition_problems(trajectory)),
     }
-    if problem.tasks:
+    if problem.tasks or problem.objects:
         rules["tasks in order"] = around.tasks
     problems = [
         *_motion_problems(problem.robot.coordinates, defect, goal_error),

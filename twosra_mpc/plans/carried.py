@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -72,3 +72,41 @@ def object_poses(trajectory: Trajectory, t_s: Array, q: Array | None = None) -> 
         put = trajectory.configuration([item.to_s])[0, :POSE]
         found[after, item.object] = composed(put, item.pose_in_b0)
     return found
+
+
+class TaskDone(NamedTuple):
+    """A task in a plan file: when it is done, and where the robot is then."""
+
+    do: str
+    name: str
+    object: str | None
+    done_s: float
+    configuration: tuple[float, ...]
+
+
+class CarriedObject(NamedTuple):
+    """What is carried, in a plan file: `Carried` with the object's name."""
+
+    object: str
+    from_s: float
+    to_s: float
+    pose_in_b0: tuple[float, float, float]
+
+
+def mission_document(trajectory: Trajectory) -> dict[str, Any]:
+    """What a plan file says of a mission beyond the scenario: ``tasks`` and ``carried``."""
+    problem = trajectory.problem
+    done = zip(trajectory.done_s, trajectory.configuration(trajectory.done_s), strict=True)
+    tasks = [
+        TaskDone(task.do, task.name, getattr(task, "object", None), at_s, tuple(q.tolist()))
+        for task, (at_s, q) in zip(problem.tasks, done, strict=True)
+    ]
+    held = [
+        CarriedObject(problem.objects[item.object].name, item.from_s, item.to_s, (x, y, phi))
+        for item in carried(trajectory)
+        for x, y, phi in [item.pose_in_b0.tolist()]
+    ]
+    return {
+        "tasks": [item._asdict() for item in tasks],
+        "carried": [item._asdict() for item in held],
+    }

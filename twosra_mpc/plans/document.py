@@ -12,9 +12,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import read_text
+from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
-from twosra_mpc.plans.result import FORMAT, FORMAT_VERSION, Result, Stats
+from twosra_mpc.plans.result import FORMAT, FORMAT_VERSION, MISSION_VERSION, Result, Stats
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
@@ -52,12 +53,13 @@ class PlanDocument(BaseModel):
     In version 1 inputs hold from a sample to the next: there is no ``samples.a``.
     ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
     limit (an interrupt was written the same way), and otherwise nothing is known of it.
+    Missions are of version 3, which is version 2 with ``tasks`` and ``carried``.
     """
 
     model_config = _Read
 
     format: Literal["twosra-plan"]
-    version: Literal[1, 2]
+    version: Literal[1, 2, 3]
     package: str
     robot: dict[str, Any]
     scenario: dict[str, Any]
@@ -75,6 +77,8 @@ class PlanDocument(BaseModel):
     stats: Stats
     stopped_early: bool
     ending: Ending | None = None
+    tasks: tuple[TaskDone, ...] = ()
+    carried: tuple[CarriedObject, ...] = ()
 
 
 def load_plan(path: str | Path) -> Result:
@@ -91,9 +95,13 @@ def load_plan(path: str | Path) -> Result:
         raise InputError("file", source, f"a plan in JSON ({error})", source) from error
     if not isinstance(head, dict):
         raise InputError("file", source, "a table of keys at the top level", source)
-    if head.get("format") != FORMAT or head.get("version") not in (1, FORMAT_VERSION):
+    if head.get("format") != FORMAT or head.get("version") not in (
+        1,
+        FORMAT_VERSION,
+        MISSION_VERSION,
+    ):
         found = (head.get("format"), head.get("version"))
-        raise InputError("format", found, f"{FORMAT!r} version 1 or {FORMAT_VERSION}", source)
+        raise InputError("format", found, f"{FORMAT!r} version 1, 2 or {MISSION_VERSION}", source)
     try:
         return _result(PlanDocument.model_validate_json(text), source)
     except ValidationError as error:
@@ -153,6 +161,7 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
         samples=_samples({**samples, **constant}),
         phases=tuple(Phase(*phase) for phase in data.phases),
         transitions=data.transitions,
+        done_s=tuple(item.done_s for item in data.tasks),
     )
     verification = Verification(**dict(data.verification))
     return Plan(data.planner, trajectory, data.cost, verification, data.lower_bound_s)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
@@ -153,7 +154,7 @@ class Plan:
         return plan_html(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The plan as plain data, as in the published file format."""
+        """The plan as plain data, as in the published file format; of a mission, with its tasks."""
         return {
             "scenario": self.problem.scenario(),
             "planner": self.planner,
@@ -165,4 +166,5 @@ class Plan:
             "transitions": [transition._asdict() for transition in self.transitions],
             "samples": self.samples.to_dict(),
             "verification": self.verification.to_dict(),
+            **(mission_document(self.trajectory) if self.problem.is_mission else {}),
         }

@@ -14,12 +14,14 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.version import __version__
 
-FORMAT, FORMAT_VERSION = "twosra-plan", 2
+FORMAT = "twosra-plan"
+FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and of missions
 
 _NO_PLAN: dict[str, Any] = {
     **dict.fromkeys(("duration_s", "gap", "cost", "samples", "verification")),
     **{"phases": [], "transitions": []},
 }
+_NO_MISSION: dict[str, Any] = {"tasks": [], "carried": []}
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class Result:
         """The result as plain data, in the published file format."""
         return {
             "format": FORMAT,
-            "version": FORMAT_VERSION,
+            "version": MISSION_VERSION if self.problem.is_mission else FORMAT_VERSION,
             "package": __version__,
             "robot": self.problem.robot.model_dump(mode="json"),
             "scenario": self.problem.scenario(),
@@ -102,6 +104,7 @@ class Result:
             "status": str(self.status),
             "message": self.message,
             **(self.plan.to_dict() if self.plan else _NO_PLAN),
+            **(_NO_MISSION if self.problem.is_mission and self.plan is None else {}),
             "lower_bound_s": self.lower_bound,
             "stats": vars(self.stats).copy(),
             "stopped_early": self.stopped_early,

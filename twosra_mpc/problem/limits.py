@@ -168,8 +168,9 @@ UNITS = {limit.name: limit.unit for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
 UNITS |= {WHEEL_ACCELERATION: "rad/s2"}
 WORKSPACE = "workspace_m"  # margin to the box of the scenario, no limit of the robot
 CLEARANCE = "clearance_m"  # margin to what is kept to obstacles
+CONTACT = "contact_m"  # margin to the overlap that is allowed with what is touched
 SOFT_TRAVEL = "soft_travel_m"  # of robot.limits, kept where there are obstacles
-UNITS |= {WORKSPACE: "m", CLEARANCE: "m", SOFT_TRAVEL: "m"}
+UNITS |= {WORKSPACE: "m", CLEARANCE: "m", CONTACT: "m", SOFT_TRAVEL: "m"}
 
 
 # Shapes.

@@ -197,7 +197,8 @@ class Problem(Value):
     @model_validator(mode="after")
     def _consistent(self) -> Problem:
         found = list(self._wrong_lengths()) or list(self._contradictions())
-        found += names_twice(self.world_at_start.obstacles, len(self.obstacles))
+        things = [[item.name for item in kind] for kind in (self.obstacles, self.objects)]
+        found += names_twice(*things)
         segments = self.robot.coordinates.segments
         found += task_problems(
             self.tasks, self.objects, self.obstacles, segments, self.start.holding
@@ -371,6 +372,11 @@ class Problem(Value):
         return bool(self.objects) or any(not isinstance(task, Pass) for task in self.tasks)
 
     @property
+    def ends_anywhere(self) -> bool:
+        """Whether the last task says where it ends, soft or rigid, and there is no goal."""
+        return isinstance(self.goal, Anywhere)
+
+    @property
     def passes(self) -> tuple[Pass, ...]:
         """The boxes to pass."""
         return tuple(task for task in self.tasks if isinstance(task, Pass))
@@ -413,8 +419,19 @@ class Problem(Value):
         return self.robot.timing[self.timing]
 
     def scenario(self) -> dict[str, Any]:
-        """The scenario as plain data with all defaults filled in (the robot by its name)."""
-        return {**self.model_dump(mode="json", exclude={"robot"}), "robot": self.robot.name}
+        """The scenario as plain data with all defaults filled in (the robot by its name).
+
+        What only missions have is left out where it is not used.
+        """
+        found = self.model_dump(mode="json", exclude={"robot"})
+        for table, key, unused in (
+            (found, "objects", []),
+            (found, "order", "given"),
+            (found["start"], "holding", None),
+        ):
+            if table[key] == unused:
+                del table[key]
+        return {**found, "robot": self.robot.name}
 
 
 def load_problem(source: str | Path, **overrides: Any) -> Problem:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, SerializeAsAny, field_validator, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.goals import Goal, GoalSet
@@ -15,7 +15,7 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.validation import NonNegative, Number, Pair, Tagged
+from twosra_mpc.validation import NonNegative, Number, Pair, Tagged, plain
 
 
 class Task(Tagged):
@@ -105,7 +105,7 @@ class Conform(Task):
 
     do: Literal["conform"] = "conform"
     object: str
-    segments: tuple[Annotated[int, Field(ge=1)], ...] = (1,)
+    segments: Annotated[tuple[Annotated[int, Field(ge=1)], ...], BeforeValidator(plain)] = (1,)
     gap_m: Annotated[float, Field(gt=0.0)] = 0.001
     directions_rad: Pair = (-math.pi, math.pi)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Self
 
 import numpy as np
@@ -111,7 +111,7 @@ class World(Value):
 
     @model_validator(mode="after")
     def _each_name_once(self) -> Self:
-        found = list(names_twice(self.obstacles))
+        found = list(names_twice([item.name for item in self.obstacles]))
         if found:
             raise found[0].among(found[1:])
         return self
@@ -122,12 +122,9 @@ class World(Value):
         return tuple(item.name or f"obstacle {i}" for i, item in enumerate(self.obstacles, start=1))
 
 
-def names_twice(
-    obstacles: tuple[Obstacle, ...], objects_from: int | None = None
-) -> Iterator[InputError]:
-    """Yield every name that one before it has; those from a place on are of objects."""
-    names, split = [item.name for item in obstacles], len(obstacles)
-    split = split if objects_from is None else objects_from
+def names_twice(obstacles: Sequence[str], objects: Sequence[str] = ()) -> Iterator[InputError]:
+    """Yield every name of an obstacle or object that one before it has."""
+    names, split = [*obstacles, *objects], len(obstacles)
     for i, name in enumerate(names):
         if name and name in names[:i]:
             field = f"obstacles.{i}.name" if i < split else f"objects.{i - split}.name"

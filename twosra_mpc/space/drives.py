@@ -6,6 +6,7 @@ robot is at rest at each of them. A straight leg, or one pose in between, needs 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -31,6 +32,7 @@ _SAGITTA_M = 5e-4
 _SPACING_M = 0.04
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
+_NOTHING = np.zeros((0, 4, 2))
 _TOUCHING_M = 1e-4  # less than it has now may a start keep that is nearer than it should be
 
 
@@ -55,6 +57,8 @@ class Drives:
         world: What is around it.
         kappa: The shape it drives in, (n,) [1/m].
         headings: Slices of headings, coarse to fine.
+        held: Convex pieces of what it carries, in b0, (pieces, 4, 2) [m].
+        may: Twists (m, 3) -> which of them legs may have, where not all.
     """
 
     def __init__(
@@ -63,10 +67,12 @@ class Drives:
         world: World,
         kappa: ArrayLike,
         headings: tuple[int, ...] = HEADINGS,
+        held: Array = _NOTHING,
+        may: Callable[[Array], Bools] | None = None,
     ) -> None:
         self.geometry, self.world, self.headings = robot.geometry, world, headings
-        self.kappa = np.asarray(kappa, dtype=float)
-        self.footprint = footprint(self.geometry, self.kappa)
+        self.kappa, self._held, self._may = np.asarray(kappa, dtype=float), held, may
+        self.footprint = footprint(self.geometry, self.kappa).holding(held)
         self.kept_m = kept_m(world, self.geometry)
         self.rows, self.ramp_s = rigid_rows(robot, self.kappa), rigid_ramp_s(robot, self.kappa)
         self.separation = Separation(self.footprint, world, self.kept_m)
@@ -90,7 +96,8 @@ class Drives:
         """Which legs between poses (m, 3) are proved to keep a distance, (m,)."""
         start, end = np.atleast_2d(start), np.atleast_2d(end)
         twist = twists(start, end)
-        return clear_legs(self.clear, start, twist, self.footprint.radius_m, needed_m)
+        found = clear_legs(self.clear, start, twist, self.footprint.radius_m, needed_m)
+        return found if self._may is None else found & self._may(twist)
 
     def needed_m(self, start: Array) -> float:
         """What the first leg from a pose (3,) must keep: no more than the pose itself does."""
@@ -108,7 +115,7 @@ class Drives:
         def proof(start: Array, end: Array) -> Bools:
             needed = np.where((start == first).all(axis=1), own, self.kept_m)
             found = self.clear_legs(start, end, needed)
-            for slices in self._certified.values():
+            for slices in self._certified.values() if self._may is None else ():
                 for i in np.flatnonzero(~found):
                     found[i] = slices.hold_leg(start[i], end[i])
             return found
@@ -140,7 +147,8 @@ class Drives:
     def _coarse(self, headings: int) -> Footprint:
         """The footprint in fewer pieces, as coarse as slices are anyhow."""
         turned_m = self.footprint.radius_m * np.pi / headings
-        return footprint(self.geometry, self.kappa, max(_SAGITTA_M, turned_m / 4))
+        made = footprint(self.geometry, self.kappa, max(_SAGITTA_M, turned_m / 4))
+        return made.holding(self._held)
 
     def roadmap(self, headings: int) -> Roadmap:
         """Roads through F-."""

@@ -44,6 +44,10 @@ class Footprint:
         kept = (lengths[..., 0] > 2 * by_m).all(axis=1)
         return Footprint(self.outer, (self.inner + steps - np.roll(steps, 1, axis=1))[kept])
 
+    def holding(self, pieces: Array) -> Footprint:
+        """The same with more outer pieces, (m, 4, 2)."""
+        return Footprint(np.concatenate([self.outer, pieces]), self.inner) if len(pieces) else self
+
 
 def footprint(geometry: Geometry, kappa: ArrayLike, sagitta_m: float = _SAGITTA_M) -> Footprint:
     """Footprint of a robot of curvatures ``kappa`` (n,) [1/m], as by `footprints`."""

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
-from twosra_mpc.planning.missions.stages import Stage
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, solve, timed
+from twosra_mpc.planning.missions.variants import Variant
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, timed
 from twosra_mpc.planning.nlp.guess import guess_motion, moved_inside
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search.bounds import SequenceBound
@@ -22,71 +21,51 @@ from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence
-from twosra_mpc.timing import TemporalNetwork, transition_model
+from twosra_mpc.timing import TemporalNetwork
 
 _WIDE_PER_M = 1e-3  # around shapes that are chosen for the mission
 
 
 class StageSolver:
-    """Yields verified plans of one sequence of each stage: by guesses and, then, by NLPs."""
+    """Yields the verified plan of one sequence of each stage: every stage as it is guessed alone.
 
-    def __init__(
-        self, problem: Problem, stages: Sequence[Stage], deadline: float = math.inf
-    ) -> None:
-        self.problem, self.stages, self.deadline = problem, stages, deadline
+    A nonlinear program for each stage finds nothing better: what it could gain, waiting hides.
+    """
+
+    def __init__(self, variants: Sequence[Variant], deadline: float = math.inf) -> None:
+        self.variants, self.deadline = variants, deadline
         self.iterations = 0
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound, node: Node
     ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt; None: it failed."""
-        sequences = node.sequences
-        goals = [stage.goal for stage in self.stages]
-        bends = stage_bends(self.problem, goals, sequences, bound.bends)
-        yield self._attempt(network, sequences, bends, by_program=False)
-        if time.perf_counter() < self.deadline:
-            yield self._attempt(network, sequences, bends, by_program=True)
-
-    def _attempt(
-        self,
-        network: TemporalNetwork,
-        sequences: Sequence[ModeSequence],
-        bends: Sequence[Array],
-        *,
-        by_program: bool,
-    ) -> tuple[float, Solved] | None:
-        ends = shapes(self.problem, sequences, bends)
-        q, motions = self.problem.start.configuration, list[Motion]()
-        for stage, sequence, bend, shape in zip(self.stages, sequences, bends, ends, strict=True):
-            alone = self._alone(q, _chosen(stage.goal, shape, q))
-            motion = self._motion(alone, sequence, bend, by_program=by_program)
+        variant = self.variants[node.variant]
+        problem, stages = variant.problem, variant.members[0]
+        goals = [stage.goal for stage in stages]
+        bends = stage_bends(problem, goals, node.sequences, bound.bends)
+        ends = shapes(problem, node.sequences, bends)
+        q, motions = problem.start.configuration, list[Motion]()
+        for goal, sequence, bend, shape in zip(goals, node.sequences, bends, ends, strict=True):
+            motion = _motion(problem, q, _chosen(goal, shape, q), sequence, bend)
             if motion is None:
-                return None
+                yield None
+                return
             motions.append(motion)
             q = motion.end
-        return checked(self.problem, joined(self.problem, motions, network), network)
+        yield checked(problem, joined(problem, motions, network), network)
 
-    def _alone(self, q: Array, goal: GoalSet) -> Problem:
-        """The stage as a problem of its own."""
-        x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
-        start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
-        return self.problem.with_values(start=start, goal=goal, tasks=())
 
-    def _motion(
-        self, alone: Problem, sequence: ModeSequence, bends: Array, *, by_program: bool
-    ) -> Motion | None:
-        start, goal = alone.start.configuration, alone.goal
-        usable = may_drive(alone, sequence)
-        made = guess_motion(alone.robot, start, goal, sequence, bends, INTERVALS, usable)
-        guess = moved_inside(made, alone)
-        if by_program:
-            last = goal.mode if len(sequence) == 0 else sequence[-1]
-            network = transition_model(alone).network(sequence, last, [0.0] * len(sequence))
-            candidate = solve(guess, network, alone)
-            if candidate is not None:
-                self.iterations += candidate.iterations
-                return candidate.motion
-        return correct_end(guess, goal)
+def _motion(
+    problem: Problem, q: Array, goal: GoalSet, sequence: ModeSequence, bends: Array
+) -> Motion | None:
+    """A stage from a configuration to its goal; None if it does not get there."""
+    x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
+    start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
+    alone = problem.with_values(start=start, goal=goal, tasks=())
+    usable = may_drive(alone, sequence)
+    made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
+    return correct_end(moved_inside(made, alone), goal)
 
 
 def _chosen(goal: GoalSet, shape: Array, near: Array) -> GoalSet:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.tasks import Pass
@@ -30,6 +32,7 @@ class Stage:
         reshapes: Whether it must reshape, as is proved.
         openings: Goals that may do instead, as this one does not say how far to bend.
         away: What is around the robot at its end; as in all of it where None.
+        may: Twists (m, 3) -> which of them drives may have, where not all.
     """
 
     goal: GoalSet
@@ -44,6 +47,7 @@ class Stage:
     reshapes: bool = False
     openings: tuple[GoalSet, ...] = ()
     away: World | None = None
+    may: Callable[[Array], NDArray[np.bool_]] | None = None
 
     def box(self, near: Array) -> tuple[Array, Array]:
         """(low, high) of a box that holds every end of the stage next to ``near``, (3 + n,)."""

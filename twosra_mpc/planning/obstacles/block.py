@@ -57,6 +57,7 @@ def block(
     modes: Sequence[Mode],
     bends: Sequence[float],
     shares: Shares,
+    fine: int = 1,
 ) -> Block:
     """A block that bends W by ``bends`` in its modes, the units travelling by ``shares``.
 
@@ -66,13 +67,15 @@ def block(
         modes: Mode of each phase.
         bends: Change of W in each.
         shares: Of the travel of the two locomotion units; see ``model.flow.bending_flow``.
+        fine: Times as many nodes as usual.
     """
     nodes = [np.append(np.zeros(POSE), shape)[None]]
     inputs = np.zeros((len(modes), INTERVALS, 5))
     for i, (mode, bend) in enumerate(zip(modes, bends, strict=True)):
         if bend != 0.0:
-            states, travel = bent(robot, nodes[-1][-1], mode, bend, INTERVALS * _NODES, shares)
-            inputs[i, :, :2] = travel.reshape(INTERVALS, _NODES, 2).sum(axis=1)
+            count = fine * _NODES
+            states, travel = bent(robot, nodes[-1][-1], mode, bend, INTERVALS * count, shares)
+            inputs[i, :, :2] = travel.reshape(INTERVALS, count, 2).sum(axis=1)
             nodes.append(states[1:])
     return Block(inputs, np.concatenate(nodes))
 

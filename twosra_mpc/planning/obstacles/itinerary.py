@@ -119,25 +119,7 @@ class Itinerary:
         return np.zeros((0, POSE)) if drives is None else drives.spread(_MOST_POSES)
 
     def _pass(self, task: Pass) -> Stop:
-        low, high = task.ends
-        inset = np.minimum(_INSIDE_M, (high - low) / 4)
-
-        def moved(poses: Array) -> Array:
-            poses = np.clip(poses, [*(low + inset)[:2], -np.inf], [*(high - inset)[:2], np.inf])
-            if np.isfinite(high[2] - low[2]):
-                middle, half = (high[2] + low[2]) / 2, (high[2] - low[2]) / 2 - inset[2]
-                off = (poses[:, 2] - middle + np.pi) % (2 * np.pi) - np.pi
-                poses[:, 2] = middle + np.clip(off, -half, half)
-            return poses
-
-        goal = self._goals(self._start[None])[0]
-        widely = [around(pose, _PASSES, 2 * _REACH_M) for pose in (self._start, goal)]
-        first = moved(np.concatenate(widely))
-        if np.isfinite([low[:2], high[:2]]).all():
-            first = np.vstack(
-                [first, moved(around(_middle(low, high, goal), _CANDIDATES, _REACH_M))]
-            )
-        return Stop(np.zeros(POSE), _all, lambda _: True, moved, first, lambda: first)
+        return passing(task, np.vstack([self._start, self._goals(self._start[None])]))
 
     def _shortest(
         self, stops: Sequence[Stop], drive_of: Sequence[int], begins: Sequence[Array]
@@ -175,6 +157,28 @@ class Itinerary:
         return np.array([goal.aim(np.append(pose, shape))[:POSE] for pose in poses]).reshape(
             -1, POSE
         )
+
+
+def passing(task: Pass, ends: Array) -> Stop:
+    """A box to pass on the way between poses (m, 3), the last of them the goal."""
+    low, high = task.ends
+    inset = np.minimum(_INSIDE_M, (high - low) / 4)
+
+    def moved(poses: Array) -> Array:
+        poses = np.clip(poses, [*(low + inset)[:2], -np.inf], [*(high - inset)[:2], np.inf])
+        if np.isfinite(high[2] - low[2]):
+            middle, half = (high[2] + low[2]) / 2, (high[2] - low[2]) / 2 - inset[2]
+            off = (poses[:, 2] - middle + np.pi) % (2 * np.pi) - np.pi
+            poses[:, 2] = middle + np.clip(off, -half, half)
+        return poses
+
+    widely = [around(pose, _PASSES, 2 * _REACH_M) for pose in ends]
+    first = moved(np.concatenate(widely))
+    if np.isfinite([low[:2], high[:2]]).all():
+        first = np.vstack(
+            [first, moved(around(_middle(low, high, ends[-1]), _CANDIDATES, _REACH_M))]
+        )
+    return Stop(np.zeros(POSE), _all, lambda _: True, moved, first, lambda: first)
 
 
 def _all(poses: Array) -> NDArray[np.bool_]:

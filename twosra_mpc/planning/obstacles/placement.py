@@ -218,8 +218,8 @@ def _independent(vectors: Sequence[Array]) -> bool:
     return bool(np.linalg.matrix_rank(np.array(vectors)) == len(vectors))
 
 
-def _hidden_s(network: TemporalNetwork) -> list[float]:
-    """How long each rigid phase may last without making the plan longer, alone [s]."""
+def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
+    """How long each rigid phase may last without making the plan longer, alone; else 0 [s]."""
 
     def finish(durations: Sequence[float]) -> float:
         times = earliest_times(with_durations(network, durations))
@@ -227,13 +227,21 @@ def _hidden_s(network: TemporalNetwork) -> list[float]:
 
     count = len(network.sequence)
     least = finish([0.0] * count)
-    found = []
+    found = [0.0] * count
     for i, mode in enumerate(network.sequence):
         if is_rigid(mode):
             lasting = [_LONG_S if k == i else 0.0 for k in range(count)]
-            found.append(_LONG_S - (finish(lasting) - least))
-    if not is_rigid(network.sequence[0]):
+            found[i] = _LONG_S - (finish(lasting) - least)
+    return found
+
+
+def _hidden_s(network: TemporalNetwork) -> list[float]:
+    """The same of the drives before, between and after blocks; 0 where there is none."""
+    sequence = network.sequence
+    of_phases = zip(sequence, hidden_by_phase_s(network), strict=True)
+    found = [time_s for mode, time_s in of_phases if is_rigid(mode)]
+    if not is_rigid(sequence[0]):
         found.insert(0, 0.0)
-    if not is_rigid(network.sequence[-1]):
+    if not is_rigid(sequence[-1]):
         found.append(0.0)
     return found

@@ -1,0 +1,164 @@
+"""What holds an object: proof that it cannot leave, or friction while it is pushed.
+
+An opinion of its own: nothing here knows slices, pieces or how the planner grasps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label
+from scipy.optimize import nnls
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from twosra_mpc.checking.clearance import (
+    centroid_and_area,
+    contacts,
+    depths_m,
+    robot_distances_m,
+)
+from twosra_mpc.checking.sweep import outermost_m, sagitta_m
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.poses import composed, inverse
+
+_COARSEST_M, _FINEST_M = 2e-3, 5e-4  # sides of boxes
+_TURN = 0.07  # [m]: boxes of a side s are 2 pi s / _TURN high
+_WITHIN_M = 1e-5  # rounding of drawings
+_ALONG = 60  # points at which discs within an object may have their centres, along its longer side
+_SLIVER = 0.04  # of an object's largest disc: what smaller discs must add to count
+_SURFACE = 0.6  # of the radius of a disc as large: where friction under an object acts
+_MISSED = 1e-3  # of a load: what contact forces may miss of it
+
+
+def cage_proved(
+    geometry: Geometry,
+    thing: Object,
+    pose: Array,
+    q: Array,
+    overlap_m: float,
+    finest_m: float = _FINEST_M,
+) -> bool:
+    """Whether an object cannot leave the robot that stands at a configuration; False: unknown.
+
+    The object's poses are cut into boxes (x, y, heading). A disc within the object that overlaps
+    the robot by more than it moves over a box blocks that box; what is left is flooded from where
+    the object is, and must not come to where it is clear of the robot. So nothing rests on samples:
+    a box counts as free unless all of it is proved to be blocked. The object is taken to be smaller
+    by ``overlap_m`` all around, so that it may begin where it touches.
+
+    Args:
+        geometry: The robot's.
+        thing: The object.
+        pose: Where it is, (3,).
+        q: The robot, (3 + n,).
+        overlap_m: How deep it overlaps the robot there [m].
+        finest_m: Smallest side of a box.
+    """
+    discs = _discs(thing)
+    discs[:, 2] -= overlap_m + _WITHIN_M
+    seen = composed(inverse(q[:POSE]), pose)
+    still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
+    step = _COARSEST_M
+    while step >= finest_m * (1 - 1e-9):
+        headings = 1 if thing.disc is not None else round(_TURN / step)
+        if not _leads_away(*_free(geometry, still, seen, discs, step, headings)):
+            return True
+        step /= 2
+    return False
+
+
+def _discs(thing: Object) -> Array:
+    """Discs within an object that nearly fill it: x, y, radius, (m, 3)."""
+    if thing.disc is not None:
+        return np.array([[0.0, 0.0, thing.disc.radius_m]])
+    own = thing.own
+    low, high = own.corners_m.min(axis=0), own.corners_m.max(axis=0)
+    along = np.arange(0.5, _ALONG) * float((high - low).max()) / _ALONG
+    x, y = np.meshgrid(along[along < high[0] - low[0]], along[along < high[1] - low[1]])
+    points = np.vstack([low + np.column_stack([x.ravel(), y.ravel()]), low + (high - low) / 2])
+    depth = depths_m(own, points)
+    order = np.argsort(-depth, kind="stable")
+    found = np.empty((0, 3))
+    for disc in np.column_stack([points, depth])[order[depth[order] > 0]]:
+        beyond = np.linalg.norm(found[:, :2] - disc[:2], axis=1) + disc[2] - found[:, 2]
+        if (beyond > _SLIVER * depth.max()).all():
+            found = np.vstack([found, disc])
+    return found
+
+
+def _free(
+    geometry: Geometry, q: Array, pose: Array, discs: Array, step: float, headings: int
+) -> tuple[NDArray[np.bool_], tuple[int, ...]]:
+    """Boxes of poses that are not proved to be blocked, (headings, x, y), and which is the pose's.
+
+    They reach to where the object is clear of the robot.
+    """
+    offset = np.linalg.norm(discs[:, :2], axis=1)
+    around = outermost_m(geometry, q[None])[0] + float((offset + discs[:, 2]).max()) + 2 * step
+    low, high = (np.ceil((around + sign * pose[:2]) / step).astype(int) for sign in (1, -1))
+    pad = math.ceil(float(offset.max()) / step) + 1
+    x, y = (pose[k] + step * np.arange(-low[k] - pad, high[k] + pad + 1) for k in (0, 1))
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    apart = robot_distances_m(geometry, q, points) + sagitta_m(geometry, q[None])
+    moved = step / math.sqrt(2) + offset * math.pi / headings  # within a box
+    moved += np.where(offset > 0, step / math.sqrt(2), 0.0)  # centres are looked up at grid points
+    shape = low + high + 1
+    free = np.ones((headings, *shape), dtype=bool)
+    for k, phi in enumerate(pose[2] + np.arange(headings) * math.tau / headings):
+        turn = np.array([[math.cos(phi), math.sin(phi)], [-math.sin(phi), math.cos(phi)]])
+        begin = pad + np.rint(discs[:, :2] @ turn / step).astype(int)
+        for (i, j), reach in zip(begin.tolist(), (discs[:, 2] - moved).tolist(), strict=True):
+            free[k] &= apart[i : i + shape[0], j : j + shape[1]] >= reach
+    return free, (0, int(low[0]), int(low[1]))
+
+
+def _leads_away(free: NDArray[np.bool_], begin: tuple[int, ...]) -> bool:
+    """Whether free boxes that share sides lead from one of them to the edge in x and y."""
+    parts, count = label(free)
+    pairs = np.column_stack([parts[0].ravel(), parts[-1].ravel()])  # headings go round
+    pairs = pairs[pairs.all(axis=1)]
+    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count + 1, count + 1))
+    _, whole = connected_components(links, directed=False)
+    edge = np.concatenate([parts[:, [0, -1]].ravel(), parts[:, :, [0, -1]].ravel()])
+    return bool((whole[edge[edge > 0]] == whole[parts[begin]]).any())
+
+
+def pushes(
+    geometry: Geometry, thing: Object, pose_in_b0: Array, q: Array, twists: Array
+) -> NDArray[np.bool_]:
+    """Which twists (m, 3) of b0 push an object such that it stays where it is in the robot, (m,).
+
+    Friction under an object that slides slowly resists a load (v, c^2 w) about its centroid, where
+    c is 0.6 of the radius of a disc as large (an ellipsoidal limit surface). It stays if contact
+    forces within their friction cones add up to that load. Contacts are the points of its edge
+    that are nearest to the robot, and those half a millimetre further away.
+    """
+    still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
+    placed = thing.at(pose_in_b0)
+    points, inward = contacts(geometry, placed, still)
+    (x, y), area = centroid_and_area(placed)
+    c = _SURFACE * math.sqrt(area / math.pi)
+    angle = math.atan(thing.friction or 0.0)
+    forces = np.concatenate([_turned(inward, angle), _turned(inward, -angle)])
+    arms = np.tile(points - [x, y], (2, 1))
+    moments = arms[:, 0] * forces[:, 1] - arms[:, 1] * forces[:, 0]
+    cone = np.column_stack([forces, moments / c]).T
+    u, v, r = twists.T
+    loads = np.column_stack([u - r * y, v + r * x, c * r])
+    size = np.linalg.norm(loads, axis=1, keepdims=True)
+    loads = np.round(loads / np.where(size > 0, size, 1.0), 9)
+    each, which = np.unique(loads, axis=0, return_inverse=True)
+    held = np.array([not load.any() or nnls(cone, load)[1] <= _MISSED for load in each])
+    found: NDArray[np.bool_] = held[which.ravel()]
+    return found
+
+
+def _turned(directions: Array, angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    found: Array = directions @ np.array([[c, s], [-s, c]])
+    return found

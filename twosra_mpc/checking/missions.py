@@ -1,0 +1,242 @@
+"""Independent check that every task of a mission is done when the plan says so."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twosra_mpc.checking.sweep import Sweep
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import Carried, carried, object_poses
+from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.problem.world import UNSEEN_M, Obstacle
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
+from twosra_mpc.validation import Pair
+
+ROUNDING = 1e-6  # m, rad or 1/m by which a task may be missed
+_POINTS = 201  # along a segment that lies along something
+_COARSE_M = 2e-3  # to see whether a robot that has let go is free to leave
+
+
+class Done(NamedTuple):
+    """The end of a task.
+
+    Attributes:
+        trajectory: The plan.
+        sweep: What it sweeps.
+        at_s: When the task is done.
+        since_s: When the one before was.
+        objects: Pose of every object then, (objects, 3).
+    """
+
+    trajectory: Trajectory
+    sweep: Sweep
+    at_s: float
+    since_s: float
+    objects: Array
+
+    @property
+    def q(self) -> Array:
+        """Where the robot is then, as integrated, (3 + n,)."""
+        found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
+        return found
+
+    def thing(self, name: str) -> Obstacle:
+        """An object or obstacle, where it is then."""
+        problem = self.trajectory.problem
+        for item, pose in zip(problem.objects, self.objects, strict=True):
+            if item.name == name:
+                return item.at(pose)
+        return next(item for item in problem.obstacles if item.name == name)
+
+    def apart_m(self, name: str) -> float:
+        """Distance of the robot to a thing then [m]; negative: how deep they overlap."""
+        from twosra_mpc.checking.clearance import touching  # loads GEOS
+
+        around = touching(self.trajectory.problem, self.thing(name))
+        return float(around.signed_m(self.q[None])[0])
+
+
+def times_wrong(trajectory: Trajectory) -> Iterator[str]:
+    """Say which tasks are done before those before them, or after the end."""
+    ends = (0.0, *trajectory.done_s, trajectory.duration_s)
+    if not np.isfinite(ends).all():
+        yield "done_s has a time that is not finite"
+        return
+    for i, (before, after) in enumerate(itertools.pairwise(ends)):
+        if after < before - SAME_TIME_S:
+            late = i == len(trajectory.done_s)
+            yield f"task {i} is done after the end" if late else f"task {i + 1} is done too early"
+
+
+def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
+    """Say what is not done of a mission, and what is not held although it is carried."""
+    problem, ends = trajectory.problem, (0.0, *trajectory.done_s)
+    poses = object_poses(trajectory, np.array(trajectory.done_s))
+    spans = itertools.pairwise(ends)
+    for i, (task, (since_s, at_s)) in enumerate(zip(problem.tasks, spans, strict=True)):
+        done = Done(trajectory, sweep, at_s, since_s, poses[i])
+        named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:.1f} s"
+        if not isinstance(task, Pass) and not _at_rest(trajectory, at_s):
+            yield f"{named}: the robot moves"
+        yield from (f"{named}: {text}" for text in _CHECKS[type(task)](task, done))
+    for held in carried(trajectory):
+        yield from _let_go(trajectory, held)
+
+
+def _at_rest(trajectory: Trajectory, at_s: float) -> bool:
+    moving = (p for p in trajectory.phases if p.start_s + SAME_TIME_S < at_s)
+    return not any(at_s < phase.end_s - SAME_TIME_S for phase in moving)
+
+
+def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
+    """What each segment is at a time: 1 soft, 0 rigid, None while it changes."""
+    found = list[int | None]()
+    for j, at_start in enumerate(trajectory.problem.start_mode):
+        now: int | None = at_start
+        for item in own_transitions(trajectory.transitions, j):
+            if item.done_s <= at_s + TIME_TOLERANCE_S:
+                now = int(item.to == "soft")
+            elif item.onset_s < at_s - TIME_TOLERANCE_S:
+                now = None
+        found.append(now)
+    return tuple(found)
+
+
+def _pass(task: Pass, done: Done) -> Iterator[str]:
+    first, last = done.sweep.over(done.since_s, done.at_s)
+    if not rounded(task).met(done.sweep.q[first : last + 1, :POSE]).any():
+        yield "is not done: its box is not entered"
+
+
+def rounded(task: Pass) -> Pass:
+    """The box, wider by rounding."""
+
+    def wider(pair: Pair | None) -> Pair | None:
+        return None if pair is None else (pair[0] - 1e-9, pair[1] + 1e-9)
+
+    return Pass(x_m=wider(task.x_m), y_m=wider(task.y_m), phi_rad=wider(task.phi_rad))
+
+
+def _reach(task: Reach, done: Done) -> Iterator[str]:
+    coordinates = done.trajectory.problem.robot.coordinates
+    errors = task.goal.error(done.q.copy())
+    for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
+        if not abs(error) <= ROUNDING:
+            yield f"its goal's {name} is missed by {error:.3g} {unit}"
+    now = stiffness(done.trajectory, done.at_s)
+    if task.mode != "any" and now != task.goal.mode:
+        yield f"the segments are not {mode_name(task.goal.mode)}"
+
+
+def _heading(asked: Pair, done: Done) -> Iterator[str]:
+    """B0 heads into an interval, full turns aside."""
+    beyond = np.mod(done.q[2] - asked[0] + ROUNDING, math.tau)
+    if beyond > asked[1] - asked[0] + 2 * ROUNDING:
+        heading = round(float(done.q[2]), 3) + 0.0  # no minus zero
+        yield f"b0 heads to {heading:g} rad, not within {asked[0]:g} to {asked[1]:g} rad"
+
+
+def _conform(task: Conform, done: Done) -> Iterator[str]:
+    from twosra_mpc.checking.clearance import OVERLAP_M, depths_m  # loads GEOS
+
+    yield from _heading(task.directions_rad, done)
+    geometry = done.trajectory.problem.robot.geometry
+    lines = robot_shape(geometry, done.q, _POINTS).segments
+    for number in task.segments:
+        gaps = -depths_m(done.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
+        least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
+        if most > 1e3 * (task.gap_m + ROUNDING):
+            asked = f"more than gap_m = {1e3 * task.gap_m:g} mm"
+            yield f"segment {number} is up to {most:.3g} mm away from {task.object}, {asked}"
+        if least < -1e3 * (OVERLAP_M + ROUNDING):
+            yield f"segment {number} overlaps {task.object} by {-least:.3g} mm"
+
+
+def _grasp(task: Grasp, done: Done) -> Iterator[str]:
+    from twosra_mpc.checking.clearance import OVERLAP_M, TOUCHING_M  # loads GEOS
+    from twosra_mpc.checking.holds import cage_proved, pushes
+
+    yield from _heading(task.directions_rad, done)
+    if any(stiffness(done.trajectory, done.at_s)):
+        yield "the robot is not rigid"
+    apart = done.apart_m(task.object)
+    if not -OVERLAP_M - ROUNDING <= apart <= TOUCHING_M + ROUNDING:
+        state = f"{1e3 * apart:.3g} mm away from" if apart > 0 else f"{-1e3 * apart:.3g} mm within"
+        yield f"the robot is {state} {task.object}, it does not touch it"
+        return
+    problem, at = done.trajectory.problem, done.at_s
+    number = [item.name for item in problem.objects].index(task.object)
+    geometry, thing = problem.robot.geometry, problem.objects[number]
+    if task.hold == "caged":
+        if not cage_proved(geometry, thing, done.objects[number], done.q, max(-apart, 0.0)):
+            yield f"it is not proved that {task.object} cannot leave"
+        return
+    held = next(c for c in carried(done.trajectory) if c.object == number and c.from_s == at)
+    samples = done.trajectory.samples
+    rows = (samples.t_s[:-1] >= held.from_s - SAME_TIME_S) & (samples.t_s[:-1] < held.to_s)
+    twists = (samples.v[:-1] + samples.a[:-1] * np.diff(samples.t_s)[:, None] / 2)[:, 2:]
+    kept = pushes(geometry, thing, held.pose_in_b0, done.q, twists)
+    wrong = rows & samples.moves[:-1] & ~kept
+    if wrong.any():
+        when = samples.t_s[:-1][wrong][0]
+        yield f"{task.object} is pushed where friction does not hold it at {when:.1f} s"
+
+
+def _carry(task: Carry, done: Done) -> Iterator[str]:
+    names = [item.name for item in done.trajectory.problem.objects]
+    x, y, phi = done.objects[names.index(task.object)].tolist()
+    away = math.hypot(x - task.x_m, y - task.y_m)
+    if away > task.position_tolerance_m + ROUNDING:
+        yield f"{task.object} is {1e3 * away:.3g} mm from where it should be"
+    if task.phi_rad is None:
+        return
+    turned = abs(math.remainder(phi - task.phi_rad, math.tau))
+    if turned > task.heading_tolerance_rad + ROUNDING:
+        yield f"{task.object} is turned by {turned:.3g} rad from where it should be"
+
+
+def _release(task: Release, done: Done) -> Iterator[str]:
+    from twosra_mpc.checking.holds import cage_proved
+
+    problem, apart = done.trajectory.problem, done.apart_m(task.object)
+    if apart < problem.clearance_m - UNSEEN_M:
+        asked = f"clearance_m = {1e3 * problem.clearance_m:g} mm"
+        yield f"the robot is {1e3 * apart:.3g} mm from {task.object} ({asked})"
+        return
+    number = [item.name for item in problem.objects].index(task.object)
+    geometry, thing = problem.robot.geometry, problem.objects[number]
+    if cage_proved(geometry, thing, done.objects[number], done.q, 0.0, finest_m=_COARSE_M):
+        yield f"the robot cannot leave: {task.object} is within it"
+
+
+_CHECKS: dict[type[Task], Callable[[Any, Done], Iterator[str]]] = {
+    Pass: _pass,
+    Reach: _reach,
+    Conform: _conform,
+    Grasp: _grasp,
+    Carry: _carry,
+    Release: _release,
+}
+
+
+def _let_go(trajectory: Trajectory, held: Carried) -> Iterator[str]:
+    """Say when a segment is not rigid although the robot holds something."""
+    name = trajectory.problem.objects[held.object].name
+    for j, at_start in enumerate(trajectory.problem.start_mode):
+        own = own_transitions(trajectory.transitions, j)
+        melts = [(item.onset_s, item.to == "soft") for item in own]
+        soft_from = [since for since, soft in melts if soft] + ([-math.inf] if at_start else [])
+        rigid_from = [item.done_s for item in own if item.to == "rigid"]
+        for since in soft_from:
+            until = min((end for end in rigid_from if end > since), default=math.inf)
+            if since < held.to_s - TIME_TOLERANCE_S and until > held.from_s + TIME_TOLERANCE_S:
+                when = max(since, held.from_s)
+                yield f"segment {j + 1} is not rigid at {when:.1f} s, while {name} is held"

@@ -1,0 +1,146 @@
+"""Missions among obstacles and objects: where to reshape, grasp and put down, and the ways."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.planning.missions.bends import stage_bends
+from twosra_mpc.planning.missions.itinerary import Itinerary, Legs, routes_of
+from twosra_mpc.planning.missions.stages import Stage
+from twosra_mpc.planning.missions.variants import Variant
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, timed
+from twosra_mpc.planning.nlp.terminal_correction import correct_end
+from twosra_mpc.planning.obstacles.placement import hidden_by_phase_s
+from twosra_mpc.planning.obstacles.stations import Chain
+from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.search.mission_tree import Node
+from twosra_mpc.planning.sequence_solver import Solved, checked
+from twosra_mpc.problem.goals import Anywhere, GoalSet
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
+from twosra_mpc.space.drives import Drives
+from twosra_mpc.space.screws import twists
+from twosra_mpc.timing import TemporalNetwork
+
+_STILL = 1e-9  # m, rad or change of W
+
+
+class MissionPlacer:
+    """Yields plans of one sequence of each stage: the first of each variant's members that has one.
+
+    Args:
+        variants: The variants of the mission.
+        deadline: Of ``time.perf_counter()``; nothing is begun after it.
+    """
+
+    def __init__(self, variants: Sequence[Variant], deadline: float = math.inf) -> None:
+        self.variants, self.deadline = variants, deadline
+        self.iterations = 0
+        self._drives: dict[tuple[int, bytes], Drives] = {}
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, node: Node
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt; None: it failed."""
+        variant = self.variants[node.variant]
+        hidden_s = hidden_by_phase_s(network)
+        for stages in variant.members:
+            for goals in _goals(stages):
+                if time.perf_counter() > self.deadline:
+                    return
+                found = self._attempt(variant, stages, goals, network, bound, node, hidden_s)
+                yield found
+                if found is not None:
+                    break
+
+    def _attempt(
+        self,
+        variant: Variant,
+        stages: Sequence[Stage],
+        goals: Sequence[GoalSet],
+        network: TemporalNetwork,
+        bound: SequenceBound,
+        node: Node,
+        hidden_s: Sequence[float],
+    ) -> tuple[float, Solved] | None:
+        problem, sequences = variant.problem, node.sequences
+        bends = stage_bends(problem, goals, sequences, bound.bends)
+        still = [np.abs(bend).max(initial=0.0) < _STILL for bend in bends]
+        if any(stage.reshapes and rests for stage, rests in zip(stages, still, strict=True)):
+            return None
+        itinerary = Itinerary(problem, stages, sequences, bends, self._drives_of)
+        if not itinerary.possible:
+            return None
+        chain = itinerary.chain(lambda phase: hidden_s[phase], self.deadline)
+        if chain is None:
+            return None
+        candidate = self._candidate(variant, stages, sequences, itinerary.legs, chain, network)
+        return checked(problem, candidate, network)
+
+    def _drives_of(self, stage: Stage, shape: Array) -> Drives:
+        """Drives of a stage in a shape (n,), worked out once."""
+        key = id(stage), shape.round(9).tobytes()
+        if key not in self._drives:
+            robot = self.variants[0].problem.robot
+            self._drives[key] = Drives(robot, stage.world, shape, held=stage.held, may=stage.may)
+        return self._drives[key]
+
+    def _candidate(
+        self,
+        variant: Variant,
+        stages: Sequence[Stage],
+        sequences: Sequence[ModeSequence],
+        legs: Legs,
+        chain: Chain,
+        network: TemporalNetwork,
+    ) -> Candidate | None:
+        """The motion of a chain on the clock; ends of goals are met exactly."""
+        inputs = _inputs(network.sequence, legs, chain)
+        robot, q = variant.problem.robot, variant.problem.start.configuration
+        corrected, first = [], 0
+        for stage, sequence in zip(stages, sequences, strict=True):
+            part = inputs[first : first + len(sequence)]
+            motion: Motion | None = roll_out(robot, q, sequence, part)
+            if stage.ends is None and not isinstance(stage.goal, Anywhere):
+                motion = correct_end(motion, stage.goal) if motion is not None else None
+            if motion is None:
+                return None
+            corrected.append(motion.inputs)
+            q, first = motion.end, first + len(sequence)
+        start = variant.problem.start.configuration
+        whole = roll_out(robot, start, network.sequence, np.concatenate(corrected))
+        ends = tuple(itertools.accumulate(map(len, sequences)))
+        return timed(whole, network, variant.problem, 0, ends)
+
+
+def _goals(stages: Sequence[Stage]) -> Iterator[tuple[GoalSet, ...]]:
+    """Goals of the stages; those that do not say how far to bend ask for more and more."""
+    yield tuple(stage.goal for stage in stages)
+    openings = [len(stage.openings) for stage in stages if stage.openings]
+    for k in range(max(openings, default=0)):
+        yield tuple(
+            stage.openings[min(k, len(stage.openings) - 1)] if stage.openings else stage.goal
+            for stage in stages
+        )
+
+
+def _inputs(sequence: ModeSequence, legs: Legs, chain: Chain) -> Array:
+    """Input displacements of every phase, (phases, intervals, 5): a leg takes an interval."""
+    routes = {}
+    for phase, route in routes_of(chain, legs).items():
+        by = twists(route[:-1], route[1:])
+        routes[phase] = by[np.abs(by).max(axis=1) > _STILL]
+    intervals = max(INTERVALS, *(len(each) for each in routes.values()), 0)
+    inputs = np.zeros((len(sequence), intervals, 5))
+    for phase, mode in enumerate(sequence):
+        if not is_rigid(mode):
+            inputs[phase, :INTERVALS] = legs.blocks[phase]
+        elif phase in routes:
+            inputs[phase, : len(routes[phase]), 2:] = routes[phase]
+    return inputs

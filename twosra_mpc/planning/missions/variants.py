@@ -1,0 +1,365 @@
+"""The ways to do a mission: which touch of each object, in which order of tasks.
+
+A touch gives a shape and a place at its object. Ways with the same shapes are one variant: the
+search tells variants apart, and within one the places are tried, the nearest ones first.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.contact.cage import caged
+from twosra_mpc.contact.pushing import pushing_cone
+from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
+from twosra_mpc.planning.missions.stages import Stage
+from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.problem.world import Obstacle, World
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.poses import composed, inverse, wrapped
+from twosra_mpc.space.footprint import kept_m
+from twosra_mpc.space.outlines import eroded, quadrangles
+
+GRASP_GAP_M = 5e-4  # between the robot and what it closes around
+_OVERLAP_M = 4e-4  # with what is touched, of what is drawn around the robot
+_HEADINGS = 24  # of the robot around a disc
+_PUT_HEADINGS = 8  # of an object that is put down at any
+_MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
+_MOST_MEMBERS = 8
+_OPEN = (0.6, 0.3, 0.0, -0.3)  # shares of the curvatures around an object, to let it go
+_STRAIGHT_PER_M = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """Ways to do a mission with the same shapes: members, the shortest first.
+
+    Attributes:
+        problem: The problem with its tasks in the order of the variant.
+        members: The stages of each way.
+    """
+
+    problem: Problem
+    members: tuple[tuple[Stage, ...], ...]
+
+
+class Hold(NamedTuple):
+    """How an object is held: its number, the robot's shape, and its pose in b0."""
+
+    number: int
+    kappa: Array
+    pose_in_b0: Array
+    caged: bool
+
+
+class State(NamedTuple):
+    """What has been done so far: stages, where objects are, what is held, what was touched."""
+
+    stages: tuple[Stage, ...]
+    poses: tuple[Array, ...]
+    hold: Hold | None
+    touched: str | None = None
+    passes: tuple[Pass, ...] = ()
+    key: tuple[float, ...] = ()
+
+
+class Ways:
+    """Makes the variants of a mission; why there are none is kept in ``refused``."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.refused: list[str] = []
+        self._known: dict[object, tuple[Touch, ...]] = {}
+        self._rigid = (problem.robot.rigid,)
+
+    def variants(self) -> list[Variant]:
+        """Every variant."""
+        found: list[Variant] = []
+        for order in self._orders():
+            problem = self.problem.with_values(tasks=order)
+            groups: dict[tuple[float, ...], list[tuple[Stage, ...]]] = {}
+            for state in self._from(problem, self._begin(), 0):
+                groups.setdefault(state.key, []).append(state.stages)
+            for members in groups.values():
+                members.sort(key=self._length_m)
+                found.append(Variant(problem, tuple(members[:_MOST_MEMBERS])))
+        return found
+
+    def _orders(self) -> Iterator[tuple[Task, ...]]:
+        """Orders of the tasks: what is done with an object in hand stays together."""
+        tasks = self.problem.tasks
+        if self.problem.order == "given":
+            yield tasks
+            return
+        chunks: list[list[Task]] = []
+        holding = self.problem.start.holding is not None
+        for task in tasks:
+            if (holding and chunks) or (chunks and isinstance(chunks[-1][-1], Pass)):
+                chunks[-1].append(task)
+            else:
+                chunks.append([task])
+            holding = isinstance(task, Grasp) or (holding and not isinstance(task, Release))
+        fixed = chunks[:1] if self.problem.start.holding else []
+        for order in itertools.permutations(chunks[len(fixed) :]):
+            yield tuple(itertools.chain(*fixed, *order))
+
+    def _begin(self) -> State:
+        problem = self.problem
+        poses = tuple(item.pose.pose for item in problem.objects)
+        name = problem.start.holding
+        if name is None:
+            return State((), poses, None)
+        number = self._number(name)
+        q = problem.start.configuration
+        pose_in_b0 = composed(inverse(q[:POSE]), poses[number])
+        thing = problem.objects[number]
+        proved = caged(problem.robot.geometry, q[POSE:], thing, pose_in_b0).proved
+        return State((), poses, Hold(number, q[POSE:], pose_in_b0, proved))
+
+    def _number(self, name: str) -> int:
+        return [item.name for item in self.problem.objects].index(name)
+
+    def _from(self, problem: Problem, state: State, task: int) -> Iterator[State]:
+        """Every way to do the tasks from a number on, and to reach the goal."""
+        if task == len(problem.tasks):
+            over = isinstance(problem.goal, Anywhere) and not state.passes
+            yield state if over else self._reached(state, problem.goal, problem.goal.mode)
+            return
+        for after in self._done(state, problem.tasks[task]):
+            yield from self._from(problem, after, task + 1)
+
+    def _done(self, state: State, task: Task) -> Iterator[State]:
+        match task:
+            case Pass():
+                yield state._replace(passes=(*state.passes, task))
+            case Reach():
+                last = None if task.mode == "any" else task.goal.mode
+                yield self._reached(state, task.goal, last)
+            case Grasp():
+                yield from self._grasped(state, task)
+            case Carry():
+                yield from self._carried(state, task)
+            case Release():
+                yield self._released(state)
+            case Conform():
+                yield from self._conformed(state, task)
+
+    def _after(self, state: State, stage: Stage) -> State:
+        """What comes after a stage; boxes to pass belonged to it, and what was held moved."""
+        stage, poses = replace(stage, passes=state.passes), list(state.poses)
+        if (hold := state.hold) is not None:
+            stage = self._holding(stage, hold)
+            pose = stage.ends[0] if stage.ends is not None else stage.goal.configuration[:POSE]
+            poses[hold.number] = composed(pose, hold.pose_in_b0)
+        stages = (*state.stages, stage)
+        return state._replace(stages=stages, poses=tuple(poses), touched=None, passes=())
+
+    def _holding(self, stage: Stage, hold: Hold) -> Stage:
+        """The stage with an object in hand: nothing bends."""
+        thing, robot = self.problem.objects[hold.number], self.problem.robot
+        pieces = quadrangles(thing.at(hold.pose_in_b0))
+        may = None
+        if not hold.caged:
+            where = robot.geometry, hold.kappa, thing, hold.pose_in_b0
+            may = pushing_cone(*where, thing.friction or 0.0).holds
+        return replace(stage, modes=self._rigid, held=pieces, may=may)
+
+    def _world(self, state: State, touched: str | None = None) -> World:
+        """What is around the robot; what may be touched is smaller, as much as keeps away."""
+        problem = self.problem
+        held = None if state.hold is None else state.hold.number
+        around = problem.world_with([None if i == held else p for i, p in enumerate(state.poses)])
+        off_m = kept_m(around, problem.robot.geometry) + _OVERLAP_M
+        kept = [
+            part
+            for thing in around.obstacles
+            for part in ((thing,) if not touched or thing.name != touched else eroded(thing, off_m))
+        ]
+        return around.with_values(obstacles=tuple(kept))
+
+    def _reached(self, state: State, goal: GoalSet, last: tuple[int, ...] | None) -> State:
+        world = self._world(state, state.touched)
+        return self._after(state, Stage(goal, last, self.problem.modes, world))
+
+    def _grasped(self, state: State, task: Grasp) -> Iterator[State]:
+        number = self._number(task.object)
+        thing = self.problem.objects[number]
+        for touch in self._grasps(thing, task):
+            ends = _placed(touch, state.poses[number], thing, task.directions_rad)
+            if not len(ends):
+                continue
+            stage = Stage(
+                _shape(touch.kappa, touch.slack_per_m * 0.0),
+                self.problem.robot.rigid,
+                self.problem.modes,
+                self._world(state, task.object),
+                ends=ends,
+                drives_last=False,
+            )
+            after = self._after(state, stage)
+            hold = Hold(number, touch.kappa, touch.pose_in_b0, task.hold == "caged")
+            yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+
+    def _grasps(self, thing: Object, task: Grasp) -> tuple[Touch, ...]:
+        """Touches that hold an object as asked, a few of each shape."""
+        key = thing.with_values(pose={"x_m": 0.0, "y_m": 0.0}), task.hold
+        if key in self._known:
+            return self._known[key]
+        found = grasp_touches(self.problem.robot, thing, GRASP_GAP_M)
+        touches = list(found.touches)
+        if task.hold == "caged":
+            geometry = self.problem.robot.geometry
+            tested = touches[:_MOST_TESTED]
+            touches = [
+                each
+                for each in tested
+                if caged(geometry, each.kappa, thing, each.pose_in_b0).proved
+            ]
+        if not touches:
+            self.refused.append(_no_grasp(task, found))
+        self._known[key] = tuple(_a_few(touches))
+        return self._known[key]
+
+    def _carried(self, state: State, task: Carry) -> Iterator[State]:
+        hold = state.hold
+        assert hold is not None, "checked with the problem"
+        thing = self.problem.objects[hold.number]
+        headings = np.array([task.phi_rad or 0.0])
+        if task.phi_rad is None:
+            count = _HEADINGS if thing.disc is not None else _PUT_HEADINGS
+            headings = np.linspace(-math.pi, math.pi, count, endpoint=False)
+        poses = np.column_stack(
+            [np.full_like(headings, task.x_m), np.full_like(headings, task.y_m), headings]
+        )
+        ends = composed(poses, inverse(hold.pose_in_b0))
+        together = thing.disc is not None and task.phi_rad is None
+        for some in [ends] if together else [end[None] for end in ends]:
+            stage = Stage(
+                _shape(hold.kappa, np.zeros_like(hold.kappa)),
+                self.problem.robot.rigid,
+                self._rigid,
+                self._world(state),
+                ends=some,
+            )
+            yield self._after(state, stage)
+
+    def _released(self, state: State) -> State:
+        hold = state.hold
+        assert hold is not None, "checked with the problem"
+        free = state._replace(hold=None)
+        name = self.problem.objects[hold.number].name
+        stage = Stage(
+            Anywhere(mode=self.problem.robot.rigid),
+            None,
+            self.problem.modes,
+            self._world(free, name),
+            drives_first=False,
+            reshapes=hold.caged,
+            openings=tuple(self._openings(hold.kappa)) if hold.caged else (),
+            away=self._world(free),
+        )
+        return self._after(free, stage)
+
+    def _openings(self, kappa: Array) -> Iterator[GoalSet]:
+        """Shapes that are opened so far: both sides, or one."""
+        limit = self.problem.robot.limits.curvature_per_m
+        bent = np.flatnonzero(np.abs(kappa) > _STRAIGHT_PER_M).tolist()
+        sides = [bent, *([j] for j in bent)] if len(bent) > 1 else [bent]
+        for share, side in itertools.product(_OPEN, sides):
+            middle, width = list[float | None]([None] * len(kappa)), [0.0] * len(kappa)
+            for j in side:
+                ends = sorted((share * float(kappa[j]), -math.copysign(limit, kappa[j])))
+                middle[j], width[j] = sum(ends) / 2, (ends[1] - ends[0]) / 2
+            yield Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=tuple(width)))
+
+    def _conformed(self, state: State, task: Conform) -> Iterator[State]:
+        names = [item.name for item in self.problem.objects]
+        if task.object in names:
+            number = names.index(task.object)
+            thing, pose = self.problem.objects[number].own, state.poses[number]
+        else:
+            world = self.problem.world
+            thing = world.obstacles[world.names.index(task.object)]
+            pose = np.zeros(POSE)
+        found = conform_touches(self.problem.robot, thing, task.segments, task.gap_m)
+        if not found.touches:
+            reasons = "; ".join(found.refused)
+            self.refused.append(f"nothing conforms to {task.object}: {reasons}")
+        for touch in _a_few(found.touches):
+            ends = _placed(touch, pose, thing, task.directions_rad)
+            if not len(ends):
+                continue
+            stage = Stage(
+                _shape(touch.kappa, touch.slack_per_m),
+                self.problem.robot.rigid,
+                self.problem.modes,
+                self._world(state, task.object),
+                ends=ends,
+                drives_last=False,
+            )
+            after = self._after(state, stage)._replace(touched=task.object)
+            yield after._replace(key=(*after.key, *np.nan_to_num(touch.kappa).round(2).tolist()))
+
+    def _length_m(self, stages: Sequence[Stage]) -> float:
+        """About how far the robot drives."""
+        here, far = self.problem.start.configuration[None, :POSE], 0.0
+        for stage in stages:
+            if stage.ends is not None:
+                apart = np.linalg.norm(here[:, None, :2] - stage.ends[None, :, :2], axis=-1)
+                far += float(apart.min())
+                here = stage.ends
+        return far
+
+
+def _shape(kappa: Array, slack_per_m: Array) -> Goal:
+    """A shape to end in, wherever; by how much less each segment may bend."""
+    low, high = np.minimum(kappa, kappa - np.sign(kappa) * slack_per_m), None
+    high = np.maximum(kappa, kappa - np.sign(kappa) * slack_per_m)
+    middle = [None if math.isnan(k) else k for k in ((low + high) / 2).tolist()]
+    width = tuple(np.nan_to_num((high - low) / 2).tolist())
+    return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=width))
+
+
+def _placed(
+    touch: Touch, pose: Array, thing: Object | Obstacle, directions_rad: tuple[float, float]
+) -> Array:
+    """Poses of b0 at a thing in the world, (m, 3), with a heading that may be used."""
+    at = pose[None]
+    if thing.disc is not None:
+        centre = [thing.disc.x_m, thing.disc.y_m, 0.0] if isinstance(thing, Obstacle) else [0.0] * 3
+        turned = np.zeros((_HEADINGS, POSE))
+        turned[:, 2] = np.linspace(-math.pi, math.pi, _HEADINGS, endpoint=False)
+        at = composed(composed(composed(at, np.array(centre)), turned), inverse(np.array(centre)))
+    ends = composed(at, touch.configuration[:POSE])
+    ends[:, 2] = wrapped(ends[:, 2])
+    low, high = directions_rad
+    allowed: Array = ends[np.mod(ends[:, 2] - low, math.tau) <= high - low]
+    return allowed
+
+
+def _a_few(touches: Sequence[Touch]) -> Iterator[Touch]:
+    """At most so many of each shape, evenly."""
+    groups: dict[tuple[float, ...], list[Touch]] = {}
+    for touch in touches:
+        groups.setdefault(tuple(np.nan_to_num(touch.kappa).round(2).tolist()), []).append(touch)
+    for group in groups.values():
+        yield from group[:: max(1, -(-len(group) // _MOST_TOUCHES))]
+
+
+def _no_grasp(task: Grasp, found: TouchSet) -> str:
+    """Why an object cannot be held as asked."""
+    if not found.touches:
+        return f"nothing closes around {task.object}: {', '.join(found.refused)}"
+    wrap = math.degrees(found.best_wrap_rad)
+    return (
+        f"nothing cages {task.object}; the best touch embraces {wrap:.0f} degrees of it: "
+        'ask for hold = "pushed"'
+    )

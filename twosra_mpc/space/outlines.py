@@ -1,0 +1,41 @@
+"""Outlines of things that are touched and carried: smaller ones, and their convex pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twosra_mpc.problem.world import Disc, Obstacle
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.space.convex import convex_parts
+
+
+def eroded(thing: Obstacle, by_m: float) -> tuple[Obstacle, ...]:
+    """What is left of a thing that is smaller by so much all around [m]: none, one or several."""
+    if (disc := thing.disc) is not None:
+        left = disc.radius_m - by_m
+        smaller = Disc(x_m=disc.x_m, y_m=disc.y_m, radius_m=left) if left > 0 else None
+        return () if smaller is None else (Obstacle(name=thing.name, disc=smaller),)
+    import shapely  # a disc needs none
+
+    rest = shapely.buffer(shapely.Polygon(thing.corners_m), -by_m, join_style="mitre")
+    parts = [part for part in shapely.get_parts(rest) if not shapely.is_empty(part)]
+    return tuple(
+        Obstacle(
+            name=thing.name if len(parts) == 1 else f"{thing.name} {i}",
+            polygon_m=tuple(map(tuple, shapely.get_coordinates(part)[:-1].tolist())),
+        )
+        for i, part in enumerate(parts, start=1)
+    )
+
+
+def quadrangles(thing: Obstacle) -> Array:
+    """Convex pieces of four corners, counter-clockwise, whose union holds a thing, (m, 4, 2)."""
+    found = []
+    for part in convex_parts(thing.corners_m):
+        first, rest = part[0], part[1:]
+        for i in range(0, len(rest) - 1, 2):
+            corners = rest[i : i + 3]
+            if len(corners) == 2:  # a triangle: the middle of a side is a corner, too
+                corners = np.array([corners[0], corners.mean(axis=0), corners[1]])
+            found.append(np.vstack([first, corners]))
+    return np.array(found)
