@@ -124,7 +124,7 @@ def test_a_caged_cup_arrives(carried: Plan, planner: Planner, seed: int) -> None
 
 
 def test_a_simulation_says_where_objects_were_and_its_file_when_tasks_were_done(
-    carried: Plan,
+    carried: Plan, planner: Planner
 ) -> None:
     found = simulate(carried.problem, plan=carried, disturbance="none")
     data = json.loads(json.dumps(found.to_dict()))

@@ -214,11 +214,11 @@ class _Execution:
         mode = session.mode
         assert mode is not None
         try:
-            now = session.q, session.reading.temperature_C, mode
+            now = session.reading.temperature_C, mode, self.broken
             if self.mission is not None:
-                rest = remaining_problem(self.mission.rest(), *now, self.broken)
+                rest = remaining_problem(*self.mission.rest(), *now)
             else:
-                rest = remaining_problem(self.problem, *now, self.broken)
+                rest = remaining_problem(self.problem, session.q, *now)
                 rest = rest.with_values(tasks=self._tasks_left())
             result = self.meanwhile(
                 lambda: find_plan(rest),

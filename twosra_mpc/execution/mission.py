@@ -28,11 +28,14 @@ from twosra_mpc.robot.poses import composed, wrapped
 
 if TYPE_CHECKING:  # loaded where something is grasped
     from twosra_mpc.contact.cage import Cage
+    from twosra_mpc.space.penetration import Thing
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
-_OUT_OF_IT_M = 1e-4  # of the robot, for an object that is seen to overlap it
+_OVERLAP_M = 5e-5  # of an object and the robot that is none
+_SAGITTA_M = 5e-5
+_LEAST_BENT = 0.9  # of the curvatures seen, for a robot that seems to overlap what it holds
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
-_TRIES = 20  # to move it out
+_TRIES = 20  # to move an object out of the robot
 
 
 class Mission:
@@ -139,16 +142,16 @@ class Mission:
         self._watch(None)
         return self.lost[name]
 
-    def rest(self) -> Problem:
-        """The problem with what is left to do, what is held and where objects are."""
+    def rest(self) -> tuple[Problem, Array]:
+        """The problem with what is left to do, what is held and where objects are, and q now."""
         problem, poses, holding = self.problem, self.poses(), self.holding
-        loose = [i for i, item in enumerate(problem.objects) if item.name != holding]
-        _move_out(problem, self.session.q, poses, loose)
+        held = [i for i, item in enumerate(problem.objects) if item.name == holding]
+        q = _fitted(problem, self.session.q, poses, held)
         objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
         start = problem.start.with_values(holding=holding)
         left = [self._aimed(task) if isinstance(task, Carry) else task for task in self.left]
         self._asked |= dict(zip(left, self.left, strict=True))
-        return problem.with_values(start=start, tasks=left, objects=objects)
+        return problem.with_values(start=start, tasks=left, objects=objects), q
 
     def poses(self) -> Array:
         """Where the objects are, as far as is known, (objects, 3)."""
@@ -356,18 +359,34 @@ def _put(item: Object, pose: Array) -> Object:
     return item.with_values(pose={"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad})
 
 
-def _move_out(problem: Problem, q: Array, poses: Array, loose: list[int]) -> None:
-    """Move objects that seem to overlap the robot out of it; poses (objects, 3) are changed."""
-    from twosra_mpc.space.footprint import footprint
+def _fitted(problem: Problem, q: Array, poses: Array, held: list[int]) -> Array:
+    """Where the robot may be, given that it overlaps no object; its curvatures alone are changed.
+
+    Objects that seem to overlap it are moved out of it, the shortest way: poses (objects, 3) are
+    changed. Where one that is held has no room, the robot cannot be bent as far as it seems.
+    """
     from twosra_mpc.space.penetration import Thing
+
+    things = [Thing(item) for item in problem.objects]
+    for share in np.linspace(1.0, _LEAST_BENT, _TRIES):
+        fitted = np.concatenate([q[:POSE], share * q[POSE:]])
+        if all(_moved_out(problem, fitted, poses[i], things[i]) for i in held):
+            break
+    for i in set(range(len(things))) - set(held):
+        _moved_out(problem, fitted, poses[i], things[i])
+    return fitted
+
+
+def _moved_out(problem: Problem, q: Array, pose: Array, thing: Thing) -> bool:
+    """Move an object out of the robot, and return whether that could be done; pose is changed."""
+    from twosra_mpc.space.footprint import footprint
     from twosra_mpc.space.separation import placed
 
-    if not loose:
-        return
-    pieces = placed(footprint(problem.robot.geometry, q[POSE:]).outer, q[None, :POSE])[0]
-    for i in loose:
-        thing = Thing(problem.objects[i])
-        for _ in range(_TRIES):
-            if (contact := thing.deepest(poses[i], pieces)) is None:
-                break
-            poses[i, :2] += (contact.depth_m + _OUT_OF_IT_M) * contact.way
+    pieces = footprint(problem.robot.geometry, q[POSE:], _SAGITTA_M).outer
+    around = placed(pieces, q[None, :POSE])[0]
+    for _ in range(_TRIES):
+        contact = thing.deepest(pose, around)
+        if contact is None or contact.depth_m <= _OVERLAP_M:
+            return True
+        pose[:2] += contact.depth_m * contact.way
+    return False

@@ -93,7 +93,7 @@ class PlanRunner:
 
     def follow(self) -> Abort | None:
         """Run the plan until everything is as it should be at its end, or it has to be left."""
-        session, phases, goal = self.session, self.plan.phases, self.plan.problem.goal
+        session, phases, last = self.session, self.plan.phases, self.schedule.last_mode
         for index, phase in enumerate(phases):
             name = f"phase {index + 1} of {len(phases)} {mode_name(phase.mode)}"
             session.during = f"waiting for {name}"
@@ -108,8 +108,8 @@ class PlanRunner:
             self.clock_s = max(self.clock_s, phase.end_s)
             if (left := self.feedback.arrived(self)) is not None:
                 return left
-        session.during = f"waiting for the end {mode_name(goal.mode)}"
-        return self._arrived(goal.mode, self.plan.trajectory.duration_s)
+        session.during = f"waiting for the end {mode_name(last)}"
+        return self._arrived(last, self.plan.trajectory.duration_s)
 
     def _arrived(self, mode: Mode, until_s: float) -> Abort | None:
         """Wait for what comes next, which may be what completes a task."""
