@@ -19,6 +19,7 @@ from test_problem import ROBOT, SCENARIO, changed, write
 from twosra_mpc import __version__, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import output, planning
 from twosra_mpc.planning import planner, sequence_solver
+from twosra_mpc.plans.stages import has_goal
 from twosra_mpc.problem.problem import Problem, load_problem
 
 SHARED_BEND = {
@@ -125,9 +126,10 @@ def test_scenarios_are_listed_with_start_goal_and_purpose(run: Run) -> None:
     for name in scenario_names():
         problem = load_problem(name)
         assert problem.description in out
-        goal = [f"{value:g}" for value in problem.goal.configuration]
-        start = [f"{value:g}" for value in problem.start.configuration]
-        assert f"{', '.join(start)} {', '.join(goal)}" in out
+        goal = ", ".join(f"{value:g}" for value in problem.goal.configuration)
+        start = ", ".join(f"{value:g}" for value in problem.start.configuration)
+        assert f"{start} {goal if has_goal(problem) else 'none: only tasks'}" in out
+    assert "nan" not in out
 
 
 def test_robots_are_listed_with_path_model_and_timings(run: Run) -> None:

@@ -6,6 +6,7 @@ An opinion of its own: nothing here knows slices, pieces or how the planner gras
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +21,18 @@ from twosra_mpc.checking.clearance import (
     depths_m,
     robot_distances_m,
 )
-from twosra_mpc.checking.sweep import outermost_m, sagitta_m
+from twosra_mpc.checking.sweep import sagitta_m
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.poses import composed, inverse
 
-_COARSEST_M, _FINEST_M = 2e-3, 5e-4  # sides of boxes
-_TURN = 0.07  # [m]: boxes of a side s are 2 pi s / _TURN high
+# Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
+_LEVELS = ((2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
+_TURN = 0.18  # [m]: boxes of a side s are 2 pi s / _TURN high
 _WITHIN_M = 1e-5  # rounding of drawings
 _ALONG = 60  # points at which discs within an object may have their centres, along its longer side
-_SLIVER = 0.04  # of an object's largest disc: what smaller discs must add to count
+_SLIVER = 0.02  # of an object's largest disc: what smaller discs must add to count
 _SURFACE = 0.6  # of the radius of a disc as large: where friction under an object acts
 _MISSED = 1e-3  # of a load: what contact forces may miss of it
 
@@ -41,13 +43,13 @@ def cage_proved(
     pose: Array,
     q: Array,
     overlap_m: float,
-    finest_m: float = _FINEST_M,
+    finest_m: float = 0.0,
 ) -> bool:
     """Whether an object cannot leave the robot that stands at a configuration; False: unknown.
 
     The object's poses are cut into boxes (x, y, heading). A disc within the object that overlaps
     the robot by more than it moves over a box blocks that box; what is left is flooded from where
-    the object is, and must not come to where it is clear of the robot. So nothing rests on samples:
+    the object is, and must not come to the edge of what is looked at. So nothing rests on samples:
     a box counts as free unless all of it is proved to be blocked. The object is taken to be smaller
     by ``overlap_m`` all around, so that it may begin where it touches.
 
@@ -63,13 +65,20 @@ def cage_proved(
     discs[:, 2] -= overlap_m + _WITHIN_M
     seen = composed(inverse(q[:POSE]), pose)
     still = np.concatenate([np.zeros(POSE), q[POSE:]])  # b0 is the frame
-    step = _COARSEST_M
-    while step >= finest_m * (1 - 1e-9):
+    for step, within_m in _LEVELS:
         headings = 1 if thing.disc is not None else round(_TURN / step)
-        if not _leads_away(*_free(geometry, still, seen, discs, step, headings)):
+        boxes = Boxes(step, round(within_m / step), headings)
+        if step >= finest_m and not _leads_away(_free(geometry, still, seen, discs, boxes)):
             return True
-        step /= 2
     return False
+
+
+class Boxes(NamedTuple):
+    """Boxes of poses: their side in x and y [m], how many each way, and how many headings."""
+
+    step: float
+    each_way: int
+    headings: int
 
 
 def _discs(thing: Object) -> Array:
@@ -92,40 +101,40 @@ def _discs(thing: Object) -> Array:
 
 
 def _free(
-    geometry: Geometry, q: Array, pose: Array, discs: Array, step: float, headings: int
-) -> tuple[NDArray[np.bool_], tuple[int, ...]]:
-    """Boxes of poses that are not proved to be blocked, (headings, x, y), and which is the pose's.
+    geometry: Geometry, q: Array, pose: Array, discs: Array, boxes: Boxes
+) -> NDArray[np.bool_]:
+    """Boxes around a pose that are not proved to be blocked, (headings, x, y).
 
-    They reach to where the object is clear of the robot.
+    The pose is in the middle of the middle one of the first heading.
     """
+    step, each_way, headings = boxes
     offset = np.linalg.norm(discs[:, :2], axis=1)
-    around = outermost_m(geometry, q[None])[0] + float((offset + discs[:, 2]).max()) + 2 * step
-    low, high = (np.ceil((around + sign * pose[:2]) / step).astype(int) for sign in (1, -1))
     pad = math.ceil(float(offset.max()) / step) + 1
-    x, y = (pose[k] + step * np.arange(-low[k] - pad, high[k] + pad + 1) for k in (0, 1))
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    along = step * np.arange(-each_way - pad, each_way + pad + 1)
+    points = np.stack(np.meshgrid(pose[0] + along, pose[1] + along, indexing="ij"), axis=-1)
     apart = robot_distances_m(geometry, q, points) + sagitta_m(geometry, q[None])
     moved = step / math.sqrt(2) + offset * math.pi / headings  # within a box
     moved += np.where(offset > 0, step / math.sqrt(2), 0.0)  # centres are looked up at grid points
-    shape = low + high + 1
-    free = np.ones((headings, *shape), dtype=bool)
+    count = 2 * each_way + 1
+    free = np.ones((headings, count, count), dtype=bool)
     for k, phi in enumerate(pose[2] + np.arange(headings) * math.tau / headings):
         turn = np.array([[math.cos(phi), math.sin(phi)], [-math.sin(phi), math.cos(phi)]])
         begin = pad + np.rint(discs[:, :2] @ turn / step).astype(int)
         for (i, j), reach in zip(begin.tolist(), (discs[:, 2] - moved).tolist(), strict=True):
-            free[k] &= apart[i : i + shape[0], j : j + shape[1]] >= reach
-    return free, (0, int(low[0]), int(low[1]))
+            free[k] &= apart[i : i + count, j : j + count] >= reach
+    return free
 
 
-def _leads_away(free: NDArray[np.bool_], begin: tuple[int, ...]) -> bool:
-    """Whether free boxes that share sides lead from one of them to the edge in x and y."""
+def _leads_away(free: NDArray[np.bool_]) -> bool:
+    """Whether free boxes that share sides lead from the middle to the edge in x and y."""
     parts, count = label(free)
     pairs = np.column_stack([parts[0].ravel(), parts[-1].ravel()])  # headings go round
     pairs = pairs[pairs.all(axis=1)]
     links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count + 1, count + 1))
     _, whole = connected_components(links, directed=False)
     edge = np.concatenate([parts[:, [0, -1]].ravel(), parts[:, :, [0, -1]].ravel()])
-    return bool((whole[edge[edge > 0]] == whole[parts[begin]]).any())
+    middle = parts.shape[1] // 2
+    return bool((whole[edge[edge > 0]] == whole[parts[0, middle, middle]]).any())
 
 
 def pushes(

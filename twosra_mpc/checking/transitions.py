@@ -79,8 +79,10 @@ def _replay_problems(trajectory: Trajectory, segment: int) -> Iterator[str]:
     for item in mine:
         at = int(np.argmin(np.abs(samples.t_s - item.heater_s)))
         yield from _window_problems(problem, model, item, states[at])
-    goal = "soft" if problem.goal.mode[segment] else "rigid"
-    ends = [*((item.to, item.done_s) for item in mine), (goal, float(samples.t_s[-1]))]
+    ends: list[tuple[str, float]] = [(item.to, item.done_s) for item in mine]
+    if not problem.ends_anywhere:
+        goal = "soft" if problem.goal.mode[segment] else "rigid"
+        ends.append((goal, float(samples.t_s[-1])))
     found = (_unreached(samples, model, level, to, when) for to, when in ends)
     yield from (f"{name}: its currents {text}" for text in dict.fromkeys(filter(None, found)))
 

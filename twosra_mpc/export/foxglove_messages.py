@@ -31,6 +31,7 @@ STIFFNESS_COLOURS: dict[State, str] = {
 UNIT_COLOUR, METAL_COLOUR = "#eceff1", "#455a64"
 
 OBSTACLE_COLOUR, TASK_COLOUR = "#737373", "#12997c"
+OBJECT_COLOURS = ("#d8b384", "#c3a5dd", "#8ccfd6", "#e9a9c0")
 
 OBSTACLE_HEIGHT_M = 0.1  # for the picture: the plane is all there is
 UNIT_HEIGHT_M = 0.078  # of the authors' locomotion units
@@ -57,6 +58,21 @@ def scene(
     return messages.SceneUpdate(entities=[robot])
 
 
+def objects(problem: Problem, time_s: float, poses: Array) -> messages.SceneUpdate:
+    """Every object at a pose, (objects, 3): its walls, named, in a colour of its own."""
+    entities = []
+    for number, (item, pose) in enumerate(zip(problem.objects, poses, strict=True)):
+        colour = OBJECT_COLOURS[number % len(OBJECT_COLOURS)]
+        corners = item.at(pose).inner_corners_m
+        parts: dict[str, Any] = {
+            "lines": [_loop(corners, OBSTACLE_HEIGHT_M, colour)],
+            "triangles": [_sides(corners, colour)],
+            "texts": [_text(item.name, corners, colour)],
+        }
+        entities.append(_entity(f"object {item.name}", time_s, **parts))
+    return messages.SceneUpdate(entities=entities)
+
+
 def surroundings(problem: Problem) -> messages.SceneUpdate:
     """Obstacles as walls along their edges, boxes to drive through on the floor, all named."""
     named = zip(problem.world.names, problem.obstacles, strict=True)
@@ -65,7 +81,7 @@ def surroundings(problem: Problem) -> messages.SceneUpdate:
             name,
             0.0,
             lines=[_loop(obstacle.inner_corners_m, OBSTACLE_HEIGHT_M, OBSTACLE_COLOUR)],
-            triangles=[_sides(obstacle.inner_corners_m)],
+            triangles=[_sides(obstacle.inner_corners_m, OBSTACLE_COLOUR)],
             texts=[_text(name, obstacle.inner_corners_m, OBSTACLE_COLOUR)],
         )
         for name, obstacle in named
@@ -89,7 +105,7 @@ def _entity(name: str, time_s: float, **parts: Any) -> messages.SceneEntity:
     )
 
 
-def _sides(corners: Array) -> messages.TriangleListPrimitive:
+def _sides(corners: Array, colour: str) -> messages.TriangleListPrimitive:
     """Walls on the edges of a polygon (m, 2)."""
     points = [
         messages.Point3(x=x, y=y, z=z)
@@ -101,7 +117,7 @@ def _sides(corners: Array) -> messages.TriangleListPrimitive:
     halves = [(i, j, j + count, i, j + count, i + count) for i, j in edges]
     indices = [index for half in halves for index in half]
     return messages.TriangleListPrimitive(
-        pose=_pose(0.0, 0.0, 0.0, 0.0), points=points, indices=indices, color=_rgba(OBSTACLE_COLOUR)
+        pose=_pose(0.0, 0.0, 0.0, 0.0), points=points, indices=indices, color=_rgba(colour)
     )
 
 

@@ -17,6 +17,7 @@ from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import atomic_path
 from twosra_mpc.installation import install_command
+from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
@@ -24,7 +25,7 @@ from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.schema import describe
 
-SCENE, FRAMES, AROUND = "/robot", "/tf", "/surroundings"
+SCENE, FRAMES, AROUND, OBJECTS = "/robot", "/tf", "/surroundings", "/objects"
 TABLES = {  # topic -> what it says, how the names of its columns begin
     "/configuration": ("Pose of the middle link, and curvatures", ("x_", "y_", "phi_", "kappa")),
     "/mode": ("Stiffness of the segments", ("mode",)),
@@ -39,7 +40,8 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
     """Write a plan as MCAP, one message a topic and sample, atomically.
 
     Log times are the plan's, from zero. Set-points hold from a message to the next. The robot and
-    its frames are written when they move or a segment changes; what is around it, once.
+    its frames are written when they move or a segment changes; what is around it, once; objects,
+    when they move.
 
     Args:
         plan: The plan.
@@ -53,7 +55,13 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         import foxglove
         from foxglove.channels import FrameTransformsChannel, SceneUpdateChannel
 
-        from twosra_mpc.export.foxglove_messages import frames, nanoseconds, scene, surroundings
+        from twosra_mpc.export.foxglove_messages import (
+            frames,
+            nanoseconds,
+            objects,
+            scene,
+            surroundings,
+        )
     except ImportError as error:
         install = install_command("mcap")
         allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
@@ -66,13 +74,18 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
     with atomic_path(path) as temporary:
         with foxglove.open_mcap(memory, context=context) as file:
             file.write_metadata("plan", _metadata(plan))
-            if plan.problem.obstacles or plan.problem.tasks:
+            if plan.problem.obstacles or plan.problem.passes:
                 around = SceneUpdateChannel(AROUND, context=context)
                 around.log(surroundings(plan.problem), log_time=0)
             for time_s, q, states in _changes(shown.trajectory):
                 at = nanoseconds(time_s)
                 transforms.log(frames(plan.robot.geometry, time_s, q), log_time=at)
                 robots.log(scene(plan.robot.geometry, time_s, q, states), log_time=at)
+            if plan.problem.objects:
+                things = SceneUpdateChannel(OBJECTS, context=context)
+                for time_s, poses in _moves(shown.trajectory):
+                    update = objects(plan.problem, time_s, poses)
+                    things.log(update, log_time=nanoseconds(time_s))
             for topic, table in tables(held).items():
                 channel = foxglove.Channel(topic, schema=_schema(topic, table), context=context)
                 rows = np.column_stack(list(table.values())).tolist()
@@ -90,6 +103,14 @@ def _changes(trajectory: Trajectory) -> Iterator[tuple[float, list[float], list[
         states = [state_at(each, time_s) for each in intervals]
         if before != (before := (q, states)):
             yield time_s, q, states
+
+
+def _moves(trajectory: Trajectory) -> Iterator[tuple[float, Array]]:
+    """Time and poses of the objects, (objects, 3), wherever one of these is new."""
+    samples = trajectory.samples
+    poses = object_poses(trajectory, samples.t_s, samples.q)
+    new = [True, *np.any(np.diff(poses, axis=0) != 0, axis=(1, 2))]
+    yield from zip(samples.t_s[new].tolist(), poses[new], strict=True)
 
 
 def tables(samples: Samples) -> dict[str, dict[str, Array]]:

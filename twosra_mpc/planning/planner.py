@@ -6,12 +6,12 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.gentle import ROUNDING, gentle
+from twosra_mpc.planning.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
 from twosra_mpc.planning.outcome import verified
@@ -21,7 +21,7 @@ from twosra_mpc.planning.search.infeasibility import disproof, impossibility, to
 from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.planning.sequence_solver import SequenceSolver, Solved, checked
 from twosra_mpc.plans.ending import Ending
-from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.limits import (
     check_shapes,
@@ -33,13 +33,6 @@ from twosra_mpc.robot.modes import ModeSequence, mode_name
 from twosra_mpc.timing import transition_model
 
 Solution = TypeVar("Solution")
-
-
-class Progress(NamedTuple):
-    """State of a running search: incumbent cost (inf: none yet) and lower bound, both in s."""
-
-    cost: float
-    lower_bound: float
 
 
 def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Result:
@@ -65,6 +58,10 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
         check_obstacles(problem)
     if problem.planner == "greedy":
         return plan_greedily(problem)
+    if problem.is_mission:
+        from twosra_mpc.planning.missions.mission import plan_mission
+
+        return plan_mission(problem, on_progress)
     return plan_without(problem, frozenset(), on_progress=on_progress)
 
 
@@ -94,7 +91,7 @@ def plan_without(
         out_of_time=lambda: time.perf_counter() - started > problem.time_limit_s,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
     )
-    result = _as_asked(problem, result)
+    result = as_asked(problem, result)
     stats = Stats(
         wall_s=time.perf_counter() - started,
         sequences_bounded=result.bounded,
@@ -128,47 +125,13 @@ def _conclude(
     ending, made = search.ending, None
     if search.solution is not None:
         made = replace(search.solution.plan, lower_bound=lower)
-        status, message = made.status, _quality(made, ending)
+        status, message = made.status, quality(made, ending)
     elif (proof := _proof(problem, search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
         lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
     else:
         status, message = Status.FAILED, _failure(problem, search, tree)
     return Result(problem, "optimal", status, message, lower, ending, stats, made)
-
-
-def _as_asked(problem: Problem, search: SearchResult[Solved]) -> SearchResult[Solved]:
-    """The outcome with a gentler plan if that costs no more than asked; Ctrl-C leaves it as is."""
-    if (found := search.solution) is None or not problem.drives_gently:
-        return search
-    try:
-        return replace(search, solution=found._replace(plan=_gentler(problem, found, search)))
-    except KeyboardInterrupt:
-        return replace(search, ending=Ending.INTERRUPTED)
-
-
-def _gentler(problem: Problem, found: Solved, search: SearchResult[Solved]) -> Plan:
-    """The plan that was found, or a gentler one of its sequence that costs no more than asked."""
-    within = (1 - 2 * ROUNDING) * search.lower_bound / (1 - problem.gap)
-    most = limit = max(found.plan.cost.total, within)
-    for _ in range(2):  # what the energy costs is exactly known only of a plan that is made
-        candidate = gentle(problem, found.candidate, found.network, most)
-        made = verified(problem, candidate, found.network) if candidate else found.plan
-        if made.verification.ok and made.cost.total <= (1 + ROUNDING) * limit:
-            return made
-        most -= 2 * abs(made.cost.total - limit)
-    return found.plan
-
-
-def _quality(made: Plan, ending: Ending) -> str:
-    """Message about a plan that was found."""
-    if made.status is Status.OPTIMAL:
-        return str(made)
-    if ending is Ending.EXHAUSTED:
-        tried = f"no mode sequence of up to max_phases = {made.problem.max_phases} is left to try"
-        elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
-        return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
-    return f"{made}; {_STOPPED[ending]}: {_ADVICE[ending]}"
 
 
 def _proof(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str | None:
@@ -185,7 +148,7 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solv
     within = " among the obstacles" if problem.obstacles else within
     if (ending := search.ending) is not Ending.EXHAUSTED:
         effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
-        return f"no plan found{within} ({_STOPPED[ending]}): {_ADVICE[ending]} ({effort})"
+        return f"no plan found{within} ({STOPPED[ending]}): {ADVICE[ending]} ({effort})"
     tried = f"no plan found{within} ({search.solved} mode sequences tried)"
     if search.solved == 0:
         return f"{tried}: {too_few_phases(tree)}"
@@ -195,10 +158,3 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solv
         return f"{tried}: {only}: add {mode_name(rigid)} to modes"
     wider = "the workspace" if within else "the goal's tolerance"
     return f"{tried}: raise max_phases, allow more modes, or widen {wider}"
-
-
-_STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
-_ADVICE = {
-    Ending.LIMIT: "raise time_limit_s or gap",
-    Ending.INTERRUPTED: "run again to continue the search",
-}

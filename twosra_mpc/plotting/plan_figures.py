@@ -16,18 +16,25 @@ from matplotlib.patches import Patch
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.stages import Stage, has_goal, stages
 from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase, Samples
-from twosra_mpc.plotting import figures, plane, timeline, world
+from twosra_mpc.plotting import figures, objects, plane, timeline, world
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
+from twosra_mpc.problem.tasks import Conform, Grasp, Release
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
 WIDTH_IN = 10.0
 HEIGHT_IN, LANE_IN = 9.0, 0.4  # of the figure of a plan, with a lane for each segment
+STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
 HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
+TOUCHING = (Conform, Grasp, Release)  # tasks that are looked at closely
+ROOM = 0.12  # around what panels show, for names, in its size
+CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
 MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
 
 
@@ -41,7 +48,7 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
-    lanes_in = LANE_IN * plan.robot.geometry.segments
+    lanes_in = LANE_IN * plan.robot.geometry.segments + (STAGES_IN if plan.trajectory.done_s else 0)
     with figures.styled_figure((WIDTH_IN, HEIGHT_IN + lanes_in), path) as figure:
         figure.suptitle(plan_title(plan), wrap=True)
         rows = figure.add_gridspec(2, 1, height_ratios=(4.5, 4.5 + lanes_in))
@@ -51,8 +58,10 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
 
 
 def plan_title(plan: Plan) -> str:
-    """Mode sequence, duration and what is known, in one line."""
+    """Mode sequence, or how many tasks, duration and what is known, in one line."""
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
+    if each := stages(plan.trajectory):
+        sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
     planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
     gap = "no bound proved"
     if plan.gap is not None:
@@ -67,17 +76,24 @@ def phase_rows(samples: Samples, phase: Phase) -> Array:
 
 
 def _draw_plane(figure: SubFigure, plan: Plan) -> None:
-    """Overview on the left; on the right, if there are several phases, a panel each."""
-    phases = plan.phases if len(plan.phases) > 1 else ()
-    axes = plane.overview_and_panels(figure, len(phases), 1.1)
-    _draw_overview(axes[0], plan)
-    for number, (ax, phase) in enumerate(zip(axes[1:], phases, strict=True), start=1):
-        q = phase_rows(plan.trajectory.samples, phase)
-        plane.draw_ends(ax, plan.robot.geometry, q, (phase.mode, phase.mode), 3)
-        _draw_path(ax, q, phase)
-        ax.set_title(f"{number}: {mode_name(phase.mode)}, {timeline.phase_duration(phase)}")
+    """Overview on the left; on the right, if there are several, a panel a phase, or a task."""
+    each = stages(plan.trajectory)
+    panels = len(each or plan.phases)
+    axes = plane.overview_and_panels(figure, panels if panels > 1 else 0, 1.1)
+    _draw_overview(axes[0], plan, each)
+    if each:
+        for number, (ax, stage) in enumerate(zip(axes[1:], each, strict=False), start=1):
+            _draw_stage(ax, plan, stage)
+            ax.set_title(f"{number}: {stage.words}, {stage.to_s:.1f} s")
+    else:
+        for number, (ax, phase) in enumerate(zip(axes[1:], plan.phases, strict=False), start=1):
+            q = phase_rows(plan.trajectory.samples, phase)
+            plane.draw_ends(ax, plan.robot.geometry, q, (phase.mode, phase.mode), 3)
+            _draw_path(ax, q, phase)
+            ax.set_title(f"{number}: {mode_name(phase.mode)}, {timeline.phase_duration(phase)}")
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
-    shown = world.shown_m(plan.problem, robot_shape(plan.robot.geometry, seen, 2).wheels)
+    wheels = robot_shape(plan.robot.geometry, seen, 2).wheels.reshape(-1, 2)
+    shown = world.shown_m(plan.problem, np.concatenate([wheels, objects.seen_m(plan.trajectory)]))
     for ax, size_pt in zip(axes, (8.0, *[6.0] * len(axes)), strict=False):
         world.draw_world(ax, plan.problem, shown, size_pt)
     nearest = closest_approach(plan.trajectory)
@@ -86,18 +102,70 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         q, mode = nearest.configuration, plan.robot.rigid
         plane.draw_robot(axes[0], plan.robot.geometry, q, mode, alpha=figures.FAINT / 2)
     plane.to_one_scale(axes, shown)
+    for ax, stage in zip(axes[1:], each, strict=False):
+        ax.margins(ROOM)
+        if isinstance(stage.task, TOUCHING):
+            _look_closely(ax, plan, stage)
+    last, part = _end_name(plan), "task" if each else "phase"
     entries = {
-        "start (of phase)": plane.FAINT_ROBOT,
-        "goal (end of phase)": plane.ROBOT,
+        f"start (of {part})": plane.FAINT_ROBOT,
+        f"{last} (end of {part})" if last == "goal" else f"end (of {part})": plane.ROBOT,
         "rigid segment": plane.RIGID,
         "soft segment": plane.SOFT,
         "path of the middle link": tuple(map(plane.line, (RIGID_COLOUR, SOFT_COLOUR))),
     }
+    entries |= objects.legend_entries(plan.problem)
     entries |= world.legend_entries(plan.problem, nearest)
     plane.legend_below(figure, entries, 5)
 
 
-def _draw_overview(ax: Axes, plan: Plan) -> None:
+def _end_name(plan: Plan) -> str:
+    """What the end of a plan is called: not all have a goal."""
+    return "goal" if has_goal(plan.problem) else "end"
+
+
+def _draw_stage(ax: Axes, plan: Plan, stage: Stage) -> None:
+    """Draw the robot and the objects before and after a stage, and its path."""
+    trajectory, geometry = plan.trajectory, plan.robot.geometry
+    ends = trajectory.at([stage.from_s, stage.to_s])
+    poses = object_poses(trajectory, ends.t_s, ends.q)
+    plane.draw_ends(ax, geometry, ends.q, ends.mode.tolist(), 3)
+    within = [p for p in plan.phases if stage.from_s <= (p.start_s + p.end_s) / 2 <= stage.to_s]
+    for phase in reversed(within):
+        _draw_path(ax, phase_rows(trajectory.samples, phase), phase)
+    objects.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
+    ahead = None if isinstance(stage.task, TOUCHING) else objects.UP
+    _draw_touched(ax, plan, ends.q[1], poses[1], 3, ahead)
+
+
+def _draw_touched(
+    ax: Axes, plan: Plan, q: Array, poses: Array, linewidth: float, ahead: Array | None = None
+) -> None:
+    """Draw objects at poses, named as ``draw_objects`` does, and what of the robot touches them."""
+    geometry, shape = plan.robot.geometry, robot_shape(plan.robot.geometry, q)
+    size_pt = 8.0 if linewidth == 5 else 7.0
+    style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": size_pt}
+    objects.draw_objects(ax, plan.problem, poses, **style)
+    outlines = objects.outlines_m(plan.problem, poses)
+    objects.draw_contacts(ax, geometry, shape, outlines, linewidth)
+
+
+def _look_closely(ax: Axes, plan: Plan, stage: Stage) -> None:
+    """Show only the robot at the end of a stage, with a bar that says how large it is."""
+    shape = robot_shape(plan.robot.geometry, plan.trajectory.configuration(stage.to_s)[0], 8)
+    corners = np.concatenate([part.reshape(-1, 2) for part in (shape.wheels, shape.segments)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    half = CLOSE * float((high - low).max())
+    middle = (low + high) / 2
+    ax.dataLim.set_points(np.array([middle - half, middle + half]))
+    ax.autoscale_view()
+    left, bottom = (middle - half).tolist()
+    ax.plot([left, left + 0.05], [bottom] * 2, c="0.2", lw=2.0, solid_capstyle="butt", zorder=9)
+    words: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7}
+    ax.annotate("50 mm", (left + 0.025, bottom), (0, 2), color="0.2", zorder=9, **words)
+
+
+def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
     geometry, samples = plan.robot.geometry, plan.trajectory.samples
     ends, modes = samples.q[[0, -1]], samples.mode[[0, -1]].tolist()
     plane.draw_ends(ax, geometry, ends, modes, 5)
@@ -109,15 +177,31 @@ def _draw_overview(ax: Axes, plan: Plan) -> None:
     apart = np.linalg.norm(start[:, None] - goal, axis=2)
     i, j = np.argmax(apart.min(axis=1)), np.argmax(apart.min(axis=0))
     j = 1 - j if apart[i, j] < geometry.unit_side_m else j  # one label a unit
-    labelled = (start[i], goal[j])
-    for name, centre, origin in zip(("start", "goal"), labelled, shapes.origin, strict=True):
+    labelled, names = (start[i], goal[j]), ("start", _end_name(plan))
+    for name, centre, origin in zip(names, labelled, shapes.origin, strict=True):
         outward = (centre - origin) / np.linalg.norm(centre - origin)
         tip, shift = centre + 0.9 * geometry.unit_side_m * outward, (5 * outward).tolist()
         side = ("center", "left", "right")[round(outward[0])]
         style: dict[str, Any] = {"ha": side, "va": "center", "fontweight": "bold", "zorder": 7}
         ax.annotate(name, tip, shift, textcoords="offset points", **style)
+    if each:
+        _draw_mission(ax, plan, each)
     ax.margins(0.15, 0.1)
     ax.set(xlabel="x [m]", ylabel="y [m]")
+
+
+def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
+    """Draw where objects are first and last, and where each task is done."""
+    trajectory, ends = plan.trajectory, plan.trajectory.samples.q[[0, -1]]
+    objects.draw_ends(ax, trajectory)
+    poses = object_poses(trajectory, trajectory.samples.t_s[[-1]])[0]
+    shape = robot_shape(plan.robot.geometry, ends[1])
+    outlines = objects.outlines_m(plan.problem, poses)
+    objects.draw_contacts(ax, plan.robot.geometry, shape, outlines, 5)
+    objects.draw_targets(ax, plan.problem, objects.targets(trajectory))
+    for q in objects.goals(trajectory):
+        plane.draw_outline(ax, plan.robot.geometry, q)
+    objects.number_places(ax, trajectory, each)
 
 
 def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:
@@ -128,21 +212,29 @@ def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:
 
 
 def _draw_over_time(figure: SubFigure, plan: Plan) -> None:
-    heights = (0.25 + 0.5 * plan.robot.geometry.segments, 1.0, 1.0, 1.0, 0.7)
-    axes = figure.subplots(5, 1, sharex=True, height_ratios=heights)
-    stretch = timeline.plan_stretch(plan)
-    timeline.draw_timeline(axes[0], plan)
-    timeline.name_phases(axes[0], plan.phases, stretch, "{number}: {mode}\n{took}")
-    timeline.draw_configuration(axes[1], plan)
-    timeline.draw_wheel_speeds(axes[2], plan)
-    timeline.draw_temperatures(axes[3], plan)
-    timeline.draw_melt_fractions(axes[4], plan)
-    for ax in axes[1:]:
+    heights: tuple[float, ...] = (0.25 + 0.5 * plan.robot.geometry.segments, 1.0, 1.0, 1.0, 0.7)
+    stretch, each = timeline.plan_stretch(plan), stages(plan.trajectory)
+    levels = timeline.label_levels(each, stretch)
+    if each:
+        heights = (0.15 + timeline.LEVEL * (1 + max(levels)), *heights)
+    *above, lanes, curvature, wheels, temperature, liquid = figure.subplots(
+        len(heights), 1, sharex=True, height_ratios=heights
+    )
+    timeline.draw_timeline(lanes, plan)
+    timeline.name_phases(lanes, plan.phases, stretch, "{number}: {mode}\n{took}")
+    timeline.draw_configuration(curvature, plan)
+    timeline.draw_wheel_speeds(wheels, plan)
+    timeline.draw_temperatures(temperature, plan)
+    timeline.draw_melt_fractions(liquid, plan)
+    for ax in (curvature, wheels, temperature, liquid):
         timeline.draw_motion(ax, plan)
-    stretch.apply(axes[-1])
+    stretch.apply(liquid)
+    if above:
+        timeline.name_stages(above[0], each, levels)
+        timeline.mark_stages([lanes, curvature, wheels, temperature, liquid], each)
     note = "" if stretch.even else ", stretched inside the motion phases (grey)"
-    axes[-1].set(xlabel=f"time [s]{note}")
-    figure.align_ylabels(axes)
+    liquid.set(xlabel=f"time [s]{note}")
+    figure.align_ylabels([lanes, curvature, wheels, temperature, liquid])
 
 
 def plan_html(plan: Plan) -> str:
@@ -176,7 +268,8 @@ def plot_snapshots(
         for ax in grid[len(moments) :]:
             ax.remove()
         shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        shown = world.shown_m(plan.problem, shapes.wheels)
+        seen = [shapes.wheels.reshape(-1, 2), objects.seen_m(plan.trajectory)]
+        shown = world.shown_m(plan.problem, np.concatenate(seen))
         for ax in figure.axes:
             world.draw_world(ax, plan.problem, shown)
         plane.to_one_scale(figure.axes, shown)
@@ -184,8 +277,9 @@ def plot_snapshots(
             "rigid": plane.RIGID,
             "soft": plane.SOFT,
             "melting or freezing": plane.line(figures.CHANGING_COLOUR, 4),
-            "target": plane.FAINT_ROBOT,
+            **({"target": plane.FAINT_ROBOT} if has_goal(plan.problem) else {}),
             "path of middle link": plane.line("black", 1.0),
+            **objects.legend_entries(plan.problem),
             **world.legend_entries(plan.problem, None),
         }
         plane.legend_below(figure, entries, 5)
@@ -206,9 +300,13 @@ def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
     mode, changing = soft_and_changing(states)
     past = trajectory.samples.t_s[trajectory.samples.t_s < time_s]
     q = trajectory.configuration([*past, time_s])
-    plane.draw_robot(
-        ax, geometry, trajectory.samples.q[-1], plan.problem.goal.mode, alpha=figures.FAINT
-    )
+    if has_goal(plan.problem):
+        plane.draw_robot(
+            ax, geometry, trajectory.samples.q[-1], plan.problem.goal.mode, alpha=figures.FAINT
+        )
+    poses = object_poses(trajectory, np.array([time_s]))[0]
+    objects.draw_targets(ax, plan.problem, objects.targets(trajectory))
+    _draw_touched(ax, plan, q[-1], poses, 4, objects.UP)
     plane.draw_robot(ax, geometry, q[-1], mode, changing=changing)
     plane.number_units(ax, geometry, q[-1])
     ax.plot(*q[:, :2].T, c="black", lw=1.0, zorder=5)
@@ -224,8 +322,13 @@ def _in_words(states: Sequence[State]) -> str:
 
 
 def _telling_times(plan: Plan) -> list[float]:
-    """Start, starts and ends of phases that are not told by another moment, and end."""
+    """Start, starts and ends of phases that are not told by another moment, and end.
+
+    Of a mission, start and end of each task.
+    """
     end_s = plan.trajectory.duration_s
+    if each := stages(plan.trajectory):
+        return sorted({0.0, *(stage.to_s for stage in each), end_s})
     edges = [0.0, *(t for phase in plan.phases for t in phase[1:]), end_s]
     return [t for t, before in zip(edges, [-np.inf, *edges], strict=False) if t - before > 1e-6]
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.checking.sweep import Clearance
+from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.stages import Stage, stages
 from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
+from twosra_mpc.plotting.objects import goals, targets
 from twosra_mpc.plotting.timeline import TimeStretch
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import is_rigid, mode_name, named
 
@@ -28,7 +31,7 @@ class Playback:
 
     Attributes:
         geometry: Of the robot.
-        goal: Configuration to reach [m, m, rad, 1/m ...], (3 + n,).
+        goals: Configurations to reach [m, m, rad, 1/m ...], (3 + n,) each.
         problem: What is around the robot.
         nearest: Where it is nearest to an obstacle, if that is known.
         melting_C: Temperatures below which metal is solid and above which it is liquid.
@@ -40,10 +43,13 @@ class Playback:
         temperature_C: Of the segments, (rows, n).
         melt_fraction: Of the segments, NaN where not known, (rows, n).
         heated: Whether the heaters are on, (rows, n).
+        stages: What is done from when to when; none without a mission.
+        objects: Poses of the objects that are known [m, m, rad], (rows, objects, 3).
+        targets: Where objects shall be carried: number of the object, from 0, and pose (3,).
     """
 
     geometry: Geometry
-    goal: Array
+    goals: tuple[Array, ...]
     problem: Problem
     nearest: Clearance | None
     melting_C: tuple[float, float]
@@ -55,6 +61,17 @@ class Playback:
     temperature_C: Array
     melt_fraction: Array
     heated: NDArray[np.bool_]
+    stages: tuple[Stage, ...] = ()
+    objects: Array = field(default_factory=lambda: np.zeros((PLACES, 0, POSE)))
+    targets: tuple[tuple[int, Array], ...] = ()
+
+    def stage(self, row: int) -> str:
+        """Which task is worked on, in words; empty without a mission, and at its end."""
+        time_s = self.time_s[row] + SAME_TIME_S
+        for number, stage in enumerate(self.stages, start=1):
+            if time_s < stage.to_s:
+                return f"{number} of {len(self.stages)}: {stage.words}"
+        return ""
 
     def states(self, row: int) -> list[State]:
         """State of each segment."""
@@ -91,7 +108,7 @@ def plan_playback(plan: Plan, least: float = 0.15) -> Playback:
     shown = trajectory.at(places_s(stretch))
     return Playback(
         geometry=plan.robot.geometry,
-        goal=trajectory.samples.q[-1],
+        goals=tuple(goals(trajectory)),
         problem=plan.problem,
         nearest=closest_approach(trajectory),
         melting_C=plan.problem.stiffness_thresholds_C,
@@ -103,6 +120,9 @@ def plan_playback(plan: Plan, least: float = 0.15) -> Playback:
         temperature_C=shown.temperature_C,
         melt_fraction=shown.melt_fraction,
         heated=shown.heater_current_A > 0.0,
+        stages=stages(trajectory),
+        objects=object_poses(trajectory, shown.t_s, shown.q),
+        targets=tuple(targets(trajectory)),
     )
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.stages import has_goal
 from twosra_mpc.plans.stiffness import Interval
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import figures, plane, timeline, world
@@ -81,7 +82,8 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     axes = plane.overview_and_panels(figure, len(drives), 1.15)
     modes = (run.problem.start_mode, run.problem.goal.mode)
     plane.draw_ends(axes[0], geometry, record.q, modes, 5)
-    plane.draw_outline(axes[0], geometry, goal_configuration(run))
+    if has_goal(run.problem):
+        plane.draw_outline(axes[0], geometry, goal_configuration(run))
     _draw_paths(axes[0], run, record, 0.0, math.inf)
     axes[0].margins(0.12, 0.1)
     axes[0].set(xlabel="x [m]", ylabel="y [m]")
@@ -281,7 +283,7 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
     sent = np.clip(np.searchsorted(log.time_s, shown_s + 1e-9) - 1, 0, None)
     return Playback(
         geometry=problem.robot.geometry,
-        goal=goal_configuration(run),
+        goals=(goal_configuration(run),) if has_goal(problem) else (),
         problem=problem,
         nearest=None,
         melting_C=problem.stiffness_thresholds_C,

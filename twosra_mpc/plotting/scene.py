@@ -20,6 +20,7 @@ from PIL import Image
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import soft_and_changing
 from twosra_mpc.plotting import figures
+from twosra_mpc.plotting.objects import draw_contacts, draw_objects, draw_targets, outlines_m
 from twosra_mpc.plotting.plane import (
     DASHED,
     draw_outline,
@@ -28,7 +29,7 @@ from twosra_mpc.plotting.plane import (
     robot_artists,
 )
 from twosra_mpc.plotting.playback import Playback
-from twosra_mpc.plotting.timeline import draw_stiffness
+from twosra_mpc.plotting.timeline import STAGE_LINE, draw_stiffness
 from twosra_mpc.plotting.world import draw_nearest, draw_world, shown_m
 from twosra_mpc.robot.coordinates import Array
 
@@ -79,7 +80,14 @@ class Scene:
         """Move to a row."""
         for artist in self._moving:
             artist.remove()
-        parts = (self._robot, self._trails, self._words, self._columns, self._progress)
+        parts = (
+            self._objects,
+            self._robot,
+            self._trails,
+            self._words,
+            self._columns,
+            self._progress,
+        )
         self._moving = list(chain.from_iterable(part(row) for part in parts))
 
     def image(self, row: int) -> Image.Image:
@@ -90,6 +98,16 @@ class Scene:
             assert isinstance(artist.axes, Axes)
             artist.axes.draw_artist(artist)
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
+
+    def _objects(self, row: int) -> list[Artist]:
+        """Objects, and what of the robot touches them."""
+        playback, ax, poses = self._playback, self._plane, self._playback.objects[row]
+        if not len(poses):
+            return []
+        geometry, problem = playback.geometry, playback.problem
+        shape, touched = robot_shape(geometry, playback.q[row]), outlines_m(problem, poses)
+        drawn = draw_objects(ax, problem, poses, beside=shape, size_pt=9.5)
+        return [*drawn, *draw_contacts(ax, geometry, shape, touched, 8)]
 
     def _robot(self, row: int) -> list[Artist]:
         q, geometry = self._playback.q[row], self._playback.geometry
@@ -114,6 +132,8 @@ class Scene:
             pace = playback.stretch.seconds_per_length(time_s) / self._duration_s
             told = f"{pace:.0f} times as fast" if pace > 1.5 else f"at {pace:.2g} of its speed"
             doing = f"{playback.doing(row)}  ({told})"
+            if stage := playback.stage(row):
+                doing = f"{stage}; {doing}"
         style: dict[str, Any] = {"transform": self._plane.transAxes, "va": "top", "zorder": 9}
         return [
             self._plane.text(0.012, 0.985, clock, fontsize=15, fontweight="bold", **style),
@@ -156,10 +176,14 @@ class Scene:
 
 
 def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None:
-    draw_outline(ax, playback.geometry, playback.goal)
-    goal = robot_shape(playback.geometry, playback.goal, 2).wheels
-    points = np.concatenate([corners.reshape(-1, 2), goal.reshape(-1, 2)])
-    points = shown_m(playback.problem, points)
+    problem = playback.problem
+    reached = [robot_shape(playback.geometry, q, 2).wheels for q in playback.goals]
+    for q in playback.goals:
+        draw_outline(ax, playback.geometry, q)
+    draw_targets(ax, problem, playback.targets)
+    rest = [part for poses in playback.objects[[0, -1]] for part in outlines_m(problem, poses)]
+    seen = [part.reshape(-1, 2) for part in (corners, *reached, *rest)]
+    points = shown_m(problem, np.concatenate(seen))
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     box = ax.get_position()
     width, height = SIZE_IN[0] * box.width, SIZE_IN[1] * box.height
@@ -168,7 +192,7 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     left, bottom = middle[0] - scale * width / 2, middle[1] - scale * height * (1 - ABOVE) / 2
     ax.set(xlim=(left, left + scale * width), ylim=(bottom, bottom + scale * height))
     shown = np.array([ax.get_xlim(), ax.get_ylim()]).T
-    draw_world(ax, playback.problem, shown, 9.0)
+    draw_world(ax, problem, shown, 9.0)
     draw_nearest(ax, playback.nearest)
     ax.set_aspect("equal")
     ax.set_ylabel("x, y [m]")
@@ -177,7 +201,9 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     ax.locator_params(nbins=6)
     entries: dict[str, Any] = {name: Patch(**look) for name, look in figures.STATES.items()}
     del entries["heater current"]
-    entries |= {"heater on": Patch(fill=False, ec=figures.HEATER_COLOUR, lw=2.0), "goal": DASHED}
+    entries |= {"heater on": Patch(fill=False, ec=figures.HEATER_COLOUR, lw=2.0)}
+    if playback.goals:
+        entries["goal"] = DASHED
     if playback.nearest is not None:
         entries["nearest"] = line(figures.NEAREST_COLOUR)
     place = ax.figure.transFigure
@@ -211,7 +237,13 @@ def _mark_melting(ax: Axes, playback: Playback, zorder: float) -> None:
 def _set_bars(ax: Axes, playback: Playback) -> None:
     draw_stiffness(ax, playback.intervals, 0.7)
     playback.stretch.apply(ax)
-    ax.set(ylim=(-0.5, len(playback.intervals) - 0.5), xticks=[])
+    lanes = len(playback.intervals) - 0.5
+    top = lanes + (0.55 if playback.stages else 0.0)
+    for number, stage in enumerate(playback.stages, start=1):
+        ax.plot([stage.to_s] * 2, [-0.5, lanes], **STAGE_LINE)
+        style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8}
+        ax.text(stage.to_s, lanes, str(number), **style)
+    ax.set(ylim=(-0.5, top), xticks=[])
     ax.tick_params(length=0, labelsize=8.5)
     ax.spines[:].set_visible(False)
 

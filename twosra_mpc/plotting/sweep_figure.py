@@ -11,13 +11,15 @@ from matplotlib.figure import Figure
 
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting import figures, plane, world
+from twosra_mpc.plotting import figures, objects, plane, world
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.plotting.plan_figures import plan_title
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import is_rigid
+from twosra_mpc.robot.poses import composed
 
 _SIZE_IN = (7.0, 6.2)
 _STEP_M = 0.006  # that some corner moves from one robot drawn to the next
@@ -40,10 +42,9 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
         figure.suptitle(plan_title(plan), wrap=True)
         draw_sweep(ax, plan)
         shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        shown, nearest = (
-            world.shown_m(plan.problem, shapes.wheels),
-            closest_approach(plan.trajectory),
-        )
+        seen = [shapes.wheels.reshape(-1, 2), objects.seen_m(plan.trajectory)]
+        shown = world.shown_m(plan.problem, np.concatenate(seen))
+        nearest = closest_approach(plan.trajectory)
         world.draw_world(ax, plan.problem, shown)
         world.draw_nearest(ax, nearest)
         plane.to_one_scale([ax], shown)
@@ -53,6 +54,7 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
             "end": plane.ROBOT,
             "swept while driving": plane.line(RIGID_COLOUR, 6),
             "swept while bending": plane.line(SOFT_COLOUR, 6),
+            **objects.resting_entries(plan.problem),
             **world.legend_entries(plan.problem, nearest),
         }
         plane.legend_below(figure, entries, 3)
@@ -60,7 +62,10 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
 
 
 def draw_sweep(ax: Axes, plan: Plan) -> Axes:
-    """Draw the robot of a plan every few millimetres, pale, and where it starts and ends."""
+    """Draw the robot of a plan every few millimetres, pale, and where it starts and ends.
+
+    Objects are drawn where they are first and last, and pale where they are carried.
+    """
     geometry, samples = plan.robot.geometry, plan.trajectory.samples
     for phase in plan.phases:
         colour = RIGID_COLOUR if is_rigid(phase.mode) else SOFT_COLOUR
@@ -69,7 +74,14 @@ def draw_sweep(ax: Axes, plan: Plan) -> Axes:
         ax.add_collection(PolyCollection(solid, fc=colour, ec="none", alpha=_PALE, zorder=2))
         fibre = [*shape.segments.reshape(-1, 12, 2), *shape.links.reshape(-1, 2, 2)]
         ax.add_collection(LineCollection(fibre, colors=colour, lw=2.0, alpha=_PALE, zorder=2))
+    for item in carried(plan.trajectory):
+        colour, thing = objects.fill_of(item.object), plan.problem.objects[item.object]
+        held = [p for p in plan.phases if item.from_s <= (p.start_s + p.end_s) / 2 <= item.to_s]
+        poses = [composed(_spread(plan, phase)[:, :POSE], item.pose_in_b0) for phase in held]
+        outlines = [objects.outline_m(thing, pose) for each in poses for pose in each]
+        ax.add_collection(PolyCollection(outlines, fc=colour, ec="none", alpha=_PALE, zorder=2.1))
     plane.draw_ends(ax, geometry, samples.q[[0, -1]], samples.mode[[0, -1]].tolist(), 4)
+    objects.draw_ends(ax, plan.trajectory)
     return ax
 
 

@@ -19,9 +19,16 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.stages import Stage
 from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting.figures import BESIDE, SEGMENT_COLOURS, STATES, UNIT_COLOURS
+from twosra_mpc.plotting.figures import (
+    BESIDE,
+    SEGMENT_COLOURS,
+    STAGE_COLOUR,
+    STATES,
+    UNIT_COLOURS,
+)
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
 
@@ -32,6 +39,11 @@ COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
     "heading": (slice(2, 3), (r"$\phi$",), "heading\n[rad]"),
     "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
 }
+STAGE_LINE: dict[str, Any] = {"color": STAGE_COLOUR, "lw": 0.9, "ls": (0, (5, 2)), "zorder": 6}
+SIZE_PT, LEAST_PT = 8.5, 5.0  # of words above a time axis
+PHASE_WORDS = 0.075  # width that those of a phase take there
+LEVEL = 0.28  # height of the words of a stage, of that of a curve
+LETTER = 0.0095  # width of a letter on the time axis
 MOTION: dict[str, Any] = {"fc": "0.9", "ec": "0.9", "lw": 0.8, "zorder": 0}  # never too thin to see
 
 
@@ -144,12 +156,56 @@ def draw_motion(ax: Axes, plan: Plan) -> Axes:
 
 
 def name_phases(ax: Axes, phases: Sequence[Phase], stretch: TimeStretch, text: str) -> Axes:
-    """Write number, mode and duration of phases, as ``text`` has them, above a stretched axis."""
-    for number, phase in enumerate(phases, start=1):
-        middle = stretch.forward(np.array(phase[1:])).mean()
+    """Write number, mode and duration of phases, as ``text`` has them, above a stretched axis.
+
+    Where phases are many, the words are small.
+    """
+    middles = [float(stretch.forward(np.array(phase[1:])).mean()) for phase in phases]
+    least = min(np.diff(middles), default=1.0)
+    size = SIZE_PT * min(1.0, max(least / PHASE_WORDS, LEAST_PT / SIZE_PT))
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": size}
+    for number, (phase, middle) in enumerate(zip(phases, middles, strict=True), start=1):
         told = text.format(number=number, mode=mode_name(phase.mode), took=phase_duration(phase))
-        ax.text(middle, 1.0, told, transform=ax.transAxes, ha="center", va="bottom", fontsize=8.5)
+        ax.text(middle, 1.0, told, transform=ax.transAxes, **style)
     return ax
+
+
+def label_levels(each: Sequence[Stage], stretch: TimeStretch) -> list[int]:
+    """Level of the words of each stage, from 0, so that none lie over others or their lines."""
+    levels: list[int] = []
+    taken: list[tuple[float, float]] = []  # from where to where, the last stage first
+    for number, stage in reversed(list(enumerate(each, start=1))):
+        begin = float(stretch.forward(np.array(stage.to_s)))
+        end = begin + LETTER * (1 + len(stage_words(number, stage)))
+        over = [level for level, (left, _) in zip(levels, taken, strict=True) if left < end]
+        levels.append(1 + max(over) if over else 0)
+        taken.append((begin, end))
+    return levels[::-1]
+
+
+def stage_words(number: int, stage: Stage) -> str:
+    """What the time axis says of a stage, where it is done."""
+    return f"{number} {stage.words}"
+
+
+def name_stages(ax: Axes, each: Sequence[Stage], levels: Sequence[int]) -> Axes:
+    """Write what is done when, on levels from below, each with a line down from its words."""
+    for number, (stage, level) in enumerate(zip(each, levels, strict=True), start=1):
+        ax.plot([stage.to_s] * 2, [-0.5, level + 0.75], **STAGE_LINE)
+        words: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": SIZE_PT}
+        told = stage_words(number, stage)
+        ax.annotate(told, (stage.to_s, level + 0.4), (3, 0), color=STAGE_COLOUR, **words)
+    ax.set(ylim=(-0.5, max(levels, default=0) + 0.9), yticks=[])
+    ax.spines[:].set_visible(False)
+    ax.tick_params(axis="x", length=0, labelbottom=False)
+    return ax
+
+
+def mark_stages(axes: Sequence[Axes], each: Sequence[Stage]) -> None:
+    """Draw a line on time axes wherever a stage is done."""
+    for ax in axes:
+        for stage in each:
+            ax.axvline(stage.to_s, **STAGE_LINE)
 
 
 def phase_duration(phase: Phase) -> str:

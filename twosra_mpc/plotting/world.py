@@ -93,7 +93,7 @@ def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any
     entries: dict[str, Any] = {}
     if problem.obstacles:
         entries["obstacle"] = Patch(**OBSTACLE)
-    if problem.tasks:
+    if problem.passes:
         entries["box to drive through"] = Patch(**TASK)
     if nearest is not None:
         at = f"{length(nearest)}, {nearest.name} at {nearest.at_s:.1f} s"

@@ -6,6 +6,7 @@ are in mm with y pointing down, as SVG draws.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,12 +15,15 @@ import numpy as np
 from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.plotting import objects
 from twosra_mpc.plotting.playback import PLACES, Playback
 from twosra_mpc.plotting.world import length, names_m, shown_m
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
 
 ARC_POINTS = 16
+_NAME_M = np.array([0.006, 0.016])  # from an object to its name, beside it and above it
 _MARGIN_MM, _ASPECT = 22.0, 1.5  # around the robot in the box that is shown, and of that box
 _SAME_S = 1e-6  # events closer than this are one
 _SHORTEST_S, _LONGEST_S = 2.0, 24.0  # of the film at normal speed
@@ -48,19 +52,76 @@ def film_of(plan: Plan, playback: Playback) -> dict[str, Any]:
     """
     times, q = playback.time_s, playback.q
     new = np.any(np.abs(np.diff(q, axis=0)) > 1e-9, axis=1)
-    shapes = robot_shape(playback.geometry, q[[True, *new]], ARC_POINTS)
+    kept = [True, *new]
+    shapes = robot_shape(playback.geometry, q[kept], ARC_POINTS)
+    robots = [pose(RobotShape(*parts)) for parts in zip(*shapes, strict=True)]
+    if playback.problem.objects:
+        placed = zip(robots, q[kept], playback.objects[kept], strict=True)
+        robots = [each | objects_at(playback, at, poses) for each, at, poses in placed]
     events = {int(np.searchsorted(times, t - _SAME_S)) for t in event_times(plan)}
     return {
         "length_s": film_length_s(plan),
         "time_s": np.round(times, 6).tolist(),
         "pose": [0, *np.cumsum(new).tolist()],
-        "poses": [pose(RobotShape(*parts)) for parts in zip(*shapes, strict=True)],
+        "poses": robots,
         "state": [playback.states(row) for row in range(PLACES)],
         "temperature_C": np.round(playback.temperature_C, 2).tolist(),
         "melt_fraction": np.round(playback.melt_fraction, 4).tolist(),
         "current_A": np.round(plan.trajectory.at(times).heater_current_A, 4).tolist(),
-        "doing": [*(playback.doing(row) for row in range(PLACES - 1)), "the end of the plan"],
+        "doing": [*(_doing(playback, row) for row in range(PLACES - 1)), "the end of the plan"],
         "events": sorted(event for event in events if event < PLACES),
+    }
+
+
+def _doing(playback: Playback, row: int) -> str:
+    """What happens, after the task that it is for."""
+    stage = playback.stage(row)
+    return f"{stage}; {playback.doing(row)}" if stage else playback.doing(row)
+
+
+def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
+    """Where objects are, (objects, 3), and their names, and what of the robot at q touches them.
+
+    As SVG has it: transforms, places, and the data of one path [mm, y down].
+    """
+    geometry, shape = playback.geometry, robot_shape(playback.geometry, q)
+    outlines = objects.outlines_m(playback.problem, poses)
+    sides = [objects.free_side(outline, shape) for outline in outlines]
+    parts = [part for each in outlines for part in objects.touching(geometry, shape, each)]
+    return {
+        "objects": [moved_to(pose) for pose in poses],
+        "names": [_name_at(at, way) for at, way in sides],
+        "touched": " ".join(f"M{svg_points(part)}" for part in parts),
+    }
+
+
+def _name_at(at: Array, way: Array) -> list[str]:
+    """Place of a name that is written from ``at`` in a direction, and where its text begins."""
+    anchor = ("middle", "start", "end")[round(way[0])]
+    return [*svg_points(at + way * _NAME_M).split(","), anchor]
+
+
+def moved_to(pose: Array) -> str:
+    """The SVG transform from the frame of an object at a pose (3,)."""
+    x, y, phi = pose.tolist()
+    return f"translate({1e3 * x:.2f},{-1e3 * y:.2f}) rotate({-math.degrees(phi):.2f})"
+
+
+def mission(trajectory: Trajectory) -> dict[str, Any]:
+    """Objects in their own frames, where they shall be carried, as SVG has it [mm, y down]."""
+    problem, own = trajectory.problem, np.zeros(POSE)
+    aims = objects.targets(trajectory)
+    return {
+        "objects": [
+            {
+                "name": item.name,
+                "fill": objects.fill_of(number),
+                "edge": objects.edge_of(number),
+                "points": svg_points(objects.outline_m(item, own)),
+            }
+            for number, item in enumerate(problem.objects)
+        ],
+        "targets": [(number, moved_to(pose)) for number, pose in aims],
     }
 
 
@@ -76,6 +137,7 @@ def event_times(plan: Plan) -> list[float]:
     times = {0.0, plan.trajectory.duration_s}
     times.update(t for phase in plan.phases for t in phase[1:])
     times.update(t for item in plan.transitions for t in item[2:])
+    times.update(plan.trajectory.done_s)
     kept: list[float] = []
     for t in sorted(times):
         if not kept or t > kept[-1] + 1e-4:
@@ -89,9 +151,15 @@ def svg_points(points: Array) -> str:
     return " ".join(f"{x:.2f},{y:.2f}" for x, y in pairs)
 
 
-def filmed_box(problem: Problem, shapes: Sequence[RobotShape]) -> tuple[float, float, float, float]:
-    """Corner and size of the box that shows ``shapes`` and what is near them [mm, y down]."""
+def filmed_box(
+    problem: Problem, shapes: Sequence[RobotShape], more_m: Array
+) -> tuple[float, float, float, float]:
+    """Corner and size of the box that shows ``shapes``, points (k, 2) and what is near them.
+
+    In mm, y down.
+    """
     parts = [part for shape in shapes for part in (shape.units, shape.wheels, shape.segments)]
+    parts.append(more_m)
     points = shown_m(problem, np.concatenate([part.reshape(-1, 2) for part in parts]))
     points = points * (1e3, -1e3)
     low, high = points.min(axis=0) - _MARGIN_MM, points.max(axis=0) + _MARGIN_MM

@@ -9,6 +9,8 @@ function player({ film, row_s, temperature_C }) {
   const [segments, hatches, links, units, wheels, numbers] = [
     ".segment", ".hatch", ".link", ".unit", ".wheel", ".number",
   ].map((name) => [...robot.querySelectorAll(name)]);
+  const objects = [...document.querySelectorAll("#objects .object")];
+  const names = [...document.querySelectorAll("#names text")];
   const trails = [...byId("trails").children];
   const levels = [...byId("thermometer").querySelectorAll(".level")];
   const cells = [...byId("segments").tBodies[0].rows].map((row) => [...row.cells].slice(1));
@@ -37,6 +39,12 @@ function player({ film, row_s, temperature_C }) {
       number.setAttribute("x", x);
       number.setAttribute("y", y);
     });
+    if (objects.length) {
+      objects.forEach((object, i) => object.setAttribute("transform", pose.objects[i]));
+      names.forEach((name, i) => ["x", "y", "text-anchor"].forEach((key, k) =>
+        name.setAttribute(key, pose.names[i][k])));
+      byId("touched").setAttribute("d", pose.touched);
+    }
     const past = film.poses.slice(0, film.pose[frame] + 1);
     draw(trails, [0, 1].map((i) => past.map((one) => one.centres[i]).join(" "))
       .concat(past.map((one) => one.origin).join(" ")));

@@ -21,12 +21,15 @@ from twosra_mpc.files import write_text
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
+from twosra_mpc.plans.stages import has_goal
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
+from twosra_mpc.plotting.objects import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.report import words
-from twosra_mpc.report.film import ARC_POINTS, film_of, filmed_box, pose, surroundings
+from twosra_mpc.report.film import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
 from twosra_mpc.report.timeline import Thermometer, curve, lanes, setpoint_table, ticks
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
 
 _ENDINGS = (".html", ".htm")
@@ -91,6 +94,7 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         verification=_verification(plan) if plan else None,
         path=in_words(critical_path(plan)) if plan else (),
         hidden=hidden_activities(plan) if plan else (),
+        tasks=words.task_rows(plan) if plan else [],
         motion=_motion(plan) if plan else None,
         origin=origin,
         scenario=words.scenario_toml(result.problem),
@@ -121,7 +125,7 @@ def _verification(plan: Plan) -> dict[str, Any]:
     return {
         "ok": check.ok,
         "sentence": words.verification_sentence(check),
-        "goal": words.goal_rows(plan.problem, check),
+        "goal": words.goal_rows(plan.problem, check) if has_goal(plan.problem) else [],
         "limits": words.limit_rows(plan, check),
     }
 
@@ -130,11 +134,11 @@ def _motion(plan: Plan) -> dict[str, Any]:
     """Everything that is drawn: film, timeline, set-points, figure."""
     playback, samples = plan_playback(plan), plan.trajectory.samples
     scale, table = Thermometer.of(plan), setpoint_table(plan.trajectory.held())
-    goal = plan.problem.goal.configuration
-    goal = np.where(np.isnan(goal), samples.q[-1], goal)
-    start, end = (robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], goal))
-    shapes = [robot_shape(playback.geometry, playback.q, ARC_POINTS), end]
-    box = filmed_box(plan.problem, shapes)
+    start, *ends = (
+        robot_shape(playback.geometry, at, ARC_POINTS) for at in (samples.q[0], *_goals(plan))
+    )
+    shapes = [robot_shape(playback.geometry, playback.q, ARC_POINTS), *ends]
+    box = filmed_box(plan.problem, shapes, seen_m(plan.trajectory))
     levels = [[scale.level(t) for t in column] for column in samples.temperature_C.T.tolist()]
     return {
         "data": {
@@ -143,7 +147,8 @@ def _motion(plan: Plan) -> dict[str, Any]:
             "temperature_C": [scale.low_C, scale.high_C],
         },
         "moves": plan.trajectory.duration_s > 0.0,
-        "ghosts": {"start": pose(start), "goal": pose(end)},
+        "ghosts": [("start", pose(start)), *(("goal", pose(end)) for end in ends)],
+        "mission": mission(plan.trajectory),
         "box": box,
         "grid": _grid(box),
         "around": surroundings(plan.problem, playback.nearest, box),
@@ -155,6 +160,14 @@ def _motion(plan: Plan) -> dict[str, Any]:
         "table": table,
         "figure": picture_address(plot_plan(plan), "svg"),
     }
+
+
+def _goals(plan: Plan) -> list[Array]:
+    """Configurations to reach; of the last one, its middle."""
+    reached, last = goals(plan.trajectory), plan.problem.goal.configuration
+    if has_goal(plan.problem):
+        reached[-1] = np.where(np.isnan(last), reached[-1], last)
+    return reached
 
 
 def _fibre_mm(plan: Plan) -> float:

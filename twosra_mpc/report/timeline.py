@@ -10,6 +10,7 @@ import numpy as np
 
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import rows
+from twosra_mpc.plans.stages import stages
 from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch
@@ -81,13 +82,23 @@ class Thermometer(NamedTuple):
 
 
 def lanes(plan: Plan, stretch: TimeStretch) -> list[Lane]:
-    """Return motion, stiffness and heater lanes from top to bottom."""
-    made = [Lane("motion", tuple(_motion(plan, stretch)))]
+    """Return task, motion, stiffness and heater lanes from top to bottom."""
+    each = tuple(_tasks(plan, stretch))
+    made = [Lane("task", each)] if each else []
+    made.append(Lane("motion", tuple(_motion(plan, stretch))))
     for segment, intervals in enumerate(stiffness_intervals(plan.trajectory), start=1):
         made.append(Lane(f"segment {segment}", tuple(_stiffness(intervals, segment, stretch))))
         heater = _heater(plan.trajectory.samples, segment, stretch)
         made.append(Lane(f"heater {segment}", tuple(heater)))
     return made
+
+
+def _tasks(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:
+    for number, stage in enumerate(stages(plan.trajectory), start=1):
+        title = f"{number}: {stage.words}, {_during(stage.from_s, stage.to_s)}"
+        span = _span(stretch, stage.from_s, stage.to_s, "done", f"{number} {stage.words}", title)
+        fits = len(span.label) + 1 < span.width  # else the number alone
+        yield span if fits else span._replace(label=str(number))
 
 
 def _motion(plan: Plan, stretch: TimeStretch) -> Iterator[Span]:

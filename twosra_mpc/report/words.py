@@ -20,7 +20,9 @@ import tomlkit
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
+from twosra_mpc.plans.stages import stages
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Grasp, Release
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.schema import describe
 from twosra_mpc.timing import transition_model
@@ -105,7 +107,12 @@ def caveat_sentences(result: Result) -> Iterator[str]:
         " other one bends: expect 5 to 10 cm and up to 2 rad after a soft phase, unless a camera"
         " closes the loop."
     )
-    if result.problem.obstacles:
+    if result.problem.objects:
+        yield (
+            "An object is taken to rest until it is grasped and while the robot opens, and to move"
+            " with the robot in between: that it is pushed away or slips is not part of the model."
+        )
+    if result.problem.obstacles or result.problem.objects:
         yield "Slipping wheels, and obstacles that move, are not part of the model."
     else:
         yield "Obstacles and slipping wheels are not part of the model."
@@ -177,6 +184,45 @@ def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
     return rows
 
 
+class TaskRow(NamedTuple):
+    """One task of a mission: what, when it is done, how long it takes, where, and what holds."""
+
+    what: str
+    done_s: float
+    took_s: float
+    configuration: str
+    held: str
+
+
+def task_rows(plan: Plan) -> list[TaskRow]:
+    """Return the stages of a mission; none where a plan only reaches a goal."""
+    trajectory, rows = plan.trajectory, list[TaskRow]()
+    held = "held since the start" if plan.problem.start.holding else _NONE
+    for stage in stages(trajectory):
+        words = _at(trajectory.configuration([stage.to_s])[0].tolist())
+        if isinstance(stage.task, Grasp):
+            held = _hold(plan.problem, stage.task)
+        elif isinstance(stage.task, Release):
+            held = _NONE
+        rows.append(TaskRow(stage.words, stage.to_s, stage.to_s - stage.from_s, words, held))
+    return rows
+
+
+def _at(q: list[float]) -> str:
+    """A configuration to mm, hundredths of rad, tenths of 1/m."""
+    x, y, phi, *kappa = q
+    bends = ", ".join(f"{value:z.1f}" for value in kappa)
+    return f"({x:z.3f}, {y:z.3f}) m, {phi:z.2f} rad, {bends} 1/m"
+
+
+def _hold(problem: Problem, task: Grasp) -> str:
+    """What keeps an object where it is in the robot."""
+    if task.hold == "caged":
+        return "caged: proved, it cannot leave"
+    (friction,) = (item.friction for item in problem.objects if item.name == task.object)
+    return f"pushed: held only while contact is kept (friction {friction:g})"
+
+
 class Origin(NamedTuple):
     """The plan file a report is about.
 
@@ -200,18 +246,17 @@ class Origin(NamedTuple):
 def scenario_toml(problem: Problem) -> str:
     """Return the problem as one scenario file: every default filled in, the robot written out."""
     document = _writable(problem.scenario())
-    kappa = document["goal"].get("kappa_per_m")
-    if kappa is not None:
-        document["goal"]["kappa_per_m"] = ["free" if value is None else value for value in kappa]
     robot = _writable(problem.robot.model_dump(mode="json"))
     return tomlkit.dumps({**document, "robot": robot})
 
 
 def _writable(value: Any) -> Any:
-    """A value without keys that have no value, in tables and lists of tables: TOML has none."""
+    """A value without keys that have no value: TOML has none. In lists, they are free."""
     if isinstance(value, dict):
         return {key: _writable(item) for key, item in value.items() if item is not None}
-    return [_writable(item) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        return ["free" if item is None else _writable(item) for item in value]
+    return value
 
 
 def commands(origin: Origin | None) -> str:

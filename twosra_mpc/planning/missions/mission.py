@@ -2,42 +2,88 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
+from twosra_mpc.planning.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
 from twosra_mpc.planning.missions.free_space import StageSolver
 from twosra_mpc.planning.missions.placement import MissionPlacer
 from twosra_mpc.planning.missions.relaxed import relaxation, stage_tasks
-from twosra_mpc.planning.missions.variants import Ways
+from twosra_mpc.planning.missions.variants import Variant, Ways
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.mission_tree import MissionTree
 from twosra_mpc.planning.sequence_solver import Solved
+from twosra_mpc.plans.ending import Ending
+from twosra_mpc.plans.plan import Status
+from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import transition_model
 
 
-def search_mission(
-    problem: Problem, deadline: float, on_progress: Callable[[float, float], None]
-) -> tuple[SearchResult[Solved], MissionTree[Solved], MissionPlacer | StageSolver]:
-    """Search."""
-    variants = Ways(problem).variants()
-    solver = (
-        MissionPlacer(variants, deadline)
-        if problem.world_at_start.obstacles or problem.passes
-        else StageSolver(variants, deadline)
+def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
+    """Plan the tasks of a problem one after the other, as one plan.
+
+    Its lower bound is one on every plan of these tasks with the touches that were considered
+    (``contact.touch``) and, with ``order = "free"``, in every order.
+    """
+    started = time.perf_counter()
+    deadline = started + problem.time_limit_s
+    ways = Ways(problem)
+    variants = ways.variants()
+    if not variants:
+        why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
+        stats = Stats(time.perf_counter() - started, 0, 0, 0)
+        return Result(
+            problem, "optimal", Status.INFEASIBLE, why, None, Ending.EXHAUSTED, stats, None
+        )
+    free = not problem.world_at_start.obstacles and not problem.passes
+    solver = StageSolver(variants) if free else MissionPlacer(variants, deadline)
+    tree = mission_tree(problem, variants, solver)
+    result = branch_and_bound(
+        tree,
+        gap=problem.gap,
+        out_of_time=lambda: time.perf_counter() > deadline,
+        on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
     )
-    tree = MissionTree(
-        variants=[stage_tasks(each.problem, each.members[0]) for each in variants],
+    if result.solution is not None:
+        result = as_asked(result.solution.plan.problem, result)
+    stats = Stats(time.perf_counter() - started, result.bounded, result.solved, 0)
+    return _conclude(problem, result, tree, stats)
+
+
+def mission_tree(
+    problem: Problem, variants: Sequence[Variant], solver: StageSolver | MissionPlacer
+) -> MissionTree[Solved]:
+    """Build the tree of a mission's variants and of the mode sequences of their stages."""
+    return MissionTree(
+        variants=[stage_tasks(each.problem, each.members) for each in variants],
         first=problem.start_mode,
         timing=transition_model(problem),
         weights=problem.cost_weights,
         relaxation=relaxation(problem),
         solver=solver,
     )
-    result = branch_and_bound(
-        tree,
-        gap=problem.gap,
-        out_of_time=lambda: time.perf_counter() > deadline,
-        on_progress=on_progress,
-    )
-    return result, tree, solver
+
+
+def _conclude(
+    problem: Problem, search: SearchResult[Solved], tree: MissionTree[Solved], stats: Stats
+) -> Result:
+    """A result with a true status and a message."""
+    lower = search.lower_bound if math.isfinite(search.lower_bound) else None
+    if search.solution is not None:
+        made = replace(search.solution.plan, lower_bound=lower)
+        message = quality(made, search.ending)
+        found = made.problem, "optimal", made.status, message, lower, search.ending, stats, made
+        return Result(*found)
+    if search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
+        why = next(iter(tree.unreachable.values()), "no stage sequence is left")
+        status, message, lower = Status.INFEASIBLE, f"proved infeasible: {why}", None
+    elif search.ending is Ending.EXHAUSTED:
+        status = Status.FAILED
+        message = f"no plan of these tasks found ({search.solved} mode sequences tried)"
+    else:
+        status, stopped = Status.FAILED, STOPPED[search.ending]
+        message = f"no plan of these tasks found ({stopped}): {ADVICE[search.ending]}"
+    return Result(problem, "optimal", status, message, lower, search.ending, stats, None)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from twosra_mpc.model.flow import Motion, roll_out
-from twosra_mpc.planning.missions.bends import stage_bends
+from twosra_mpc.planning.missions.bends import shapes, stage_bends
 from twosra_mpc.planning.missions.itinerary import Itinerary, Legs, routes_of
 from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.planning.missions.variants import Variant
@@ -22,13 +22,15 @@ from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.mission_tree import Node
 from twosra_mpc.planning.sequence_solver import Solved, checked
 from twosra_mpc.problem.goals import Anywhere, GoalSet
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.screws import twists
 from twosra_mpc.timing import TemporalNetwork
 
 _STILL = 1e-9  # m, rad or change of W
+_SAME_PER_M = 1e-3
 
 
 class MissionPlacer:
@@ -71,8 +73,7 @@ class MissionPlacer:
     ) -> tuple[float, Solved] | None:
         problem, sequences = variant.problem, node.sequences
         bends = stage_bends(problem, goals, sequences, bound.bends)
-        still = [np.abs(bend).max(initial=0.0) < _STILL for bend in bends]
-        if any(stage.reshapes and rests for stage, rests in zip(stages, still, strict=True)):
+        if not _as_asked(problem, stages, goals, sequences, bends):
             return None
         itinerary = Itinerary(problem, stages, sequences, bends, self._drives_of)
         if not itinerary.possible:
@@ -128,6 +129,24 @@ def _goals(stages: Sequence[Stage]) -> Iterator[tuple[GoalSet, ...]]:
             stage.openings[min(k, len(stage.openings) - 1)] if stage.openings else stage.goal
             for stage in stages
         )
+
+
+def _as_asked(
+    problem: Problem,
+    stages: Sequence[Stage],
+    goals: Sequence[GoalSet],
+    sequences: Sequence[ModeSequence],
+    bends: Sequence[Array],
+) -> bool:
+    """Whether every stage ends in a shape of its goal, and bends if it must."""
+    found = shapes(problem, sequences, bends)
+    for stage, goal, bend, shape in zip(stages, goals, bends, found, strict=True):
+        low, high = goal.box(problem.start.configuration)
+        off = np.maximum(low[POSE:] - shape, shape - high[POSE:])
+        rests = np.abs(bend).max(initial=0.0) < _STILL
+        if off.max() > _SAME_PER_M or (stage.reshapes and rests):
+            return False
+    return True
 
 
 def _inputs(sequence: ModeSequence, legs: Legs, chain: Chain) -> Array:

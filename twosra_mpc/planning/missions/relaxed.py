@@ -44,15 +44,18 @@ def relaxation(problem: Problem) -> MissionRelaxation:
     )
 
 
-def stage_tasks(problem: Problem, stages: Sequence[Stage]) -> tuple[StageTask, ...]:
-    """What the search must know of each stage."""
+def stage_tasks(problem: Problem, members: Sequence[Sequence[Stage]]) -> tuple[StageTask, ...]:
+    """What the search must know of each stage, for all members of a variant."""
     start = problem.start.configuration
     before: Box = (start, start)
-    ends_before: Array | None = start[None, :POSE]
+    begins: list[Array | None] = [start[None, :POSE]] * len(members)
     found = []
-    for stage in stages:
-        after = stage.box(before[0])
-        far_m = _apart_m(before, after, ends_before, stage.ends)
+    for same in zip(*members, strict=True):
+        boxes = [stage.box(before[0]) for stage in same]
+        after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
+        ends = [stage.ends for stage in same]
+        far_m = min(_apart_m(before, after, *pair) for pair in zip(begins, ends, strict=True))
+        stage = same[0]
         found.append(
             StageTask(
                 change=_changes(problem, after),
@@ -66,7 +69,7 @@ def stage_tasks(problem: Problem, stages: Sequence[Stage]) -> tuple[StageTask, .
                 reshapes=stage.reshapes,
             )
         )
-        before, ends_before = after, stage.ends
+        before, begins = after, ends
     return tuple(found)
 
 

@@ -34,7 +34,7 @@ _HEADINGS = 24  # of the robot around a disc
 _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _MOST_MEMBERS = 8
-_OPEN = (0.6, 0.3, 0.0, -0.3)  # shares of the curvatures around an object, to let it go
+_OPEN = (0.7, 0.4, 0.0)  # shares of the curvatures around an object, to let it go
 _STRAIGHT_PER_M = 1.0
 
 

@@ -63,6 +63,7 @@ class StageTask:
     distance_m: float = 0.0
     rigid_s: float = 0.0
     reshapes: bool = False
+    _durations: dict[ModeSequence, list[float]] = field(default_factory=dict)
 
     def sequences(self, begins: Mode, most_phases: int) -> Iterator[ModeSequence]:
         """Yield every sequence of up to so many phases from a stiffness on."""
@@ -99,7 +100,12 @@ class StageTask:
         return self.bend is None or unreachable_reason(sequence, self.bend) is None
 
     def durations(self, sequence: ModeSequence) -> list[float]:
-        """Proved least duration of each phase of a sequence."""
+        """Proved least duration of each phase of a sequence; worked out once."""
+        if sequence not in self._durations:
+            self._durations[sequence] = self._least_durations(sequence)
+        return self._durations[sequence]
+
+    def _least_durations(self, sequence: ModeSequence) -> list[float]:
         found = [0.0] * len(sequence)
         if self.bend is not None:
             found = list(least_durations(sequence, self.bend))

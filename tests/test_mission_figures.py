@@ -1,0 +1,287 @@
+"""Missions in figures, films, the report and exports: objects, contact, tasks."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from forged_missions import CUP_IN_B0, fetched, reshaped, tidied
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_hex
+from matplotlib.patches import Polygon
+from matplotlib.text import Text
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from twosra_mpc import Plan, load_problem
+from twosra_mpc.export.plan_mcap import save_mcap
+from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.carried import object_poses
+from twosra_mpc.plans.plan import Status
+from twosra_mpc.plans.result import Result, Stats
+from twosra_mpc.plans.stages import Stage, has_goal, stages
+from twosra_mpc.plotting import figures, objects, plot_plan, plot_snapshots, plot_sweep, timeline
+from twosra_mpc.plotting.playback import plan_playback
+from twosra_mpc.plotting.scene import Scene
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.report import report_page
+from twosra_mpc.report.words import scenario_toml, task_rows
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.poses import composed
+
+
+def result(made: Plan) -> Result:
+    return Result(
+        made.problem, "optimal", Status.FEASIBLE, "", None, None, Stats(0.0, 0, 0, 0), made
+    )
+
+
+@cache
+def page(name: str) -> str:
+    return report_page(result({"fetched": fetched, "reshaped": reshaped}[name]()))
+
+
+def motion(text: str) -> dict[str, Any]:
+    found = re.search(r'id="motion-data">(.*?)</script>', text)
+    assert found is not None
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def drawn_objects(ax: Any) -> list[Array]:
+    """Outlines that are filled in the colour of an object."""
+    filled = (item for item in ax.patches if isinstance(item, Polygon) and item.get_fill())
+    there = [item for item in filled if to_hex(item.get_facecolor()) in figures.OBJECT_COLOURS]
+    return [np.array(item.get_xy())[:-1] for item in there]
+
+
+def outlines(made: Plan, time_s: float) -> list[Array]:
+    poses = object_poses(made.trajectory, np.array([time_s]))[0]
+    return objects.outlines_m(made.problem, poses)
+
+
+def test_a_disc_is_drawn_on_its_edge_and_a_box_by_its_corners() -> None:
+    disc = Object(name="a", pose={"x_m": 0, "y_m": 0}, disc={"radius_m": 0.03})
+    round_about = objects.outline_m(disc, np.array([0.2, 0.1, 0.0])) - [0.2, 0.1]
+    assert np.hypot(*round_about.T) == pytest.approx(0.03)
+    box = {"x_m": (-0.02, 0.02), "y_m": (-0.01, 0.01)}
+    cube = Object(name="b", pose={"x_m": 0, "y_m": 0}, box=box)
+    turned = objects.outline_m(cube, np.array([0.0, 0.0, np.pi / 2]))
+    assert sorted(np.abs(turned).ravel()) == pytest.approx([0.01] * 4 + [0.02] * 4)
+
+
+def test_snapshots_show_objects_where_they_are_then() -> None:
+    made = tidied()
+    times_s = [0.0, *(stage.to_s for stage in stages(made.trajectory))]
+    axes = plot_snapshots(made).axes
+    assert len(axes) == len(times_s)
+    for ax, time_s in zip(axes, times_s, strict=True):
+        for drawn, there in zip(drawn_objects(ax), outlines(made, time_s), strict=True):
+            assert drawn == pytest.approx(there)
+
+
+def test_in_a_film_what_is_held_moves_with_the_robot_and_else_rests() -> None:
+    made, playback = fetched(), plan_playback(fetched(), 0.1)
+    scene = Scene(playback, ("robot", "end"), 1.0)
+    grasped_s, carried_s, _ = made.trajectory.done_s
+    own = objects.outline_m(made.problem.objects[0], np.zeros(3))
+    for row in (0, 300, *np.searchsorted(playback.time_s, [grasped_s + 3, carried_s]).tolist()):
+        scene.image(row)
+        (drawn,) = drawn_objects(scene.figure.axes[0])
+        middle, time_s = drawn.mean(axis=0), playback.time_s[row]
+        if time_s <= grasped_s:
+            assert middle == pytest.approx([0.32, 0.10])
+        else:
+            assert middle == pytest.approx(composed(playback.q[row, :3], CUP_IN_B0)[:2])
+        assert drawn - middle == pytest.approx(own, abs=0.01)
+        words = [text.get_text() for text in scene.figure.axes[0].texts]
+        assert "cup" in words
+        number = 1 + int(np.searchsorted(made.trajectory.done_s, time_s, side="right"))
+        assert any(text.startswith(f"{number} of 3: ") for text in words)
+    numbers = [text.get_text() for text in scene.figure.axes[2].texts]
+    assert numbers == ["1", "2", "3"]
+
+
+def test_a_plan_has_a_panel_a_task_and_says_when_each_is_done() -> None:
+    made = fetched()
+    overview, *panels = plot_plan(made).axes[:4]
+    for ax, stage, number in zip(panels, stages(made.trajectory), itertools.count(1), strict=False):
+        assert ax.get_title() == f"{number}: {stage.words}, {stage.to_s:.1f} s"
+        assert drawn_objects(ax)[-1] == pytest.approx(outlines(made, stage.to_s)[0])
+    first, last = drawn_objects(overview)
+    assert first == pytest.approx(outlines(made, 0.0)[0])
+    assert last == pytest.approx(outlines(made, made.duration_s)[0])
+    lines = [line for line in overview.lines if line.get_color() == figures.CONTACT_COLOUR]
+    assert not lines  # the cup is free at the end
+    assert [line for line in panels[0].lines if line.get_color() == figures.CONTACT_COLOUR]
+
+
+def test_what_is_carried_sweeps_too() -> None:
+    made = fetched()
+    (ax,) = plot_sweep(made).axes
+    *_, swept = [item for item in ax.collections if isinstance(item, PolyCollection)]
+    assert to_hex(swept.get_facecolor()[0]) == figures.OBJECT_COLOURS[0]
+    middles = np.array([path.vertices[:-1].mean(axis=0) for path in swept.get_paths()])
+    grasped_s, carried_s, _ = made.trajectory.done_s
+    there = object_poses(made.trajectory, np.linspace(grasped_s, carried_s, 100))[:, 0, :2]
+    assert np.linalg.norm(there[:, None] - middles, axis=-1).min(axis=1).max() < 0.02
+    assert [round(x, 3) for x in drawn_objects(ax)[0].mean(axis=0)] == [0.32, 0.1]
+
+
+def boxes(texts: list[Text]) -> list[Any]:
+    return [text.get_window_extent() for text in texts if text.get_text()]
+
+
+@pytest.mark.parametrize("made", [fetched, reshaped, tidied])
+def test_words_over_the_time_axes_do_not_lie_on_each_other(made: Any) -> None:
+    figure = plot_plan(made())
+    figure.canvas.draw()
+    each = len(stages(made().trajectory))
+    _, *axes = figure.axes[: each + 3]
+    told = [boxes(ax.texts) for ax in axes[each:]]  # tasks, then phases
+    assert len(told[0]) == each
+    assert len(told[1]) == len(made().phases)
+    for some in told:
+        for one, other in itertools.combinations(some, 2):
+            assert not one.overlaps(other)
+
+
+def test_levels_keep_words_off_each_other_and_off_the_lines_of_others() -> None:
+    rng = np.random.default_rng(4)
+    stretch = timeline.TimeStretch((0.0, 100.0), (0.0, 1.0))
+    for _ in range(50):
+        times_s = np.sort(rng.uniform(0.0, 100.0, 6)).tolist()
+        each = [Stage("x" * int(rng.integers(1, 30)), 0.0, time_s, None) for time_s in times_s]
+        levels = timeline.label_levels(each, stretch)
+        for (i, one), (j, other) in itertools.combinations(enumerate(each), 2):
+            words = timeline.stage_words(i + 1, one)
+            if one.to_s / 100 + timeline.LETTER * (1 + len(words)) > other.to_s / 100:
+                assert levels[i] > levels[j]
+        assert set(levels) == set(range(max(levels) + 1))
+
+
+def test_contact_is_where_fibre_and_object_meet() -> None:
+    geometry = load_problem("pick-and-place").robot.geometry
+    q, count = np.array([0.0, 0.0, 0.0, 20.0, 0.0]), 40
+    shape = robot_shape(geometry, q, count)
+    start, middle, end = shape.segments[0][[0, count // 2, -1]]
+    chords = np.array([middle - start, end - start])
+    centre = start + np.linalg.solve(2 * chords, (chords**2).sum(axis=1))
+    angles = np.arange(256) * np.pi / 128
+    for gap_m, touched in ((0.0, True), (0.001, True), (0.002, False)):
+        radius = 1 / 20.0 - geometry.fibre_radius_m - gap_m
+        disc = centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        parts = objects.touching(geometry, shape, disc)
+        whole = [len(part) == count and part == pytest.approx(shape.segments[0]) for part in parts]
+        assert any(whole) is touched
+
+
+def test_a_mission_without_a_goal_draws_none_and_prints_no_nan() -> None:
+    made = fetched()
+    assert not has_goal(made.problem)
+    playback = plan_playback(made)
+    assert playback.goals == ()
+    legend = Scene(playback, ("robot", "end"), 1.0).figure.axes[0].get_legend()
+    assert "goal" not in [text.get_text() for text in legend.get_texts()]
+    text = page("fetched")
+    assert 'class="ghost goal"' not in text
+    assert "Goal, after re-integration" not in text
+    assert "NaN" not in text
+    assert ">nan" not in text
+    words = [item.get_text() for item in plot_plan(made).axes[0].texts]
+    assert "end" in words
+    assert "goal" not in words
+
+
+def test_goals_on_the_way_are_drawn_as_ghosts() -> None:
+    made = reshaped()
+    ends = made.trajectory.configuration([*made.trajectory.done_s, made.duration_s])
+    assert np.array(objects.goals(made.trajectory)) == pytest.approx(ends)
+    assert page("reshaped").count('class="ghost goal"') == 3
+    dashed = [line for line in plot_plan(made).axes[0].lines if line.get_linestyle() == "--"]
+    assert len(dashed) == 3 * made.robot.geometry.segments
+
+
+def test_the_report_moves_objects_and_has_a_table_of_tasks() -> None:
+    made, text = fetched(), page("fetched")
+    film = motion(text)["film"]
+    for frame in (0, 400, 560, 1000):
+        placed = film["poses"][film["pose"][frame]]["objects"]
+        x, y, phi = object_poses(made.trajectory, np.array([film["time_s"][frame]]))[0, 0].tolist()
+        told = [float(part) for part in re.findall(r"-?[\d.]+", placed[0])]
+        assert told == pytest.approx([1e3 * x, -1e3 * y, -np.degrees(phi)], abs=0.02)
+    touched = [bool(film["poses"][film["pose"][frame]]["touched"]) for frame in (0, 1000)]
+    assert touched == [False, False]
+    assert any(pose["touched"] for pose in film["poses"])
+    assert len(re.findall('<polygon class="target"', text)) == 1
+    assert "1 grasp cup" in text
+    grasp, carry, release = task_rows(made)
+    assert [row.what for row in (grasp, carry, release)] == [
+        "grasp cup",
+        "carry cup",
+        "release cup",
+    ]
+    assert grasp.held == carry.held == "caged: proved, it cannot leave"
+    assert release.held != grasp.held
+    for row in (grasp, carry, release):
+        assert f"<td>{row.what}</td>" in text
+    assert {film["events"][0], film["events"][-1]} == {0, 1000}
+
+
+def test_what_is_pushed_is_said_to_be_held_by_contact_alone() -> None:
+    made = fetched()
+    things = [made.problem.objects[0].with_values(friction=0.3)]
+    tasks = [made.problem.tasks[0].with_values(hold="pushed"), *made.problem.tasks[1:]]
+    problem = made.problem.with_values(objects=things, tasks=tasks)
+    pushed = replace(made, trajectory=replace(made.trajectory, problem=problem))
+    expected = "pushed: held only while contact is kept (friction 0.3)"
+    assert [row.held for row in task_rows(pushed)][:2] == [expected] * 2
+
+
+def test_foxglove_sees_objects_move(tmp_path: Path) -> None:
+    made, path = fetched(), tmp_path / "plan.mcap"
+    save_mcap(made, path)
+    with path.open("rb") as stream:
+        found = [
+            (schema, message)
+            for schema, channel, message in make_reader(stream).iter_messages()
+            if channel.topic == "/objects"
+        ]
+    decode = DecoderFactory().decoder_for("protobuf", found[0][0])
+    assert decode is not None
+    for _, message in found:
+        (entity,) = decode(message.data).entities
+        assert entity.id == "object cup"
+        floor = [(p.x, p.y) for p in entity.triangles[0].points if p.z == 0.0]
+        time_s = np.array([1e-9 * message.log_time])
+        pose = object_poses(made.trajectory, time_s)[0, 0]
+        assert np.mean(floor, axis=0) == pytest.approx(pose[:2], abs=1e-6)
+    grasped_s, carried_s, _ = made.trajectory.done_s
+    times_s = [1e-9 * message.log_time for _, message in found]
+    assert times_s[0] == 0.0
+    assert all(grasped_s <= time_s <= carried_s + 1e-6 for time_s in times_s[1:])
+
+
+SCENARIOS = {
+    "conform-cylinder": ["conform"],
+    "grasp-cube": ["grasp", "carry"],
+    "pick-and-place": ["grasp", "carry", "release"],
+    "three-shapes": ["reach", "reach"],
+    "tidy-up": ["grasp", "carry", "release"] * 2,
+}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_missions_are_built_in_and_come_back_from_a_report(name: str, tmp_path: Path) -> None:
+    problem = load_problem(name)
+    assert [task.do for task in problem.tasks] == SCENARIOS[name]
+    file = tmp_path / "scenario.toml"
+    file.write_text(scenario_toml(problem))
+    assert load_problem(file) == problem

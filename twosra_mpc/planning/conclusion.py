@@ -1,0 +1,62 @@
+"""What is made of a search's outcome: a gentler plan where that costs no more, and words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from twosra_mpc.planning.gentle import ROUNDING, gentle
+from twosra_mpc.planning.outcome import verified
+from twosra_mpc.planning.search.branch_and_bound import SearchResult
+from twosra_mpc.planning.sequence_solver import Solved
+from twosra_mpc.plans.ending import Ending
+from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.problem.problem import Problem
+
+
+class Progress(NamedTuple):
+    """State of a running search: incumbent cost (inf: none yet) and lower bound, both in s."""
+
+    cost: float
+    lower_bound: float
+
+
+STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
+ADVICE = {
+    Ending.LIMIT: "raise time_limit_s or gap",
+    Ending.INTERRUPTED: "run again to continue the search",
+}
+
+
+def as_asked(problem: Problem, search: SearchResult[Solved]) -> SearchResult[Solved]:
+    """The outcome with a gentler plan if that costs no more than asked; Ctrl-C leaves it as is."""
+    if (found := search.solution) is None or not problem.drives_gently:
+        return search
+    try:
+        return replace(search, solution=found._replace(plan=_gentler(problem, found, search)))
+    except KeyboardInterrupt:
+        return replace(search, ending=Ending.INTERRUPTED)
+
+
+def _gentler(problem: Problem, found: Solved, search: SearchResult[Solved]) -> Plan:
+    """The plan that was found, or a gentler one of its sequence that costs no more than asked."""
+    within = (1 - 2 * ROUNDING) * search.lower_bound / (1 - problem.gap)
+    most = limit = max(found.plan.cost.total, within)
+    for _ in range(2):  # what the energy costs is exactly known only of a plan that is made
+        candidate = gentle(problem, found.candidate, found.network, most)
+        made = verified(problem, candidate, found.network) if candidate else found.plan
+        if made.verification.ok and made.cost.total <= (1 + ROUNDING) * limit:
+            return made
+        most -= 2 * abs(made.cost.total - limit)
+    return found.plan
+
+
+def quality(made: Plan, ending: Ending) -> str:
+    """Message about a plan that was found."""
+    if made.status is Status.OPTIMAL:
+        return str(made)
+    if ending is Ending.EXHAUSTED:
+        tried = f"no mode sequence of up to max_phases = {made.problem.max_phases} is left to try"
+        elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
+        return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
+    return f"{made}; {STOPPED[ending]}: {ADVICE[ending]}"
