@@ -214,11 +214,11 @@ class _Execution:
         mode = session.mode
         assert mode is not None
         try:
-            now = session.reading.temperature_C, mode, self.broken
+            warm_C = session.reading.temperature_C
             if self.mission is not None:
-                rest = remaining_problem(*self.mission.rest(), *now)
+                rest = remaining_problem(*self.mission.rest(), warm_C, mode, self.broken)
             else:
-                rest = remaining_problem(self.problem, session.q, *now)
+                rest = remaining_problem(self.problem, session.q, warm_C, mode, self.broken)
                 rest = rest.with_values(tasks=self._tasks_left())
             result = self.meanwhile(
                 lambda: find_plan(rest),
