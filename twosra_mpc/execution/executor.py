@@ -232,6 +232,8 @@ class _Execution:
         """Go on with another plan, unless that has been done too often."""
         settings, where = self.settings, self._where()
         if plan.cost.transitions:
+            if self.mission is not None and self.mission.advanced:
+                self.replans = 0
             if self.replans == settings.replans:
                 return Ending.GAVE_UP, f"{where} after planning again {times(self.replans)}"
             self.replans, self.corrections = self.replans + 1, 0

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twosra_mpc.errors import InputError
 from twosra_mpc.execution.guard import Guard
+from twosra_mpc.execution.hold import cage_of, fitted
 from twosra_mpc.execution.runner import Abort
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import Patience
@@ -26,16 +25,9 @@ from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.poses import composed, wrapped
 
-if TYPE_CHECKING:  # loaded where something is grasped
-    from twosra_mpc.contact.cage import Cage
-    from twosra_mpc.space.penetration import Thing
-
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
-_OVERLAP_M = 5e-5  # of an object and the robot that is none
-_SAGITTA_M = 5e-5
-_LEAST_BENT = 0.9  # of the curvatures seen, for a robot that seems to overlap what it holds
 _CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
-_TRIES = 20  # to move an object out of the robot
+_LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
 
 
 class Mission:
@@ -57,6 +49,7 @@ class Mission:
         self._goals: dict[str, Carry] = {}
         self._put_at: tuple[Array, Array] | None = None  # object and b0 before the last release
         self._asked: dict[Task, Task] = {}  # as planned: as asked
+        self._looks = 0  # at the end of this carry
         self._drags: dict[str, Array] = {}  # how its release moves an object, in b0, (2,) [m]
         self._numbers = {item.name: i for i, item in enumerate(self.problem.objects)}
         self.begin(plan)
@@ -69,6 +62,7 @@ class Mission:
         )
         self._ends = list(plan.trajectory.done_s)
         self._grips = list(carried(plan.trajectory))
+        self._done_before = len(self.done_s)
         self._hold: Carried | None = None
         self._room_m = 0.0
         self._rows = len(self.session.path)
@@ -126,6 +120,11 @@ class Mission:
         """When tasks were done, and how often objects were lost."""
         return tuple(self.done_s), self.lost.total()
 
+    @property
+    def advanced(self) -> bool:
+        """Whether a task was done by the plan that was followed last."""
+        return len(self.done_s) > self._done_before
+
     def lose(self, words: str) -> int:
         """Have the object of this task grasped again: it is not held, or not where it was put.
 
@@ -146,7 +145,7 @@ class Mission:
         """The problem with what is left to do, what is held and where objects are, and q now."""
         problem, poses, holding = self.problem, self.poses(), self.holding
         held = [i for i, item in enumerate(problem.objects) if item.name == holding]
-        q = _fitted(problem, self.session.q, poses, held)
+        q = fitted(problem, self.session.q, poses, held)
         objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
         start = problem.start.with_values(holding=holding)
         left = [self._aimed(task) if isinstance(task, Carry) else task for task in self.left]
@@ -188,9 +187,7 @@ class Mission:
             case Grasp():
                 return self._not_grasped(task)
             case Carry():
-                if self._off(self._aimed(task)) > _CARRIED_SHARE:
-                    return Abort("task", f"{name} is not done: {self._where(task)}")
-                return None
+                return self._not_carried(self._aimed(task), name)
             case Release(object=thing):
                 goal = self._goals.get(thing)
                 if goal is not None and self._off(goal) > 1.0:
@@ -202,6 +199,13 @@ class Mission:
         if session.accuracy.surely(error):
             return None
         return Abort("task", f"{name} is not done: {session.accuracy.describe(error)}")
+
+    def _not_carried(self, task: Carry, name: str) -> Abort | None:
+        """Whether the object must be carried on: nearer than need be at first, for it may slide."""
+        if self._off(task) <= (_CARRIED_SHARE if self._looks < _LOOKS else 1.0):
+            return None
+        self._looks += 1
+        return Abort("task", f"{name} is not done: {self._where(task)}")
 
     def _learn(self, name: str) -> None:
         """Remember how the robot dragged an object along as it opened: it will do so again."""
@@ -217,7 +221,10 @@ class Mission:
             return task
         c, s = math.cos(self.session.q[2]), math.sin(self.session.q[2])
         x_m, y_m = (np.array([task.x_m, task.y_m]) - np.array([[c, -s], [s, c]]) @ drag).tolist()
-        return task.with_values(x_m=x_m, y_m=y_m)
+        phi_rad = task.phi_rad
+        if phi_rad is None and self._looks:  # b0 has the heading for which this was worked out
+            phi_rad = float(self.poses()[self._numbers[task.object], 2])
+        return task.with_values(x_m=x_m, y_m=y_m, phi_rad=phi_rad)
 
     def _error(self, task: Task) -> Array:
         """How far the robot is from where a task leaves it, (3 + n,)."""
@@ -237,7 +244,7 @@ class Mission:
             return None
         in_b0 = seen.in_b0[grip.object]
         away_m = _far_m(in_b0 - grip.pose_in_b0)
-        cage = _cage(self.problem, self.session.q, grip.object, in_b0)
+        cage = cage_of(self.problem, self.session.q, grip.object, in_b0)
         if cage is not None and cage.proved:
             self._room_m = cage.room_m
         elif away_m > HOLD_M:
@@ -281,9 +288,10 @@ class Mission:
         if isinstance(task, Carry):
             self._goals[task.object] = task
         self.left, self._rows = tuple(left), len(self.session.path)
+        self._looks = 0
         self._open_before_release()
         self.done_s.append(self.session.now_s)
-        where = f": {self._where(task)}" if isinstance(task, Carry) else ""
+        where = f": {self._where(self._aimed(task))}" if isinstance(task, Carry) else ""
         self.session.tell("task", f"{_name(task)} is done{where}")
         self._watch(task)
 
@@ -344,49 +352,6 @@ def _name(task: Task) -> str:
     return f"{task.do} {task.name or getattr(task, 'object', '')}".strip()
 
 
-def _cage(problem: Problem, q: Array, number: int, in_b0: Array) -> Cage | None:
-    """Whether an object is caged where it is seen; None if it seems to overlap the robot."""
-    from twosra_mpc.contact.cage import caged
-
-    try:
-        return caged(problem.robot.geometry, q[POSE:], problem.objects[number], in_b0)
-    except InputError:
-        return None
-
-
 def _put(item: Object, pose: Array) -> Object:
     x_m, y_m, phi_rad = pose.tolist()
     return item.with_values(pose={"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad})
-
-
-def _fitted(problem: Problem, q: Array, poses: Array, held: list[int]) -> Array:
-    """Where the robot may be, given that it overlaps no object; its curvatures alone are changed.
-
-    Objects that seem to overlap it are moved out of it, the shortest way: poses (objects, 3) are
-    changed. Where one that is held has no room, the robot cannot be bent as far as it seems.
-    """
-    from twosra_mpc.space.penetration import Thing
-
-    things = [Thing(item) for item in problem.objects]
-    for share in np.linspace(1.0, _LEAST_BENT, _TRIES):
-        fitted = np.concatenate([q[:POSE], share * q[POSE:]])
-        if all(_moved_out(problem, fitted, poses[i], things[i]) for i in held):
-            break
-    for i in set(range(len(things))) - set(held):
-        _moved_out(problem, fitted, poses[i], things[i])
-    return fitted
-
-
-def _moved_out(problem: Problem, q: Array, pose: Array, thing: Thing) -> bool:
-    """Move an object out of the robot, and return whether that could be done; pose is changed."""
-    from twosra_mpc.space.footprint import footprint
-    from twosra_mpc.space.separation import placed
-
-    pieces = footprint(problem.robot.geometry, q[POSE:], _SAGITTA_M).outer
-    around = placed(pieces, q[None, :POSE])[0]
-    for _ in range(_TRIES):
-        contact = thing.deepest(pose, around)
-        if contact is None or contact.depth_m <= _OVERLAP_M:
-            return True
-        pose[:2] += contact.depth_m * contact.way
-    return False
