@@ -160,7 +160,7 @@ def conform_touches(
         for i in np.flatnonzero(reasons == ""):
             slack, lengths = np.zeros(geometry.segments), np.array(geometry.lengths_m)
             own = sorted(asked)
-            slack[own] = 2 * np.maximum(gap_m - gaps[:, i], 0.0) / lengths[own] ** 2
+            slack[own] = 2 * np.clip(gap_m - gaps[:, i], 0.0, gap_m) / lengths[own] ** 2
             turn = float(np.abs(q[i, [POSE + j for j in own]] @ lengths[own]))
             found.append(Touch(q[i], slack, turn, side))
     return TouchSet(_ordered(found), contour.is_disc, dict(refused))

@@ -224,12 +224,18 @@ def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Arr
                     if not shapely.dwithin(shapely.Point(ends[0]), sharp, _TOUCHES_M):
                         found.append(ends)
                         into.append(ahead)
-        for arc in shapely.linestrings(of.arcs[0]):
-            off = shapely.distance(arc, boundary) - geometry.fibre_radius_m
-            ends, ahead = _lines(shapely.shortest_line(arc, boundary[off <= _TOUCHES_M]))
+        for arc in of.arcs[0]:
+            line = shapely.LineString(arc)
+            off = shapely.distance(line, boundary) - geometry.fibre_radius_m
+            lines = shapely.shortest_line(line, boundary[off <= _TOUCHES_M])
+            beside = ~shapely.dwithin(lines, shapely.multipoints(arc[[0, -1]]), _THIN_M)
+            ends, ahead = _lines(lines[beside])
             found.append(ends)
             into.append(ahead)
-    return np.concatenate(found), np.concatenate(into)
+    points, normals = np.concatenate(found), np.concatenate(into)
+    if contour.is_disc:
+        normals = (contour.centroid - points) / contour.radius_m
+    return points, normals
 
 
 def _lines(lines: Any) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from twosra_mpc.problem.limits import rigid_ramp_s, rigid_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.space.footprint import Footprint, footprint, kept_m
+from twosra_mpc.space.footprint import SAGITTA_M, Footprint, footprint, kept_m
 from twosra_mpc.space.screws import continued, times_at_speed_s, times_from_rest_s, twists
 from twosra_mpc.space.separation import Separation
 from twosra_mpc.space.shortcuts import Bools, Proof, by_one_pose, improved, shortest
@@ -28,7 +28,6 @@ if TYPE_CHECKING:  # they import shapely
     from twosra_mpc.space.slices import FreeSlices
 
 HEADINGS = (72, 180, 360)  # slices, finer as needed
-_SAGITTA_M = 5e-4
 _SPACING_M = 0.04
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
@@ -59,6 +58,7 @@ class Drives:
         headings: Slices of headings, coarse to fine.
         held: Convex pieces of what it carries, in b0, (pieces, 4, 2) [m].
         may: Twists (m, 3) -> which of them legs may have, where not all.
+        sagitta_m: By which its pieces may stray from its arcs.
     """
 
     def __init__(
@@ -69,10 +69,11 @@ class Drives:
         headings: tuple[int, ...] = HEADINGS,
         held: Array = _NOTHING,
         may: Callable[[Array], Bools] | None = None,
+        sagitta_m: float = SAGITTA_M,
     ) -> None:
         self.geometry, self.world, self.headings = robot.geometry, world, headings
         self.kappa, self._held, self._may = np.asarray(kappa, dtype=float), held, may
-        self.footprint = footprint(self.geometry, self.kappa).holding(held)
+        self.footprint = footprint(self.geometry, self.kappa, sagitta_m).holding(held)
         self.kept_m = kept_m(world, self.geometry)
         self.rows, self.ramp_s = rigid_rows(robot, self.kappa), rigid_ramp_s(robot, self.kappa)
         self.separation = Separation(self.footprint, world, self.kept_m)
@@ -147,7 +148,7 @@ class Drives:
     def _coarse(self, headings: int) -> Footprint:
         """The footprint in fewer pieces, as coarse as slices are anyhow."""
         turned_m = self.footprint.radius_m * np.pi / headings
-        made = footprint(self.geometry, self.kappa, max(_SAGITTA_M, turned_m / 4))
+        made = footprint(self.geometry, self.kappa, max(SAGITTA_M, turned_m / 4))
         return made.holding(self._held)
 
     def roadmap(self, headings: int) -> Roadmap:

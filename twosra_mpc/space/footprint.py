@@ -15,7 +15,7 @@ from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 
-_SAGITTA_M = 5e-4  # by which chords may miss the arc they stand for
+SAGITTA_M = 5e-4  # by which chords may miss the arc they stand for
 _THIN_M = 1e-6
 
 
@@ -49,14 +49,14 @@ class Footprint:
         return Footprint(np.concatenate([self.outer, pieces]), self.inner) if len(pieces) else self
 
 
-def footprint(geometry: Geometry, kappa: ArrayLike, sagitta_m: float = _SAGITTA_M) -> Footprint:
+def footprint(geometry: Geometry, kappa: ArrayLike, sagitta_m: float = SAGITTA_M) -> Footprint:
     """Footprint of a robot of curvatures ``kappa`` (n,) [1/m], as by `footprints`."""
     outer, inner = footprints(geometry, np.asarray(kappa, dtype=float)[None], sagitta_m)
     return Footprint(outer[0], inner[0])
 
 
 def footprints(
-    geometry: Geometry, kappa: Array, sagitta_m: float = _SAGITTA_M
+    geometry: Geometry, kappa: Array, sagitta_m: float = SAGITTA_M
 ) -> tuple[Array, Array]:
     """Outer and inner pieces of shapes (m, n) [1/m], both (m, pieces, 4, 2), in b0.
 

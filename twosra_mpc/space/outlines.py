@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from twosra_mpc.problem.world import Disc, Obstacle
+from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
+
+_SIDES = 48  # of polygons that stand for discs that are touched: 0.2 % larger
 
 
 def eroded(thing: Obstacle, by_m: float) -> tuple[Obstacle, ...]:
     """What is left of a thing that is smaller by so much all around [m]: none, one or several."""
     if (disc := thing.disc) is not None:
-        left = disc.radius_m - by_m
-        smaller = Disc(x_m=disc.x_m, y_m=disc.y_m, radius_m=left) if left > 0 else None
-        return () if smaller is None else (Obstacle(name=thing.name, disc=smaller),)
+        if (left := disc.radius_m - by_m) <= 0:
+            return ()
+        angles = (np.arange(_SIDES) + 0.5) * math.tau / _SIDES
+        corners = np.column_stack([np.cos(angles), np.sin(angles)]) * left / math.cos(angles[0])
+        placed = corners + [disc.x_m, disc.y_m]
+        return (Obstacle(name=thing.name, polygon_m=tuple(map(tuple, placed.tolist()))),)
     import shapely  # a disc needs none
 
     rest = shapely.buffer(shapely.Polygon(thing.corners_m), -by_m, join_style="mitre")

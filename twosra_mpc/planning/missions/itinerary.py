@@ -140,7 +140,7 @@ class Itinerary:
     ) -> Iterator[Block]:
         """The blocks of a stage, as far as their shapes are allowed."""
         shape, robot = self._shape, self.problem.robot
-        fine = _FINE if not stage.drives_last or not stage.drives_first else 1
+        fine = _FINE if stage.touches else 1
         for run in runs:
             modes = [sequence[i] for i in run]
             made = block(robot, shape, modes, bends[run].tolist(), (1.0, 1.0), fine)
@@ -161,7 +161,7 @@ class Itinerary:
         return composed(np.concatenate(near), inverse(made.displacement))
 
     def _block(self, stage: Stage, made: Block, begins: Array | None) -> Stop:
-        sweep = Sweep(made, self.problem.robot, stage.world)
+        sweep = Sweep(made, self.problem.robot, stage.world, stage.sagitta_m)
         if begins is None:
             few = self._last[:: max(1, len(self._last) // 4)]
             near = [around(pose, _CANDIDATES // len(few), _REACH_M) for pose in few]

@@ -89,7 +89,14 @@ class MissionPlacer:
         key = id(stage), shape.round(9).tobytes()
         if key not in self._drives:
             robot = self.variants[0].problem.robot
-            self._drives[key] = Drives(robot, stage.world, shape, held=stage.held, may=stage.may)
+            self._drives[key] = Drives(
+                robot,
+                stage.world,
+                shape,
+                held=stage.held,
+                may=stage.may,
+                sagitta_m=stage.sagitta_m,
+            )
         return self._drives[key]
 
     def _candidate(

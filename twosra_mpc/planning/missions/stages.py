@@ -13,6 +13,9 @@ from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.space.footprint import SAGITTA_M
+
+_TOUCHING_SAGITTA_M = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +36,7 @@ class Stage:
         openings: Goals that may do instead, as this one does not say how far to bend.
         away: What is around the robot at its end; as in all of it where None.
         may: Twists (m, 3) -> which of them drives may have, where not all.
+        touches: Whether something in its world may be touched.
     """
 
     goal: GoalSet
@@ -48,6 +52,12 @@ class Stage:
     openings: tuple[GoalSet, ...] = ()
     away: World | None = None
     may: Callable[[Array], NDArray[np.bool_]] | None = None
+    touches: bool = False
+
+    @property
+    def sagitta_m(self) -> float:
+        """By which what is drawn around the robot may stray from it."""
+        return _TOUCHING_SAGITTA_M if self.touches else SAGITTA_M
 
     def box(self, near: Array) -> tuple[Array, Array]:
         """(low, high) of a box that holds every end of the stage next to ``near``, (3 + n,)."""

@@ -187,7 +187,9 @@ class Ways:
 
     def _reached(self, state: State, goal: GoalSet, last: tuple[int, ...] | None) -> State:
         world = self._world(state, state.touched)
-        return self._after(state, Stage(goal, last, self.problem.modes, world))
+        touches = state.touched is not None
+        stage = Stage(goal, last, self.problem.modes, world, touches=touches)
+        return self._after(state, stage)
 
     def _grasped(self, state: State, task: Grasp) -> Iterator[State]:
         number = self._number(task.object)
@@ -203,6 +205,7 @@ class Ways:
                 self._world(state, task.object),
                 ends=ends,
                 drives_last=False,
+                touches=True,
             )
             after = self._after(state, stage)
             hold = Hold(number, touch.kappa, touch.pose_in_b0, task.hold == "caged")
@@ -265,6 +268,7 @@ class Ways:
             reshapes=hold.caged,
             openings=tuple(self._openings(hold.kappa)) if hold.caged else (),
             away=self._world(free),
+            touches=True,
         )
         return self._after(free, stage)
 
@@ -304,6 +308,7 @@ class Ways:
                 self._world(state, task.object),
                 ends=ends,
                 drives_last=False,
+                touches=True,
             )
             after = self._after(state, stage)._replace(touched=task.object)
             yield after._replace(key=(*after.key, *np.nan_to_num(touch.kappa).round(2).tolist()))

@@ -16,7 +16,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
-from twosra_mpc.space.footprint import footprints, kept_m, reach_per_curvature_m2
+from twosra_mpc.space.footprint import SAGITTA_M, footprints, kept_m, reach_per_curvature_m2
 from twosra_mpc.space.separation import Surroundings, placed
 
 Shares = tuple[float, float]
@@ -83,9 +83,11 @@ def block(
 class Sweep:
     """What a block sweeps, and whether that is clear of what is around the robot."""
 
-    def __init__(self, block: Block, robot: Robot, world: World) -> None:
+    def __init__(
+        self, block: Block, robot: Robot, world: World, sagitta_m: float = SAGITTA_M
+    ) -> None:
         geometry = robot.geometry
-        pieces, _ = footprints(geometry, block.nodes[:, POSE:])
+        pieces, _ = footprints(geometry, block.nodes[:, POSE:], sagitta_m)
         self._pieces = placed(pieces, block.nodes[:, :POSE])
         self._around = Surroundings(world, kept_m(world, geometry))
         radius = float(np.linalg.norm(pieces, axis=-1).max())
