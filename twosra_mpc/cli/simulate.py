@@ -132,9 +132,25 @@ def _print_run(simulation: Simulation) -> None:
         least = found.touched or f"{1e3 * least_m:.1f} mm at the closest approach"
         advice = f", advised are {1e3 * advised_m:.3g}" if planned_m < advised_m else ""
         rows.append(("true clearance", f"{least}, planned were {1e3 * planned_m:.3g} mm{advice}"))
+    rows += _rows_of_mission(run.problem, found)
     print_table((run.problem.robot.name, f"{run.executor}, {simulation.disturbance}"), rows)
     events = [(f"{event.time_s:.1f} s", event.kind, event.text) for event in run.events]
     print_table(("time", "event", "what"), events)
+
+
+def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
+    """What is said of a mission's tasks and objects."""
+    if not problem.is_mission:
+        return []
+    rows = [("tasks done", f"{found.tasks_done} of {len(problem.tasks)}")]
+    if found.object_m is not None:
+        turned = f", {math.degrees(found.object_rad or 0.0):.2f} degrees"
+        rows.append(("true error of objects", f"{1e3 * found.object_m:.2f} mm{turned}"))
+    if problem.objects:
+        rows.append(("objects lost", times(found.lost)))
+    if found.squeezed:
+        rows.append(("squeezed", found.squeezed))
+    return rows
 
 
 def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
@@ -154,6 +170,10 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
         values = spread(found, lambda each, name=name: float(getattr(each, name)))  # type: ignore[misc]
         median, most, largest = (f"{unit * value:.4g}" for value in values)
         rows.append((words, median, most, largest))
+    if placed := [1e3 * m for each in found if (m := each.object_m) is not None]:
+        median, most, largest = (f"{mm:.4g}" for mm in np.quantile(placed, (0.5, 0.9, 1.0)))
+        rows.append(("object error [mm]", median, most, largest))
+        rows.append(("objects lost", f"{sum(each.lost for each in found)} in all", "", ""))
     if cleared := [1e3 * m for each in found if (m := each.least_clearance_m) is not None]:
         least = f"least {min(cleared):.4g}"
         rows.append(("true clearance [mm]", f"{np.median(cleared):.4g}", "", least))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twosra_mpc.execution.mission import Mission
 from twosra_mpc.execution.runner import Abort, ByReports, PlanRunner
 from twosra_mpc.execution.tracking.setup import outputs_of
 from twosra_mpc.execution.tracking.tracker import Measurement, Tracker
@@ -49,16 +50,23 @@ class Pulses:
 class ByCamera(ByReports):
     """Heaters and phases as by reports; the wheels by what the camera sees."""
 
-    def __init__(self, plan: Plan, tracker: Tracker, pulses: Pulses) -> None:
+    def __init__(
+        self, plan: Plan, tracker: Tracker, pulses: Pulses, mission: Mission | None = None
+    ) -> None:
         """Make ready to run a plan.
 
         Args:
             plan: The plan.
             tracker: A tracker of its robot.
             pulses: What is done about the drives' dead zone.
+            mission: What judges its tasks.
         """
-        self.tracker, self.pulses = tracker, pulses
+        self.tracker, self.pulses, self.mission = tracker, pulses, mission
         tracker.reset(plan)
+
+    def arrived(self, run: PlanRunner) -> Abort | None:
+        """Look whether the tasks are done whose time has come."""
+        return None if self.mission is None else self.mission.arrived(run.clock_s)
 
     def drive(self, run: PlanRunner, index: int) -> Abort | None:
         """Drive a phase, and again while looks say that it comes nearer to where it should be."""
@@ -71,12 +79,27 @@ class _TrackedPhase:
     def __init__(self, by: ByCamera, run: PlanRunner, index: int) -> None:
         self.by, self.run, self.index = by, run, index
         self.session, self.patience = run.session, run.patience
-        self.phase, self.last = run.plan.phases[index], index == len(run.plan.phases) - 1
+        self.phase, self.mission = run.plan.phases[index], by.mission
         self.rigid = is_rigid(self.phase.mode)
+        self.bends, self.last = self._goes_on()
         modes = [phase.mode for phase in run.plan.phases[index:]]
         self.soft, self.settling = list(soft_segments(self.phase.mode)), settling(modes)
         self.scale = self.session.accuracy.scale(run.plan.robot.coordinates)
         self.begun = run.session.q.copy()
+
+    def _goes_on(self) -> tuple[bool, bool]:
+        """Whether a mission goes on to bend, and whether nothing later makes good what is missed.
+
+        So it is before a bend, where a task is done, and at the end.
+        """
+        phases = self.run.plan.phases
+        if self.index == len(phases) - 1:
+            return False, True
+        if self.mission is None:
+            return False, False
+        after = phases[self.index + 1]
+        bends = self.rigid and not is_rigid(after.mode)
+        return bends, bends or self.mission.ends_between(self.phase.start_s, after.start_s)
 
     def drive(self) -> Abort | None:
         before = off = math.inf
@@ -85,7 +108,14 @@ class _TrackedPhase:
                 return left
             self._look()
             before, off = off, self._off()
-        return None if self.rigid else self._judge()
+        if not self.rigid:
+            return self._judge()
+        away = self.session.q - self.run.planned
+        away[2] = math.remainder(float(away[2]), math.tau)
+        off = self.session.accuracy.of_pose(away)
+        if self.bends and off > 1.0:
+            return Abort("corridor", "the robot is not where it is to bend")
+        return None
 
     def _travel(self) -> Abort | None:
         """Track the phase until it ends where it should, or comes no nearer."""
@@ -100,6 +130,8 @@ class _TrackedPhase:
             if over and off <= self._near_enough():
                 return None
             if (left := self._outside(planned)) is not None:
+                return left
+            if self.mission is not None and (left := self.mission.dropped()) is not None:
                 return left
             time_s = run.clock_s + (session.period_s if over else 0.0)  # then the path rests
             command = self.by.tracker.step(Measurement(time_s, self.index, self._seen))
@@ -187,6 +219,8 @@ class _TrackedPhase:
 
     def _judge(self) -> Abort | None:
         """Whether the phases to come lead to the goal's curvatures from here, as they are."""
+        if self.mission is not None and self.mission.closes:
+            return None
         patience, accuracy = self.patience, self.session.accuracy
         missed = self._predicted_miss()
         if abs(accuracy.of_shape(missed) - ACCEPTED) < patience.doubtful:
@@ -202,10 +236,15 @@ class _TrackedPhase:
 
     def _predicted_miss(self) -> Array:
         """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""
-        plan, rest = self.run.plan, self.run.plan.phases[self.index + 1 :]
+        plan, until_s = self.run.plan, math.inf
+        if self.mission is not None:
+            until_s = self.mission.matters_s
+        rest = [phase for phase in plan.phases[self.index + 1 :] if phase.end_s <= until_s]
         times = [self.run.clock_s, *(item.end_s for item in rest)]
         path, modes = plan.trajectory.configuration(times), [item.mode for item in rest]
         kappa = predicted_curvatures(plan.robot, self.session.q, list(path), modes)
+        if math.isfinite(until_s):
+            return np.concatenate([np.zeros(POSE), kappa - path[-1, POSE:]])
         return self.session.goal.error(np.concatenate([path[-1, :POSE], kappa]))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
 from twosra_mpc.execution.guard import TooNearError, guard_of
+from twosra_mpc.execution.mission import Mission
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
@@ -22,7 +23,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem, Start
-from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.problem.tasks import Pass, Task
 from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
@@ -76,6 +77,9 @@ class _Execution:
         self.tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
         guard = guard_of(plan.problem, self.settings.patience)
         self.session = Session(robot, plan.problem, executor.on_command, guard)
+        self.mission: Mission | None = None
+        if plan.problem.is_mission:
+            self.mission = Mission(self.session, self.settings.patience, plan)
         self.plans, self.begun = [plan], [0]
         self.broken: set[int] = set()
         self.cooled: set[int] = set()
@@ -90,13 +94,16 @@ class _Execution:
             ending = self._arrived() if left is None else self._left(left)
             ending = ending or self._plan_again()
             if ending is not None:
-                followed = tuple(self.plans), tuple(self.begun)
-                return self.session.finish(Verdict("optimal", *ending, *followed))
+                account = ((), 0) if self.mission is None else self.mission.account
+                verdict = Verdict(
+                    "optimal", *ending, tuple(self.plans), tuple(self.begun), *account
+                )
+                return self.session.finish(verdict)
 
     def _follow(self, plan: Plan) -> Abort | None:
         settings = self.settings
         pulses = Pulses(settings.dead_zone_rad_s)
-        by_camera = ByCamera(plan, self.tracker, pulses)
+        by_camera = ByCamera(plan, self.tracker, pulses, self.mission)
         runner = PlanRunner(self.session, plan, by_camera, settings.patience, settings.longest_s)
         try:
             left = runner.follow()
@@ -114,8 +121,10 @@ class _Execution:
         if session.unseen_s > patience.unseen_s:
             return Ending.CAMERA_LOST, f"no camera frame for {patience.unseen_s:g} s and more"
         where = accuracy.describe(session.error)
-        left = tasks_left(self.problem.passes, session.path)
+        left = self._tasks_left()
         if accuracy.surely(session.error) and not left:
+            if np.isnan(self.session.goal.configuration).all():  # a mission without a goal
+                return Ending.REACHED, f"all {len(self.problem.tasks)} tasks are done"
             return Ending.REACHED, f"the goal is reached: {where}"
         missing = f"; {len(left)} of {len(self.problem.tasks)} tasks left" if left else ""
         session.tell("look", f"the plan is at its end, {where}{missing}")
@@ -139,7 +148,26 @@ class _Execution:
                     self._melt_on()
             case "near":
                 return self._stopped(left.text)
+            case "task":
+                self.session.tell("look", left.text)
+            case "lost":
+                return self._lost(left.text)
         return None
+
+    def _lost(self, text: str) -> tuple[Ending, str] | None:
+        """Stop, and have the object grasped again, unless that has been tried too often."""
+        assert self.mission is not None
+        self.session.tell("failure", text)
+        lost = self.mission.lose(text)
+        if lost > self.settings.grasps:
+            return Ending.OBJECT_LOST, f"{text}; lost {times(lost)}; {self._where()}"
+        return self._cool()
+
+    def _tasks_left(self) -> tuple[Task, ...]:
+        """Tasks that are not done yet."""
+        if self.mission is not None:
+            return self.mission.left
+        return tasks_left(self.problem.passes, self.session.path)
 
     def _stopped(self, where: str) -> tuple[Ending, str] | None:
         """Stopped near something: let everything become solid, to be planned again from there."""
@@ -168,6 +196,11 @@ class _Execution:
         session.rest(self._as_they_become(), session.period_s)  # no wheel turns meanwhile
         if (stuck := self._wait_for_metal()) is not None:
             return stuck
+        holds = self.mission is not None and self.mission.holding is not None
+        if holds and (stuck := self._cool()) is not None:  # no soft robot holds anything
+            return stuck
+        if self.mission is not None:
+            self.mission.look()
         found = self._planned()
         if isinstance(found, str) and session.guard is not None and any(session.mode or ()):
             if (stuck := self._cool()) is not None:  # a solid robot may drive to where it can bend
@@ -181,9 +214,12 @@ class _Execution:
         mode = session.mode
         assert mode is not None
         try:
-            now = session.q, session.reading.temperature_C, mode
-            rest = remaining_problem(self.problem, *now, self.broken)
-            rest = rest.with_values(tasks=tasks_left(rest.passes, session.path))
+            warm_C = session.reading.temperature_C
+            if self.mission is not None:
+                rest = remaining_problem(*self.mission.rest(), warm_C, mode, self.broken)
+            else:
+                rest = remaining_problem(self.problem, session.q, warm_C, mode, self.broken)
+                rest = rest.with_values(tasks=self._tasks_left())
             result = self.meanwhile(
                 lambda: find_plan(rest),
                 lambda: session.rest(self._as_they_become(), self.settings.patience.rest_s),
@@ -196,6 +232,8 @@ class _Execution:
         """Go on with another plan, unless that has been done too often."""
         settings, where = self.settings, self._where()
         if plan.cost.transitions:
+            if self.mission is not None and self.mission.advanced:
+                self.replans = 0
             if self.replans == settings.replans:
                 return Ending.GAVE_UP, f"{where} after planning again {times(self.replans)}"
             self.replans, self.corrections = self.replans + 1, 0
@@ -205,6 +243,8 @@ class _Execution:
                 return Ending.GAVE_UP, f"{where} after {self.corrections} corrections in a row"
             self.corrections += 1
             self.session.tell("correct", f"the pose is corrected, {_summary(plan)}")
+        if self.mission is not None:
+            self.mission.begin(plan)
         self.plans.append(plan)
         self.begun.append(0)
         self.near = ""
@@ -214,6 +254,8 @@ class _Execution:
         where = self._where()
         if self.near:
             return Ending.TOO_NEAR, f"{self.near}; {where}; the rest cannot be planned: {why}"
+        if self.mission is not None and self.mission.trouble:
+            return Ending.OBJECT_LOST, f"{self.mission.trouble}; it cannot be grasped again: {why}"
         if self.broken:
             names = " and ".join(str(segment + 1) for segment in sorted(self.broken))
             known = why.split("; allowed modes")[0]  # no advice to use what has failed
@@ -279,6 +321,7 @@ def remaining_problem(
         phi_rad=q[2],
         kappa_per_m=tuple(kappa.tolist()),
         temperature_C=_temperatures(problem, temperature_C, mode),
+        holding=problem.start.holding,
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
     goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken)

@@ -8,11 +8,14 @@ robot that was stopped can drive away. The edge of the workspace may be touched,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twosra_mpc.errors import TwosraError
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, is_rigid
 
@@ -26,15 +29,39 @@ class TooNearError(TwosraError):
 class Guard:
     """What is around a robot, and how near it may come."""
 
-    def __init__(self, problem: Problem, patience: Patience) -> None:
-        """Guard a robot among the obstacles and within the workspace of a problem."""
+    def __init__(
+        self,
+        problem: Problem,
+        patience: Patience,
+        world: World | None = None,
+        carried: Sequence[Array] = (),
+    ) -> None:
+        """Guard a robot among the obstacles and within the workspace of a problem.
+
+        Args:
+            problem: The problem.
+            patience: How near is too near.
+            world: What to keep from, if not the problem's obstacles alone.
+            carried: Convex pieces of what it carries, in b0, each (k, 2).
+        """
         from twosra_mpc.space.proximity import Proximity, arms_m
 
         geometry = problem.robot.geometry
-        self._around, self._patience = Proximity(problem.world, geometry), patience
+        self._around, self._patience = (
+            Proximity(world or problem.world, geometry, carried),
+            patience,
+        )
         self._arms_m = arms_m(geometry)
+        for piece in carried:
+            farthest_m = float(np.linalg.norm(piece, axis=1).max())
+            self._arms_m[2] = max(self._arms_m[2], farthest_m)
         self._began_m = self._known_m = np.empty(0)
         self._known_at = problem.start.configuration
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no drive has begun yet."""
+        return not self._began_m.size
 
     def begin(self, q: Array) -> None:
         """Begin a drive at rest at q (3 + n,)."""

@@ -18,6 +18,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import Transition
 from twosra_mpc.timing.transitions import own_transitions
 
@@ -50,6 +51,14 @@ class HeaterSchedule:
     def warm_C(self) -> float:
         """Set-point at which a segment is kept warm, surely solid."""
         return warm_setpoint_C(self.plan.problem)
+
+    @property
+    def last_mode(self) -> Mode:
+        """Mode that the plan ends in: the goal's, or as the last task leaves the segments."""
+        mode = list(self.plan.problem.start_mode)
+        for item in sorted(self.plan.transitions, key=lambda item: item.done_s):
+            mode[item.segment - 1] = int(item.to == "soft")
+        return tuple(mode)
 
     def setpoints(self, now: Progress) -> Array:
         """Set-points of the segments [C], (n,)."""

@@ -5,7 +5,7 @@ An executor knows nothing else of the robot it drives, simulated or real.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -61,6 +61,8 @@ class Reading:
         temperature_C: Of the segments, by their sensors; NaN if not reported.
         stiffness: Of the segments, as their stiffness controllers report it; None if not reported.
         faulty: Whether the controller of each has given up on its sensor or heater.
+        objects: Poses of the problem's objects in the frames, (k, objects, 3) [m, m, rad]; None
+            from a robot whose camera sees no objects.
     """
 
     time_s: float
@@ -69,6 +71,7 @@ class Reading:
     temperature_C: tuple[float, ...]
     stiffness: tuple[KnownStiffness | None, ...]
     faulty: tuple[bool, ...]
+    objects: Array | None = field(default=None, kw_only=True)
 
     def describe(self, segment: int) -> str:
         """What is known about a segment (from 0), in words."""

@@ -16,7 +16,9 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
 from twosra_mpc.version import __version__
 
-EventKind = Literal["plan", "drive", "confirmed", "look", "correct", "replan", "failure", "end"]
+EventKind = Literal[
+    "plan", "drive", "confirmed", "look", "task", "correct", "replan", "failure", "end"
+]
 
 Executed = Literal["optimal", "greedy", "stream"]
 
@@ -31,6 +33,7 @@ class Ending(enum.StrEnum):
     NO_PLAN = "no plan"  # the rest of the problem has no plan, or none was found
     CAMERA_LOST = "camera lost"  # nothing sees the robot any more
     HEATER_FAILED = "heater failed"  # and what is left without it has no plan
+    OBJECT_LOST = "object lost"  # and it could not be grasped again
     TOO_NEAR = "too near"  # stopped before it touched something
     GAVE_UP = "gave up"  # replanned or corrected too often, or no mode comes nearer
     TIME_LIMIT = "time limit"  # the run took too long
@@ -45,6 +48,8 @@ class Verdict(NamedTuple):
     reason: str
     plans: tuple[Plan, ...] = ()
     begun: tuple[int, ...] = ()
+    done_s: tuple[float, ...] = ()
+    lost: int = 0
 
 
 class RunEvent(NamedTuple):
@@ -121,6 +126,8 @@ class Run:
         drives: When the robot was driven.
         events: What happened, in words.
         log: Everything measured, believed and sent.
+        done_s: When tasks of a mission were seen to be done, in the order in which they were.
+        lost: How often an object was not where it should have been held.
     """
 
     problem: Problem
@@ -136,6 +143,8 @@ class Run:
     drives: tuple[Drive, ...]
     events: tuple[RunEvent, ...]
     log: RunLog
+    done_s: tuple[float, ...] = ()
+    lost: int = 0
 
     @property
     def reached(self) -> bool:
@@ -182,6 +191,8 @@ class Run:
             "begun": list(self.begun),
             "changes": [change._asdict() for change in self.changes],
             "drives": [drive._asdict() for drive in self.drives],
+            "done_s": list(self.done_s),
+            "lost": self.lost,
             "events": [event._asdict() for event in self.events],
             "plans": [plan.to_dict() for plan in self.plans],
             "log": {item.name: _numbers(getattr(self.log, item.name)) for item in fields(RunLog)},

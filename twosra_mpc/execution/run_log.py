@@ -106,6 +106,8 @@ def _run(data: dict[str, Any], source: str) -> Run:
         drives=tuple(Drive(**{**each, "mode": tuple(each["mode"])}) for each in data["drives"]),
         events=tuple(RunEvent(**each) for each in data["events"]),
         log=_log(data["log"]),
+        done_s=tuple(data.get("done_s", ())),  # younger than version 1
+        lost=data.get("lost", 0),
     )
 
 

@@ -31,14 +31,15 @@ class Abort(NamedTuple):
     Attributes:
         kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
             segment did not become what it should; "camera": nothing sees the robot; "near": it was
-            stopped near something; "time": the run takes too long.
+            stopped near something; "task": a task is not done where it should be; "lost": an object
+            is not where it was held or put; "time": the run takes too long.
         text: The same in words.
         segment: The segment (from 0) whose heater it is.
         to: What it should have become.
         stiff: Whether a segment that is reported soft seems to need more time.
     """
 
-    kind: Literal["corridor", "heater", "camera", "near", "time"]
+    kind: Literal["corridor", "heater", "camera", "near", "task", "lost", "time"]
     text: str
     segment: int = 0
     to: Stiffness = "soft"
@@ -92,11 +93,11 @@ class PlanRunner:
 
     def follow(self) -> Abort | None:
         """Run the plan until everything is as it should be at its end, or it has to be left."""
-        session, phases, goal = self.session, self.plan.phases, self.plan.problem.goal
+        session, phases, last = self.session, self.plan.phases, self.schedule.last_mode
         for index, phase in enumerate(phases):
             name = f"phase {index + 1} of {len(phases)} {mode_name(phase.mode)}"
             session.during = f"waiting for {name}"
-            if (left := self.wait_for(phase.mode, phase.start_s)) is not None:
+            if (left := self._arrived(phase.mode, phase.start_s)) is not None:
                 return left
             session.during = f"in {name}"
             session.tell("drive", f"{name} begins")
@@ -105,8 +106,14 @@ class PlanRunner:
                 return left
             self.driven.append(Drive(phase.mode, begun_s, session.now_s))
             self.clock_s = max(self.clock_s, phase.end_s)
-        session.during = f"waiting for the end {mode_name(goal.mode)}"
-        return self.wait_for(goal.mode, self.plan.trajectory.duration_s)
+            if (left := self.feedback.arrived(self)) is not None:
+                return left
+        session.during = f"waiting for the end {mode_name(last)}"
+        return self._arrived(last, self.plan.trajectory.duration_s)
+
+    def _arrived(self, mode: Mode, until_s: float) -> Abort | None:
+        """Wait for what comes next, which may be what completes a task."""
+        return self.wait_for(mode, until_s) or self.feedback.arrived(self)
 
     def wait_for(self, mode: Mode, until_s: float, *, held: Mode | None = None) -> Abort | None:
         """Stand until the feedback lets the robot drive; the plan's clock goes on to ``until_s``.
@@ -172,6 +179,10 @@ class ByReports:
     def ready(self, run: PlanRunner, mode: Mode, planned_s: float) -> bool:
         """Whether the robot may drive in ``mode``, planned from ``planned_s`` on; early or late."""
         return run.session.mode == mode
+
+    def arrived(self, run: PlanRunner) -> Abort | None:
+        """Look whether tasks are done whose time has come, if anything can."""
+        return None
 
     def drive(self, run: PlanRunner, index: int) -> Abort | None:
         """Drive a phase of the plan, and stand while a segment is not as it must be."""

@@ -11,6 +11,7 @@ from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution import run
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter
 from twosra_mpc.execution.guard import Guard, TooNearError
+from twosra_mpc.execution.objects_seen import ObjectsSeen
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
@@ -36,6 +37,7 @@ class Session:
         reading: The last reading.
         accuracy: How near to the goal is near enough.
         goal: What the run is measured by.
+        objects: Where objects are seen, if there are any.
         guard: What keeps it clear of what is around it, if anything is.
         setpoint_C: Set-points last sent, (n,).
         events: What happened.
@@ -66,6 +68,9 @@ class Session:
         self.reading: Reading = robot.read()
         self._filter = CameraFilter(robot.camera, problem.start.configuration, self.reading.time_s)
         self._filter.correct(self.reading.taken_s, self.reading.frames)
+        self.objects = ObjectsSeen(problem) if problem.objects else None
+        if self.objects is not None:
+            self.objects.take(self.reading.frames, self.reading.objects)
         self._seen_s = self.now_s if len(self.reading.frames) else -np.inf
         self.setpoint_C = np.full(segments, problem.robot.heater.rigid_setpoint_C)
         self._since = [self.reading.time_s] * segments
@@ -176,7 +181,7 @@ class Session:
         """Stop instead of driving nearer to something than the guard allows."""
         if self.guard is None:
             return
-        if not self._goes_on(mode, self.now_s):
+        if self.guard.fresh or not self._goes_on(mode, self.now_s):
             self.guard.begin(self.q)
         if not wheel_rad_s.any():
             return
@@ -259,6 +264,8 @@ class Session:
     def _believe(self, moved: Array) -> None:
         self._filter.predict(self.now_s, moved, self.problem.robot.geometry.lengths_m)
         self._filter.correct(self.reading.taken_s, self.reading.frames)
+        if self.objects is not None:
+            self.objects.take(self.reading.frames, self.reading.objects)
         if len(self.reading.frames):
             self._seen_s = self.now_s
 

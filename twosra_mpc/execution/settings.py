@@ -19,6 +19,7 @@ class Patience(Value):
             twice as long each time.
         come_nearer_s: How long the end of a phase is tried for after its time.
         look_s: Longest look at the resting robot.
+        objects_s: How long objects are looked at when a task is judged.
         long_look_s: The same, before a melt is decided on.
         unseen_s: Nobody drives by a camera that has sent no frame for so long.
         near_enough: Share at which a phase may end.
@@ -49,6 +50,7 @@ class Patience(Value):
     melt_on_s: Positive = 30.0  # half a melt of 2sra-v1
     come_nearer_s: Positive = 15.0
     look_s: Positive = 6.0
+    objects_s: Positive = 1.5
     long_look_s: Positive = 20.0
     unseen_s: Positive = 2.0  # later frames are of no use to the filter; 18 frames at 9 Hz
     near_enough: Positive = 0.3
@@ -78,6 +80,7 @@ class ExecutorSettings:
     Attributes:
         patience: How long it waits, and how near to a plan it wants the robot.
         replans: How often the remaining problem is planned again at most.
+        grasps: How often an object may be lost before the run ends.
         stops: How often it may have been stopped near something at most.
         corrections: How often in a row the pose is corrected at most.
         longest_s: Longest run.
@@ -87,6 +90,7 @@ class ExecutorSettings:
     patience: Patience = field(default_factory=Patience)
     replans: int = 8
     corrections: int = 6
+    grasps: int = 3
     stops: int = 4
     longest_s: float = 7200.0
     dead_zone_rad_s: float = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,9 +27,16 @@ class Nearest(NamedTuple):
 class Proximity:
     """Lower bounds of distances to obstacles and edges, for configurations of any shapes."""
 
-    def __init__(self, world: World, geometry: Geometry) -> None:
-        """Look at a world with the footprints of a robot."""
+    def __init__(self, world: World, geometry: Geometry, carried: Sequence[Array] = ()) -> None:
+        """Look at a world with the footprints of a robot, and of what it carries.
+
+        Args:
+            world: What is around it.
+            geometry: The robot's.
+            carried: Convex pieces that move with b0, in its frame, each (k, 2).
+        """
         self.names, self._geometry = (*world.names, EDGE), geometry
+        self._carried = [piece[None] for piece in carried]
         self._obstacles = Surroundings(world.with_values(workspace=None), 0.0)
         self._edges = Surroundings(World(workspace=world.workspace), 0.0)
 
@@ -48,7 +56,12 @@ class Proximity:
 
     def _distances(self, q: Array) -> Array:
         outer, _ = footprints(self._geometry, q[:, POSE:])
-        corners = placed(outer, q[:, :POSE])
+        found = self._of(placed(outer, q[:, :POSE]))
+        for piece in self._carried:
+            found = np.minimum(found, self._of(placed(piece, q[:, :POSE])))
+        return found
+
+    def _of(self, corners: Array) -> Array:
         parts, owner = self._obstacles.to_parts(corners), self._obstacles.obstacle_of_part
         owned = [parts[:, owner == i].min(axis=1) for i in range(len(self.names) - 1)]
         return np.column_stack([*owned, self._edges.distances(corners)])

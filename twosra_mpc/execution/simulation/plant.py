@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,12 +22,15 @@ from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, Heate
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import WHEELS, Array
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, all_modes
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn
+
+if TYPE_CHECKING:  # loaded where there are objects
+    from twosra_mpc.execution.simulation.object_plant import ObjectPlant
 
 AS_PLANNED = "as-planned"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
@@ -46,6 +50,8 @@ class Truth:
         current_A: Heater currents, (rows, n).
         heat_J: Heat of each heater since the start, (rows, n).
         forced_s: How long the wheels have turned while metal was changing, (rows,).
+        objects: Poses of the objects [m, m, rad], (rows, objects, 3); empty without any.
+        squeezed: Which object was squeezed, what it lay in and how deep; empty if none.
     """
 
     time_s: Array
@@ -55,6 +61,8 @@ class Truth:
     current_A: Array
     heat_J: Array
     forced_s: Array
+    objects: Array = field(default_factory=lambda: np.empty((0, 0, POSE)))
+    squeezed: str = field(default="", kw_only=True)
 
 
 def plant_robot(robot: Robot, plant: str) -> Robot:
@@ -117,7 +125,13 @@ class SimulatedRobot:
         self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
-        self._on_the_way: list[tuple[int, Array]] = []
+        self._on_the_way: list[tuple[int, Array, Array | None]] = []
+        self.objects: ObjectPlant | None = None
+        if problem.objects:
+            from twosra_mpc.execution.simulation.object_plant import ObjectPlant
+
+            self.objects = ObjectPlant(problem, self._true.geometry)
+            self._object_noise = np.random.default_rng([seed, 2])
         self._told: list[tuple[object, ...]] = []
         self._photograph(1)
         self._note()
@@ -134,12 +148,18 @@ class SimulatedRobot:
         self._on_the_way = [item for item in self._on_the_way if item[0] > due]
         return Reading(
             time_s=self.time_s,
-            taken_s=np.array([tick for tick, _ in arrived]) * self.camera.period_s,
-            frames=np.array([frame for _, frame in arrived]).reshape(-1, len(self.q)),
+            taken_s=np.array([tick for tick, _, _ in arrived]) * self.camera.period_s,
+            frames=np.array([frame for _, frame, _ in arrived]).reshape(-1, len(self.q)),
             temperature_C=tuple(segment.measured_C for segment in self.segments),
             stiffness=tuple(segment.stiffness for segment in self.segments),
             faulty=tuple(segment.faulty for segment in self.segments),
+            objects=self._objects_in([seen for _, _, seen in arrived if seen is not None]),
         )
+
+    def _objects_in(self, frames: list[Array]) -> Array | None:
+        if self.objects is None:
+            return None
+        return np.array(frames).reshape(-1, *self.objects.poses.shape)
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
         """Set wheels and heaters; wheels that are told to turn too fast turn at their limit."""
@@ -170,7 +190,7 @@ class SimulatedRobot:
         columns = [np.array(column, dtype=float) for column in zip(*self._told, strict=True)]
         for column in columns:
             column.setflags(write=False)
-        return Truth(*columns)
+        return Truth(*columns, squeezed="" if self.objects is None else self.objects.squeezed)
 
     @property
     def geometry(self) -> Geometry:
@@ -187,8 +207,10 @@ class SimulatedRobot:
         period_s, what = self.camera.period_s, self._disturbance
         grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(WHEELS))
         drift, share = self._drift.get(self.mode, Drift()), self._bends.get(self.mode, 1.0)
-        flow = rolling(self._true, self.mode)
-        self.q = flow(self.q, self._turned(period_s) * grip * share, drift).full().ravel()
+        flow, turned = rolling(self._true, self.mode), self._turned(period_s) * grip * share
+        before, self.q = self.q, flow(self.q, turned, drift).full().ravel()
+        if self.objects is not None:
+            self.objects.follow(before, self.q)
         self._forced += any(0 < segment.melt_fraction < 1 for segment in self.segments)
 
     def _turned(self, period_s: float) -> Array:
@@ -204,14 +226,25 @@ class SimulatedRobot:
         coordinates = self.robot.coordinates
         noise, step = coordinates.each(*self.camera.noise), coordinates.each(*self.camera.step)
         seen = self.q + noise * self._noise.standard_normal((ticks, coordinates.size))
-        rounded = np.round(seen / np.where(step > 0, step, 1.0)) * step
-        frames = np.where(step > 0, rounded, seen)
-        self._on_the_way += zip(range(self._tick - ticks + 1, self._tick + 1), frames, strict=True)
+        frames = _rounded(seen, step)
+        taken = range(self._tick - ticks + 1, self._tick + 1)
+        objects: list[Array] | list[None] = [None] * ticks
+        if self.objects is not None:  # as b0 is seen
+            poses = self.objects.poses
+            errors = noise[:POSE] * self._object_noise.standard_normal((ticks, *poses.shape))
+            objects = list(_rounded(poses + errors, step[:POSE]))
+        self._on_the_way += zip(taken, frames, objects, strict=True)
 
     def _note(self) -> None:
         metal = [(s.temperature_C, s.melt_fraction, s.current_A, s.heat_J) for s in self.segments]
         forced_s = self._forced * self.camera.period_s
-        self._told.append((self.time_s, self.q, *zip(*metal, strict=True), forced_s))
+        row = (self.time_s, self.q, *zip(*metal, strict=True), forced_s)
+        self._told.append(row if self.objects is None else (*row, self.objects.poses.copy()))
+
+
+def _rounded(seen: Array, step: Array) -> Array:
+    """What is seen, rounded to steps where there are any."""
+    return np.where(step > 0, np.round(seen / np.where(step > 0, step, 1.0)) * step, seen)
 
 
 def with_lengths(robot: Robot, spread: float, rng: np.random.Generator) -> Robot:

@@ -11,6 +11,7 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.mission import away
 from twosra_mpc.execution.run import Run
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.simulation.contact import Approach, closest_approach
@@ -18,7 +19,9 @@ from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.execution.simulation.plant import SimulatedRobot, Truth
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.objects import ACCURACY
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Carry, Grasp, Release
 from twosra_mpc.robot.coordinates import POSE
 
 EXECUTORS = ("optimal", "greedy")
@@ -28,8 +31,8 @@ class Metrics(NamedTuple):
     """What a run came to.
 
     Attributes:
-        reached: Whether the robot is in truth within the accuracy of the goal, and says so; one
-            that has touched an obstacle is not.
+        reached: Whether the robot is in truth within the accuracy of the goal, and objects are at
+            theirs, and the run says so; one that has touched an obstacle is not.
         ending: How the run ended.
         reason: Why, in a sentence.
         position_m: True distance from the goal in the plane.
@@ -44,6 +47,12 @@ class Metrics(NamedTuple):
         forced_s: How long wheels turned while metal was changing.
         least_clearance_m: Least distance to an obstacle in truth; None where there are none.
         touched: What the robot touched first and when, in words; empty if nothing.
+        tasks_done: How many tasks of a mission were done, as the robot saw it.
+        object_m: Distance of the object that is farthest from its goal in truth: where it was to be
+            carried, or where it stood if it was not to be held; None where there is none.
+        object_rad: The same for headings, where they are asked for.
+        lost: How often an object was not where it should have been held.
+        squeezed: Which object was squeezed, in what and how deep; empty if none.
     """
 
     reached: bool
@@ -61,6 +70,11 @@ class Metrics(NamedTuple):
     forced_s: float
     least_clearance_m: float | None = None
     touched: str = ""
+    tasks_done: int = 0
+    object_m: float | None = None
+    object_rad: float | None = None
+    lost: int = 0
+    squeezed: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +103,10 @@ class Simulation:
         run, truth = self.run, self.truth
         error, near = run.goal.error(truth.q[-1].copy()), self.approach
         touched = near is not None and near.touched
+        object_m, object_rad = object_errors(run.problem, truth)
+        put = (object_m or 0.0) <= ACCURACY[0] and (object_rad or 0.0) <= ACCURACY[2]
         return Metrics(
-            reached=run.reached and run.accuracy.of(error) <= 1.0 and not touched,
+            reached=run.reached and run.accuracy.of(error) <= 1.0 and put and not touched,
             ending=str(run.ending),
             reason=run.reason,
             position_m=float(np.hypot(error[0], error[1])),
@@ -105,6 +121,11 @@ class Simulation:
             forced_s=float(truth.forced_s[-1]),
             least_clearance_m=None if near is None else near.clearance_m,
             touched=f"touched {near.name} at {near.time_s:.0f} s" if near and near.touched else "",
+            tasks_done=len(run.done_s),
+            object_m=object_m,
+            object_rad=object_rad,
+            lost=run.lost,
+            squeezed=truth.squeezed,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -115,7 +136,7 @@ class Simulation:
             "disturbance": self.disturbance,
             "seed": self.seed,
             "metrics": self.metrics._asdict(),
-            "truth": {item.name: getattr(self.truth, item.name).tolist() for item in fields(Truth)},
+            "truth": _plain(self.truth),
         }
 
 
@@ -158,6 +179,35 @@ def simulate(
     truth = robot.truth()
     near = closest_approach(problem.world, robot.geometry, truth)
     return Simulation(plant, disturbance, seed, run, truth, near)
+
+
+def object_errors(problem: Problem, truth: Truth) -> tuple[float | None, float | None]:
+    """Largest true distance [m] and turn [rad] of an object from its goal; None where none has one.
+
+    The goal is where it is carried last, or where it stood if it is never held.
+    """
+    found = []
+    held = {task.object for task in problem.tasks if isinstance(task, Grasp | Carry | Release)}
+    carries = {task.object: task for task in problem.tasks if isinstance(task, Carry)}
+    for number, item in enumerate(problem.objects):
+        if item.name in carries:
+            found.append(away(carries[item.name], item, truth.objects[-1, number]))
+        elif item.name not in held:
+            moved = truth.objects[-1, number] - item.pose.pose
+            turned = abs(float(moved[2])) if item.disc is None else 0.0
+            found.append((float(np.hypot(moved[0], moved[1])), turned))
+    if not found:
+        return None, None
+    far_m, turn_rad = np.max(found, axis=0).tolist()
+    return far_m, turn_rad
+
+
+def _plain(truth: Truth) -> dict[str, Any]:
+    """What really happened as plain data, without objects where there are none."""
+    columns = {item.name: getattr(truth, item.name) for item in fields(Truth)}
+    squeezed, objects = columns.pop("squeezed"), columns.pop("objects")
+    there = {"objects": objects.tolist(), "squeezed": squeezed} if objects.size else {}
+    return {**{name: column.tolist() for name, column in columns.items()}, **there}
 
 
 class Spread(NamedTuple):

@@ -1,0 +1,357 @@
+"""A mission on its way: which tasks are done, what is held, and where the objects are.
+
+Tasks count as done by what the camera sees when their time has come. A robot whose camera sees no
+objects is taken to hold what it has closed around, and to leave it where it opens.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+
+from twosra_mpc.execution.guard import Guard
+from twosra_mpc.execution.hold import cage_of, fitted
+from twosra_mpc.execution.runner import Abort
+from twosra_mpc.execution.session import Session
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.plans.carried import Carried, carried
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.problem.objects import ACCURACY, Object
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.poses import composed, wrapped
+
+HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
+_CARRIED_SHARE = 0.5  # of `ACCURACY`: the release may add to it
+_LOOKS = 2  # at the end of a carry before `ACCURACY` itself is enough
+
+
+class Mission:
+    """What of a mission is done, and what the robot holds.
+
+    Attributes:
+        left: Tasks that are left, in order.
+        done_s: When tasks were done.
+        lost: How often each object was lost.
+        trouble: What was lost last and not grasped since, in words; empty if nothing.
+    """
+
+    def __init__(self, session: Session, patience: Patience, plan: Plan) -> None:
+        """Begin with a plan of all tasks."""
+        self.session, self._patience, self.problem = session, patience, plan.problem
+        self.done_s: list[float] = []
+        self.lost: Counter[str] = Counter()
+        self.trouble = ""
+        self._goals: dict[str, Carry] = {}
+        self._put_at: tuple[Array, Array] | None = None  # object and b0 before the last release
+        self._asked: dict[Task, Task] = {}  # as planned: as asked
+        self._looks = 0  # at the end of this carry
+        self._drags: dict[str, Array] = {}  # how its release moves an object, in b0, (2,) [m]
+        self._numbers = {item.name: i for i, item in enumerate(self.problem.objects)}
+        self.begin(plan)
+
+    def begin(self, plan: Plan) -> None:
+        """Go on with a plan of what is left."""
+        self.plan, self.left = (
+            plan,
+            tuple(self._asked.get(task, task) for task in plan.problem.tasks),
+        )
+        self._ends = list(plan.trajectory.done_s)
+        self._grips = list(carried(plan.trajectory))
+        self._done_before = len(self.done_s)
+        self._hold: Carried | None = None
+        self._room_m = 0.0
+        self._rows = len(self.session.path)
+        if plan.problem.start.holding is not None:
+            self._hold = self._grips.pop(0)
+        self._open_before_release()
+        self._watch(None)
+
+    @property
+    def holding(self) -> str | None:
+        """Name of the object that a plan made now has to start with."""
+        if self._hold is not None:
+            return self.problem.objects[self._hold.object].name
+        first = self.left[0] if self.left else None
+        return first.object if isinstance(first, Release) else None
+
+    @property
+    def matters_s(self) -> float:
+        """Time of the plan up to which shapes count: the next one that is asked for; inf: none."""
+        for task, end_s in zip(self.left, self._ends, strict=False):
+            if isinstance(task, Conform | Reach):
+                return end_s
+        return math.inf
+
+    @property
+    def closes(self) -> bool:
+        """Whether the robot closes round an object: which decides what shape it can take."""
+        return bool(self.left) and isinstance(self.left[0], Grasp)
+
+    def ends_between(self, first_s: float, last_s: float) -> bool:
+        """Whether a task is done in a stretch of the plan."""
+        return any(first_s < end_s <= last_s + SAME_TIME_S for end_s in self._ends)
+
+    def arrived(self, clock_s: float) -> Abort | None:
+        """Look whether tasks are done whose time in the plan has come."""
+        while self._ends and self._ends[0] <= clock_s + SAME_TIME_S:
+            if (left := self._missing(self.left[0])) is not None:
+                return left
+            self._done()
+        return None
+
+    def dropped(self) -> Abort | None:
+        """Whether what is held is not where it is held."""
+        session, hold = self.session, self._hold
+        if hold is None or session.objects is None or not session.objects.seen:
+            return None
+        away_m = _far_m(session.objects.in_b0[hold.object] - hold.pose_in_b0)
+        if away_m <= HOLD_M + self._room_m:
+            return None
+        name = self.problem.objects[hold.object].name
+        return Abort("lost", f"{name} is {1e3 * away_m:.0f} mm from where it was held")
+
+    @property
+    def account(self) -> tuple[tuple[float, ...], int]:
+        """When tasks were done, and how often objects were lost."""
+        return tuple(self.done_s), self.lost.total()
+
+    @property
+    def advanced(self) -> bool:
+        """Whether a task was done by the plan that was followed last."""
+        return len(self.done_s) > self._done_before
+
+    def lose(self, words: str) -> int:
+        """Have the object of this task grasped again: it is not held, or not where it was put.
+
+        Returns:
+            How often it has been lost by now.
+        """
+        name, first = self._concerned(), self.left[0]
+        self.lost[name] += 1
+        self.trouble, self._hold = words, None
+        again: tuple[Task, ...] = () if isinstance(first, Grasp) else (self._grasp(name),)
+        if isinstance(first, Release) and name in self._goals:
+            again += (self._goals[name],)
+        self.left, self._ends = (*again, *self.left), []
+        self._watch(None)
+        return self.lost[name]
+
+    def rest(self) -> tuple[Problem, Array]:
+        """The problem with what is left to do, what is held and where objects are, and q now."""
+        problem, poses, holding = self.problem, self.poses(), self.holding
+        held = [i for i, item in enumerate(problem.objects) if item.name == holding]
+        q = fitted(problem, self.session.q, poses, held)
+        objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
+        start = problem.start.with_values(holding=holding)
+        left = [self._aimed(task) if isinstance(task, Carry) else task for task in self.left]
+        self._asked |= dict(zip(left, self.left, strict=True))
+        return problem.with_values(start=start, tasks=left, objects=objects), q
+
+    def poses(self) -> Array:
+        """Where the objects are, as far as is known, (objects, 3)."""
+        session = self.session
+        if session.objects is None:
+            return np.zeros((0, POSE))
+        poses = session.objects.poses.copy()
+        if (hold := self._hold) is not None:
+            seen = session.objects.in_b0[hold.object]
+            in_b0 = seen if session.objects.seen else hold.pose_in_b0
+            poses[hold.object] = composed(session.q[:POSE], in_b0)
+        return poses
+
+    def _concerned(self) -> str:
+        """Name of the object that the task is about, or that is held meanwhile."""
+        named: str | None = self.holding or getattr(self.left[0], "object", None)
+        assert named is not None
+        return named
+
+    def _grasp(self, name: str) -> Grasp:
+        tasks = [task for task in self.problem.tasks if isinstance(task, Grasp)]
+        return next((task for task in tasks if task.object == name), Grasp(object=name))
+
+    def _missing(self, task: Task) -> Abort | None:
+        """Why a task is not done."""
+        session, name = self.session, _name(task)
+        if isinstance(task, Pass):
+            met = task.met(session.path[self._rows :, :POSE]).any()
+            return None if met else Abort("task", f"{name} is not done: the box was not entered")
+        self._look()
+        if (dropped := self.dropped()) is not None:
+            return dropped
+        match task:
+            case Grasp():
+                return self._not_grasped(task)
+            case Carry():
+                return self._not_carried(self._aimed(task), name)
+            case Release(object=thing):
+                goal = self._goals.get(thing)
+                if goal is not None and self._off(goal) > 1.0:
+                    self._learn(thing)
+                    text = f"{thing} was moved while it was released: {self._where(goal)}"
+                    return Abort("lost", text)
+                return None
+        error = self._error(task)
+        if session.accuracy.surely(error):
+            return None
+        return Abort("task", f"{name} is not done: {session.accuracy.describe(error)}")
+
+    def _not_carried(self, task: Carry, name: str) -> Abort | None:
+        """Whether the object must be carried on: nearer than need be at first, for it may slide."""
+        if self._off(task) <= (_CARRIED_SHARE if self._looks < _LOOKS else 1.0):
+            return None
+        self._looks += 1
+        return Abort("task", f"{name} is not done: {self._where(task)}")
+
+    def _learn(self, name: str) -> None:
+        """Remember how the robot dragged an object along as it opened: it will do so again."""
+        if self._put_at is not None:
+            (pose, q), now = self._put_at, self.poses()[self._numbers[name]]
+            c, s = math.cos(q[2]), math.sin(q[2])
+            in_b0 = np.array([[c, s], [-s, c]]) @ (now - pose)[:2]
+            self._drags[name] = in_b0
+
+    def _aimed(self, task: Carry) -> Carry:
+        """The task with what the release is known to add taken off, for b0's heading now."""
+        if (drag := self._drags.get(task.object)) is None:
+            return task
+        c, s = math.cos(self.session.q[2]), math.sin(self.session.q[2])
+        x_m, y_m = (np.array([task.x_m, task.y_m]) - np.array([[c, -s], [s, c]]) @ drag).tolist()
+        phi_rad = task.phi_rad
+        if phi_rad is None and self._looks:  # b0 has the heading for which this was worked out
+            phi_rad = float(self.poses()[self._numbers[task.object], 2])
+        return task.with_values(x_m=x_m, y_m=y_m, phi_rad=phi_rad)
+
+    def _error(self, task: Task) -> Array:
+        """How far the robot is from where a task leaves it, (3 + n,)."""
+        session, robot = self.session, self.problem.robot
+        if isinstance(task, Reach):
+            goal = task.goal.loosened(-session.accuracy.scale(robot.coordinates))
+            return goal.error(session.q.copy())
+        error: Array = session.q - self.plan.trajectory.configuration([self._ends[0]])[0]
+        error[2] = wrapped(error[2])
+        return error
+
+    def _not_grasped(self, task: Grasp) -> Abort | None:
+        """Whether the object is neither where it should be held, nor proved to be caged."""
+        seen, grip = self.session.objects, self._grips[0]
+        self._room_m = 0.0
+        if seen is None or not seen.seen:
+            return None
+        in_b0 = seen.in_b0[grip.object]
+        away_m = _far_m(in_b0 - grip.pose_in_b0)
+        cage = cage_of(self.problem, self.session.q, grip.object, in_b0)
+        if cage is not None and cage.proved:
+            self._room_m = cage.room_m
+        elif away_m > HOLD_M:
+            where = f"it is {1e3 * away_m:.0f} mm from where it should be held"
+            return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
+        self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
+        return None
+
+    def _off(self, task: Carry) -> float:
+        """How far the object is from where it is carried, in units of `ACCURACY`."""
+        (far_m, turn_rad) = self._away(task)
+        return max(far_m / ACCURACY[0], turn_rad / ACCURACY[2])
+
+    def _away(self, task: Carry) -> tuple[float, float]:
+        number = self._numbers[task.object]
+        return away(task, self.problem.objects[number], self.poses()[number])
+
+    def _where(self, task: Carry) -> str:
+        far_m, turn_rad = self._away(task)
+        turned = f" and {math.degrees(turn_rad):.1f} degrees" if turn_rad else ""
+        return f"{task.object} is {1e3 * far_m:.1f} mm{turned} from where it is to be"
+
+    def look(self) -> None:
+        """Look at objects from a robot at rest."""
+        session, never = self.session, np.zeros_like(self.session.q)
+        if session.objects is not None:
+            session.objects.forget()
+            session.average(session.setpoint_C, never, self._patience.objects_s)
+
+    def _look(self) -> None:
+        session, patience = self.session, self._patience
+        accuracy = session.accuracy.scale(self.problem.robot.coordinates)
+        self.look()
+        session.average(session.setpoint_C, patience.certain * accuracy, patience.look_s)
+
+    def _done(self) -> None:
+        task, *left = self.left
+        self._ends.pop(0)
+        if isinstance(task, Grasp):
+            self._hold, self.trouble = self._grips.pop(0), ""
+        if isinstance(task, Carry):
+            self._goals[task.object] = task
+        self.left, self._rows = tuple(left), len(self.session.path)
+        self._looks = 0
+        self._open_before_release()
+        self.done_s.append(self.session.now_s)
+        where = f": {self._where(self._aimed(task))}" if isinstance(task, Carry) else ""
+        self.session.tell("task", f"{_name(task)} is done{where}")
+        self._watch(task)
+
+    def _open_before_release(self) -> None:
+        """What is about to be released rests while the robot opens."""
+        objects = self.session.objects
+        if self._hold is not None and self.left and isinstance(self.left[0], Release):
+            if objects is not None and not objects.seen:
+                objects.poses = self.poses()
+            self._put_at = self.poses()[self._hold.object], self.session.q.copy()
+            self._hold = None
+
+    def _watch(self, before: Task | None) -> None:
+        """Have the guard keep from what must not be touched until the next task is done."""
+        problem, hold = self.problem, self._hold
+        touched: list[Task] = [before] if isinstance(before, Conform) else []
+        touched += [task for task in self.left[:1] if isinstance(task, Grasp | Conform | Release)]
+        names = {getattr(task, "object", None) for task in touched}
+        if not problem.obstacles and not problem.objects and problem.workspace is None:
+            return
+        free = [
+            None if item.name in names or (hold is not None and hold.object == i) else pose
+            for i, (item, pose) in enumerate(zip(problem.objects, self.poses(), strict=True))
+        ]
+        world = problem.world_with(free)
+        kept = [item for item in world.obstacles if item.name not in names]
+        pieces: list[Array] = []
+        if hold is not None:
+            from twosra_mpc.space.convex import convex_parts
+
+            held = problem.objects[hold.object].at(hold.pose_in_b0)
+            pieces = convex_parts(held.corners_m)
+        world = world.with_values(obstacles=kept)
+        self.session.guard = Guard(problem, self._patience, world, pieces)
+
+
+def away(task: Carry, item: Object, pose: Array) -> tuple[float, float]:
+    """How far an object at a pose (3,) is from where a task carries it, beyond its tolerance.
+
+    A disc has no heading: nobody sees it turn in a cage.
+
+    Returns:
+        Distance [m] and turn [rad].
+    """
+    far_m = math.hypot(pose[0] - task.x_m, pose[1] - task.y_m) - task.position_tolerance_m
+    turn_rad = 0.0
+    if task.phi_rad is not None and item.disc is None:
+        turn_rad = abs(math.remainder(pose[2] - task.phi_rad, math.tau))
+        turn_rad = max(turn_rad - task.heading_tolerance_rad, 0.0)
+    return max(far_m, 0.0), turn_rad
+
+
+def _far_m(away: Array) -> float:
+    return math.hypot(away[0], away[1])
+
+
+def _name(task: Task) -> str:
+    return f"{task.do} {task.name or getattr(task, 'object', '')}".strip()
+
+
+def _put(item: Object, pose: Array) -> Object:
+    x_m, y_m, phi_rad = pose.tolist()
+    return item.with_values(pose={"x_m": x_m, "y_m": y_m, "phi_rad": phi_rad})

@@ -1,0 +1,149 @@
+"""How deep a thing lies in convex pieces, and which is the shortest way out."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.problem.objects import Object
+from twosra_mpc.problem.world import area_m2
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.space.convex import convex_parts
+
+_LIMIT_SURFACE = 0.6  # of the radius of gyration of the friction, by the square root of area / pi
+_ROUNDING_M2 = 1e-18
+
+
+class Contact(NamedTuple):
+    """Where a thing overlaps a piece.
+
+    Attributes:
+        depth_m: How far it must be moved to be out.
+        way: The direction, (2,).
+        at: Where it is pushed, (2,) [m].
+        piece: The piece that pushes it.
+    """
+
+    depth_m: float
+    way: Array
+    at: Array
+    piece: int
+
+
+class Thing:
+    """An object's shape for contact: a disc as it is, anything else as convex parts.
+
+    Attributes:
+        middle: Its centroid in its own frame, (2,) [m].
+        radius_m: Of a circle about its own origin that holds it.
+        friction: Its coefficient against the robot.
+        lever_m: c of its limit surface: a load (f, m) turns it by m / c^2 for every f it slides.
+    """
+
+    def __init__(self, item: Object) -> None:
+        self.disc_m = None if item.disc is None else item.disc.radius_m
+        self.friction = item.friction or 0.0
+        self.own = item.own.corners_m
+        self.parts = convex_parts(self.own)
+        areas = np.array([area_m2(part) for part in self.parts])
+        self.middle = sum(map(_moment, self.parts), np.zeros(2)) / areas.sum()
+        self.radius_m = float(np.linalg.norm(self.own, axis=1).max())
+        self.lever_m = _LIMIT_SURFACE * math.sqrt(areas.sum() / math.pi)
+
+    def placed(self, pose: Array) -> list[Array]:
+        """Its convex parts at a pose (3,), each (k, 2)."""
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        turned = np.array([[c, s], [-s, c]])
+        return [part @ turned + pose[:2] for part in self.parts]
+
+    def deepest(self, pose: Array, pieces: Array) -> Contact | None:
+        """Where it lies deepest in pieces (p, k, 2), counter-clockwise; None where it does not."""
+        if self.disc_m is not None:
+            found = _of_disc(pose[:2], self.disc_m, pieces)
+        else:
+            contacts = [_of_part(part, pieces) for part in self.placed(pose)]
+            found = max(contacts, key=lambda contact: contact.depth_m)
+        return found if found.depth_m > 0 else None
+
+
+def _moment(corners: Array) -> Array:
+    """Integral of the position over a polygon, (2,) [m3]."""
+    ahead = np.roll(corners, -1, axis=0)
+    twice = corners[:, 0] * ahead[:, 1] - corners[:, 1] * ahead[:, 0]
+    found: Array = twice @ (corners + ahead) / 6
+    return found
+
+
+def _sides(corners: Array) -> tuple[Array, Array]:
+    """Outward normals of polygons (..., k, 2), and how far these reach on them, (..., k)."""
+    ahead = np.roll(corners, -1, axis=-2) - corners
+    normals = np.stack([ahead[..., 1], -ahead[..., 0]], axis=-1)
+    normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    return normals, (normals * corners).sum(axis=-1)
+
+
+def _of_disc(centre: Array, radius_m: float, pieces: Array) -> Contact:
+    ahead = np.roll(pieces, -1, axis=1) - pieces
+    share = ((centre - pieces) * ahead).sum(axis=-1) / (ahead**2).sum(axis=-1)
+    nearest = pieces + share.clip(0.0, 1.0)[..., None] * ahead
+    away = np.linalg.norm(centre - nearest, axis=-1)
+    normals, reach = _sides(pieces)
+    beyond = normals @ centre - reach  # of each side
+    inside: NDArray[np.bool_] = np.all(beyond <= 0, axis=1)
+    distance = np.where(inside, beyond.max(axis=1), away.min(axis=1))
+    piece = int(distance.argmin())
+    side = int(away[piece].argmin())
+    way = normals[piece, side]
+    if not inside[piece] and away[piece, side] > 0:
+        way = (centre - nearest[piece, side]) / away[piece, side]
+    return Contact(radius_m - float(distance[piece]), way, nearest[piece, side], piece)
+
+
+def _of_part(part: Array, pieces: Array) -> Contact:
+    """By separating axes; ways through a side that another piece hides do not lead out."""
+    own, own_reach = _sides(part)
+    normals, reach = _sides(pieces)
+    by_part = (pieces @ own.T).min(axis=1) - own_reach
+    by_piece = (normals @ part.T).min(axis=-1) - reach
+    apart = np.maximum(by_part.max(axis=1), by_piece.max(axis=1))
+    touched = np.flatnonzero(apart < 0)
+    deepest = Contact(0.0, np.zeros(2), np.zeros(2), 0)
+    for piece in touched.tolist():
+        middles = (pieces[piece] + np.roll(pieces[piece], -1, axis=0)) / 2
+        hidden = _within(middles, np.delete(normals, piece, 0), np.delete(reach, piece, 0))
+        depths = np.concatenate([-by_part[piece], np.where(hidden, np.inf, -by_piece[piece])])
+        least = int(depths.argmin())
+        if depths[least] > deepest.depth_m:
+            way = np.concatenate([-own, normals[piece]])[least]
+            at = _shared(part, pieces[piece])
+            deepest = Contact(float(depths[least]), way, at, piece)
+    return deepest
+
+
+def _within(points: Array, normals: Array, reach: Array) -> NDArray[np.bool_]:
+    """Whether points (m, 2) lie within any of the pieces with these sides."""
+    within = (normals @ points.T <= reach[..., None] + 1e-9).all(axis=1)  # (p, k, m)
+    found: NDArray[np.bool_] = np.any(within, axis=0)
+    return found
+
+
+def _shared(part: Array, piece: Array) -> Array:
+    """Centroid of what two convex polygons share (Sutherland and Hodgman), (2,)."""
+    left = part
+    for normal, reach in zip(*_sides(piece), strict=True):
+        beyond, ahead = left @ normal - reach, np.roll(left, -1, axis=0)
+        after = np.roll(beyond, -1)
+        corners = []
+        for k in range(len(left)):
+            if beyond[k] <= 0:
+                corners.append(left[k])
+            if beyond[k] * after[k] < 0:
+                corners.append(left[k] + beyond[k] / (beyond[k] - after[k]) * (ahead[k] - left[k]))
+        if not corners:
+            break
+        left = np.array(corners)
+    area = area_m2(left)
+    return left.mean(axis=0) if area < _ROUNDING_M2 else _moment(left) / area
