@@ -48,7 +48,8 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
     """When each task of a mission is done: at the end of its stage; a box when it is entered."""
     if not problem.is_mission:
         return ()
-    plain = Trajectory(problem.with_values(tasks=(), objects=()), samples, (), ())
+    start = problem.start.with_values(holding=None)
+    plain = Trajectory(problem.with_values(start=start, tasks=(), objects=()), samples, (), ())
     done, stages = [0.0], iter(ends_s)
     for task in problem.tasks:
         if isinstance(task, Pass):
