@@ -18,7 +18,6 @@ from twosra_mpc import Problem, Result, Robot, load_plan, load_problem, load_rob
 from twosra_mpc.checking.plan_file import check_plan, effort_s
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.gentle import cheapest
 from twosra_mpc.planning.nlp.fixed_sequence import (
     INTERVALS,
     Candidate,
@@ -26,8 +25,9 @@ from twosra_mpc.planning.nlp.fixed_sequence import (
     scheduled,
 )
 from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.schedule import cost_coefficients
+from twosra_mpc.planning.single_goal.gentle import cheapest
+from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence

@@ -14,7 +14,7 @@ from conftest import Run
 import twosra_mpc.analysis.explanation as explanation_module
 import twosra_mpc.cli.comparisons as command
 import twosra_mpc.planning.planner as planner_module
-import twosra_mpc.planning.sequence_solver as sequence_solver
+import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
 from twosra_mpc import InputError, Plan, Status, load_problem, plan
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain

@@ -24,7 +24,7 @@ from twosra_mpc.planning.nlp.fixed_sequence import (
 from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.nlp.multiple_shooting import transcribe
 from twosra_mpc.planning.nlp.terminal_correction import TERMINAL_TOLERANCE, correct_end
-from twosra_mpc.planning.outcome import verified
+from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import TemporalNetwork

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.planning.relaxed import mode_tree
-from twosra_mpc.planning.sequence_solver import SequenceSolver
+from twosra_mpc.planning.single_goal.relaxed import mode_tree
+from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import ModeSequence, all_modes
 
 THREE = load_problem("three-segments")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
-import twosra_mpc.planning.sequence_solver as sequence_solver
+import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.planning.planner import Progress
-from twosra_mpc.planning.relaxed import bending_task
 from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.sequence_solver import SequenceSolver
+from twosra_mpc.planning.single_goal.relaxed import bending_task
+from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 

@@ -12,8 +12,8 @@ from problems import ROBOT
 
 from twosra_mpc import Goal, Problem, Start
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.relaxed import rigid_time
 from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.planning.single_goal.relaxed import rigid_time
 from twosra_mpc.robot.modes import RIGID
 
 LIMIT = ROBOT.limits.wheel_speed_rad_s

@@ -59,7 +59,7 @@ STAGES = [
     ("plans/",),
     ("schema.py",),
     ("checking/",),
-    ("planning/outcome.py",),
+    ("planning/single_goal/outcome.py",),
     ("reproduction/",),
     ("planning/",),
     ("analysis/",),

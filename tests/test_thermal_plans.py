@@ -26,9 +26,9 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Goal, Plan, Problem, Start, Status, load_problem, plan
-from twosra_mpc.planning.relaxed import bending_task, mode_tree
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.planning.single_goal.relaxed import bending_task, mode_tree
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, Mode, ModeSequence
 from twosra_mpc.timing import transition_model

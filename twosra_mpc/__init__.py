@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from twosra_mpc.identification.path_choice import with_path_model
     from twosra_mpc.identification.thermal import ThermalFit, identify
     from twosra_mpc.model.outline import RobotShape, robot_shape
-    from twosra_mpc.planning.conclusion import Progress
     from twosra_mpc.planning.planner import plan
+    from twosra_mpc.planning.single_goal.conclusion import Progress
     from twosra_mpc.plans.document import load_plan
     from twosra_mpc.plans.plan import Plan, Status
     from twosra_mpc.plans.result import Result
@@ -50,7 +50,7 @@ _PUBLIC = {
     "identification.path_choice": ("with_path_model",),
     "identification.thermal": ("ThermalFit", "identify"),
     "model.outline": ("RobotShape", "robot_shape"),
-    "planning.conclusion": ("Progress",),
+    "planning.single_goal.conclusion": ("Progress",),
     "planning.planner": ("plan",),
     "plans.document": ("load_plan",),
     "plans.plan": ("Plan", "Status"),

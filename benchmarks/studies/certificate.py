@@ -19,9 +19,9 @@ from benchmarks.measurement import PlanRecord
 from benchmarks.study import Count, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Problem
-from twosra_mpc.planning.relaxed import mode_tree
 from twosra_mpc.planning.search.bounds import SequenceBound
-from twosra_mpc.planning.sequence_solver import SequenceSolver
+from twosra_mpc.planning.single_goal.relaxed import mode_tree
+from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork
 from twosra_mpc.validation import Positive

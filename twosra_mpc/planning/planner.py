@@ -11,15 +11,15 @@ from typing import TypeVar
 import numpy as np
 
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
-from twosra_mpc.planning.outcome import verified
-from twosra_mpc.planning.relaxed import mode_tree
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.planning.sequence_solver import SequenceSolver, Solved, checked
+from twosra_mpc.planning.single_goal.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
+from twosra_mpc.planning.single_goal.outcome import verified
+from twosra_mpc.planning.single_goal.relaxed import mode_tree
+from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver, Solved, checked
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats

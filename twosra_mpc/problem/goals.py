@@ -69,6 +69,11 @@ class GoalSet(Value, ABC):
         del widths
         return self
 
+    def shaped(self, kappa: Array, within_per_m: float) -> GoalSet:
+        """Return the set with shapes near ``kappa`` (n,) only, if it can say so."""
+        del kappa, within_per_m
+        return self
+
     @property
     def configuration(self) -> Array:
         """The middle of its box, (3 + n,), read-only; NaN where it is free."""
@@ -179,6 +184,16 @@ class Goal(GoalSet):
         box = self.tolerance or Tolerance()
         bends = box.kappa_per_m or (0.0,) * len(self.kappa_per_m)
         return read_only([box.x_m, box.y_m, box.phi_rad, *bends])
+
+    def shaped(self, kappa: Array, within_per_m: float) -> Goal:
+        """Return the goal with shapes near ``kappa`` (n,) only, where it leaves a choice."""
+        middle, width = self.configuration[POSE:], self.half_width[POSE:]
+        free = np.isnan(middle) | (width > within_per_m)
+        tolerance = (self.tolerance or Tolerance()).with_values(
+            kappa_per_m=tuple(np.where(free, within_per_m, width).tolist())
+        )
+        shape = tuple(np.where(free, kappa, middle).tolist())
+        return self.with_values(kappa_per_m=shape, tolerance=tolerance)
 
     def of_robot(self, robot: Robot) -> Goal:
         """Return this goal with what was left out filled in for a robot."""

@@ -15,7 +15,7 @@ from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs
-from twosra_mpc.planning.outcome import verified
+from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model

@@ -15,11 +15,11 @@ from twosra_mpc.planning.nlp.guess import guess_motion, moved_inside
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.mission_tree import Node
-from twosra_mpc.planning.sequence_solver import Solved, checked
-from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
+from twosra_mpc.planning.single_goal.sequence_solver import Solved, checked
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.problem.problem import Problem, Start
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import TemporalNetwork
 
@@ -47,7 +47,7 @@ class StageSolver:
         ends = shapes(problem, node.sequences, bends)
         q, motions = problem.start.configuration, list[Motion]()
         for goal, sequence, bend, shape in zip(goals, node.sequences, bends, ends, strict=True):
-            motion = _motion(problem, q, _chosen(goal, shape, q), sequence, bend)
+            motion = _motion(problem, q, goal.shaped(shape, _WIDE_PER_M), sequence, bend)
             if motion is None:
                 yield None
                 return
@@ -66,33 +66,6 @@ def _motion(
     usable = may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
     return correct_end(moved_inside(made, alone), goal)
-
-
-def _chosen(goal: GoalSet, shape: Array, near: Array) -> GoalSet:
-    """The goal with the shape that was chosen for the mission, where that is one of several."""
-    low, high = goal.box(near)
-    wide = high[POSE:] - low[POSE:] > 2 * _WIDE_PER_M
-    if not isinstance(goal, Goal) or not wide.any():
-        return goal
-    given = np.isfinite(high[:POSE] - low[:POSE])
-    x_m, y_m, phi_rad = (
-        float(a + b) / 2 if known else None for a, b, known in zip(low, high, given, strict=False)
-    )
-    within = np.where(given, (high[:POSE] - low[:POSE]) / 2, 0.0).tolist()
-    width = np.where(wide, _WIDE_PER_M, (high[POSE:] - low[POSE:]) / 2)
-    middle = np.where(wide, shape, (low[POSE:] + high[POSE:]) / 2)
-    tolerance = Tolerance(
-        x_m=within[0], y_m=within[1], phi_rad=within[2], kappa_per_m=tuple(width.tolist())
-    )
-    return Goal(
-        x_m=x_m,
-        y_m=y_m,
-        phi_rad=phi_rad,
-        kappa_per_m=tuple(middle.tolist()),
-        tolerance=tolerance,
-        phi_modulo=goal.phi_modulo,
-        mode=goal.mode,
-    )
 
 
 def joined(

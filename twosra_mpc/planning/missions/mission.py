@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from twosra_mpc.planning.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
 from twosra_mpc.planning.missions.free_space import StageSolver
 from twosra_mpc.planning.missions.placement import MissionPlacer
 from twosra_mpc.planning.missions.relaxed import relaxation, stage_tasks
 from twosra_mpc.planning.missions.variants import Variant, Ways
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.mission_tree import MissionTree
-from twosra_mpc.planning.sequence_solver import Solved
+from twosra_mpc.planning.single_goal.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
+from twosra_mpc.planning.single_goal.sequence_solver import Solved
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats

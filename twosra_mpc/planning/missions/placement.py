@@ -20,8 +20,8 @@ from twosra_mpc.planning.obstacles.placement import hidden_by_phase_s
 from twosra_mpc.planning.obstacles.stations import Chain
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.mission_tree import Node
-from twosra_mpc.planning.sequence_solver import Solved, checked
-from twosra_mpc.problem.goals import Anywhere, GoalSet
+from twosra_mpc.planning.single_goal.sequence_solver import Solved, checked
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
@@ -115,7 +115,7 @@ class MissionPlacer:
         for stage, sequence in zip(stages, sequences, strict=True):
             part = inputs[first : first + len(sequence)]
             motion: Motion | None = roll_out(robot, q, sequence, part)
-            if stage.ends is None and not isinstance(stage.goal, Anywhere):
+            if stage.ends is None and stage.away is None:
                 motion = correct_end(motion, stage.goal) if motion is not None else None
             if motion is None:
                 return None

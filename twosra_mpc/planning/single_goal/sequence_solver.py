@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.model.flow import Motion
-from twosra_mpc.planning.gentle import cheapest
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import (
     bend_changes,
@@ -19,8 +18,9 @@ from twosra_mpc.planning.nlp.guess import (
     inner_goal,
     moved_inside,
 )
-from twosra_mpc.planning.outcome import verified
 from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.single_goal.gentle import cheapest
+from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.problem.problem import Problem
