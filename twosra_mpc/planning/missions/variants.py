@@ -34,7 +34,7 @@ _HEADINGS = 24  # of the robot around a disc
 _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _MOST_MEMBERS = 8
-_OPEN = 0.7  # of its curvature around an object one side has at most when it has let go
+_OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 
 
@@ -149,7 +149,7 @@ class Ways:
             case Carry():
                 yield from self._carried(state, task)
             case Release():
-                yield from self._released(state)
+                yield self._released(state)
             case Conform():
                 yield from self._conformed(state, task)
 
@@ -256,38 +256,34 @@ class Ways:
             )
             yield self._after(state, stage)
 
-    def _released(self, state: State) -> Iterator[State]:
-        """Let go: a caged object by opening one side or the other, by so much at least."""
+    def _released(self, state: State) -> State:
+        """Let go: a caged object by opening all around it, by so much at least."""
         hold = state.hold
         assert hold is not None, "checked with the problem"
         free = state._replace(hold=None)
+        first, *others = (
+            (self._opened(hold.kappa, share) for share in _OPEN)
+            if hold.caged
+            else [Anywhere(mode=self.problem.robot.rigid)]
+        )
         stage = Stage(
-            Anywhere(mode=self.problem.robot.rigid),
+            first,
             None,
             self.problem.modes,
             self._world(free, self.problem.objects[hold.number].name),
             drives_first=False,
             reshapes=hold.caged,
+            openings=tuple(others),
             away=self._world(free),
             touches=True,
         )
-        if not hold.caged:
-            yield self._after(free, stage)
-            return
-        bent = np.flatnonzero(np.abs(hold.kappa) > _STRAIGHT_PER_M).tolist()
-        for side in bent:
-            first, *others = (
-                self._opened(hold.kappa, share, sides)
-                for share, sides in ((_OPEN, [side]), (0.4, [side]), (0.0, [side]), (0.0, bent))
-            )
-            after = self._after(free, replace(stage, goal=first, openings=tuple(others)))
-            yield after._replace(key=(*after.key, float(side)))
+        return self._after(free, stage)
 
-    def _opened(self, kappa: Array, share: float, sides: Sequence[int]) -> GoalSet:
-        """Shapes in which segments have no more than a share of their curvature."""
+    def _opened(self, kappa: Array, share: float) -> GoalSet:
+        """Shapes in which bent segments have no more than a share of their curvature."""
         limit = self.problem.robot.limits.curvature_per_m
         middle, width = list[float | None]([None] * len(kappa)), [0.0] * len(kappa)
-        for j in sides:
+        for j in np.flatnonzero(np.abs(kappa) > _STRAIGHT_PER_M).tolist():
             ends = sorted((share * float(kappa[j]), -math.copysign(limit, kappa[j])))
             middle[j], width[j] = sum(ends) / 2, (ends[1] - ends[0]) / 2
         return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=tuple(width)))
