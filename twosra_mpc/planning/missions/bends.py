@@ -41,10 +41,20 @@ def stage_bends(
         strict=True,
     ):
         inner = inner if (inner[0] <= inner[1]).all() else outer
-        chosen = inner_bends(sequence, bends, np.array(outer) - here, np.array(inner) - here)
+        box = np.array(outer) - here
+        chosen = inner_bends(sequence, _into(sequence, bends, box), box, np.array(inner) - here)
         found.append(chosen)
         here = here + np.array(sequence, dtype=float).T @ chosen
     return found
+
+
+def _into(sequence: ModeSequence, bends: Array, box: Array) -> Array:
+    """The nearest bends that end in a box, (2, n), as a stage may begin a bit aside."""
+    incidence = np.array(sequence, dtype=float).T
+    reached = incidence @ bends
+    step, *_ = np.linalg.lstsq(incidence, np.clip(reached, *box) - reached, rcond=1e-12)
+    moved: Array = bends + step
+    return moved
 
 
 def shapes(problem: Problem, sequences: Sequence[ModeSequence], bends: Sequence[Array]) -> Array:

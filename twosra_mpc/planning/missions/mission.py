@@ -6,12 +6,13 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from twosra_mpc.planning.missions.free_space import StageSolver
 from twosra_mpc.planning.missions.placement import MissionPlacer
 from twosra_mpc.planning.missions.relaxed import relaxation, stage_tasks
 from twosra_mpc.planning.missions.variants import Variant, Ways
-from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
 from twosra_mpc.planning.search.mission_tree import MissionTree
 from twosra_mpc.planning.single_goal.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
 from twosra_mpc.planning.single_goal.sequence_solver import Solved
@@ -20,6 +21,8 @@ from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.timing import transition_model
+
+_WIDTH, _ATTEMPTS = 4, 30  # of the first look for a plan
 
 
 def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | None = None) -> Result:
@@ -41,16 +44,22 @@ def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | Non
     free = not problem.world_at_start.obstacles and not problem.passes
     solver = StageSolver(variants) if free else MissionPlacer(variants, deadline)
     tree = mission_tree(problem, variants, solver)
+    late = partial(_late, deadline)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
-        out_of_time=lambda: time.perf_counter() > deadline,
+        out_of_time=late,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
+        first_look=lambda: dive(tree, width=_WIDTH, attempts=_ATTEMPTS, out_of_time=late),
     )
     if result.solution is not None:
         result = as_asked(result.solution.plan.problem, result)
     stats = Stats(time.perf_counter() - started, result.bounded, result.solved, 0)
     return _conclude(problem, result, tree, stats)
+
+
+def _late(deadline: float) -> bool:
+    return time.perf_counter() > deadline
 
 
 def mission_tree(

@@ -34,17 +34,17 @@ _HEADINGS = 24  # of the robot around a disc
 _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _MOST_MEMBERS = 8
-_OPEN = (0.7, 0.4, 0.0)  # shares of the curvatures around an object, to let it go
+_OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """Ways to do a mission with the same shapes: members, the shortest first.
+    """Ways to do a mission with the same shapes.
 
     Attributes:
         problem: The problem with its tasks in the order of the variant.
-        members: The stages of each way.
+        members: The stages of each way, the shortest one first.
     """
 
     problem: Problem
@@ -91,6 +91,7 @@ class Ways:
             for members in groups.values():
                 members.sort(key=self._length_m)
                 found.append(Variant(problem, tuple(members[:_MOST_MEMBERS])))
+        found.sort(key=lambda variant: self._length_m(variant.members[0]))
         return found
 
     def _orders(self) -> Iterator[tuple[Task, ...]]:
@@ -256,34 +257,36 @@ class Ways:
             yield self._after(state, stage)
 
     def _released(self, state: State) -> State:
+        """Let go: a caged object by opening all around it, by so much at least."""
         hold = state.hold
         assert hold is not None, "checked with the problem"
         free = state._replace(hold=None)
-        name = self.problem.objects[hold.number].name
+        first, *others = (
+            (self._opened(hold.kappa, share) for share in _OPEN)
+            if hold.caged
+            else [Anywhere(mode=self.problem.robot.rigid)]
+        )
         stage = Stage(
-            Anywhere(mode=self.problem.robot.rigid),
+            first,
             None,
             self.problem.modes,
-            self._world(free, name),
+            self._world(free, self.problem.objects[hold.number].name),
             drives_first=False,
             reshapes=hold.caged,
-            openings=tuple(self._openings(hold.kappa)) if hold.caged else (),
+            openings=tuple(others),
             away=self._world(free),
             touches=True,
         )
         return self._after(free, stage)
 
-    def _openings(self, kappa: Array) -> Iterator[GoalSet]:
-        """Shapes that are opened so far: both sides, or one."""
+    def _opened(self, kappa: Array, share: float) -> GoalSet:
+        """Shapes in which bent segments have no more than a share of their curvature."""
         limit = self.problem.robot.limits.curvature_per_m
-        bent = np.flatnonzero(np.abs(kappa) > _STRAIGHT_PER_M).tolist()
-        sides = [bent, *([j] for j in bent)] if len(bent) > 1 else [bent]
-        for share, side in itertools.product(_OPEN, sides):
-            middle, width = list[float | None]([None] * len(kappa)), [0.0] * len(kappa)
-            for j in side:
-                ends = sorted((share * float(kappa[j]), -math.copysign(limit, kappa[j])))
-                middle[j], width[j] = sum(ends) / 2, (ends[1] - ends[0]) / 2
-            yield Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=tuple(width)))
+        middle, width = list[float | None]([None] * len(kappa)), [0.0] * len(kappa)
+        for j in np.flatnonzero(np.abs(kappa) > _STRAIGHT_PER_M).tolist():
+            ends = sorted((share * float(kappa[j]), -math.copysign(limit, kappa[j])))
+            middle[j], width[j] = sum(ends) / 2, (ends[1] - ends[0]) / 2
+        return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=tuple(width)))
 
     def _conformed(self, state: State, task: Conform) -> Iterator[State]:
         names = [item.name for item in self.problem.objects]

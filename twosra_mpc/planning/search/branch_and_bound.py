@@ -89,6 +89,7 @@ def branch_and_bound(
     gap: float,
     out_of_time: Callable[[], bool],
     on_progress: Callable[[float, float], None],
+    first_look: Callable[[], tuple[float, Solution] | None] = lambda: None,
 ) -> SearchResult[Solution]:
     """Search ``tree`` for a leaf within ``gap`` of the least possible cost.
 
@@ -97,9 +98,12 @@ def branch_and_bound(
         gap: Relative optimality gap (cost - lower bound) / cost to stop at.
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
+        first_look: Finds (cost, solution) of a leaf to begin with, if it can.
     """
     search = _Search(tree, gap)
     try:
+        if (found := first_look()) is not None:
+            search.cost, search.solution = found
         while search.open:
             on_progress(search.cost, search.lower_bound)
             if search.closed:
@@ -110,6 +114,37 @@ def branch_and_bound(
     except KeyboardInterrupt:
         return search.result(Ending.INTERRUPTED)
     return search.result(Ending.CLOSED if search.closed else Ending.EXHAUSTED)
+
+
+def dive(
+    tree: Tree[Node, Solution], *, width: int, attempts: int, out_of_time: Callable[[], bool]
+) -> tuple[float, Solution] | None:
+    """Look for a first incumbent: the best few nodes of each level, down to leaves.
+
+    All leaves must be at the same depth.
+
+    Args:
+        tree: The problem.
+        width: Nodes of a level that are opened.
+        attempts: Leaves that are tried.
+        out_of_time: Asked before every attempt; True ends it.
+    """
+    nodes, level = [tree.root()], list[tuple[float, int, Node]]()
+    while nodes:
+        children = [child for node in nodes for child in tree.children(node)]
+        bounds = [(tree.bound(c), i, c) for i, c in enumerate(children) if not tree.too_deep(c)]
+        best = sorted((each for each in bounds if each[0] < math.inf), key=lambda each: each[:2])
+        if not best:
+            break
+        level, nodes = best, [node for *_, node in best[:width]]
+    for _, _, leaf in level[:attempts]:
+        if out_of_time():
+            return None
+        if tree.leaf_bound(leaf) < math.inf:
+            found = next((each for each in tree.solve(leaf) if each is not None), None)
+            if found is not None:
+                return found
+    return None
 
 
 class _Search(Generic[Node, Solution]):

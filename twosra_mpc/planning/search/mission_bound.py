@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from twosra_mpc.planning.search.bends import Intervals
 from twosra_mpc.planning.search.bounds import Relaxation, SequenceBound
+from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, is_rigid
 from twosra_mpc.timing import TemporalNetwork
@@ -65,6 +68,7 @@ def mission_bound(
     weights: Weights,
     least_durations: Sequence[float],
     ends: Sequence[StageEnd],
+    resting: Collection[int],
 ) -> SequenceBound | None:
     """Solve the relaxation of a mission; None if it is infeasible.
 
@@ -74,6 +78,7 @@ def mission_bound(
         weights: Weights of the cost.
         least_durations: Of the phases [s].
         ends: The end of each stage.
+        resting: Phases in which nothing moves.
     """
     sequence = network.sequence
     rates = [relaxation.rate(mode) if any(mode) else 0.0 for mode in sequence]
@@ -82,7 +87,8 @@ def mission_bound(
         if not _bends(program, network, ends, j, room):
             return None
     for end in ends:
-        _comes_as_far(program, network, relaxation, range(end.begun, end.phases), end.distance_m)
+        moving = [i for i in range(end.begun, end.phases) if i not in resting]
+        _comes_as_far(program, network, relaxation, moving, end.distance_m)
     return program.optimum()
 
 
@@ -113,7 +119,7 @@ def _comes_as_far(
     program: Relaxation,
     network: TemporalNetwork,
     relaxation: MissionRelaxation,
-    phases: range,
+    phases: Sequence[int],
     distance_m: float,
 ) -> None:
     """Let all phases of a stage, and its drives alone, last as long as the way takes."""
@@ -127,3 +133,29 @@ def _comes_as_far(
             for i, speed in zip(moving, speeds, strict=True):
                 terms |= {network.layout.end(i): speed, network.layout.start(i): -speed}
             program.at_least(terms, least)
+
+
+def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> bool:
+    """Whether stages that use these soft modes can bend as they must, one after the other.
+
+    Args:
+        changes: (low, high) of every segment's change of W up to the end of each stage.
+        modes: The soft modes of each stage.
+    """
+    columns = [mode for each in modes for mode in each]
+    rows, limits, used = [np.zeros(len(columns))], [0.0], 0
+    for change, each in zip(changes, modes, strict=True):
+        used += len(each)
+        for j, (low, high) in enumerate(change):
+            row = np.array([mode[j] if i < used else 0 for i, mode in enumerate(columns)], float)
+            for sign, limit in ((-1.0, -low), (1.0, high)):
+                if not math.isfinite(limit):
+                    continue
+                if not row.any() and limit < -_ROUNDING:
+                    return False
+                rows.append(sign * row)
+                limits.append(limit + _ROUNDING)
+    if not columns:
+        return True
+    free = [(None, None)] * len(columns)
+    return minimise(np.zeros(len(columns)), np.array(rows), np.array(limits), free) is not None

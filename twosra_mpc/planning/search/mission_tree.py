@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Generic, NamedTuple, TypeVar
 
 from twosra_mpc.planning.search.bends import (
@@ -26,7 +27,12 @@ from twosra_mpc.planning.search.bends import (
     unreachable_reason,
 )
 from twosra_mpc.planning.search.bounds import SequenceBound
-from twosra_mpc.planning.search.mission_bound import MissionRelaxation, StageEnd, mission_bound
+from twosra_mpc.planning.search.mission_bound import (
+    MissionRelaxation,
+    StageEnd,
+    mission_bound,
+    reachable,
+)
 from twosra_mpc.planning.search.schedule import with_durations
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, sequence_name
@@ -66,7 +72,6 @@ class StageTask:
     since: int = 1
     rigid_s: float = 0.0
     reshapes: bool = False
-    _durations: dict[ModeSequence, list[float]] = field(default_factory=dict)
 
     @property
     def most_phases(self) -> int:
@@ -107,13 +112,20 @@ class StageTask:
             return False
         return self.bend is None or unreachable_reason(sequence, self.bend) is None
 
-    def durations(self, sequence: ModeSequence) -> list[float]:
-        """Proved least duration of each phase of a sequence; worked out once."""
-        if sequence not in self._durations:
-            self._durations[sequence] = self._least_durations(sequence)
-        return self._durations[sequence]
+    def moving(self, sequence: ModeSequence) -> list[bool]:
+        """In which phases of a sequence something may move."""
+        rests = not self.drives_last and len(sequence) > 1 and is_rigid(sequence[-1])
+        return [True] * (len(sequence) - rests) + [False] * rests
 
-    def _least_durations(self, sequence: ModeSequence) -> list[float]:
+    @cached_property
+    def alike(self) -> Hashable:
+        """What bounds of the stage alone depend on."""
+        bend = self.bend and (self.bend.change, self.bend.origin, self.bend.origin_within)
+        drives = self.drives_first, self.drives_last, self.rigid_s
+        return self.modes, self.last, drives, self.reshapes, bend
+
+    def durations(self, sequence: ModeSequence) -> list[float]:
+        """Proved least duration of each phase of a sequence."""
         found = [0.0] * len(sequence)
         if self.bend is not None:
             found = list(least_durations(sequence, self.bend))
@@ -136,6 +148,24 @@ class Node(NamedTuple):
     def joined(self) -> ModeSequence:
         """All phases."""
         return tuple(itertools.chain.from_iterable(self.sequences))
+
+
+class _Way(NamedTuple):
+    """What moves the robot on: whether it drives, and how many blocks of soft phases there are."""
+
+    drives: bool = False
+    blocks: int = 0
+
+    def then(self, sequences: Sequence[ModeSequence], stages: Sequence[StageTask]) -> _Way:
+        """The same after the sequences of further stages."""
+        moving = [
+            mode
+            for stage, sequence in zip(stages, sequences, strict=False)
+            for mode, moves in zip(sequence, stage.moving(sequence), strict=True)
+            if moves
+        ]
+        blocks = sum(1 for rigid, _ in itertools.groupby(moving, key=is_rigid) if not rigid)
+        return _Way(self.drives or any(map(is_rigid, moving)), self.blocks + blocks)
 
 
 MissionSolver = Callable[
@@ -165,8 +195,11 @@ class MissionTree(Generic[Solution]):
     solver: MissionSolver[Solution]
     unreachable: dict[Node, str] = field(default_factory=dict)
     _bounds: dict[Node, SequenceBound] = field(default_factory=dict)
-    _alone: dict[tuple[int, Mode], float] = field(default_factory=dict)
-    _further: dict[tuple[int, Mode], float] = field(default_factory=dict)
+    _alone: dict[tuple[Hashable, Mode, ModeSequence], float] = field(default_factory=dict)
+    _rest: dict[tuple[int, int, Mode, _Way], float] = field(default_factory=dict)
+    _known: dict[tuple[Hashable, ModeSequence], list[float]] = field(default_factory=dict)
+    _bending: dict[tuple[int, tuple[ModeSequence, ...]], bool] = field(default_factory=dict)
+    _further: dict[tuple[Hashable, Mode], float] = field(default_factory=dict)
 
     def root(self) -> Node:
         """No variant chosen."""
@@ -179,6 +212,9 @@ class MissionTree(Generic[Solution]):
         stages, joined = self.variants[node.variant], node.joined
         done = len(node.sequences)
         cost = 0.0
+        if not self._bends(node):
+            self.unreachable[node] = f"{sequence_name(joined)} cannot bend as the tasks ask"
+            return math.inf
         if self._stranded(node):
             self.unreachable[node] = "without a drive it does not come so far"
             return math.inf
@@ -197,24 +233,67 @@ class MissionTree(Generic[Solution]):
             cost = times[network.layout.finish]
             cost += self.weights.energy_s_per_J * network.melt_energy_J
             cost += self.weights.transition_s * network.transitions
-        begins = self._ends(node)
+        (begins,) = self._ends(node)
         if node.beyond:
-            cost += min(self._beyond(stages[done], mode) for mode in begins)
-            begins, done = self._after(stages[done]), done + 1
-        for stage in stages[done:]:
-            cost += min(self._least(stage, mode) for mode in begins)
-            begins = self._after(stage)
-        return cost
+            return cost + self._beyond_and_on(node.variant, done, begins)
+        here = stages[done].since if done < len(stages) else 1
+        so_far = _Way().then(node.sequences[done - here + 1 :], stages[done - here + 1 :])
+        return cost + self._to_go(node.variant, done, begins, so_far)
+
+    def _to_go(self, variant: int, done: int, begins: Mode, way: _Way) -> float:
+        """What the stages from a number on add at least, whatever came before.
+
+        ``way`` is what has moved since the last end of a stage whose place is known.
+        """
+        stages = self.variants[variant]
+        if done == len(stages):
+            return 0.0
+        key = (variant, done, begins, way)
+        if key not in self._rest:
+            stage, best = stages[done], self._beyond_and_on(variant, done, begins)
+            known = done + 1 == len(stages) or stages[done + 1].since == 1
+            for sequence in stage.sequences(begins):
+                least = self._alone_s(stage, begins, sequence)
+                after = way.then([sequence], [stage])
+                if least < best and not self._too_far(stage, after):
+                    after = _Way() if known else after
+                    best = min(best, least + self._to_go(variant, done + 1, sequence[-1], after))
+            self._rest[key] = best
+        return self._rest[key]
+
+    def _beyond_and_on(self, variant: int, done: int, begins: Mode) -> float:
+        """The same where the first of these stages has a sequence longer than are opened."""
+        stage, way = self.variants[variant][done], _Way(drives=True)
+        on = (self._to_go(variant, done + 1, mode, way) for mode in self._after(stage))
+        return self._beyond(stage, begins) + min(on)
+
+    def _too_far(self, stage: StageTask, way: _Way) -> bool:
+        """Whether blocks alone do not come as far as a stage must, and there is no drive."""
+        by_blocks = way.blocks * self.relaxation.soft_travel_m if way.blocks else 0.0
+        return not way.drives and stage.distance_m > by_blocks
+
+    def _bends(self, node: Node) -> bool:
+        """Whether the modes of a node can bring about the shapes of its stages."""
+        modes = tuple(tuple(sorted(set(filter(any, each)))) for each in node.sequences)
+        key = node.variant, modes
+        if key not in self._bending:
+            stages = self.variants[node.variant][: len(modes)]
+            self._bending[key] = reachable([stage.change for stage in stages], modes)
+        return self._bending[key]
 
     def _stranded(self, node: Node) -> bool:
         """Whether the last stage is too far away for blocks alone, and there is no drive."""
         done = len(node.sequences)
         if not done:
             return False
-        stage = self.variants[node.variant][done - 1]
-        phases = list(itertools.chain.from_iterable(node.sequences[done - stage.since :]))
-        left_m = self.relaxation.driven_m(phases, stage.distance_m)
-        return left_m > 0.0 and not any(map(is_rigid, phases))
+        stages = self.variants[node.variant]
+        since = slice(done - stages[done - 1].since, done)
+        return self._too_far(stages[done - 1], _Way().then(node.sequences[since], stages[since]))
+
+    def _moving(self, node: Node) -> list[bool]:
+        """In which phases of a node something may move."""
+        pairs = zip(self.variants[node.variant], node.sequences, strict=False)
+        return [moves for stage, sequence in pairs for moves in stage.moving(sequence)]
 
     def children(self, node: Node) -> list[Node]:
         """The variants, or the next stage with each of its sequences."""
@@ -248,6 +327,7 @@ class MissionTree(Generic[Solution]):
                 StageEnd(ends[k], stage.change, ends[k - stage.since], stage.distance_m)
                 for k, stage in enumerate(stages, start=1)
             ],
+            [i for i, moves in enumerate(self._moving(node)) if not moves],
         )
         if bound is None:
             name = sequence_name(node.joined)
@@ -274,7 +354,14 @@ class MissionTree(Generic[Solution]):
     def _durations(self, node: Node) -> list[float]:
         stages = self.variants[node.variant]
         pairs = zip(stages, node.sequences, strict=False)
-        return [time for stage, sequence in pairs for time in stage.durations(sequence)]
+        return [time for stage, sequence in pairs for time in self._lasting(stage, sequence)]
+
+    def _lasting(self, stage: StageTask, sequence: ModeSequence) -> list[float]:
+        """Least durations of a stage's phases, worked out once."""
+        key = (stage.alike, sequence)
+        if key not in self._known:
+            self._known[key] = stage.durations(sequence)
+        return self._known[key]
 
     def _ends(self, node: Node) -> tuple[Mode, ...]:
         """Stiffness where the next stage begins."""
@@ -284,20 +371,17 @@ class MissionTree(Generic[Solution]):
         """Stiffnesses in which a stage may end."""
         return stage.modes if stage.last is None else (stage.last,)
 
-    def _least(self, stage: StageTask, begins: Mode) -> float:
-        """What a stage adds at least, whatever came before it."""
-        key = (id(stage), begins)
+    def _alone_s(self, stage: StageTask, begins: Mode, sequence: ModeSequence) -> float:
+        """What a stage adds at least with a sequence, whatever came before it."""
+        key = (stage.alike, begins, sequence)
         if key not in self._alone:
-            whole = (
-                self._from_warm(begins, sequence, stage.durations(sequence))
-                for sequence in stage.sequences(begins)
-            )
-            self._alone[key] = min(min(whole, default=math.inf), self._beyond(stage, begins))
+            durations = self._lasting(stage, sequence)
+            self._alone[key] = self._from_warm(begins, sequence, durations)
         return self._alone[key]
 
     def _beyond(self, stage: StageTask, begins: Mode) -> float:
         """What a stage adds at least with sequences longer than are opened."""
-        key = (id(stage), begins)
+        key = (stage.alike, begins)
         if key not in self._further:
             self._further[key] = self._least_prefix(stage, begins)
         return self._further[key]
