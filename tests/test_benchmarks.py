@@ -38,7 +38,10 @@ from benchmarks.run import open_log, results_of, run_study
 from benchmarks.run_log import NAME, RunLog
 from benchmarks.scenes import LEAST_CLEARANCE_M
 from benchmarks.studies import STUDIES
+from benchmarks.studies.closed_loop_missions import PLACED, STOPPED, WRONG, came_to
 from benchmarks.studies.cold_start import RoundRecord, breakdown, own_import_times
+from benchmarks.studies.missions import Case as MissionCase
+from benchmarks.studies.missions import longer, reshapings_at_the_nearest
 from benchmarks.studies.scenes import blocks
 from benchmarks.study import Study
 from benchmarks.thermal_scale import thermally_faster
@@ -535,3 +538,65 @@ def test_cold_start_parts_add_up_to_the_whole() -> None:
     assert parts["import pydantic"] == pytest.approx(0.2)
     assert parts["building functions"] == pytest.approx(0.7)
     assert parts["everything else"] == pytest.approx(0.3)
+
+
+# --- missions ------------------------------------------------------------------------------------
+
+
+def test_missions_are_planned_beside_goal_by_goal(tmp_path: Path) -> None:
+    settings = ("count=1", "goals=[2]", "boxes_per_m=[20]", "box_goals=2")
+    done = benchmark(tmp_path, "missions", *settings)
+    assert done.exit_code == 0, done.output
+    assert "| 2 | 100 % (1 of 1) | 0 |" in done.stdout
+    assert "| 20 | 100 % (1 of 1) |" in done.stdout
+    study = STUDIES["missions"].with_values(count=1, goals=(2,), boxes_per_m=(20.0,), box_goals=2)
+    (_, whole), (_, box) = results_of(study, open_log("missions", study, tmp_path))
+    assert not longer(whole, study.gap)
+    assert longer({**whole, "cost": 1.1 * whole["warm"]}, study.gap)
+    assert box["reshapings"] <= box["nearest"]
+
+
+def test_missions_of_boxes_that_differ_in_width_have_the_same_goals() -> None:
+    study = STUDIES["missions"]
+    narrow, wide = (study.mission(MissionCase(4, box, 0)) for box in (5.0, 20.0))
+    for one, other in zip(narrow.tasks, wide.tasks, strict=True):
+        assert (one.goal.configuration == other.goal.configuration).all()
+        assert (one.goal.half_width < other.goal.half_width).any()
+    assert reshapings_at_the_nearest(wide) <= 4
+
+
+@pytest.mark.parametrize(
+    ("kappas", "count"), [((15.0, 12.0), 1), ((15.0, -20.0), 2), ((5.0, -5.0), 0)]
+)
+def test_the_nearest_point_reshapes_where_the_shape_is_in_no_box(
+    kappas: tuple[float, float], count: int
+) -> None:
+    box = {"kappa_per_m": (10.0, 10.0)}
+    first, last = ({"x_m": 0.1, "kappa_per_m": (k, 0.0), "tolerance": box} for k in kappas)
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    problem = load_problem("rigid-move", start=start, goal=last)
+    problem = problem.with_values(tasks=[{"do": "reach", **first}])
+    assert reshapings_at_the_nearest(problem) == count
+
+
+def test_a_mission_with_objects_is_planned_beside_goal_by_goal(tmp_path: Path) -> None:
+    done = benchmark(tmp_path, "pick-and-place", 'scenarios=["conform-cylinder"]', "repeats=1")
+    assert done.exit_code == 0, done.output
+    assert "| conform-cylinder | True |" in done.stdout
+
+
+def test_what_a_mission_came_to_is_by_what_really_happened() -> None:
+    good = {"ending": "reached", "reason": "all tasks are done", "touched": "", "squeezed": ""}
+    made = {**good, "object_m": 0.004, "object_rad": None}
+    assert came_to(made) == PLACED
+    assert came_to({**made, "object_m": 0.006}) == WRONG
+    assert came_to({**made, "touched": "touched wall at 3 s"}) == WRONG
+    assert came_to({**made, "ending": "object lost", "object_m": 0.2}) == STOPPED
+    assert came_to({**made, "ending": "object lost", "reason": ""}) == WRONG
+
+
+def test_missions_in_closed_loop_are_counted(tmp_path: Path) -> None:
+    done = benchmark(tmp_path, "closed-loop-missions", "seeds=1", 'scenario="conform-cylinder"')
+    assert done.exit_code == 0, done.output
+    assert "| conform-cylinder | moderate |" in done.stdout
+    assert "of 1 |" in done.stdout

@@ -18,7 +18,8 @@ from test_problem import ROBOT, SCENARIO, changed, write
 
 from twosra_mpc import __version__, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import output, planning
-from twosra_mpc.planning import planner, sequence_solver
+from twosra_mpc.planning import planner
+from twosra_mpc.planning.single_goal import sequence_solver
 from twosra_mpc.plans.stages import has_goal
 from twosra_mpc.problem.problem import Problem, load_problem
 

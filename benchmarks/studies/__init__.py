@@ -5,12 +5,15 @@ from __future__ import annotations
 from benchmarks.studies.cache import Cache
 from benchmarks.studies.certificate import Certificate
 from benchmarks.studies.closed_loop import ClosedLoop
+from benchmarks.studies.closed_loop_missions import ClosedLoopMissions
 from benchmarks.studies.cold_start import ColdStart
 from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.departure import Departure
 from benchmarks.studies.growth import Growth
+from benchmarks.studies.missions import Missions
 from benchmarks.studies.passages import Passages
 from benchmarks.studies.peers import Peers
+from benchmarks.studies.pick_and_place import PickAndPlace
 from benchmarks.studies.scenes import Scenes
 from benchmarks.studies.tracker_step import TrackerSteps
 from benchmarks.studies.transition_sweep import TransitionSweep
@@ -49,9 +52,12 @@ STUDIES: dict[str, Study] = {
     "closed-loop-scenes": ClosedLoop(
         problems=("scenes-100",), seeds=1, executors=("optimal",), path_models=("arc",)
     ),
+    "closed-loop-missions": ClosedLoopMissions(),
     "departure": Departure(),
     "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
+    "missions": Missions(),
     "passages": Passages(),
+    "pick-and-place": PickAndPlace(scenarios=("pick-and-place",)),
     "scenes": Scenes(problems=("scenes-6", "scenes-14"), repeats=1, time_limit_s=60.0),
     "tracker-step": TrackerSteps(),
 }

@@ -157,10 +157,13 @@ def explain(
         on_progress: Told what is planned next.
 
     Raises:
-        InputError: If the problem asks for the greedy planner, which weighs nothing, or if the
-            locomotion units would overlap at the start or at the goal.
+        InputError: If the problem asks for the greedy planner, which weighs nothing, if it is a
+            mission (`analysis.missions.explain_mission`), or if the locomotion units would overlap
+            at the start or at the goal.
     """
     problem = subject.problem if isinstance(subject, Result) else subject
+    if problem.is_mission:
+        raise InputError("tasks", problem.tasks, "one goal; `explain_mission` is for missions")
     if problem.planner != "optimal":
         allowed = "'optimal': the greedy rule weighs no alternatives"
         raise InputError("planner", problem.planner, allowed)

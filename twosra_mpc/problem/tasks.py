@@ -143,6 +143,22 @@ class Release(Task):
     object: str
 
 
+def in_one_go(tasks: Sequence[Task], held: str | None) -> list[tuple[Task, ...]]:
+    """Tasks in runs whose order may be exchanged: boxes to pass belong to what comes after them.
+
+    What is done with an object in hand stays together; one ``held`` at the start is the first run.
+    """
+    runs: list[list[Task]] = []
+    holding = held is not None
+    for task in tasks:
+        if runs and (holding or isinstance(runs[-1][-1], Pass)):
+            runs[-1].append(task)
+        else:
+            runs.append([task])
+        holding = isinstance(task, Grasp) or (holding and not isinstance(task, Release))
+    return [tuple(run) for run in runs]
+
+
 def task_problems(
     tasks: Sequence[Task],
     objects: Sequence[Object],

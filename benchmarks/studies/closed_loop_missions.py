@@ -1,0 +1,79 @@
+"""Missions in closed loop: is the object where it should be, or has the robot stopped safely?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from pydantic import TypeAdapter
+
+from benchmarks.study import Count, Measured, Study
+from twosra_mpc import Plan, load_problem, plan
+from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.problem.objects import ACCURACY
+from twosra_mpc.validation import NonNegative
+
+
+class Case(NamedTuple):
+    """A run."""
+
+    seed: int
+
+
+class ClosedLoopMissions(Study):
+    """Runs of one mission, each on another robot.
+
+    Attributes:
+        scenario: A built-in mission with an object that is carried.
+        level: Level of disturbance.
+        clearance_m: What plans keep to obstacles: as much as runs at this level need.
+        seeds: Robots; 50 take about five times as long as 10.
+    """
+
+    record: ClassVar = TypeAdapter(dict[str, Any])
+    question: ClassVar = "Do missions end with the object at its goal, or stopped with a reason?"
+
+    scenario: str = "pick-and-place"
+    level: str = "moderate"
+    clearance_m: NonNegative = 0.025
+    seeds: Count = 10
+
+    def cases(self) -> Iterator[Case]:
+        """Yield the runs."""
+        yield from map(Case, range(1, self.seeds + 1))
+
+    def run(self, case: Case) -> dict[str, Any]:
+        """Run the same plan on the robot of this seed; its ``Metrics``."""
+        made = _planned(self.scenario, self.clearance_m)
+        done = simulate(made.problem, plan=made, disturbance=self.level, seed=case.seed).metrics
+        return {**done._asdict(), "planned_s": made.duration_s, "came_to": came_to(done._asdict())}
+
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Runs by what they came to."""
+        del folder
+        return {
+            "runs": {
+                name: [each for each in results if each.record["came_to"] == name]
+                for name in (PLACED, STOPPED, WRONG)
+            }
+        }
+
+
+PLACED, STOPPED, WRONG = "object at its goal", "stopped with a reason", "neither"
+
+
+def came_to(made: dict[str, Any]) -> str:
+    """What a run came to, in truth: objects within 5 mm and 3 degrees, nothing touched."""
+    harmed = bool(made["touched"] or made["squeezed"])
+    far, turned = (made["object_m"] or 0.0), (made["object_rad"] or 0.0)
+    if made["ending"] == "reached":
+        put = far <= ACCURACY[0] and turned <= ACCURACY[2]
+        return PLACED if put and not harmed else WRONG
+    return STOPPED if made["reason"] and not harmed else WRONG
+
+
+@lru_cache
+def _planned(scenario: str, clearance_m: float) -> Plan:
+    return plan(load_problem(scenario, clearance_m=clearance_m)).require()

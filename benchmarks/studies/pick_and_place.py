@@ -1,0 +1,60 @@
+"""Built-in missions as one plan, beside their goals planned one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+from pydantic import BeforeValidator, Field, TypeAdapter
+
+from benchmarks.measurement import timed_in_turns
+from benchmarks.study import Count, Study
+from twosra_mpc import load_problem, plan
+from twosra_mpc.analysis.missions import goal_by_goal
+from twosra_mpc.validation import Positive, plain
+
+
+class Case(NamedTuple):
+    """A mission."""
+
+    scenario: str
+
+
+class PickAndPlace(Study):
+    """Scenarios with objects.
+
+    Attributes:
+        scenarios: Built-in scenarios.
+        repeats: Timed calls after one that is not counted.
+        time_limit_s: Of each plan.
+    """
+
+    record: ClassVar = TypeAdapter(dict[str, Any])
+    question: ClassVar = "Fetch, carry, put down: one plan beside goal by goal from cold?"
+
+    scenarios: Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(plain)]
+    repeats: Count = 3
+    time_limit_s: Positive = 60.0
+
+    def cases(self) -> Iterator[Case]:
+        """Yield the scenarios."""
+        yield from map(Case, self.scenarios)
+
+    def run(self, case: Case) -> dict[str, Any]:
+        """Plan as one and goal by goal, at full speed."""
+        given: dict[str, Any] = {"time_limit_s": self.time_limit_s, "motion": "fastest"}
+        problem = load_problem(case.scenario, **given)
+        calls = {"plan": partial(plan, problem)}
+        result, timing = timed_in_turns(calls, self.repeats, self.time_limit_s)["plan"]
+        ways = {name: goal_by_goal(problem, name) for name in ("cold", "carried on")}
+        return {
+            "verified": result.found,
+            "cost": result.plan and result.plan.cost.total,
+            "gap": result.gap,
+            "cpu_s": timing.cpu_median_s,
+            "message": result.message,
+            "cold": ways["cold"].cost,
+            "warm": ways["carried on"].cost,
+            "trouble": ways["cold"].trouble,
+        }

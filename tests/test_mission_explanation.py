@@ -1,0 +1,166 @@
+"""explain_mission(): costs of tasks add up, and every other way was planned."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Run
+
+import twosra_mpc.analysis.missions as module
+from twosra_mpc import InputError, Problem, load_problem, plan
+from twosra_mpc.analysis.explanation import explain
+from twosra_mpc.analysis.missions import (
+    MissionExplanation,
+    explain_mission,
+    goal_by_goal,
+)
+from twosra_mpc.plans.ending import Ending
+from twosra_mpc.problem.tasks import Pass, Reach, in_one_go
+
+
+def reach(x_m: float, kappa_per_m: tuple[float, float], name: str) -> dict[str, Any]:
+    box = {"kappa_per_m": (5.0, 5.0)}
+    return {"do": "reach", "name": name, "x_m": x_m, "kappa_per_m": kappa_per_m, "tolerance": box}
+
+
+def mission(**changes: Any) -> Problem:
+    """Two tasks that one shape serves, and a goal that needs one of its own."""
+    tasks = [reach(0.1, (20.0, 20.0), "dock"), reach(0.2, (20.0, 25.0), "shelf")]
+    goal = {"x_m": 0.0, "kappa_per_m": (0.0, 20.0)}
+    given = {"tasks": tasks, "goal": goal, "obstacles": (), "time_limit_s": 10.0, **changes}
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    return load_problem("rigid-move", start=start, **given)
+
+
+@pytest.fixture(scope="module")
+def explained() -> MissionExplanation:
+    return explain_mission(mission())
+
+
+def test_what_tasks_cost_adds_up_to_the_plan(explained: MissionExplanation) -> None:
+    made = explained.result.require()
+    assert [each.words for each in explained.tasks] == [
+        "reach dock",
+        "reach shelf",
+        "reach the goal",
+    ]
+    assert sum(each.duration_s for each in explained.tasks) == pytest.approx(made.duration_s)
+    assert sum(each.energy_J for each in explained.tasks) == pytest.approx(made.cost.energy_J)
+    melts = [item.segment for item in made.transitions if item.to == "soft"]
+    assert sum(len(each.melted) for each in explained.tasks) == len(melts)
+    assert sum(each.duration_s for each in explained.critical_path) == pytest.approx(
+        made.duration_s
+    )
+
+
+def test_what_a_task_finds_melted_and_frozen_is_said(explained: MissionExplanation) -> None:
+    dock, shelf, home = explained.tasks
+    assert explained.shared == (shelf,)
+    assert shelf.shape_of == "reach dock"
+    assert dock.melted
+    assert home.melted
+    assert "in the shape of reach dock: no melt of its own" in str(explained)
+
+
+def test_one_plan_is_never_longer_than_goal_by_goal(explained: MissionExplanation) -> None:
+    assert explained.quick is not None
+    cold, warm = explained.goal_by_goal
+    assert cold.cost is not None
+    assert warm.cost is not None
+    within = 1 + explained.result.problem.gap
+    assert explained.quick.cost.total <= within * warm.cost
+    assert warm.cost <= within * cold.cost
+
+
+def test_each_goal_alone_begins_where_the_one_before_ends(explained: MissionExplanation) -> None:
+    for way in explained.goal_by_goal:
+        assert len(way.results) == len(way.tasks) == 3
+        for before, after in zip(way.results, way.results[1:], strict=False):
+            end = before.require().samples.q[-1]
+            np.testing.assert_allclose(after.problem.start.configuration, end)
+            warm = max(after.problem.temperatures) > after.problem.ambient + 10
+            assert warm == (way.temperatures == "carried on" and bool(before.require().transitions))
+            assert after.problem.start_mode == (0, 0)
+
+
+def test_the_other_order_costs_what_planning_it_does(explained: MissionExplanation) -> None:
+    (other,) = explained.orders
+    assert other.change == "in the order reach shelf, reach dock"
+    assert explained.quick is not None
+    turned = explained.quick.problem.with_values(tasks=explained.quick.problem.tasks[::-1])
+    again = plan(turned).require().cost.total
+    assert other.difference_s == pytest.approx(again - explained.quick.cost.total)
+    assert explained.orders_left == 0
+
+
+def test_of_many_orders_some_are_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = mission(tasks=[reach(0.1, (0.0, 0.0), name) for name in "abcd"])
+    result = plan(problem)
+    monkeypatch.setattr(module, "goal_by_goal", lambda *_, **__: pytest.fail("not asked for"))
+    monkeypatch.setattr(module, "_TEMPERATURES", {})
+    told: list[str] = []
+    found = explain_mission(result, on_progress=told.append, most_orders=2)
+    assert (len(found.orders), found.orders_left) == (2, 21)
+    assert len([words for words in told if words.startswith("in the order")]) == 2
+
+
+def test_ctrl_c_keeps_what_is_known(
+    explained: MissionExplanation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = plan(mission(motion="fastest"))
+    interrupted = replace(result, ending=Ending.INTERRUPTED)
+    monkeypatch.setattr(module, "plan", lambda _: interrupted)
+    found = explain_mission(result)
+    assert not found.complete
+    assert len(found.tasks) == 3
+    assert (found.goal_by_goal, found.orders) == ((), ())
+    assert str(found).endswith("Interrupted: not everything was planned.")
+
+
+def test_a_goal_that_cannot_be_reached_alone_ends_the_account() -> None:
+    problem = mission(modes=[(0, 0), (1, 0)])
+    way = goal_by_goal(problem)
+    assert way.cost is None
+    assert len(way.results) == 1
+    assert "no plan to reach dock from there: proved infeasible" in way.trouble
+
+
+def test_no_plan_has_its_reason() -> None:
+    found = explain_mission(mission(modes=[(0, 0), (1, 0)]))
+    assert (found.tasks, found.goal_by_goal, found.orders, found.quick) == ((), (), (), None)
+    assert found.complete
+    assert str(found) == found.result.message
+
+
+def test_each_kind_of_problem_has_its_own_explanation() -> None:
+    with pytest.raises(InputError, match="explain_mission"):
+        explain(mission())
+    with pytest.raises(InputError, match="single goal"):
+        explain_mission(load_problem("paper-1"))
+
+
+def test_what_is_done_with_an_object_in_hand_stays_together() -> None:
+    tasks = load_problem("tidy-up").tasks
+    assert in_one_go(tasks, None) == [tasks[:3], tasks[3:]]
+    assert in_one_go(tasks[1:], "cup") == [tasks[1:3], tasks[3:]]
+    box = Pass(x_m=(0.0, 0.1))
+    some = [Reach(goal={"x_m": float(i)}) for i in range(2)]
+    assert in_one_go([some[0], box, some[1]], None) == [(some[0],), (box, some[1])]
+
+
+def test_the_command_prints_it_and_writes_json(run: Run) -> None:
+    code, out, err = run("explain", "conform-cylinder", "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert [each["words"] for each in found["tasks"]] == ["conform to cylinder"]
+    assert found["goal_by_goal"] == []
+    total = sum(each["duration_s"] for each in found["tasks"])
+    assert total == pytest.approx(found["plan"]["duration_s"])
+    code, out, _ = run("explain", "three-shapes", "--time-limit", "5")
+    assert code == 0
+    assert "in the shape of reach dock" in out
+    assert "goal by goal, with temperatures carried on" in out
