@@ -20,6 +20,8 @@ Node = TypeVar("Node")
 Solution = TypeVar("Solution")
 Solution_co = TypeVar("Solution_co", covariant=True)
 
+_ALIKE = 0.5  # of costs: bounds that are no farther apart are as good
+
 
 class Tree(Protocol[Node, Solution_co]):
     """What the search needs to know of a problem."""
@@ -121,6 +123,7 @@ def dive(
 ) -> tuple[float, Solution] | None:
     """Look for a first incumbent: the best few nodes of each level, down to leaves.
 
+    Of nodes with about the same bound those that come earlier among their siblings are preferred.
     All leaves must be at the same depth.
 
     Args:
@@ -131,19 +134,23 @@ def dive(
     """
     nodes, level = [tree.root()], list[tuple[float, int, Node]]()
     while nodes:
-        children = [child for node in nodes for child in tree.children(node)]
-        bounds = [(tree.bound(c), i, c) for i, c in enumerate(children) if not tree.too_deep(c)]
-        best = sorted((each for each in bounds if each[0] < math.inf), key=lambda each: each[:2])
-        if not best:
+        found = [
+            (round(tree.bound(child) / _ALIKE), place, child)
+            for node in nodes
+            for place, child in enumerate(tree.children(node))
+            if not tree.too_deep(child) and tree.bound(child) < math.inf
+        ]
+        if not found:
             break
-        level, nodes = best, [node for *_, node in best[:width]]
+        level = sorted(found, key=lambda each: each[:2])
+        nodes = [node for *_, node in level[:width]]
     for _, _, leaf in level[:attempts]:
         if out_of_time():
             return None
         if tree.leaf_bound(leaf) < math.inf:
-            found = next((each for each in tree.solve(leaf) if each is not None), None)
-            if found is not None:
-                return found
+            solved = next((each for each in tree.solve(leaf) if each is not None), None)
+            if solved is not None:
+                return solved
     return None
 
 

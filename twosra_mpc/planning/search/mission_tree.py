@@ -84,18 +84,19 @@ class StageTask:
         drives = self.drives_first and rigid in self.modes
         heads: list[ModeSequence] = [()] if any(begins) or not drives else [(rigid,)]
         for length in range(self.most_phases + 1):
-            heads = heads if not length else list(self._longer(heads, begins))
+            if length:
+                heads = [longer for head in heads for longer in self.longer(head, begins)]
             for head in heads:
                 whole = self._closed(head, rigid)
                 if whole and len(whole) <= self.most_phases and self._fits(whole):
                     yield whole
 
-    def _longer(self, heads: Sequence[ModeSequence], begins: Mode) -> Iterator[ModeSequence]:
-        for head in heads:
-            for mode in self.modes:
-                stays = mode == head[-1] if head else not any(begins) and is_rigid(mode)
-                if not stays:
-                    yield (*head, mode)
+    def longer(self, head: ModeSequence, begins: Mode) -> Iterator[ModeSequence]:
+        """Yield a sequence with every mode that may follow."""
+        for mode in self.modes:
+            stays = mode == head[-1] if head else not any(begins) and is_rigid(mode)
+            if not stays:
+                yield (*head, mode)
 
     def _closed(self, head: ModeSequence, rigid: Mode) -> ModeSequence | None:
         """The sequence that ends as the stage asks for; None if another head stands for it."""
@@ -389,6 +390,7 @@ class MissionTree(Generic[Solution]):
     def _least_prefix(self, stage: StageTask, begins: Mode) -> float:
         """Least time of what every longer sequence begins with, by depth first search."""
         rigid, best = rigid_mode(len(begins)), math.inf
+        settled = rigid if stage.last == rigid else None  # whatever follows, all freezes
         first: ModeSequence = (rigid,) if stage.drives_first and not any(begins) else ()
         heads = [(first, 0.0)]
         while heads:
@@ -399,13 +401,19 @@ class MissionTree(Generic[Solution]):
                 best = least
                 continue
             longer = [
-                (mode_head, self._from_warm(begins, mode_head, [0.0] * len(mode_head)))
-                for mode_head in stage._longer([head], begins)
+                (longer, self._from_warm(begins, longer, [0.0] * len(longer), settled))
+                for longer in stage.longer(head, begins)
             ]
             heads += sorted(longer, key=lambda each: -each[1])
         return best
 
-    def _from_warm(self, begins: Mode, sequence: ModeSequence, durations: list[float]) -> float:
+    def _from_warm(
+        self,
+        begins: Mode,
+        sequence: ModeSequence,
+        durations: list[float],
+        settled: Mode | None = None,
+    ) -> float:
         """Longest path of a sequence from its beginning, all segments as warm as can be."""
         rigid = rigid_mode(len(begins))
         cycles = [
@@ -417,7 +425,7 @@ class MissionTree(Generic[Solution]):
             return 0.0 if not sequence else math.inf
         whole = (*before, *sequence)
         lasting = [*[0.0] * len(before), *durations]
-        network = self.timing.network(whole, sequence[-1], [0.0] * len(whole))
+        network = self.timing.network(whole, settled or sequence[-1], [0.0] * len(whole))
         begin = network.layout.origin, network.layout.end(len(before) - 1)
         late = replace(network, least={**network.least, begin: _LATE_S})
         times = earliest_times(with_durations(late, lasting))

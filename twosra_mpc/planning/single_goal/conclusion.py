@@ -21,6 +21,7 @@ class Progress(NamedTuple):
     lower_bound: float
 
 
+MISSION_PHASES = 5
 STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
 ADVICE = {
     Ending.LIMIT: "raise time_limit_s or gap",
@@ -56,7 +57,10 @@ def quality(made: Plan, ending: Ending) -> str:
     if made.status is Status.OPTIMAL:
         return str(made)
     if ending is Ending.EXHAUSTED:
-        tried = f"no mode sequence of up to max_phases = {made.problem.max_phases} is left to try"
+        phases = f"max_phases = {made.problem.max_phases}"
+        if made.problem.is_mission:
+            phases = f"{MISSION_PHASES} phases a task"
+        tried = f"no mode sequence of up to {phases} is left to try"
         elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
         return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
     return f"{made}; {STOPPED[ending]}: {ADVICE[ending]}"
