@@ -97,6 +97,21 @@ def test_the_other_order_costs_what_planning_it_does(explained: MissionExplanati
     assert explained.orders_left == 0
 
 
+def test_where_the_order_was_chosen_the_one_listed_is_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    listed = [reach(0.1, (20.0, 0.0), "desk"), reach(-0.1, (0.0, 0.0), "door")]
+    monkeypatch.setattr(module, "_TEMPERATURES", {})
+    found = explain_mission(mission(tasks=listed, order="free", motion="fastest"))
+    assert [each.words for each in found.tasks][:2] == ["reach door", "reach desk"]
+    assert found.tasks[0].shape_of == "the start"
+    assert found.shared == ()
+    (other,) = found.orders
+    assert other.change == "in the order reach desk, reach door"
+    assert other.difference_s is not None
+    assert other.difference_s > 0
+
+
 def test_of_many_orders_some_are_planned(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = mission(tasks=[reach(0.1, (0.0, 0.0), name) for name in "abcd"])
     result = plan(problem)

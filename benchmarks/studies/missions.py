@@ -61,7 +61,7 @@ class Missions(Study):
     position_m: Positive = 0.25
     curvature_per_m: Positive = 30.0
     seed: Count = 2026
-    time_limit_s: Positive = 20.0
+    time_limit_s: Positive = 60.0
     gap: NonNegative = 0.005
 
     def cases(self) -> Iterator[Case]:

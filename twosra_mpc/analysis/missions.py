@@ -152,7 +152,11 @@ class MissionExplanation:
             return other.trouble
         each = " + ".join(f"{one.require().cost.total:.1f}" for one in other.results)
         count = sum(item.to == "soft" for item in self.quick.transitions) if self.quick else 0
-        return f"{each} = {other.cost:.1f} s; melts: {other.melts}, in one plan {count}"
+        said = f"{each} = {other.cost:.1f} s; melts: {other.melts}, in one plan {count}"
+        better = self.quick is not None and (other.cost or 0.0) < self.quick.cost.total - _SAME_S
+        return (
+            f"{said} (the plan explained is not the best; its gap allows that)" if better else said
+        )
 
     def __str__(self) -> str:
         lines = [self.result.message]
