@@ -37,6 +37,7 @@ _FINE_SIDES = 256  # of the polygons that stand for discs that are touched or ca
 _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _NO_LINE_M = 1e-7
+_NO_AREA_M2 = 1e-8
 _ROUNDING_M = 1e-6
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
@@ -389,3 +390,21 @@ def check_obstacles(problem: Problem) -> None:
             found.append(InputError(name, tuple(q[0].tolist()), allowed))
     if found:
         raise found[0].among(found[1:])
+
+
+def check_apart(field: str, thing: Obstacle, world: World) -> None:
+    """Refuse a thing that overlaps an obstacle, or is not within the workspace.
+
+    Raises:
+        InputError: Naming ``field``, and what it overlaps.
+    """
+    own = shapely.Polygon(thing.inner_corners_m)
+    middle = tuple(shapely.get_coordinates(shapely.centroid(own))[0].tolist())
+    for name, obstacle in zip(world.names, world.obstacles, strict=True):
+        shared = shapely.intersection(own, shapely.Polygon(obstacle.inner_corners_m))
+        if shapely.area(shared) > _NO_AREA_M2:
+            allowed = f"a place where {thing.name} overlaps nothing; here it overlaps {name}"
+            raise InputError(field, middle, allowed)
+    edge = world.workspace
+    if edge is not None and edge.margin_m(thing.inner_corners_m).min() < -_ROUNDING_M:
+        raise InputError(field, middle, f"a place where {thing.name} is within the workspace")

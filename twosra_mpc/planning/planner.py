@@ -56,12 +56,14 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
         from twosra_mpc.checking.clearance import check_obstacles  # only then anyone waits for it
 
         check_obstacles(problem)
-    if problem.planner == "greedy":
-        return plan_greedily(problem)
     if problem.is_mission:
+        from twosra_mpc.planning.missions.checks import check_mission
         from twosra_mpc.planning.missions.mission import plan_mission
 
+        check_mission(problem)
         return plan_mission(problem, on_progress)
+    if problem.planner == "greedy":
+        return plan_greedily(problem)
     return plan_without(problem, frozenset(), on_progress=on_progress)
 
 

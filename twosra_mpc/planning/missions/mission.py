@@ -33,8 +33,13 @@ def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | Non
     """
     started = time.perf_counter()
     deadline = started + problem.time_limit_s
-    ways = Ways(problem)
-    variants = ways.variants()
+    ways = Ways(problem, deadline)
+    try:
+        variants = ways.variants()
+    except KeyboardInterrupt:
+        stats = Stats(time.perf_counter() - started, 0, 0, 0)
+        why = f"no plan found ({STOPPED[Ending.INTERRUPTED]}): {ADVICE[Ending.INTERRUPTED]}"
+        return Result(problem, "optimal", Status.FAILED, why, None, Ending.INTERRUPTED, stats, None)
     if not variants:
         why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
         stats = Stats(time.perf_counter() - started, 0, 0, 0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -17,6 +18,7 @@ import numpy as np
 from twosra_mpc.contact.cage import caged
 from twosra_mpc.contact.pushing import pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
+from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object
@@ -74,8 +76,8 @@ class State(NamedTuple):
 class Ways:
     """Makes the variants of a mission; why there are none is kept in ``refused``."""
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
+    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
+        self.problem, self._deadline = problem, deadline
         self.refused: list[str] = []
         self._known: dict[object, tuple[Touch, ...]] = {}
         self._rigid = (problem.robot.rigid,)
@@ -84,7 +86,9 @@ class Ways:
         """Every variant."""
         found: list[Variant] = []
         for order in self._orders():
-            problem = self.problem.with_values(tasks=order)
+            if found and time.perf_counter() > self._deadline:
+                break
+            problem = self._in_order(order)
             groups: dict[tuple[float, ...], list[tuple[Stage, ...]]] = {}
             for state in self._from(problem, self._begin(), 0):
                 groups.setdefault(state.key, []).append(state.stages)
@@ -109,8 +113,16 @@ class Ways:
                 chunks.append([task])
             holding = isinstance(task, Grasp) or (holding and not isinstance(task, Release))
         fixed = chunks[:1] if self.problem.start.holding else []
-        for order in itertools.permutations(chunks[len(fixed) :]):
-            yield tuple(itertools.chain(*fixed, *order))
+        for order in itertools.permutations(range(len(fixed), len(chunks))):
+            if not any(j < i and _of_one_thing(chunks[i], chunks[j]) for i, j in _pairs(order)):
+                yield tuple(itertools.chain(*fixed, *(chunks[i] for i in order)))
+
+    def _in_order(self, order: tuple[Task, ...]) -> Problem:
+        """The problem with its tasks in an order; a goal that comes last is its goal."""
+        last = order[-1] if order else None
+        if self.problem.ends_anywhere and isinstance(last, Reach) and last.mode != "any":
+            return self.problem.with_values(tasks=order[:-1], goal=last.goal)
+        return self.problem.with_values(tasks=order)
 
     def _begin(self) -> State:
         problem = self.problem
@@ -122,7 +134,12 @@ class Ways:
         q = problem.start.configuration
         pose_in_b0 = composed(inverse(q[:POSE]), poses[number])
         thing = problem.objects[number]
-        proved = caged(problem.robot.geometry, q[POSE:], thing, pose_in_b0).proved
+        try:
+            proved = caged(problem.robot.geometry, q[POSE:], thing, pose_in_b0).proved
+        except InputError:
+            allowed = f"where {name} is in the robot's hand; here they overlap, or are apart"
+            where = tuple(poses[number].tolist())
+            raise InputError(f"objects.{number}.pose", where, allowed) from None
         return State((), poses, Hold(number, q[POSE:], pose_in_b0, proved))
 
     def _number(self, name: str) -> int:
@@ -209,9 +226,18 @@ class Ways:
                 touches=True,
                 reshapes=task.hold == "caged",  # it gets in no more than out
             )
-            after = self._after(state, stage)
-            hold = Hold(number, touch.kappa, touch.pose_in_b0, task.hold == "caged")
-            yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+            apart = thing.disc is not None and self._turned_as_asked(task.object)
+            for some in [end[None] for end in ends] if apart else [ends]:
+                after = self._after(state, replace(stage, ends=some))
+                where = composed(inverse(some[0]), state.poses[number]) if apart else None
+                pose_in_b0 = touch.pose_in_b0 if where is None else where
+                hold = Hold(number, touch.kappa, pose_in_b0, task.hold == "caged")
+                yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+
+    def _turned_as_asked(self, name: str) -> bool:
+        """Whether an object is to be carried to a heading."""
+        carries = (task for task in self.problem.tasks if isinstance(task, Carry))
+        return any(task.object == name and task.phi_rad is not None for task in carries)
 
     def _grasps(self, thing: Object, task: Grasp) -> tuple[Touch, ...]:
         """Touches that hold an object as asked, a few of each shape."""
@@ -326,6 +352,16 @@ class Ways:
                 far += float(apart.min())
                 here = stage.ends
         return far
+
+
+def _pairs(order: Sequence[int]) -> Iterator[tuple[int, int]]:
+    return itertools.combinations(order, 2)
+
+
+def _of_one_thing(one: Sequence[Task], other: Sequence[Task]) -> bool:
+    """Whether two groups of tasks have to do with the same thing."""
+    things = [{getattr(task, "object", None) for task in each} - {None} for each in (one, other)]
+    return not things[0].isdisjoint(things[1])
 
 
 def _shape(kappa: Array, slack_per_m: Array) -> Goal:

@@ -38,12 +38,16 @@ def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
         if not np.isfinite(error).all():
             return None
         step = _least_correction(motion, error)
+        if step is None:
+            return None
         motion = roll_out(motion.robot, start, motion.sequence, motion.inputs - step)
     return None
 
 
-def _least_correction(motion: Motion, error: Array) -> Array:
+def _least_correction(motion: Motion, error: Array) -> Array | None:
     """Input change of least weighted norm that removes ``error`` to first order.
+
+    None where it has run away: LAPACK does not come back from numbers that are not finite.
 
     All intervals of a phase change alike where that is enough: then a phase that goes straight
     still does, and nothing makes its wheel speeds jump.
@@ -54,6 +58,8 @@ def _least_correction(motion: Motion, error: Array) -> Array:
     derivative = _terminal_jacobian(motion.robot, phases * intervals)
     scale = state_scale(motion.robot)
     gradient = derivative(motion.states[0, 0], flat, modes.T).full() / scale[:, None]
+    if not np.isfinite(gradient).all():
+        return None
     size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=2)
     resting = size.sum(axis=1) == 0.0  # used only as far as the moving phases cannot help
     size[resting] = 1e-9 * max(float(size.max()), 1e-6)

@@ -1,0 +1,66 @@
+"""What a mission asks that cannot be: starts, goals and objects that overlap or are outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twosra_mpc.checking.clearance import check_apart, check_obstacles
+from twosra_mpc.errors import InputError
+from twosra_mpc.problem.goals import Anywhere
+from twosra_mpc.problem.limits import check_shapes, check_workspace
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Carry, Reach
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import mode_name
+
+
+def check_mission(problem: Problem) -> None:
+    """Refuse what no plan of a mission can do.
+
+    Raises:
+        InputError: If the greedy rule is asked for it, if it may not drive, or if at the start, at
+            a goal on the way or where objects are or should be carried to something overlaps or is
+            outside of the workspace.
+    """
+    robot = problem.robot
+    if problem.planner == "greedy":
+        raise InputError("planner", "greedy", "optimal: the greedy rule knows no tasks")
+    if robot.rigid not in problem.modes:
+        raise InputError(
+            "modes", problem.modes, f"{mode_name(robot.rigid)} among them: tasks drive"
+        )
+    held = problem.start.holding
+    poses = [None if item.name == held else item.pose.pose for item in problem.objects]
+    alone = problem.with_values(
+        start=problem.start.with_values(holding=None),
+        goal=Anywhere(mode=robot.rigid),
+        tasks=(),
+        objects=(),
+    )
+    check_obstacles(alone.with_values(obstacles=problem.world_with(poses).obstacles))
+    for i, task in enumerate(problem.tasks):
+        if isinstance(task, Reach):
+            there = alone.with_values(goal=task.goal)
+            for check in (check_shapes, check_workspace, check_obstacles):
+                _named(check, there, i)
+        elif isinstance(task, Carry):
+            number = [item.name for item in problem.objects].index(task.object)
+            target = np.array([task.x_m, task.y_m, task.phi_rad or 0.0])
+            check_apart(f"tasks.{i}", problem.objects[number].at(target), problem.world)
+    placed = list(problem.world.obstacles)
+    for i, (item, pose) in enumerate(zip(problem.objects, poses, strict=True)):
+        if pose is not None:
+            around = problem.world.with_values(obstacles=tuple(placed))
+            check_apart(f"objects.{i}.pose", item.at(pose[:POSE]), around)
+            placed.append(item.at(pose))
+
+
+def _named(check: Callable[[Problem], None], problem: Problem, task: int) -> None:
+    """Check a goal on the way; what is wrong is said of its task."""
+    try:
+        check(problem)
+    except InputError as error:
+        field = error.field.replace("goal", f"tasks.{task}", 1)
+        raise InputError(field, error.value, error.allowed) from None
