@@ -57,7 +57,8 @@ def _least_correction(motion: Motion, error: Array) -> Array | None:
     flat = motion.inputs.reshape(-1, INPUTS).T
     derivative = _terminal_jacobian(motion.robot, phases * intervals)
     scale = state_scale(motion.robot)
-    gradient = derivative(motion.states[0, 0], flat, modes.T).full() / scale[:, None]
+    with np.errstate(over="ignore", invalid="ignore"):
+        gradient = derivative(motion.states[0, 0], flat, modes.T).full() / scale[:, None]
     if not np.isfinite(gradient).all():
         return None
     size = np.abs(motion.inputs / INPUT_SCALE).sum(axis=2)
