@@ -6,7 +6,6 @@ before, and the tasks in other orders. All are compared at full speed.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,7 +23,7 @@ from twosra_mpc.plans.stages import stages, task_words
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Pass, Reach, Release, Task, in_one_go
+from twosra_mpc.problem.tasks import Carry, Pass, Reach, Release, Task, orders
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import named
 from twosra_mpc.timing import transition_model
@@ -373,13 +372,8 @@ def _at_full_speed(made: Plan, tell: Callable[[str], None]) -> Plan:
 
 def _other_orders(problem: Problem, planned: Sequence[Task]) -> list[tuple[Task, ...]]:
     """Orders of what may be exchanged, other than the one that was planned."""
-    runs = in_one_go(problem.tasks, problem.start.holding)
-    first = 0 if problem.start.holding is None else 1
-    orders = (
-        tuple(itertools.chain(*runs[:first], *rest))
-        for rest in itertools.permutations(runs[first:])
-    )
-    return [order for order in dict.fromkeys(orders) if order != tuple(planned)]
+    found = dict.fromkeys(orders(problem.tasks, problem.start.holding))
+    return [order for order in found if order != tuple(planned)]
 
 
 def _in_order(quick: Plan, tasks: tuple[Task, ...], tell: Callable[[str], None]) -> Alternative:

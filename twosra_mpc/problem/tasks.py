@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, ClassVar, Literal
@@ -157,6 +158,17 @@ def in_one_go(tasks: Sequence[Task], held: str | None) -> list[tuple[Task, ...]]
             runs.append([task])
         holding = isinstance(task, Grasp) or (holding and not isinstance(task, Release))
     return [tuple(run) for run in runs]
+
+
+def orders(tasks: Sequence[Task], held: str | None) -> Iterator[tuple[Task, ...]]:
+    """Yield every order of tasks that may be exchanged, as given first; one thing's keep theirs."""
+    runs = in_one_go(tasks, held)
+    fixed = runs[:1] if held is not None else []
+    things = [{getattr(task, "object", None) for task in run} - {None} for run in runs]
+    for order in itertools.permutations(range(len(fixed), len(runs))):
+        pairs = itertools.combinations(order, 2)
+        if not any(j < i and things[i] & things[j] for i, j in pairs):
+            yield tuple(itertools.chain(*fixed, *(runs[i] for i in order)))
 
 
 def task_problems(

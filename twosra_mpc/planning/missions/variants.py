@@ -6,7 +6,6 @@ search tells variants apart, and within one the places are tried, the nearest on
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Iterator, Sequence
@@ -23,7 +22,16 @@ from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.problem.tasks import (
+    Carry,
+    Conform,
+    Grasp,
+    Pass,
+    Reach,
+    Release,
+    Task,
+    orders,
+)
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.poses import composed, inverse, wrapped
@@ -104,18 +112,7 @@ class Ways:
         if self.problem.order == "given":
             yield tasks
             return
-        chunks: list[list[Task]] = []
-        holding = self.problem.start.holding is not None
-        for task in tasks:
-            if (holding and chunks) or (chunks and isinstance(chunks[-1][-1], Pass)):
-                chunks[-1].append(task)
-            else:
-                chunks.append([task])
-            holding = isinstance(task, Grasp) or (holding and not isinstance(task, Release))
-        fixed = chunks[:1] if self.problem.start.holding else []
-        for order in itertools.permutations(range(len(fixed), len(chunks))):
-            if not any(j < i and _of_one_thing(chunks[i], chunks[j]) for i, j in _pairs(order)):
-                yield tuple(itertools.chain(*fixed, *(chunks[i] for i in order)))
+        yield from orders(tasks, self.problem.start.holding)
 
     def _in_order(self, order: tuple[Task, ...]) -> Problem:
         """The problem with its tasks in an order; a goal that comes last is its goal."""
@@ -352,16 +349,6 @@ class Ways:
                 far += float(apart.min())
                 here = stage.ends
         return far
-
-
-def _pairs(order: Sequence[int]) -> Iterator[tuple[int, int]]:
-    return itertools.combinations(order, 2)
-
-
-def _of_one_thing(one: Sequence[Task], other: Sequence[Task]) -> bool:
-    """Whether two groups of tasks have to do with the same thing."""
-    things = [{getattr(task, "object", None) for task in each} - {None} for each in (one, other)]
-    return not things[0].isdisjoint(things[1])
 
 
 def _shape(kappa: Array, slack_per_m: Array) -> Goal:
