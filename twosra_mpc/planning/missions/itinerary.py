@@ -15,6 +15,7 @@ from twosra_mpc.planning.obstacles.itinerary import Stop, passing
 from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, shortest_chain
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.robot.poses import composed, inverse
@@ -24,7 +25,7 @@ from twosra_mpc.space.separation import Separation
 
 _FINE = 10  # times as many nodes where something may be touched
 _CANDIDATES, _REACH_M = 300, 0.4  # stations of a block, and how far from where it should be
-_NEAR_M = 0.1
+_ENDS = 6  # of the stop before, about which places are tried
 _AIMS = 40  # members of a goal that are tried
 _AWAY_M = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16)  # from an object that was let go
 _AWAY_RAD = np.linspace(-np.pi, np.pi, 16, endpoint=False)
@@ -156,7 +157,7 @@ class Itinerary:
             return None
         if not drives_last:
             return composed(end, inverse(made.displacement))
-        few = end[:: max(1, len(end) // 6)]
+        few = end[:: max(1, len(end) // _ENDS)]
         near = [around(pose, _CANDIDATES // len(few), _REACH_M) for pose in few]
         return composed(np.concatenate(near), inverse(made.displacement))
 
@@ -168,8 +169,8 @@ class Itinerary:
             begins = np.concatenate(near)
         return _stop(made.displacement, begins, sweep.may_be_clear, sweep.clear)
 
-    def _pass(self, task: object) -> Stop:
-        return passing(task, self._last[:6])  # type: ignore[arg-type]
+    def _pass(self, task: Pass) -> Stop:
+        return passing(task, self._last[:_ENDS])
 
     def _end(self, stage: Stage, shape: Array) -> Array | None:
         """Poses in which a stage may end, as far as they are known beforehand."""
