@@ -95,8 +95,9 @@ def test_without_turning_distances_change_no_more_than_the_robot_moves(seed: int
     world, shape, at = random_world(seed), shaped(seed), poses(seed, 80)
     by = 0.02 * np.random.default_rng(seed).normal(size=at.shape) * np.array([1.0, 1.0, 0.0])
     distances = Separation(shape, world, 0.004).distances
-    moved = np.hypot(by[:, 0], by[:, 1])
-    assert (np.abs(distances(at + by) - distances(at)) <= moved + SAME_M).all()
+    before, after, moved = distances(at), distances(at + by), np.hypot(by[:, 0], by[:, 1])
+    near = np.maximum(before, after) < FAR_M  # what is farther is not told more exactly
+    assert (np.abs(after - before) <= moved + SAME_M)[near].all()
 
 
 def test_batches_agree_with_one_by_one() -> None:

@@ -19,6 +19,7 @@ from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, feasible_schedule, scheduled
 from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.single_goal import conclusion
 from twosra_mpc.planning.single_goal.gentle import gentle
 from twosra_mpc.planning.single_goal.relaxed import rigid_time
 from twosra_mpc.plans.ending import Ending
@@ -302,7 +303,7 @@ def test_ctrl_c_while_a_plan_is_made_gentle_keeps_the_plan(monkeypatch: pytest.M
         raise KeyboardInterrupt
 
     quick = plan(load_problem("paper-2", motion="fastest"))
-    monkeypatch.setattr(planner_module, "gentle", interrupted)
+    monkeypatch.setattr(conclusion, "gentle", interrupted)
     kept = plan(load_problem("paper-2"))
     assert kept.ending is Ending.INTERRUPTED
     assert kept.require().cost == quick.require().cost
@@ -319,7 +320,7 @@ def test_the_time_that_planning_took_includes_making_it_gentle(
         now += 100.0
 
     monkeypatch.setattr(planner_module, "time", SimpleNamespace(perf_counter=lambda: now))
-    monkeypatch.setattr(planner_module, "gentle", long_work)
+    monkeypatch.setattr(conclusion, "gentle", long_work)
     assert plan(load_problem("paper-2")).stats.wall_s >= 100.0
 
 

@@ -8,7 +8,6 @@ import click
 
 from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, numbers, print_table
-from twosra_mpc.plans.stages import has_goal
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_names
 
@@ -28,7 +27,8 @@ def scenarios_command(output: Output) -> None:
     problems = {name: load_problem(name) for name in scenario_names()}
     rows = []
     for name, problem in problems.items():
-        goal = numbers(problem.goal.configuration) if has_goal(problem) else "none: only tasks"
+        anywhere, asked = problem.ends_anywhere, numbers(problem.goal.configuration)
+        goal = "none: only tasks" if anywhere else asked
         rows.append((name, problem.description, numbers(problem.start.configuration), goal))
     header = ("scenario", "what it asks", "start", "goal [m, m, rad, 1/m, 1/m]")
     output.report(

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from twosra_mpc.plans.trajectory import Trajectory
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Task
 
 _WORDS = {"conform": "conform to", "pass": "pass through"}
@@ -39,7 +36,7 @@ def stages(trajectory: Trajectory) -> tuple[Stage, ...]:
     ):
         found.append(Stage(task_words(task, number), before_s, done_s, task))
         before_s = done_s
-    if has_goal(problem):
+    if not problem.ends_anywhere:
         found.append(Stage("reach the goal", before_s, trajectory.duration_s, None))
     return tuple(found)
 
@@ -48,8 +45,3 @@ def task_words(task: Task, number: int) -> str:
     """What a task asks, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
     named = task.name or getattr(task, "object", "")
     return f"{_WORDS.get(task.do, task.do)} {named or f'goal {number}'}"
-
-
-def has_goal(problem: Problem) -> bool:
-    """Whether a configuration is to be reached at the end: not where all are in the goal."""
-    return bool(np.isfinite(problem.goal.box(problem.start.configuration)).any())

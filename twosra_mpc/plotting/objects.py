@@ -17,7 +17,7 @@ from matplotlib.patches import Patch, Polygon
 
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.stages import Stage, has_goal
+from twosra_mpc.plans.stages import Stage
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.problem.objects import Object
@@ -82,7 +82,7 @@ def goals(trajectory: Trajectory) -> list[Array]:
     done = zip(problem.tasks, trajectory.done_s, strict=False)
     on_the_way = [done_s for task, done_s in done if isinstance(task, Reach)]
     found = list(trajectory.configuration(on_the_way)) if on_the_way else []
-    return [*found, trajectory.samples.q[-1]] if has_goal(problem) else found
+    return [*found, trajectory.samples.q[-1]] if not problem.ends_anywhere else found
 
 
 def seen_m(trajectory: Trajectory) -> Array:

@@ -18,7 +18,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.plans.stages import Stage, has_goal, stages
+from twosra_mpc.plans.stages import Stage, stages
 from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.plotting import figures, objects, plane, timeline, world
@@ -121,7 +121,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
 
 def _end_name(plan: Plan) -> str:
     """What the end of a plan is called: not all have a goal."""
-    return "goal" if has_goal(plan.problem) else "end"
+    return "goal" if not plan.problem.ends_anywhere else "end"
 
 
 def _draw_stage(ax: Axes, plan: Plan, stage: Stage) -> None:
@@ -277,7 +277,7 @@ def plot_snapshots(
             "rigid": plane.RIGID,
             "soft": plane.SOFT,
             "melting or freezing": plane.line(figures.CHANGING_COLOUR, 4),
-            **({"target": plane.FAINT_ROBOT} if has_goal(plan.problem) else {}),
+            **({"target": plane.FAINT_ROBOT} if not plan.problem.ends_anywhere else {}),
             "path of middle link": plane.line("black", 1.0),
             **objects.legend_entries(plan.problem),
             **world.legend_entries(plan.problem, None),
@@ -300,7 +300,7 @@ def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
     mode, changing = soft_and_changing(states)
     past = trajectory.samples.t_s[trajectory.samples.t_s < time_s]
     q = trajectory.configuration([*past, time_s])
-    if has_goal(plan.problem):
+    if not plan.problem.ends_anywhere:
         plane.draw_robot(
             ax, geometry, trajectory.samples.q[-1], plan.problem.goal.mode, alpha=figures.FAINT
         )

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.stages import has_goal
 from twosra_mpc.plans.stiffness import Interval
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import figures, plane, timeline, world
@@ -82,7 +81,7 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     axes = plane.overview_and_panels(figure, len(drives), 1.15)
     modes = (run.problem.start_mode, run.problem.goal.mode)
     plane.draw_ends(axes[0], geometry, record.q, modes, 5)
-    if has_goal(run.problem):
+    if not run.problem.ends_anywhere:
         plane.draw_outline(axes[0], geometry, goal_configuration(run))
     _draw_paths(axes[0], run, record, 0.0, math.inf)
     axes[0].margins(0.12, 0.1)
@@ -283,7 +282,7 @@ def run_playback(run: Run, truth: Truth | None = None) -> Playback:
     sent = np.clip(np.searchsorted(log.time_s, shown_s + 1e-9) - 1, 0, None)
     return Playback(
         geometry=problem.robot.geometry,
-        goals=(goal_configuration(run),) if has_goal(problem) else (),
+        goals=(goal_configuration(run),) if not problem.ends_anywhere else (),
         problem=problem,
         nearest=None,
         melting_C=problem.stiffness_thresholds_C,

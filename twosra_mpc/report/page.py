@@ -21,7 +21,6 @@ from twosra_mpc.files import write_text
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import has_goal
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
 from twosra_mpc.plotting.objects import goals, seen_m
@@ -125,7 +124,7 @@ def _verification(plan: Plan) -> dict[str, Any]:
     return {
         "ok": check.ok,
         "sentence": words.verification_sentence(check),
-        "goal": words.goal_rows(plan.problem, check) if has_goal(plan.problem) else [],
+        "goal": words.goal_rows(plan.problem, check) if not plan.problem.ends_anywhere else [],
         "limits": words.limit_rows(plan, check),
     }
 
@@ -165,7 +164,7 @@ def _motion(plan: Plan) -> dict[str, Any]:
 def _goals(plan: Plan) -> list[Array]:
     """Configurations to reach; of the last one, its middle."""
     reached, last = goals(plan.trajectory), plan.problem.goal.configuration
-    if has_goal(plan.problem):
+    if not plan.problem.ends_anywhere:
         reached[-1] = np.where(np.isnan(last), reached[-1], last)
     return reached
 
