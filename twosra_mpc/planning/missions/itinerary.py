@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,6 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.drives import Drives
-from twosra_mpc.space.footprint import footprint, kept_m
-from twosra_mpc.space.separation import Separation
 
 _FINE = 10  # times as many nodes where something may be touched
 _CANDIDATES, _REACH_M = 300, 0.4  # stations of a block, and how far from where it should be
@@ -29,6 +27,7 @@ _ENDS = 6  # of the stop before, about which places are tried
 _AIMS = 40  # members of a goal that are tried
 _AWAY_M = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16)  # from an object that was let go
 _AWAY_RAD = np.linspace(-np.pi, np.pi, 16, endpoint=False)
+_LEAVES_M = 0.12  # straight on, from an object that is free: past a disc that can be held
 _LOOKS, _CHAINS = 60, 3  # for a stop
 
 Bools = NDArray[np.bool_]
@@ -202,12 +201,19 @@ class Itinerary:
     def _ending(self, stage: Stage, ends: Array) -> Stop:
         if stage.away is None:
             return _stop(np.zeros(POSE), ends, _all, lambda _: True)
-        geometry = self.problem.robot.geometry
-        needed = kept_m(stage.away, geometry)
-        apart = Separation(footprint(geometry, self._shape), stage.away, needed)
-        return _stop(
-            np.zeros(POSE), ends, lambda poses: apart.distances(poses) >= needed, lambda _: True
-        )
+        away = self._drives_of(replace(stage, world=stage.away), self._shape)
+
+        def may_be_clear(poses: Array) -> Bools:
+            return np.asarray(away.clear(poses) >= away.kept_m)
+
+        def can_leave(pose: Array) -> bool:
+            ways = _LEAVES_M * np.column_stack(
+                [np.cos(_AWAY_RAD), np.sin(_AWAY_RAD), 0 * _AWAY_RAD]
+            )
+            legs = np.tile(pose, (len(ways), 1)), composed(pose, ways)
+            return bool(away.clear_legs(*legs, away.kept_m).any())
+
+        return _stop(np.zeros(POSE), ends, may_be_clear, can_leave)
 
     def chain(self, hidden_s: Callable[[int], float], deadline: float) -> Chain | None:
         """The best chain found; ``hidden_s`` tells what the drive of a phase may take."""

@@ -44,7 +44,7 @@ class MissionPlacer:
     def __init__(self, variants: Sequence[Variant], deadline: float = math.inf) -> None:
         self.variants, self.deadline = variants, deadline
         self.iterations = 0
-        self._drives: dict[tuple[int, bytes], Drives] = {}
+        self._drives: dict[tuple[int, bytes, bytes], Drives] = {}
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound, node: Node
@@ -86,7 +86,7 @@ class MissionPlacer:
 
     def _drives_of(self, stage: Stage, shape: Array) -> Drives:
         """Drives of a stage in a shape (n,), worked out once."""
-        key = id(stage), shape.round(9).tobytes()
+        key = id(stage.world), stage.held.tobytes(), shape.round(9).tobytes()
         if key not in self._drives:
             robot = self.variants[0].problem.robot
             self._drives[key] = Drives(
