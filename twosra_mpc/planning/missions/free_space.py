@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -32,9 +31,8 @@ class StageSolver:
     A nonlinear program for each stage finds nothing better: what it could gain, waiting hides.
     """
 
-    def __init__(self, variants: Sequence[Variant], deadline: float = math.inf) -> None:
-        self.variants, self.deadline = variants, deadline
-        self.iterations = 0
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self.variants = variants
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound, node: Node

@@ -33,19 +33,19 @@ def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | Non
     """
     started = time.perf_counter()
     deadline = started + problem.time_limit_s
-    ways = Ways(problem, deadline)
+    ways, ending = Ways(problem, deadline), Ending.LIMIT
     try:
         variants = ways.variants()
     except KeyboardInterrupt:
-        stats = Stats(time.perf_counter() - started, 0, 0, 0)
-        why = f"no plan found ({STOPPED[Ending.INTERRUPTED]}): {ADVICE[Ending.INTERRUPTED]}"
-        return Result(problem, "optimal", Status.FAILED, why, None, Ending.INTERRUPTED, stats, None)
+        variants, ending = None, Ending.INTERRUPTED
+    stats = Stats(time.perf_counter() - started, 0, 0, 0)
+    if variants is None:
+        why = _nothing(f"{STOPPED[ending]} before all ways were known", ADVICE[ending])
+        return Result(problem, "optimal", Status.FAILED, why, None, ending, stats, None)
     if not variants:
         why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
-        stats = Stats(time.perf_counter() - started, 0, 0, 0)
-        return Result(
-            problem, "optimal", Status.INFEASIBLE, why, None, Ending.EXHAUSTED, stats, None
-        )
+        status, ending = Status.INFEASIBLE, Ending.EXHAUSTED
+        return Result(problem, "optimal", status, why, None, ending, stats, None)
     free = not problem.world_at_start.obstacles and not problem.passes
     solver = StageSolver(variants) if free else MissionPlacer(variants, deadline)
     tree = mission_tree(problem, variants, solver)
@@ -98,6 +98,10 @@ def _conclude(
         status = Status.FAILED
         message = f"no plan of these tasks found ({search.solved} mode sequences tried)"
     else:
-        status, stopped = Status.FAILED, STOPPED[search.ending]
-        message = f"no plan of these tasks found ({stopped}): {ADVICE[search.ending]}"
+        status = Status.FAILED
+        message = _nothing(STOPPED[search.ending], ADVICE[search.ending])
     return Result(problem, "optimal", status, message, lower, search.ending, stats, None)
+
+
+def _nothing(stopped: str, advice: str) -> str:
+    return f"no plan of these tasks found ({stopped}): {advice}"

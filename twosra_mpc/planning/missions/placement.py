@@ -29,6 +29,7 @@ from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.screws import twists
 from twosra_mpc.timing import TemporalNetwork
 
+_MOST_MEMBERS = 8  # of a variant, that are tried
 _STILL = 1e-9  # m, rad or change of W
 _SAME_PER_M = 1e-3
 
@@ -43,7 +44,6 @@ class MissionPlacer:
 
     def __init__(self, variants: Sequence[Variant], deadline: float = math.inf) -> None:
         self.variants, self.deadline = variants, deadline
-        self.iterations = 0
         self._drives: dict[tuple[int, bytes, bytes], Drives] = {}
 
     def __call__(
@@ -52,7 +52,7 @@ class MissionPlacer:
         """Yield (cost, plan) of every attempt; None: it failed."""
         variant = self.variants[node.variant]
         hidden_s = hidden_by_phase_s(network)
-        for stages in variant.members:
+        for stages in variant.members[:_MOST_MEMBERS]:
             for goals in _goals(stages):
                 if time.perf_counter() > self.deadline:
                     return

@@ -48,13 +48,13 @@ def stage_tasks(problem: Problem, members: Sequence[Sequence[Stage]]) -> tuple[S
     """What the search must know of each stage, for all members of a variant."""
     start = problem.start.configuration
     before: Box = (start, start)
-    known, begins, since = before, list[Array | None]([start[None, :POSE]] * len(members)), 1
+    here = Stage(problem.goal, None, (), problem.world, ends=start[None, :POSE])
+    known, begins, since = before, list[Stage]([here] * len(members)), 1
     found = []
     for same in zip(*members, strict=True):
         boxes = [stage.box(before[0]) for stage in same]
         after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
-        ends = [stage.ends for stage in same]
-        far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, ends, strict=True))
+        far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, same, strict=True))
         stage = same[0]
         found.append(
             StageTask(
@@ -72,7 +72,7 @@ def stage_tasks(problem: Problem, members: Sequence[Sequence[Stage]]) -> tuple[S
         )
         before, since = after, since + 1
         if np.isfinite([end[:2] for end in after]).all():
-            known, begins, since = after, ends, 1
+            known, begins, since = after, list(same), 1
     return tuple(found)
 
 
@@ -115,9 +115,10 @@ def _wider(intervals: Intervals, within: Array) -> Intervals:
     return tuple((low - by, high + by) for (low, high), by in pairs)
 
 
-def _apart_m(before: Box, after: Box, ends_before: Array | None, ends: Array | None) -> float:
-    """Least distance of b0's positions at both ends of a stage."""
-    if ends_before is not None and ends is not None:
-        return float(np.linalg.norm(ends_before[:, None, :2] - ends[None, :, :2], axis=-1).min())
+def _apart_m(before: Box, after: Box, begin: Stage, end: Stage) -> float:
+    """Least distance of b0's positions where two stages end."""
+    if begin.ends is not None and end.ends is not None:
+        apart = np.linalg.norm(begin.ends[:, None, :2] - end.ends[None, :, :2], axis=-1)
+        return max(0.0, float(apart.min()) - begin.within_m - end.within_m)
     gaps = np.maximum(after[0][:2] - before[1][:2], before[0][:2] - after[1][:2])
     return float(np.linalg.norm(np.maximum(gaps, 0.0)))

@@ -29,6 +29,7 @@ class Stage:
         world: What is around the robot.
         passes: Boxes to pass on the way.
         ends: Poses of b0 to end in, one of these, (m, 3); None: those of the goal.
+        within_m: How far from one of these any other end is that the task allows, at most.
         held: Convex pieces of what is carried, in b0, (pieces, 4, 2).
         drives_first: Whether it may begin with a drive.
         drives_last: Whether it may drive once it has its last shape.
@@ -45,6 +46,7 @@ class Stage:
     world: World
     passes: tuple[Pass, ...] = ()
     ends: Array | None = None
+    within_m: float = 0.0
     held: Array = field(default_factory=lambda: np.zeros((0, 4, 2)))
     drives_first: bool = True
     drives_last: bool = True
@@ -64,4 +66,5 @@ class Stage:
         low, high = (end.copy() for end in self.goal.box(near))
         if self.ends is not None:
             low[:POSE], high[:POSE] = self.ends.min(axis=0), self.ends.max(axis=0)
+            low[:2], high[:2] = low[:2] - self.within_m, high[:2] + self.within_m
         return low, high

@@ -34,7 +34,7 @@ from twosra_mpc.problem.tasks import (
 )
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.poses import composed, inverse, wrapped
+from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.footprint import kept_m
 from twosra_mpc.space.outlines import eroded, quadrangles
 
@@ -43,7 +43,6 @@ _OVERLAP_M = 4e-4  # with what is touched, of what is drawn around the robot
 _HEADINGS = 24  # of the robot around a disc
 _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
-_MOST_MEMBERS = 8
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
 
@@ -90,19 +89,19 @@ class Ways:
         self._known: dict[object, tuple[Touch, ...]] = {}
         self._rigid = (problem.robot.rigid,)
 
-    def variants(self) -> list[Variant]:
-        """Every variant."""
+    def variants(self) -> list[Variant] | None:
+        """Every variant; None if the deadline comes first, as no bound holds for some of them."""
         found: list[Variant] = []
         for order in self._orders():
-            if found and time.perf_counter() > self._deadline:
-                break
+            if time.perf_counter() > self._deadline:
+                return None
             problem = self._in_order(order)
             groups: dict[tuple[float, ...], list[tuple[Stage, ...]]] = {}
             for state in self._from(problem, self._begin(), 0):
                 groups.setdefault(state.key, []).append(state.stages)
             for members in groups.values():
                 members.sort(key=self._length_m)
-                found.append(Variant(problem, tuple(members[:_MOST_MEMBERS])))
+                found.append(Variant(problem, tuple(members)))
         found.sort(key=lambda variant: self._length_m(variant.members[0]))
         return found
 
@@ -211,25 +210,30 @@ class Ways:
         thing = self.problem.objects[number]
         for touch in self._grasps(thing, task):
             ends = _placed(touch, state.poses[number], thing, task.directions_rad)
-            if not len(ends):
+            if not len(ends.poses):
                 continue
-            stage = Stage(
-                _shape(touch.kappa, touch.slack_per_m * 0.0),
-                self.problem.robot.rigid,
-                self.problem.modes,
-                self._world(state, task.object),
-                ends=ends,
-                drives_last=False,
-                touches=True,
-                reshapes=task.hold == "caged",  # it gets in no more than out
-            )
+            stage = self._touching(state, task.object, _shape(touch.kappa), ends)
+            stage = replace(stage, reshapes=task.hold == "caged")  # it gets in no more than out
             apart = thing.disc is not None and self._turned_as_asked(task.object)
-            for some in [end[None] for end in ends] if apart else [ends]:
+            for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
                 after = self._after(state, replace(stage, ends=some))
                 where = composed(inverse(some[0]), state.poses[number]) if apart else None
                 pose_in_b0 = touch.pose_in_b0 if where is None else where
                 hold = Hold(number, touch.kappa, pose_in_b0, task.hold == "caged")
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
+
+    def _touching(self, state: State, name: str, shape: Goal, ends: Ends) -> Stage:
+        """The stage that ends in touch with a thing: there it bends, and drives no more."""
+        return Stage(
+            shape,
+            self.problem.robot.rigid,
+            self.problem.modes,
+            self._world(state, name),
+            ends=ends.poses,
+            within_m=ends.within_m,
+            drives_last=False,
+            touches=True,
+        )
 
     def _turned_as_asked(self, name: str) -> bool:
         """Whether an object is to be carried to a heading."""
@@ -245,12 +249,12 @@ class Ways:
         touches = list(found.touches)
         if task.hold == "caged":
             geometry = self.problem.robot.geometry
-            tested = touches[:_MOST_TESTED]
-            touches = [
-                each
-                for each in tested
-                if caged(geometry, each.kappa, thing, each.pose_in_b0).proved
-            ]
+            touches = []
+            for number, each in enumerate(found.touches):
+                if touches and number >= _MOST_TESTED:
+                    break
+                if caged(geometry, each.kappa, thing, each.pose_in_b0).proved:
+                    touches.append(each)
         if not touches:
             self.refused.append(_no_grasp(task, found))
         self._known[key] = tuple(_a_few(touches))
@@ -260,10 +264,10 @@ class Ways:
         hold = state.hold
         assert hold is not None, "checked with the problem"
         thing = self.problem.objects[hold.number]
-        headings = np.array([task.phi_rad or 0.0])
+        headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
         if task.phi_rad is None:
             count = _HEADINGS if thing.disc is not None else _PUT_HEADINGS
-            headings = np.linspace(-math.pi, math.pi, count, endpoint=False)
+            headings, step_rad = _spread((-math.pi, math.pi), count)
         poses = np.column_stack(
             [np.full_like(headings, task.x_m), np.full_like(headings, task.y_m), headings]
         )
@@ -271,11 +275,12 @@ class Ways:
         together = thing.disc is not None and task.phi_rad is None
         for some in [ends] if together else [end[None] for end in ends]:
             stage = Stage(
-                _shape(hold.kappa, np.zeros_like(hold.kappa)),
+                _shape(hold.kappa),
                 self.problem.robot.rigid,
                 self._rigid,
                 self._world(state),
                 ends=some,
+                within_m=step_rad * float(np.hypot(*hold.pose_in_b0[:2])),
             )
             yield self._after(state, stage)
 
@@ -326,17 +331,10 @@ class Ways:
             self.refused.append(f"nothing conforms to {task.object}: {reasons}")
         for touch in _a_few(found.touches):
             ends = _placed(touch, pose, thing, task.directions_rad)
-            if not len(ends):
+            if not len(ends.poses):
                 continue
-            stage = Stage(
-                _shape(touch.kappa, touch.slack_per_m),
-                self.problem.robot.rigid,
-                self.problem.modes,
-                self._world(state, task.object),
-                ends=ends,
-                drives_last=False,
-                touches=True,
-            )
+            shape = _shape(touch.kappa, touch.slack_per_m)
+            stage = self._touching(state, task.object, shape, ends)
             after = self._after(state, stage)._replace(touched=task.object)
             yield after._replace(key=(*after.key, *np.nan_to_num(touch.kappa).round(2).tolist()))
 
@@ -351,30 +349,46 @@ class Ways:
         return far
 
 
-def _shape(kappa: Array, slack_per_m: Array) -> Goal:
+def _shape(kappa: Array, slack_per_m: Array | float = 0.0) -> Goal:
     """A shape to end in, wherever; by how much less each segment may bend."""
-    low, high = np.minimum(kappa, kappa - np.sign(kappa) * slack_per_m), None
-    high = np.maximum(kappa, kappa - np.sign(kappa) * slack_per_m)
-    middle = [None if math.isnan(k) else k for k in ((low + high) / 2).tolist()]
-    width = tuple(np.nan_to_num((high - low) / 2).tolist())
+    looser = kappa - np.sign(kappa) * slack_per_m
+    middle = [None if math.isnan(k) else k for k in ((kappa + looser) / 2).tolist()]
+    width = tuple(np.nan_to_num(np.abs(kappa - looser) / 2).tolist())
     return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=width))
+
+
+class Ends(NamedTuple):
+    """Poses of b0 to end in, (m, 3), and how far from one of them any other that may be used is."""
+
+    poses: Array
+    within_m: float
+
+
+def _spread(range_rad: tuple[float, float], count: int) -> tuple[Array, float]:
+    """Headings of a range, evenly, and how far any other of it is from the nearest, at most."""
+    low, high = range_rad
+    around = high - low >= math.tau
+    headings = np.linspace(low, low + math.tau if around else high, count, endpoint=not around)
+    return headings, min(high - low, math.tau) / (count - 1)
 
 
 def _placed(
     touch: Touch, pose: Array, thing: Object | Obstacle, directions_rad: tuple[float, float]
-) -> Array:
-    """Poses of b0 at a thing in the world, (m, 3), with a heading that may be used."""
-    at = pose[None]
-    if thing.disc is not None:
-        centre = [thing.disc.x_m, thing.disc.y_m, 0.0] if isinstance(thing, Obstacle) else [0.0] * 3
-        turned = np.zeros((_HEADINGS, POSE))
-        turned[:, 2] = np.linspace(-math.pi, math.pi, _HEADINGS, endpoint=False)
-        at = composed(composed(composed(at, np.array(centre)), turned), inverse(np.array(centre)))
-    ends = composed(at, touch.configuration[:POSE])
-    ends[:, 2] = wrapped(ends[:, 2])
+) -> Ends:
+    """Poses of b0 at a thing in the world with a heading that may be used."""
+    ends = composed(pose[None], touch.configuration[:POSE])
     low, high = directions_rad
-    allowed: Array = ends[np.mod(ends[:, 2] - low, math.tau) <= high - low]
-    return allowed
+    if thing.disc is None:
+        return Ends(ends[np.mod(ends[:, 2] - low, math.tau) <= high - low], 0.0)
+    headings, step_rad = _spread(directions_rad, _HEADINGS)
+    own = [thing.disc.x_m, thing.disc.y_m, 0.0] if isinstance(thing, Obstacle) else [0.0] * POSE
+    middle = composed(pose[None], np.array(own))
+    from_b0 = composed(inverse(ends), middle)
+    from_b0[:, 2] = 0.0
+    turned = np.repeat(middle, len(headings), axis=0)
+    turned[:, 2] = headings
+    poses = composed(turned, inverse(from_b0))
+    return Ends(poses, step_rad * float(np.hypot(*from_b0[0, :2])))
 
 
 def _a_few(touches: Sequence[Touch]) -> Iterator[Touch]:
