@@ -12,7 +12,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.planning.search.bends import BendingTask, Intervals
 from twosra_mpc.planning.search.mission_bound import MissionRelaxation
-from twosra_mpc.planning.search.mission_tree import StageTask
+from twosra_mpc.planning.search.stage_task import StageTask
 from twosra_mpc.planning.single_goal.relaxed import bending_task
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.problem import Problem, Start

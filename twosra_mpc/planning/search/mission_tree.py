@@ -15,17 +15,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Generic, NamedTuple, TypeVar
 
-from twosra_mpc.planning.search.bends import (
-    BendingTask,
-    Intervals,
-    least_durations,
-    unreachable_reason,
-)
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.mission_bound import (
     MissionRelaxation,
@@ -34,105 +27,14 @@ from twosra_mpc.planning.search.mission_bound import (
     reachable,
 )
 from twosra_mpc.planning.search.schedule import with_durations
+from twosra_mpc.planning.search.stage_task import StageTask, Way
 from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, sequence_name
+from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
 
 Solution = TypeVar("Solution")
 
 _LATE_S = 1e6  # later than anything that happens before a stage
-_MOST_PHASES, _MOST_TO_ANY = 5, 3  # of a stage, and of one that may end in any stiffness
-
-
-@dataclass(frozen=True, eq=False)
-class StageTask:
-    """What the search must know of a stage.
-
-    Attributes:
-        change: (low, high) of each segment: change of W since t = 0 where the stage ends.
-        bend: What its modes must do where the shapes at both of its ends are known exactly.
-        modes: Modes that it may use.
-        last: Stiffness at its end; None: any.
-        drives_first: Whether it may begin with a drive.
-        drives_last: Whether it may drive after its last soft phase.
-        distance_m: How far b0 must come in it, at least; or in it and in those before it, since
-            the last one of which it is known where it ends.
-        since: How many stages these are.
-        rigid_s: Least duration where nothing bends in it.
-        reshapes: Whether it is proved that it must reshape.
-    """
-
-    change: Intervals
-    bend: BendingTask | None
-    modes: tuple[Mode, ...]
-    last: Mode | None
-    drives_first: bool = True
-    drives_last: bool = True
-    distance_m: float = 0.0
-    since: int = 1
-    rigid_s: float = 0.0
-    reshapes: bool = False
-
-    @property
-    def most_phases(self) -> int:
-        """Of the sequences that are opened."""
-        return _MOST_TO_ANY if self.last is None else _MOST_PHASES
-
-    def sequences(self, begins: Mode) -> Iterator[ModeSequence]:
-        """Yield every sequence of up to ``most_phases`` phases from a stiffness on."""
-        rigid = rigid_mode(len(begins))
-        drives = self.drives_first and rigid in self.modes
-        heads: list[ModeSequence] = [()] if any(begins) or not drives else [(rigid,)]
-        for length in range(self.most_phases + 1):
-            if length:
-                heads = [longer for head in heads for longer in self.longer(head, begins)]
-            for head in heads:
-                whole = self._closed(head, rigid)
-                if whole and len(whole) <= self.most_phases and self._fits(whole):
-                    yield whole
-
-    def longer(self, head: ModeSequence, begins: Mode) -> Iterator[ModeSequence]:
-        """Yield a sequence with every mode that may follow."""
-        for mode in self.modes:
-            stays = mode == head[-1] if head else not any(begins) and is_rigid(mode)
-            if not stays:
-                yield (*head, mode)
-
-    def _closed(self, head: ModeSequence, rigid: Mode) -> ModeSequence | None:
-        """The sequence that ends as the stage asks for; None if another head stands for it."""
-        if self.last is None:
-            return head
-        if self.last == rigid:
-            if head == (rigid,):
-                return head
-            return None if head and head[-1] == rigid else (*head, rigid)
-        return head if head and head[-1] == self.last else None
-
-    def _fits(self, sequence: ModeSequence) -> bool:
-        if self.reshapes and not any(map(any, sequence)):
-            return False
-        return self.bend is None or unreachable_reason(sequence, self.bend) is None
-
-    def moving(self, sequence: ModeSequence) -> list[bool]:
-        """In which phases of a sequence something may move."""
-        rests = not self.drives_last and len(sequence) > 1 and is_rigid(sequence[-1])
-        return [True] * (len(sequence) - rests) + [False] * rests
-
-    @cached_property
-    def alike(self) -> Hashable:
-        """What bounds of the stage alone depend on."""
-        bend = self.bend and (self.bend.change, self.bend.origin, self.bend.origin_within)
-        drives = self.drives_first, self.drives_last, self.rigid_s
-        return self.modes, self.last, drives, self.reshapes, bend
-
-    def durations(self, sequence: ModeSequence) -> list[float]:
-        """Proved least duration of each phase of a sequence."""
-        found = [0.0] * len(sequence)
-        if self.bend is not None:
-            found = list(least_durations(sequence, self.bend))
-        if len(sequence) == 1 and is_rigid(sequence[0]):
-            found[0] = max(found[0], self.rigid_s)
-        return found
 
 
 class Node(NamedTuple):
@@ -149,24 +51,6 @@ class Node(NamedTuple):
     def joined(self) -> ModeSequence:
         """All phases."""
         return tuple(itertools.chain.from_iterable(self.sequences))
-
-
-class _Way(NamedTuple):
-    """What moves the robot on: whether it drives, and how many blocks of soft phases there are."""
-
-    drives: bool = False
-    blocks: int = 0
-
-    def then(self, sequences: Sequence[ModeSequence], stages: Sequence[StageTask]) -> _Way:
-        """The same after the sequences of further stages."""
-        moving = [
-            mode
-            for stage, sequence in zip(stages, sequences, strict=False)
-            for mode, moves in zip(sequence, stage.moving(sequence), strict=True)
-            if moves
-        ]
-        blocks = sum(1 for rigid, _ in itertools.groupby(moving, key=is_rigid) if not rigid)
-        return _Way(self.drives or any(map(is_rigid, moving)), self.blocks + blocks)
 
 
 MissionSolver = Callable[
@@ -197,7 +81,7 @@ class MissionTree(Generic[Solution]):
     unreachable: dict[Node, str] = field(default_factory=dict)
     _bounds: dict[Node, SequenceBound] = field(default_factory=dict)
     _alone: dict[tuple[Hashable, Mode, ModeSequence], float] = field(default_factory=dict)
-    _rest: dict[tuple[int, int, Mode, _Way], float] = field(default_factory=dict)
+    _rest: dict[tuple[int, int, Mode, Way], float] = field(default_factory=dict)
     _known: dict[tuple[Hashable, ModeSequence], list[float]] = field(default_factory=dict)
     _bending: dict[tuple[int, tuple[ModeSequence, ...]], bool] = field(default_factory=dict)
     _further: dict[tuple[Hashable, Mode], float] = field(default_factory=dict)
@@ -238,10 +122,10 @@ class MissionTree(Generic[Solution]):
         if node.beyond:
             return cost + self._beyond_and_on(node.variant, done, begins)
         here = stages[done].since if done < len(stages) else 1
-        so_far = _Way().then(node.sequences[done - here + 1 :], stages[done - here + 1 :])
+        so_far = Way().then(node.sequences[done - here + 1 :], stages[done - here + 1 :])
         return cost + self._to_go(node.variant, done, begins, so_far)
 
-    def _to_go(self, variant: int, done: int, begins: Mode, way: _Way) -> float:
+    def _to_go(self, variant: int, done: int, begins: Mode, way: Way) -> float:
         """What the stages from a number on add at least, whatever came before.
 
         ``way`` is what has moved since the last end of a stage whose place is known.
@@ -257,18 +141,18 @@ class MissionTree(Generic[Solution]):
                 least = self._alone_s(stage, begins, sequence)
                 after = way.then([sequence], [stage])
                 if least < best and not self._too_far(stage, after):
-                    after = _Way() if known else after
+                    after = Way() if known else after
                     best = min(best, least + self._to_go(variant, done + 1, sequence[-1], after))
             self._rest[key] = best
         return self._rest[key]
 
     def _beyond_and_on(self, variant: int, done: int, begins: Mode) -> float:
         """The same where the first of these stages has a sequence longer than are opened."""
-        stage, way = self.variants[variant][done], _Way(drives=True)
+        stage, way = self.variants[variant][done], Way(drives=True)
         on = (self._to_go(variant, done + 1, mode, way) for mode in self._after(stage))
         return self._beyond(stage, begins) + min(on)
 
-    def _too_far(self, stage: StageTask, way: _Way) -> bool:
+    def _too_far(self, stage: StageTask, way: Way) -> bool:
         """Whether blocks alone do not come as far as a stage must, and there is no drive."""
         by_blocks = way.blocks * self.relaxation.soft_travel_m if way.blocks else 0.0
         return not way.drives and stage.distance_m > by_blocks
@@ -289,7 +173,7 @@ class MissionTree(Generic[Solution]):
             return False
         stages = self.variants[node.variant]
         since = slice(done - stages[done - 1].since, done)
-        return self._too_far(stages[done - 1], _Way().then(node.sequences[since], stages[since]))
+        return self._too_far(stages[done - 1], Way().then(node.sequences[since], stages[since]))
 
     def _moving(self, node: Node) -> list[bool]:
         """In which phases of a node something may move."""
