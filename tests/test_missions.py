@@ -18,6 +18,7 @@ from twosra_mpc import Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.planning.missions.free_space import StageSolver
 from twosra_mpc.planning.missions.mission import mission_tree
+from twosra_mpc.planning.missions.relaxed import stage_tasks
 from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
 from twosra_mpc.planning.search.mission_tree import MissionTree, Node
@@ -48,8 +49,16 @@ def cup(radius_m: float = 0.03, **values: Any) -> dict[str, Any]:
     return {"name": "cup", "disc": {"radius_m": radius_m}, "pose": pose, **values}
 
 
+def cube() -> dict[str, Any]:
+    """A cube in its place, which is caged from some sides only."""
+    cup_there = cup()
+    del cup_there["disc"]
+    return {**cup_there, "box": {"x_m": (-0.025, 0.025), "y_m": (-0.025, 0.025)}}
+
+
 def tree_of(problem: Problem) -> MissionTree[Made]:
     variants = Ways(problem).variants()
+    assert variants is not None, "nothing ends it early"
     return mission_tree(problem, variants, StageSolver(variants))
 
 
@@ -332,7 +341,7 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "too small": (GRASP, cup(0.02), "nothing closes around cup: the units would meet"),
     "not caged": (GRASP, cup(0.06), r"nothing cages cup; .* embraces \d+ degrees .* \"pushed\""),
     "too large": ({"do": "conform", "object": "cup"}, cup(0.3), "nothing conforms to cup"),
-    "direction": ({**GRASP, "directions_rad": (0.1, 0.101)}, cup(), "no direction .* is left"),
+    "direction": ({**GRASP, "directions_rad": (0.1, 0.101)}, cube(), "no direction .* is left"),
 }
 
 
@@ -361,3 +370,36 @@ def test_a_mission_goes_on_with_the_object_in_hand(solved: Solved) -> None:
     again = check_mission(plan(rest))
     assert [task.do for task in again.problem.tasks] == ["carry", "release"]
     assert again.cost.total < made.cost.total
+
+
+def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:
+    problem = mission(GRASP, objects=[cup()])
+    (variant, *_) = Ways(problem).variants() or []
+    stage = variant.members[0][0]
+    assert stage.ends is not None
+    middle, (x, y, phi) = np.array([0.25, 0.1]), stage.ends[0]
+    for more in np.random.default_rng(3).uniform(-math.pi, math.pi, 200):
+        turn = np.array([[math.cos(more), -math.sin(more)], [math.sin(more), math.cos(more)]])
+        place = middle + turn @ (np.array([x, y]) - middle)
+        assert np.linalg.norm(stage.ends[:, :2] - place, axis=1).min() <= stage.within_m
+        low, high = stage.box(np.zeros(5))
+        assert (low[:2] <= place).all()
+        assert (place <= high[:2]).all()
+    assert phi in stage.ends[:, 2]
+
+
+def test_bounds_hold_for_all_members_of_a_variant() -> None:
+    problem = mission(GRASP, objects=[cube()])
+    for variant in Ways(problem).variants() or []:
+        (all_of_them,) = stage_tasks(problem, variant.members)[:1]
+        for member in variant.members:
+            (alone,) = stage_tasks(problem, [member])[:1]
+            assert all_of_them.distance_m <= alone.distance_m + ROUNDING
+
+
+def test_a_mission_whose_ways_are_not_all_known_in_time_has_no_bound() -> None:
+    goals = [reach(0.2, 0.1 * k, 0.5, (30.0, -5.0), name=f"goal {k}") for k in range(4)]
+    result = plan(mission(*goals, order="free", time_limit_s=1e-9))
+    assert result.status is Status.FAILED
+    assert result.lower_bound is None
+    assert "before all ways were known): raise time_limit_s" in result.message

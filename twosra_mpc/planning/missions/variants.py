@@ -18,6 +18,7 @@ from twosra_mpc.contact.cage import caged
 from twosra_mpc.contact.pushing import pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
+from twosra_mpc.planning.missions.ends import HEADINGS, Ends, placed, spread
 from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object
@@ -32,7 +33,7 @@ from twosra_mpc.problem.tasks import (
     Task,
     orders,
 )
-from twosra_mpc.problem.world import Obstacle, World
+from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.footprint import kept_m
@@ -40,7 +41,6 @@ from twosra_mpc.space.outlines import eroded, quadrangles
 
 GRASP_GAP_M = 5e-4  # between the robot and what it closes around
 _OVERLAP_M = 4e-4  # with what is touched, of what is drawn around the robot
-_HEADINGS = 24  # of the robot around a disc
 _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
@@ -209,7 +209,7 @@ class Ways:
         number = self._number(task.object)
         thing = self.problem.objects[number]
         for touch in self._grasps(thing, task):
-            ends = _placed(touch, state.poses[number], thing, task.directions_rad)
+            ends = placed(touch, state.poses[number], thing, task.directions_rad)
             if not len(ends.poses):
                 continue
             stage = self._touching(state, task.object, _shape(touch.kappa), ends)
@@ -266,8 +266,8 @@ class Ways:
         thing = self.problem.objects[hold.number]
         headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
         if task.phi_rad is None:
-            count = _HEADINGS if thing.disc is not None else _PUT_HEADINGS
-            headings, step_rad = _spread((-math.pi, math.pi), count)
+            count = HEADINGS if thing.disc is not None else _PUT_HEADINGS
+            headings, step_rad = spread((-math.pi, math.pi), count)
         poses = np.column_stack(
             [np.full_like(headings, task.x_m), np.full_like(headings, task.y_m), headings]
         )
@@ -330,7 +330,7 @@ class Ways:
             reasons = "; ".join(found.refused)
             self.refused.append(f"nothing conforms to {task.object}: {reasons}")
         for touch in _a_few(found.touches):
-            ends = _placed(touch, pose, thing, task.directions_rad)
+            ends = placed(touch, pose, thing, task.directions_rad)
             if not len(ends.poses):
                 continue
             shape = _shape(touch.kappa, touch.slack_per_m)
@@ -355,40 +355,6 @@ def _shape(kappa: Array, slack_per_m: Array | float = 0.0) -> Goal:
     middle = [None if math.isnan(k) else k for k in ((kappa + looser) / 2).tolist()]
     width = tuple(np.nan_to_num(np.abs(kappa - looser) / 2).tolist())
     return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=width))
-
-
-class Ends(NamedTuple):
-    """Poses of b0 to end in, (m, 3), and how far from one of them any other that may be used is."""
-
-    poses: Array
-    within_m: float
-
-
-def _spread(range_rad: tuple[float, float], count: int) -> tuple[Array, float]:
-    """Headings of a range, evenly, and how far any other of it is from the nearest, at most."""
-    low, high = range_rad
-    around = high - low >= math.tau
-    headings = np.linspace(low, low + math.tau if around else high, count, endpoint=not around)
-    return headings, min(high - low, math.tau) / (count - 1)
-
-
-def _placed(
-    touch: Touch, pose: Array, thing: Object | Obstacle, directions_rad: tuple[float, float]
-) -> Ends:
-    """Poses of b0 at a thing in the world with a heading that may be used."""
-    ends = composed(pose[None], touch.configuration[:POSE])
-    low, high = directions_rad
-    if thing.disc is None:
-        return Ends(ends[np.mod(ends[:, 2] - low, math.tau) <= high - low], 0.0)
-    headings, step_rad = _spread(directions_rad, _HEADINGS)
-    own = [thing.disc.x_m, thing.disc.y_m, 0.0] if isinstance(thing, Obstacle) else [0.0] * POSE
-    middle = composed(pose[None], np.array(own))
-    from_b0 = composed(inverse(ends), middle)
-    from_b0[:, 2] = 0.0
-    turned = np.repeat(middle, len(headings), axis=0)
-    turned[:, 2] = headings
-    poses = composed(turned, inverse(from_b0))
-    return Ends(poses, step_rad * float(np.hypot(*from_b0[0, :2])))
 
 
 def _a_few(touches: Sequence[Touch]) -> Iterator[Touch]:
