@@ -278,6 +278,12 @@ def test_the_bound_names_the_restrictions_it_holds_for(paper: Result) -> None:
     assert "kept warm" not in said()
 
 
+def test_the_bound_of_a_mission_names_its_touches_and_phases(solved: Solved) -> None:
+    said = " ".join(words.bound_sentences(solved("pick-and-place")))
+    assert "the touches that were considered" in said
+    assert "longer than the 5 phases a task that were searched" in said
+
+
 def test_without_a_bound_nothing_is_claimed(solved: Solved) -> None:
     greedy = solved("paper-1", planner="greedy")
     assert list(words.bound_sentences(greedy)) == []

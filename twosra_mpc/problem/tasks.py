@@ -18,6 +18,8 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.validation import NonNegative, Number, Pair, Tagged, plain
 
+MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
+
 
 class Task(Tagged):
     """Something to do; ``do`` says what."""

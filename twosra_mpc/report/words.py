@@ -22,7 +22,7 @@ from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.stages import stages
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Grasp, Release
+from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, Release
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.schema import describe
 from twosra_mpc.timing import transition_model
@@ -89,9 +89,14 @@ def bound_sentences(result: Result) -> Iterator[str]:
         yield "It drives gently: what the asked gap lets it cost more is spent on lower speeds."
     yield f"Cost is {_cost_formula(problem)}."
     modes = ", ".join(mode_name(mode) for mode in problem.modes)
+    phases = f"{problem.max_phases} phases"
+    if problem.is_mission:
+        phases = f"{MOST_PHASES} phases a task"
+        if problem.objects:
+            yield "It is one over plans with the touches that were considered; the guide has them."
     yield (
         f"The bound covers every sequence of the modes {modes}, also sequences longer than the"
-        f" {problem.max_phases} phases that were searched, with every path that path model"
+        f" {phases} that were searched, with every path that path model"
         f" {problem.robot.path.model} can take within the robot's limits."
     )
     times = transition_model(problem).words

@@ -14,9 +14,10 @@ from twosra_mpc.planning.search.bends import (
     least_durations,
     unreachable_reason,
 )
+from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode
 
-_MOST_PHASES, _MOST_TO_ANY = 5, 3  # of a stage, and of one that may end in any stiffness
+_MOST_TO_ANY = 3  # phases of a stage that may end in any stiffness
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class StageTask:
     @property
     def most_phases(self) -> int:
         """Of the sequences that are opened."""
-        return _MOST_TO_ANY if self.last is None else _MOST_PHASES
+        return _MOST_TO_ANY if self.last is None else MOST_PHASES
 
     def sequences(self, begins: Mode) -> Iterator[ModeSequence]:
         """Yield every sequence of up to ``most_phases`` phases from a stiffness on."""

@@ -12,6 +12,7 @@ from twosra_mpc.planning.single_goal.sequence_solver import Solved
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tasks import MOST_PHASES
 
 
 class Progress(NamedTuple):
@@ -21,7 +22,6 @@ class Progress(NamedTuple):
     lower_bound: float
 
 
-MISSION_PHASES = 5
 STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
 ADVICE = {
     Ending.LIMIT: "raise time_limit_s or gap",
@@ -59,7 +59,7 @@ def quality(made: Plan, ending: Ending) -> str:
     if ending is Ending.EXHAUSTED:
         phases = f"max_phases = {made.problem.max_phases}"
         if made.problem.is_mission:
-            phases = f"{MISSION_PHASES} phases a task"
+            phases = f"{MOST_PHASES} phases a task"
         tried = f"no mode sequence of up to {phases} is left to try"
         elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
         return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
