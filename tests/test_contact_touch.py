@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.contact.touch import (
+    BEYOND,
     IN_THE_WAY,
     LEAVES,
     NOTHING,
@@ -29,7 +30,7 @@ NAMES = ("2sra-v1", "2sra-v1-paper", "2sr-v2", "3sra")
 ROBOTS = {name: load_robot(name) for name in NAMES}
 V1 = ROBOTS["2sra-v1"]
 UNITS = "the units would meet"
-REASONS = {UNITS, OVERLAPS, NOTHING, IN_THE_WAY, LEAVES, "curvature_per_m", "wheel_independence"}
+REASONS = {UNITS, OVERLAPS, NOTHING, IN_THE_WAY, LEAVES, BEYOND, "wheel_independence"}
 ROUNDING_M = 1.5e-5
 
 robots = st.sampled_from(list(ROBOTS.values()))
@@ -120,7 +121,7 @@ def test_a_mirrored_robot_touches_in_mirrored_shapes() -> None:
 
 def test_what_cannot_be_grasped_is_said() -> None:
     assert grasp_touches(V1, disc(0.025)).refused == {UNITS: 2}
-    assert grasp_touches(ROBOTS["2sr-v2"], disc(0.02)).refused == {"curvature_per_m": 2}
+    assert grasp_touches(ROBOTS["2sr-v2"], disc(0.02)).refused == {BEYOND: 2}
     none = grasp_touches(V1, disc(0.025))
     assert none.best_wrap_rad == 0.0
     assert not len(none.shapes)

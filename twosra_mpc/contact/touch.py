@@ -30,7 +30,8 @@ OVERLAPS = "overlaps the object"
 NOTHING = "nothing to wrap"
 IN_THE_WAY = "a unit, wheel or link touches first"
 LEAVES = "leaves the outline by more than gap_m"
-_WORDS = {UNIT_GAP.name: "the units would meet", CURVATURE.name: CURVATURE.name}
+BEYOND = f"a segment would bend beyond {CURVATURE.name}"
+_WORDS = {UNIT_GAP.name: "the units would meet", CURVATURE.name: BEYOND}
 
 _FREE = 9  # curvatures tried for a segment that is left free
 
@@ -210,7 +211,7 @@ def _close_chain(
         done = close(robot, contour, place, start[rows], moving, gap_m)
         q[rows] = place(done.curvature, np.arange(len(rows)))
         start[rows] = done.curvature
-        reasons[rows[~done.touches]] = CURVATURE.name
+        reasons[rows[~done.touches]] = BEYOND
         reasons[rows[~done.fits]] = OVERLAPS
 
 
@@ -242,7 +243,7 @@ def _laid(
 
     rows = np.arange(len(stations))
     done = close(robot, contour, place, np.zeros(len(rows)), (segment,), 0.0)
-    reasons[~done.touches] = CURVATURE.name
+    reasons[~done.touches] = BEYOND
     reasons[~done.fits] = IN_THE_WAY
     return place(done.curvature, rows)
 
