@@ -29,6 +29,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 
+from twosra_mpc.thermal.first_cycle import FirstCycle
 from twosra_mpc.thermal.heating import HeatingPlan
 from twosra_mpc.thermal.model import SegmentModel, State
 
@@ -162,6 +163,12 @@ class LeastTimes:
         return self.heating.coasting_s(self._hottest)
 
     @cached_property
+    def first_cycle(self) -> FirstCycle:
+        """The first melt and the freeze after it of a segment that is solid at t = 0."""
+        coldest_s, coasting_s = self._frozen_s(1, 0.0), self._coasting_s(1)
+        return FirstCycle(self.heating, self.temperature_C, coldest_s, coasting_s)
+
+    @cached_property
     def freezing_s(self) -> Callable[[int, float], float]:
         """Onset to end of a freeze, of its number and ``held_s``; asked over and over.
 
@@ -210,4 +217,7 @@ class LeastTimes:
         setpoint = model.level_at(self.heating.soft_setpoint_C)
         heated = beyond * self._melting_s(number)
         heated = min(heated, model.time_until(molten, current, setpoint))
-        return model.time_until(model.propagate(molten, current, heated), 0.0, model.liquid_level)
+        after = model.propagate(molten, current, heated)
+        if model.level(after) <= model.liquid_level:  # colder than any real one: it is not heated up
+            return 0.0
+        return model.time_until(after, 0.0, model.liquid_level)

@@ -156,6 +156,19 @@ def earliest_times(network: TemporalNetwork) -> list[float] | None:
     return _raised([0.0] * network.layout.count, constraints)
 
 
+def longest_paths(network: TemporalNetwork, since: int) -> list[float]:
+    """Least time from an event to every event [s]; -inf where nothing is said.
+
+    The constraints must not contradict each other.
+    """
+    constraints = [(u, v, least) for (u, v), least in network.least.items()]
+    before = [-math.inf] * network.layout.count
+    before[since] = 0.0
+    times = _raised(before, constraints)
+    assert times is not None
+    return times
+
+
 def latest_times(network: TemporalNetwork, at_most: Mapping[int, float]) -> list[float]:
     """Latest time of every event with some events not later than given [s]; inf where free.
 

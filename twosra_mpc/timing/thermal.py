@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
@@ -28,8 +28,10 @@ from twosra_mpc.timing.network import (
     EventLayout,
     Hold,
     TemporalNetwork,
+    earliest_times,
     events_of,
     handovers,
+    longest_paths,
     overlaps,
     refused,
 )
@@ -90,8 +92,8 @@ class Thermal(TransitionModel):
 
     @cached_property
     def least(self) -> tuple[LeastTimes, ...]:
-        """What no history of each segment can undercut."""
-        return tuple(map(LeastTimes, self.plans, self.problem.temperatures))
+        """What no history of each segment can undercut; one for segments that are alike."""
+        return tuple(map(cache(LeastTimes), self.plans, self.problem.temperatures))
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         if self.problem.heaters_at_once == 1:
@@ -140,9 +142,41 @@ class Thermal(TransitionModel):
             previous, molten = onset, event.gap
         network = TemporalNetwork(sequence, last, least, len(events), energy, tuple(holds), events)
         if self.problem.heaters_at_once == 1:
-            return replace(network, least=least | self._least_handovers(network))
-        return network
+            network = replace(network, least=least | self._least_handovers(network))
+        return self._tightened(network, least_durations)
 
+    def _tightened(
+        self, network: TemporalNetwork, least_durations: Sequence[float]
+    ) -> TemporalNetwork:
+        """What the network says of when transitions begin, used for how long they take.
+
+        The metal of a melt waits liquid for its freeze as long as all that is in between takes, and
+        the first melt and freeze of a segment end as late as its first heating says.
+        """
+        known = [history.first_cycle.is_known for history in self.least]
+        layout, least = network.layout, dict(network.least)
+        lasting = {
+            (layout.start(i), layout.end(i)): duration for i, duration in enumerate(least_durations)
+        }
+        molten = dict[int, int]()
+        for event in sorted(network.events, key=lambda event: event.gap):
+            history, cycle = self.least[event.segment], self.least[event.segment].first_cycle
+            onset, begin = layout.onset_of(event), layout.start(event.gap)
+            so_far = replace(network, least=least | lasting)
+            if known[event.segment] or (times := earliest_times(so_far)) is None:
+                continue
+            if event.to == "soft":
+                molten[event.segment] = begin
+                done_s = cycle.molten_s(times[onset]) if event.number == 0 else 0.0
+            elif event.number:
+                held_s = longest_paths(so_far, molten[event.segment])[onset]
+                least[onset, begin] = history.freezing_s(event.number, held_s)
+                done_s = cycle.frozen_s(times[onset], held_s) if event.number == 1 else 0.0
+            else:
+                continue
+            if done_s > times[onset] + least[onset, begin]:
+                least[layout.origin, begin] = done_s
+        return replace(network, least=least)
     def _least_handovers(self, network: TemporalNetwork) -> dict[tuple[int, int], float]:
         """The earlier heater goes off when its segment is molten, and can coast only so long."""
         layout, added = network.layout, {}
