@@ -174,7 +174,7 @@ class Thermal(TransitionModel):
                 done_s = cycle.frozen_s(times[onset], held_s) if event.number == 1 else 0.0
             else:
                 continue
-            if done_s > times[onset] + least[onset, begin]:
+            if done_s > max(times[onset] + least[onset, begin], times[begin]):
                 least[layout.origin, begin] = done_s
         return replace(network, least=least)
     def _least_handovers(self, network: TemporalNetwork) -> dict[tuple[int, int], float]:
