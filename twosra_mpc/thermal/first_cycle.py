@@ -81,54 +81,78 @@ class FirstCycle:
     def molten_s(self, onset_s: float) -> float:
         """Least end of a melt that begins at this time at the earliest, its window included."""
         late = self.heating.windows.melt_late - 1
-        return self._least(
-            lambda span: span.molten_s + late * span.heating_s,
-            lambda span: span.onset_s >= onset_s,
-        )
 
-    def frozen_s(self, onset_s: float, held_s: float) -> float:
+        def bound(course: int, low: float, high: float) -> float:
+            span = self._span(course, low, high)
+            return span.molten_s + late * span.heating_s if span.onset_s >= onset_s else math.inf
+
+        return self._least(bound)
+
+    def frozen_s(self, onset_s: float, held_s: float, share: float = 0.0) -> float:
         """Least end of a freeze that begins at this time at the earliest, its window included.
 
         Args:
             onset_s: Its onset.
             held_s: Least time from the end of the melt to there.
+            share: What of the onset is taken off the end.
         """
+        windows = self.heating.windows
+
+        def bound(course: int, low: float, high: float) -> float:
+            span = self._span(course, low, high)
+            if span.done_s + held_s < onset_s:
+                return math.inf
+            held = held_s + (windows.melt_late - 1) * span.heating_s
+            onset = held_s + (span.done_s if high < math.inf else span.molten_s)
+            return span.molten_s + self._solid_after_s(span.molten, held) - share * onset
+
+        return self._least(bound)
+
+    def frozen_again_s(self, onset_s: float, melting_s: float, held_s: float) -> float:
+        """The same of a later freeze: at no time is the segment colder than had it not been heated.
+
+        Args:
+            onset_s: Its onset.
+            melting_s: Least time through the plateau of the melt before it, as the model has it.
+            held_s: Least time from the end of that melt.
+        """
+        model = self.heating.model
+
+        def bound(course: int, low: float, high: float) -> float:
+            if course > 0 or high + melting_s + held_s < onset_s:
+                return math.inf
+            ends = (self._courses[0].state_at(min(time, _FOR_EVER_S)) for time in (low, high))
+            solid = model.at_level(tuple(map(min, *ends)), model.solid_level)
+            molten = model.at_level(model.hold(solid, melting_s), model.liquid_level)
+            return low + melting_s + self._solid_after_s(molten, held_s)
+
+        return self._least(bound)
+
+    def _solid_after_s(self, molten: State | None, held_s: float) -> float:
+        """From the end of a melt to that of the freeze after it, liquid for so long in between."""
         model, windows = self.heating.model, self.heating.windows
         held_s += (1 - windows.freeze_early) * self.coasting_s  # until the model's metal freezes
+        fast = slow = self.coldest_s
+        if molten is not None:
+            onset = model.hold(molten, held_s)
+            fast = self._freezing_s(onset)
+            slow = self._freezing_s(tuple(map(min, onset, model.hold(onset, _FOR_EVER_S))))
+        return held_s + fast + (windows.freeze_late - 1) * (self.coasting_s + slow)
 
-        def least(span: _Span) -> float:
-            held = held_s + (windows.melt_late - 1) * span.heating_s
-            fast = slow = self.coldest_s
-            if span.molten is not None:
-                onset = model.hold(span.molten, held)
-                fast = self._freezing_s(onset)
-                slow = self._freezing_s(tuple(map(min, onset, model.hold(onset, _FOR_EVER_S))))
-            return span.molten_s + held + fast + (windows.freeze_late - 1) * (self.coasting_s + slow)
-
-        return self._least(least, lambda span: span.done_s + held_s >= onset_s)
-
-    def _least(
-        self, bound: Callable[[_Span], float], possible: Callable[[_Span], bool]
-    ) -> float:
-        """Least bound of any heating that is possible."""
+    def _least(self, bound: Callable[[int, float, float], float]) -> float:
+        """Least bound of all courses and intervals of times on them; inf: it is not possible."""
         queue = list[tuple[float, int, float, float]]()
-
-        def push(course: int, low: float, high: float) -> None:
-            span = self._span(course, low, high)
-            if possible(span):
-                heapq.heappush(queue, (bound(span), course, low, high))
-
         for course in range(len(self._courses)):
-            push(course, 0.0, _LATEST_S)
-            push(course, _LATEST_S, math.inf)
-        while queue:
+            for low, high in ((0.0, _LATEST_S), (_LATEST_S, math.inf)):
+                queue.append((bound(course, low, high), course, low, high))
+        heapq.heapify(queue)
+        while True:
             least, course, low, high = heapq.heappop(queue)
-            if high - low <= _FINEST_S or high == math.inf:
+            if high - low <= _FINEST_S or high == math.inf or least == math.inf:
                 return least
             middle = (low + high) / 2
-            push(course, low, middle)
-            push(course, middle, high)
-        return math.inf
+            for half in ((low, middle), (middle, high)):
+                heapq.heappush(queue, (bound(course, *half), course, *half))
 
     @cached_property
     def _courses(self) -> tuple[TemperatureTrajectory, ...]:

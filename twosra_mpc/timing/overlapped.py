@@ -120,7 +120,9 @@ class Overlapped(TransitionModel):
         made = TemporalNetwork(sequence, last, least, len(events), energy_J, tuple(holds), events)
         if self.problem.heaters_at_once == 1:
             for _, off, on in handovers(sequence, self.first, last):
-                least[layout.onset_of(off), layout.onset_of(on)] = self._lead(on) - self._freeze_lead
+                least[layout.onset_of(off), layout.onset_of(on)] = (
+                    self._lead(on) - self._freeze_lead
+                )
             for turns in self._sharing(made):
                 melt, off, on = turns[0]
                 changing_s = self.times.melt_changing_s
@@ -165,9 +167,8 @@ class Overlapped(TransitionModel):
                 raised[events] = needed
         for melt, off, on in (turns[0] for turns in self._sharing(network)):
             coasting_s = times[layout.onset_of(off)] - times[layout.onset_of(on)]
-            for (u, v), needed in self._shared(network, melt, off, on, coasting_s).items():
-                if times[v] - times[u] < needed - 1e-9:
-                    raised[u, v] = needed
+            shared = self._shared(network, melt, off, on, coasting_s).items()
+            raised |= {(u, v): s for (u, v), s in shared if times[v] - times[u] < s - 1e-9}
         return None if raised == network.least else replace(network, least=raised)
 
     def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:

@@ -129,6 +129,13 @@ class TransitionModel(ABC):
         del mode, missing, modes, last
         return None
 
+    def with_delays(
+        self, network: TemporalNetwork, least_durations: Sequence[float]
+    ) -> TemporalNetwork:
+        """Return a network for bounds: what it takes longer if melts begin later, if anything."""
+        del least_durations
+        return network
+
     @abstractmethod
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         """What a schedule really needs: constraints that ``times`` violate, raised; else None."""

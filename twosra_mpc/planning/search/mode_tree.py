@@ -198,7 +198,8 @@ class ModeTree(Generic[Solution]):
         durations, drives_s = least_durations(leaf, self.task), self.in_the_way.least_drives_s(leaf)
         longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         network = self.timing.network(leaf, self.last, longer)
-        bound = pose_bound(network, self.task, self.weights, longer, enough)
+        delayed = self.timing.with_delays(network, longer)
+        bound = pose_bound(delayed, self.task, self.weights, longer, enough)
         if any(drives_s):
             relaxed = sequence_bound(network, self.task, self.weights, longer)
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
