@@ -51,9 +51,9 @@ def drawn_problem(seed: int) -> Problem:
     )
 
 
-# Not among them: segments of 2sr-v2 that start well above the air, solid. They freeze the later the
-# warmer they were; the bound must allow that they have cooled down first, and is up to 38 % below.
-FAST = [400, 402, 404, 406, 412, 424, 432, 438, 409, 413, 423]
+# Not among them: segments of 2sr-v2 that start liquid (their bound is up to 13 % below), and those
+# that are warm while the first drive takes longer than they take to melt.
+FAST = [400, 402, 404, 406, 412, 424, 432, 438, 409, 413, 423, 433, 437, 441, 447]
 # Metal of 2sr-v2 that melts in half a minute leaves the driving in view, whose bound is looser.
 WIDE = {403: 0.06, 427: 0.03, 429: 0.06, 435: 0.04}
 # Ramps add up to 3 % to these that the bound does not know of: here they are at speed at once.
@@ -83,13 +83,6 @@ def test_short_melts_leave_an_honest_gap(seed: int) -> None:
     assert result.verification.ok
     assert result.gap is not None
     assert 0.0 <= result.gap <= WIDE[seed]
-
-
-def test_a_warm_start_of_the_follow_up_robot_keeps_its_honest_gap() -> None:
-    result = plan(drawn_problem(447).with_values(time_limit_s=1.5))
-    assert result.found
-    assert result.gap is not None
-    assert 0.0 <= result.gap < 0.3
 
 
 @pytest.mark.parametrize("name", ["paper-2", "paper-4"])
