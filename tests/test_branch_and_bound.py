@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
+from twosra_mpc.errors import ContradictionError
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
 from twosra_mpc.plans.ending import Ending
 
 Path = tuple[int, ...]
@@ -208,3 +209,26 @@ def test_an_interrupt_while_branching_loses_no_bound() -> None:
     result = search(Interrupted(costs, {(): 1.0}, dict(costs), 3))
     assert result.ending is Ending.INTERRUPTED
     assert result.lower_bound <= 10.0
+
+
+@pytest.mark.parametrize(
+    "slack", [{(0,): -3.0}, {(): -3.0}, {(0,): 3.0, (): 3.0}], ids=["leaf", "above it", "tighter"]
+)
+def test_a_leaf_that_costs_less_than_its_own_bound_is_an_error(slack: dict[Path, float]) -> None:
+    tree = RandomTree({(0,): 5.0}, slack, {(0,): 5.0}, 3, tighter={(0,): -3.0})
+    with pytest.raises(ContradictionError, match="bug"):
+        search(tree)
+
+
+def test_a_first_look_that_finds_less_than_the_bound_of_its_leaf_is_an_error() -> None:
+    tree = RandomTree({(0,): 5.0}, {(0,): -3.0}, {(0,): 5.0}, 3)
+    with pytest.raises(ContradictionError):
+        dive(tree, width=1, attempts=1, out_of_time=lambda: False)
+
+
+def test_what_tolerances_take_off_a_cost_is_no_contradiction() -> None:
+    tree = RandomTree({(0,): 500.0}, {(0,): -4e-4, (): 2.0}, {(0,): 500.0}, 3)
+    tree.found[(0,)] = 499.0  # the second attempt finds it, the first one 500
+    tree.slack[(0,)] = 1.0 - 4e-4
+    result = search(tree)
+    assert result.lower_bound == result.cost == 499.0

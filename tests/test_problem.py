@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from twosra_mpc import (
+    ContradictionError,
     Goal,
     InputError,
     NoPlanError,
@@ -539,6 +540,7 @@ def test_all_values_out_of_range_are_reported_at_once() -> None:
         InputError("start.x_m", (1.0, "a"), "a number"),
         InputError("gap", 2.0, "less than 1", "s.toml", (InputError("goal", {}, "more"),)),
         NoPlanError("infeasible", "proved"),
+        ContradictionError(298.0, 299.5),
     ],
 )
 def test_errors_survive_pickling(error: TwosraError) -> None:

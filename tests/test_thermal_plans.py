@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Planned
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from problems import at_once, network_of, random_problem
+from problems import at_once
 from test_verification import Case, assert_found, case_of
-from thermal_problems import (
-    SEQUENCES,
-    V1,
-    V2,
-    earliest_finish,
-    thermal_problem,
-    thermal_problems,
-)
+from thermal_problems import V1, V2
 
 from twosra_mpc import Goal, Plan, Problem, Start, Status, load_problem, plan
-from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.planning.single_goal.relaxed import bending_task, mode_tree
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, Mode, ModeSequence
-from twosra_mpc.timing import transition_model
 
 Array = NDArray[np.float64]
 
@@ -64,9 +51,9 @@ def drawn_problem(seed: int) -> Problem:
     )
 
 
-# Not among them: segments of 2sr-v2 that start well above the air, solid. They freeze the later the
-# warmer they were; the bound must allow that they have cooled down first, and is up to 38 % below.
-FAST = [400, 402, 404, 406, 412, 424, 432, 438, 409, 413, 423]
+# Not among them: segments of 2sr-v2 that start liquid (their bound is up to 13 % below), and those
+# that are warm while the first drive takes longer than they take to melt.
+FAST = [400, 402, 404, 406, 412, 424, 432, 438, 409, 413, 423, 433, 437, 441, 447]
 # Metal of 2sr-v2 that melts in half a minute leaves the driving in view, whose bound is looser.
 WIDE = {403: 0.06, 427: 0.03, 429: 0.06, 435: 0.04}
 # Ramps add up to 3 % to these that the bound does not know of: here they are at speed at once.
@@ -98,13 +85,6 @@ def test_short_melts_leave_an_honest_gap(seed: int) -> None:
     assert 0.0 <= result.gap <= WIDE[seed]
 
 
-def test_a_warm_start_of_the_follow_up_robot_keeps_its_honest_gap() -> None:
-    result = plan(drawn_problem(447).with_values(time_limit_s=1.5))
-    assert result.found
-    assert result.gap is not None
-    assert 0.0 <= result.gap < 0.3
-
-
 @pytest.mark.parametrize("name", ["paper-2", "paper-4"])
 def test_a_warmer_start_never_makes_the_papers_robot_slower(name: str) -> None:
     start = load_problem(name).start.model_dump()
@@ -130,80 +110,6 @@ def test_in_colder_air_melts_take_longer_and_freezes_less(robot: Any) -> None:
 
 
 GOAL = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (12.0, 0.0)}
-
-
-# --- bounds of nodes -----------------------------------------------------------------------------
-
-
-def lineages(tree: ModeTree[Any], depth: int) -> Iterator[list[ModeSequence]]:
-    """Every node down to a depth, with its ancestors from the root on."""
-    rows = [[tree.root()]]
-    for _ in range(depth):
-        yield from rows
-        rows = [[*row, child] for row in rows for child in tree.children(row[-1])]
-    yield from rows
-
-
-@pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
-@pytest.mark.parametrize("heaters", [1, 2])
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_no_leaf_is_bounded_below_a_node_above_it(seed: int, timing: str, heaters: int) -> None:
-    rng = np.random.default_rng(seed)
-    start = random_problem(seed).start.with_values(
-        temperature_C=tuple(rng.choice([25.0, 50.0, 70.0], 2, p=[0.4, 0.3, 0.3]))
-    )
-    if heaters == 1 and min(start.temperature_C or (0.0,)) > 61.0:
-        start = start.with_values(temperature_C=(25.0, 70.0))
-    weights = {"energy_s_per_J": [0.0, 0.05][seed % 2], "transition_s": 2.0}
-    given = {"start": start.model_dump(), "timing": timing, "heaters_at_once": heaters}
-    if timing == "nominal":
-        given["transition_quantile"] = [None, 0.9, 0.8][seed]
-    problem = random_problem(seed, weights=weights, **given)
-    tree = mode_tree(problem, lambda *_: ())
-    leaves = 0
-    for *above, node in lineages(tree, 3):
-        bounds = [tree.bound(item) for item in (*above, node)]
-        leaf = tree.leaf_bound(node)
-        assert leaf >= max(bounds) - 1e-6, (node, leaf, bounds)
-        leaves += math.isfinite(leaf)
-    assert leaves >= 5
-
-
-@pytest.mark.parametrize("price", [0.0, 10.0])
-def test_to_freeze_everything_in_between_may_be_quicker_and_take_less_heat(price: float) -> None:
-    """As published, 300 + 100 s and heat for 100 s; a reconfiguration takes 502 s, of which 102."""
-    given = {"temperature_C": (25.0, 65.0), "timing": "paper"}
-    problem = thermal_problem(**given, weights={"energy_s_per_J": price})
-    tree = mode_tree(problem, lambda *_: ())
-    leaf = tree.leaf_bound((SOFT_2, RIGID, SOFT_1))
-    assert leaf < tree.leaf_bound((SOFT_2, SOFT_1))
-    assert tree.bound((SOFT_2,)) <= leaf
-
-
-@settings(max_examples=150)
-@given(problem=thermal_problems(), sequence=SEQUENCES, mode=st.sampled_from(MODES))
-def test_a_phase_appended_never_makes_the_transitions_quicker_or_cheaper(
-    problem: Problem, sequence: ModeSequence, mode: Mode
-) -> None:
-    # Put in between it may: metal that is frozen and melted again can freeze sooner than hot metal.
-    shorter, more = network_of(problem, sequence), network_of(problem, (*sequence, mode))
-    assert earliest_finish(more) >= earliest_finish(shorter) - 1e-6
-    assert more.melt_energy_J >= shorter.melt_energy_J - 1e-6
-    assert more.transitions >= shorter.transitions
-
-
-@settings(max_examples=150)
-@given(problem=thermal_problems(), sequence=SEQUENCES, cut=st.integers(1, 6))
-def test_no_sequence_of_transitions_is_cheaper_than_the_bound_of_its_beginning(
-    problem: Problem, sequence: ModeSequence, cut: int
-) -> None:
-    timing, weights = transition_model(problem), problem.cost_weights
-    assume(unreachable_reason(sequence, bending_task(problem)) is None)
-    assume(timing.refusal(sequence, problem.goal.mode) is None)
-    whole = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
-    cost = earliest_finish(whole) + weights.energy_s_per_J * whole.melt_energy_J
-    cost += weights.transition_s * whole.transitions
-    assert mode_tree(problem, lambda *_: ()).bound(sequence[:cut]) <= cost + 1e-6
 
 
 # --- plans that were tampered with ---------------------------------------------------------------

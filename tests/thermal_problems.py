@@ -141,6 +141,9 @@ class History(NamedTuple):
         for (u, v), least in self.network.least.items():
             if times[v] - times[u] < least - 1e-6:
                 found.append(f"{u} to {v} takes {times[v] - times[u]} s, not {least} s")
+        for since, until, share, least in self.network.delays:
+            if times[until] - share * times[since] < least - 1e-6:
+                found.append(f"{until} is no later than {times[until]} s after {since}")
         energy = self.network.melt_energy_J
         energy += sum(h.power_W * (times[h.until] - times[h.since]) for h in self.network.holds)
         if self.energy_J < energy - 1e-6:
@@ -165,7 +168,7 @@ def history(problem: Problem, sequence: ModeSequence, spans_s: Sequence[float]) 
     """
     model, last = thermal_model(problem), problem.goal.mode
     durations = list(spans_s[: len(sequence)])
-    network = model.network(sequence, last, durations)
+    network = model.with_delays(model.network(sequence, last, durations), durations)
     layout, waits = network.layout, iter(spans_s[len(sequence) :])
     due = {(event.gap, event.segment): event for event in events_of(sequence, model.first, last)}
     times = [0.0] * layout.count

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from twosra_mpc.analysis.model_comparison import compare_models
     from twosra_mpc.checking.plan_file import PlanCheck, check_plan
     from twosra_mpc.checking.resampling import refined
-    from twosra_mpc.errors import InputError, NoPlanError, TwosraError
+    from twosra_mpc.errors import ContradictionError, InputError, NoPlanError, TwosraError
     from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
     from twosra_mpc.identification.path_choice import with_path_model
     from twosra_mpc.identification.thermal import ThermalFit, identify
@@ -45,7 +45,7 @@ _PUBLIC = {
     "analysis.model_comparison": ("compare_models",),
     "checking.plan_file": ("PlanCheck", "check_plan"),
     "checking.resampling": ("refined",),
-    "errors": ("InputError", "NoPlanError", "TwosraError"),
+    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError"),
     "identification.heating_log": ("HeatingLog", "read_heating_log"),
     "identification.path_choice": ("with_path_model",),
     "identification.thermal": ("ThermalFit", "identify"),
@@ -72,6 +72,7 @@ __all__ = [
     "Box",
     "Carry",
     "Conform",
+    "ContradictionError",
     "Disc",
     "Explanation",
     "Goal",

@@ -63,3 +63,23 @@ class NoPlanError(TwosraError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return (type(self), (self.status, self.reason))
+
+
+class ContradictionError(TwosraError, RuntimeError):
+    """A plan costs less than what was proved to be the least: a mistake in this package.
+
+    Attributes:
+        cost: Of the plan.
+        bound: What was proved of its mode sequence.
+    """
+
+    def __init__(self, cost: float, bound: float) -> None:
+        self.cost, self.bound = cost, bound
+        super().__init__(
+            f"a plan costs {cost:.9g} although its mode sequence was proved to cost {bound:.9g} at"
+            " least: this is a bug of twosra_mpc, and neither the bound nor the plan can be"
+            " trusted; please report it with the robot and the scenario"
+        )
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.cost, self.bound))

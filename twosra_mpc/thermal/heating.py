@@ -173,6 +173,14 @@ class HeatingPlan:
             done = item.done_s
         return trajectory, made
 
+    def solid_courses(self, temperature_C: float) -> tuple[TemperatureTrajectory, ...]:
+        """What a segment that is solid at t = 0 does until it is melted: one of these."""
+        state = self.model.initial(temperature_C)
+        passive = TemperatureTrajectory(self.model, self._from("rigid", 0.0, state))
+        if self.keep_warm is None:
+            return (passive,)
+        return passive, self._kept_warm(passive, self.keep_warm.temperature_C)
+
     def lead_s(self, state: State) -> float:
         """Earliest onset of melting after heater on."""
         if self.model.level(state) >= self.model.solid_level:  # by rounding, after a freeze

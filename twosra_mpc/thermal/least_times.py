@@ -29,6 +29,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 
+from twosra_mpc.thermal.first_cycle import FirstCycle
 from twosra_mpc.thermal.heating import HeatingPlan
 from twosra_mpc.thermal.model import SegmentModel, State
 
@@ -162,6 +163,30 @@ class LeastTimes:
         return self.heating.coasting_s(self._hottest)
 
     @cached_property
+    def first_cycle(self) -> FirstCycle:
+        """The first melt and the freeze after it of a segment that is solid at t = 0."""
+        return self._cycle(1)
+
+    @cached_property
+    def _later_cycle(self) -> FirstCycle:
+        return self._cycle(3)
+
+    def _cycle(self, number: int) -> FirstCycle:
+        coldest_s, coasting_s = self._frozen_s(number, 0.0), self._coasting_s(number)
+        return FirstCycle(self.heating, self.temperature_C, coldest_s, coasting_s)
+
+    def frozen_s(self, number: int, onset_s: float, held_s: float) -> float:
+        """Least end of a freeze of a number that begins at ``onset_s`` at the earliest.
+
+        It may be less than with ``freezing_s``. The metal was liquid for ``held_s`` before.
+        """
+        if number == 1:
+            return self.first_cycle.frozen_s(onset_s, held_s)
+        if self.temperature_C <= self._model.ambient_C:
+            return 0.0
+        return self._later_cycle.frozen_again_s(onset_s, self._melting_s(number), held_s)
+
+    @cached_property
     def freezing_s(self) -> Callable[[int, float], float]:
         """Onset to end of a freeze, of its number and ``held_s``; asked over and over.
 
@@ -210,4 +235,9 @@ class LeastTimes:
         setpoint = model.level_at(self.heating.soft_setpoint_C)
         heated = beyond * self._melting_s(number)
         heated = min(heated, model.time_until(molten, current, setpoint))
-        return model.time_until(model.propagate(molten, current, heated), 0.0, model.liquid_level)
+        after = model.propagate(molten, current, heated)
+        if (
+            model.level(after) <= model.liquid_level
+        ):  # colder than any real one: it is not heated up
+            return 0.0
+        return model.time_until(after, 0.0, model.liquid_level)

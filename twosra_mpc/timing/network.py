@@ -100,6 +100,15 @@ class Hold(NamedTuple):
     power_W: float
 
 
+class Delay(NamedTuple):
+    """The later an event u, the later an event v: t[v] - share t[u] >= least [s], share <= 1."""
+
+    since: int
+    until: int
+    share: float
+    least: float
+
+
 class Event(NamedTuple):
     """A transition of a segment (from 0) in a gap; ``number`` counts those of the segment."""
 
@@ -121,6 +130,7 @@ class TemporalNetwork:
         melt_energy_J: Least heater energy of all melts.
         holds: Heater power while segments are liquid.
         events: The transitions, if heaters may delay them.
+        delays: Further constraints, for bounds.
     """
 
     sequence: ModeSequence
@@ -130,6 +140,7 @@ class TemporalNetwork:
     melt_energy_J: float
     holds: tuple[Hold, ...] = ()
     events: tuple[Event, ...] = ()
+    delays: tuple[Delay, ...] = ()
 
     @cached_property
     def layout(self) -> EventLayout:
@@ -154,6 +165,19 @@ def earliest_times(network: TemporalNetwork) -> list[float] | None:
     """
     constraints = [(u, v, least) for (u, v), least in network.least.items()]
     return _raised([0.0] * network.layout.count, constraints)
+
+
+def longest_paths(network: TemporalNetwork, since: int) -> list[float]:
+    """Least time from an event to every event [s]; -inf where nothing is said.
+
+    The constraints must not contradict each other.
+    """
+    constraints = [(u, v, least) for (u, v), least in network.least.items()]
+    before = [-math.inf] * network.layout.count
+    before[since] = 0.0
+    times = _raised(before, constraints)
+    assert times is not None
+    return times
 
 
 def latest_times(network: TemporalNetwork, at_most: Mapping[int, float]) -> list[float]:

@@ -9,6 +9,7 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import (
+    Dwell,
     Event,
     EventLayout,
     Hold,
@@ -62,9 +63,29 @@ class Overlapped(TransitionModel):
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         if self.problem.heaters_at_once == 1:
-            for _, _, mode in overlaps(sequence, self.first, last):
-                return refused(mode)
+            for one, two, mode in overlaps(sequence, self.first, last):
+                if not self._coasts(one, two) and not self._coasts(two, one):
+                    return refused(mode)
         return None
+
+    def _coasts(self, liquid: Dwell, other: Dwell) -> bool:
+        """Whether a segment may stay liquid without heat while the other one melts."""
+        if liquid.freeze is None or other.melt is None:
+            return False
+        in_turn = liquid.melt is None or liquid.melt.gap <= other.melt.gap
+        return in_turn and self._freeze_lead >= self._lead(other.melt) + self.times.melt_changing_s
+
+    def _sharing(
+        self, network: TemporalNetwork
+    ) -> Iterator[list[tuple[Event | None, Event, Event]]]:
+        """Yield (melt, freeze, melt of another) of metal that coasts while the other one melts.
+
+        Of two that melt in the same gap either may go first; here the one that freezes first.
+        """
+        for one, two, _ in overlaps(network.sequence, self.first, network.last):
+            turns = [turn for turn in ((one, two), (two, one)) if self._coasts(*turn)]
+            found = [(a.melt, a.freeze, b.melt) for a, b in turns if a.freeze and b.melt]
+            yield sorted(found, key=lambda turn: turn[1].gap)
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
@@ -95,12 +116,41 @@ class Overlapped(TransitionModel):
                 heated -= liquid_W * self.times.melt_changing_s / melt_W
                 holds.append(Hold(previous, onset, liquid_W))
             previous = onset
+        energy_J = heated * melt_W
+        made = TemporalNetwork(sequence, last, least, len(events), energy_J, tuple(holds), events)
         if self.problem.heaters_at_once == 1:
             for _, off, on in handovers(sequence, self.first, last):
-                lead = self._lead(on)
-                least[layout.onset_of(off), layout.onset_of(on)] = lead - self._freeze_lead
-        energy_J = heated * melt_W
-        return TemporalNetwork(sequence, last, least, len(events), energy_J, tuple(holds), events)
+                least[layout.onset_of(off), layout.onset_of(on)] = (
+                    self._lead(on) - self._freeze_lead
+                )
+            for turns in self._sharing(made):
+                melt, off, on = turns[0]
+                changing_s = self.times.melt_changing_s
+                if melt is None or melt.gap < on.gap:
+                    least |= self._shared(made, melt, off, on, changing_s)
+                elif melt.number == on.number == 0:  # each cold, one after the other
+                    waits = [self._lead(a) + self._heated(b, changing_s) for a, _, b in turns if a]
+                    least[layout.origin, layout.start(on.gap)] = min(waits) + 2 * changing_s
+        return made
+
+    def _shared(
+        self, network: TemporalNetwork, melt: Event | None, off: Event, on: Event, coasting_s: float
+    ) -> dict[tuple[int, int], float]:
+        """What it takes to coast while another melts and for so long after that began to melt."""
+        onset_of = network.layout.onset_of
+        least = {(onset_of(off), onset_of(on)): self._lead(on) - self._freeze_lead}
+        if melt is not None:
+            heated = self._heated(on, coasting_s)
+            least[onset_of(melt), onset_of(on)] = self.times.melt_changing_s + heated
+        return least
+
+    def _heated(self, on: Event, coasting_s: float) -> float:
+        """From molten to the onset of another melt, if the metal coasts for so long after that.
+
+        Metal that coasts was heated for its share of the time it was liquid.
+        """
+        share, lead = self.times.superheat_share, self._lead(on)
+        return (lead + coasting_s) * share / (1 - share) + lead
 
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         """Constant times need nothing else, but that the metal stores enough heat to coast."""
@@ -115,6 +165,10 @@ class Overlapped(TransitionModel):
             needed = self._lead(on) - lag
             if on_s - off_s < needed - 1e-9:
                 raised[events] = needed
+        for melt, off, on in (turns[0] for turns in self._sharing(network)):
+            coasting_s = times[layout.onset_of(off)] - times[layout.onset_of(on)]
+            shared = self._shared(network, melt, off, on, coasting_s).items()
+            raised |= {(u, v): s for (u, v), s in shared if times[v] - times[u] < s - 1e-9}
         return None if raised == network.least else replace(network, least=raised)
 
     def made(self, network: TemporalNetwork, times: Sequence[float]) -> Iterator[Transition]:

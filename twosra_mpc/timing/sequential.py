@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import heapq
+import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
@@ -23,12 +26,6 @@ class Sequential(TransitionModel):
     def words(self) -> str:
         named = f"timing “{self.problem.timing}”"
         return f"the fixed waits of {named}, through which the robot stands still"
-
-    @property
-    def detours(self) -> tuple[ModeSequence, ...]:
-        """To freeze all and melt anew may take less than to reconfigure."""
-        quicker = self.times.freeze_s + self.times.heat_s < self.times.reconfigure_s
-        return ((), (rigid_mode(len(self.first)),)) if quicker else ((),)
 
     def _wait(self, before: Mode, after: Mode) -> float:
         if before == after:
@@ -50,16 +47,46 @@ class Sequential(TransitionModel):
     ) -> TemporalNetwork:
         del least_durations
         layout = EventLayout(len(sequence), len(last))
-        least, transitions, heated = layout.phase_order(), 0, 0.0
-        reheat = self.times.reconfigure_s - self.times.reconfigure_cool_s
+        least, transitions, energy_J = layout.phase_order(), 0, 0.0
         for gap, (before, after) in enumerate(self._gaps(sequence, last)):
             least[layout.end(gap - 1), layout.start(gap)] = self._wait(before, after)
-            if before != after:
-                transitions += sum(before) + sum(after)
-                heated += sum(after) * (self.times.heat_s if is_rigid(before) else reheat)
-        heater = self.problem.robot.heater
-        energy_J = heated * heater.power_W(heater.melt_current_A)
+            transitions += _changes(before, after)
+            energy_J += self._energy_J(before, after)
         return TemporalNetwork(sequence, last, least, transitions, energy_J)
+
+    def _energy_J(self, before: Mode, after: Mode) -> float:
+        """Heater energy of one change of mode, or of none."""
+        if before == after:
+            return 0.0
+        reheat = self.times.reconfigure_s - self.times.reconfigure_cool_s
+        heater = self.problem.robot.heater
+        heated = sum(after) * (self.times.heat_s if is_rigid(before) else reheat)
+        return heated * heater.power_W(heater.melt_current_A)
+
+    def onward(
+        self, mode: Mode, missing: frozenset[int], modes: Sequence[Mode], last: Mode
+    ) -> float | None:
+        """The cheapest way through the modes: to freeze all and melt anew may cost less.
+
+        Dijkstra's shortest path over (mode, segments still missing): each change of mode costs what
+        it costs, whatever came before.
+        """
+        weights = self.problem.cost_weights
+        done, order = set[tuple[Mode, frozenset[int]]](), itertools.count()
+        queue = [(0.0, next(order), mode, missing, False)]
+        while queue:
+            cost, _, here, still, ended = heapq.heappop(queue)
+            if ended:
+                return cost
+            if (here, still) in done:
+                continue
+            done.add((here, still))
+            ways = [(after, still - set(soft_segments(after)), False) for after in modes]
+            for after, left, end in [*ways, *[(last, still, True)] * (not still)]:
+                step = self._wait(here, after) + weights.transition_s * _changes(here, after)
+                step += weights.energy_s_per_J * self._energy_J(here, after)
+                heapq.heappush(queue, (cost + step, next(order), after, left, end))
+        return math.inf
 
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         del network, times
@@ -98,3 +125,8 @@ class Sequential(TransitionModel):
             least = min(least, half)
         if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
             yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
+
+
+def _changes(before: Mode, after: Mode) -> int:
+    """Number of melts and freezes in a change of mode: all that is soft freezes first."""
+    return 0 if before == after else sum(before) + sum(after)

@@ -92,11 +92,6 @@ class TransitionModel(ABC):
         return self.problem.start_mode
 
     @property
-    def detours(self) -> tuple[ModeSequence, ...]:
-        """Phases by which one mode may be quicker to reach from another; () is to go directly."""
-        return ((),)
-
-    @property
     @abstractmethod
     def words(self) -> str:
         """What the times are, to complete "it holds for"."""
@@ -116,6 +111,30 @@ class TransitionModel(ABC):
             last: Stiffness at the end.
             least_durations: Proved least duration of each phase [s].
         """
+
+    def onward(
+        self, mode: Mode, missing: frozenset[int], modes: Sequence[Mode], last: Mode
+    ) -> float | None:
+        """Least cost of all melts and freezes from a phase on to the end, by the problem's weights.
+
+        None where it depends on what came before: then no phase that is appended to a sequence
+        makes its melts and freezes end sooner or cost less, which is what the search relies on.
+
+        Args:
+            mode: Of the phase.
+            missing: Segments (from 0) that must be soft in some phase after it.
+            modes: Modes that may be used.
+            last: Stiffness at the end.
+        """
+        del mode, missing, modes, last
+        return None
+
+    def with_delays(
+        self, network: TemporalNetwork, least_durations: Sequence[float]
+    ) -> TemporalNetwork:
+        """Return a network for bounds: what it takes longer if melts begin later, if anything."""
+        del least_durations
+        return network
 
     @abstractmethod
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:

@@ -117,7 +117,11 @@ def pose_bound(
             return -math.inf
         return -math.inf if bound is None else bound.cost
 
-    least = with_durations(network, least_durations).least
+    timed = with_durations(network, least_durations)
+    times = earliest_times(timed) or [0.0] * network.layout.count
+    # Where to look for it: as if all of a delay were passed on. Proved is what ``bound_with`` says.
+    whole = {(d.since, d.until): d.least - (1 - d.share) * times[d.since] for d in network.delays}
+    least = timed.least | whole
     return best_constraint(task.pose, phases, network.layout, least, cost, bound_with, enough)
 
 
@@ -213,6 +217,8 @@ class Relaxation:
         self._limits: list[float] = []
         for (u, v), least in network.least.items():
             self.at_least({v: 1.0, u: -1.0}, least)
+        for delay in network.delays:
+            self.at_least({delay.until: 1.0, delay.since: -delay.share}, delay.least)
         for i, least in enumerate(least_durations):
             self.at_least({layout.end(i): 1.0, layout.start(i): -1.0}, least)
         for i, (mode, rate) in enumerate(zip(network.sequence, rates, strict=True)):

@@ -2,7 +2,7 @@
 
 The lower bound it reports stays honest when leaves are solved only locally: a leaf's local optimum
 updates the incumbent, but the leaf's own bound remains in force, as do the bounds of nodes that a
-depth limit keeps from being opened.
+depth limit keeps from being opened. A leaf that costs less than its own bound is an error.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
+from twosra_mpc.errors import ContradictionError
 from twosra_mpc.plans.ending import Ending
 
 Node = TypeVar("Node")
@@ -21,6 +22,9 @@ Solution = TypeVar("Solution")
 Solution_co = TypeVar("Solution_co", covariant=True)
 
 _ALIKE = 0.5  # of costs: bounds that are no farther apart are as good
+# A plan may miss its goal and its limits by as much as verification allows, and bounds come from a
+# solver: so much less it may cost than its bound, absolute and as a share.
+TOLERANCE, RELATIVE_TOLERANCE = 1e-4, 1e-6
 
 
 class Tree(Protocol[Node, Solution_co]):
@@ -81,6 +85,7 @@ class _Entry(Generic[Node, Solution]):
     order: int
     node: Node = field(compare=False)
     attempts: Iterator[tuple[float, Solution] | None] | None = field(default=None, compare=False)
+    found: float = field(default=math.inf, compare=False)  # least cost of its attempts
     tight: bool = field(default=False, compare=False)
     done: bool = field(default=False, compare=False)
 
@@ -101,6 +106,9 @@ def branch_and_bound(
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
         first_look: Finds (cost, solution) of a leaf to begin with, if it can.
+
+    Raises:
+        ContradictionError: If a leaf costs less than its bound: the tree's bounds are wrong.
     """
     search = _Search(tree, gap)
     try:
@@ -147,11 +155,18 @@ def dive(
     for _, _, leaf in level[:attempts]:
         if out_of_time():
             return None
-        if tree.leaf_bound(leaf) < math.inf:
+        if (bound := tree.leaf_bound(leaf)) < math.inf:
             solved = next((each for each in tree.solve(leaf) if each is not None), None)
             if solved is not None:
+                _check(solved[0], max(bound, tree.bound(leaf)))
                 return solved
     return None
+
+
+def _check(cost: float, bound: float) -> None:
+    """Raise if a leaf that was found at this cost has a higher bound."""
+    if cost < bound - TOLERANCE - RELATIVE_TOLERANCE * abs(cost):
+        raise ContradictionError(cost, bound)
 
 
 class _Search(Generic[Node, Solution]):
@@ -228,12 +243,17 @@ class _Search(Generic[Node, Solution]):
         try:
             found = next(attempts)
         except StopIteration:  # what was learnt while it was tried may rule it out
-            self.kept = min(self.kept, max(bound, self.tree.leaf_bound(entry.node)))
+            bound = max(bound, self.tree.leaf_bound(entry.node))
+            _check(entry.found, bound)
+            self.kept = min(self.kept, bound)
             heapq.heappop(self.queue)
             return
+        least = entry.found if found is None else min(entry.found, found[0])
         if found is not None and found[0] < self.cost:
             self.cost, self.solution = found
         if not tight and self.cost - bound > self.gap * self.cost:
             bound = max(bound, self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost))
             tight = True
-        heapq.heapreplace(self.queue, replace(entry, bound=bound, attempts=attempts, tight=tight))
+        _check(least, bound)
+        worked = replace(entry, bound=bound, attempts=attempts, found=least, tight=tight)
+        heapq.heapreplace(self.queue, worked)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Generic, TypeVar
 
 from twosra_mpc.planning.search.bends import BendingTask, least_durations, unreachable_reason
@@ -98,16 +99,22 @@ class ModeTree(Generic[Solution]):
             self.unreachable[node] = reason
             return math.inf
         missing = [j for j in self.task.segments if self._must_still_soften(node, j)]
+        onward = self.timing.onward(node[-1], frozenset(missing), self._usable, self.last)
+        if onward is not None:
+            network = self.timing.network(node, node[-1], [0.0] * len(node))
+            times = earliest_times(network)
+            assert times is not None, "what is not refused has a schedule"
+            return times[network.layout.finish] + self._fixed_cost(network) + onward
         least = self._least_time(node)
         for j in missing:
-            first = [
-                self._least_time((*node, *detour, mode))
-                for mode in self.modes
-                if mode[j]
-                for detour in self.timing.detours
-            ]
+            first = [self._least_time((*node, mode)) for mode in self.modes if mode[j]]
             least = max(least, min(first, default=math.inf))
         return least + self._least_fixed_cost(node, missing)
+
+    @cached_property
+    def _usable(self) -> tuple[Mode, ...]:
+        """The modes that the heaters can bring about."""
+        return tuple(m for m in self.modes if self.timing.refusal((m,), self.rigid) is None)
 
     def _must_still_soften(self, node: ModeSequence, segment: int) -> bool:
         """Whether every completion of ``node`` melts a segment that was solid all the time."""
@@ -132,16 +139,18 @@ class ModeTree(Generic[Solution]):
 
     def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
         """Cost of the melts and freezes of ``node`` and of those that must still follow."""
-        network = self._network(node)
-        energy, count = network.melt_energy_J, network.transitions
-        for j in missing:
+        cost = self._fixed_cost(self._network(node))
+        for j in missing:  # no melt of it came before: what it takes is that from t = 0
             mode = tuple(int(k == j) for k in self.task.segments)
-            ways = [(*detour, mode) for detour in self.timing.detours]
-            energy += min(
-                self.timing.network(way, mode, [0.0] * len(way)).melt_energy_J for way in ways
-            )
-            count += 1 + (self.last[j] == 0)
-        return self.weights.energy_s_per_J * energy + self.weights.transition_s * count
+            melt = self.timing.network((mode,), mode, [0.0])
+            cost += self.weights.energy_s_per_J * melt.melt_energy_J
+            cost += self.weights.transition_s * (1 + (self.last[j] == 0))
+        return cost
+
+    def _fixed_cost(self, network: TemporalNetwork) -> float:
+        """Cost of melts and freezes besides the time they take."""
+        energy = self.weights.energy_s_per_J * network.melt_energy_J
+        return energy + self.weights.transition_s * network.transitions
 
     def children(self, node: ModeSequence) -> list[ModeSequence]:
         """Append every other allowed mode."""
@@ -189,7 +198,8 @@ class ModeTree(Generic[Solution]):
         durations, drives_s = least_durations(leaf, self.task), self.in_the_way.least_drives_s(leaf)
         longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         network = self.timing.network(leaf, self.last, longer)
-        bound = pose_bound(network, self.task, self.weights, longer, enough)
+        delayed = self.timing.with_delays(network, longer)
+        bound = pose_bound(delayed, self.task, self.weights, longer, enough)
         if any(drives_s):
             relaxed = sequence_bound(network, self.task, self.weights, longer)
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)

@@ -1,0 +1,157 @@
+"""Bounds of nodes: no leaf costs less than any node above it, whatever the timing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from problems import ROBOT, network_of, random_problem
+from thermal_problems import SEQUENCES, earliest_finish, thermal_problem, thermal_problems
+
+from twosra_mpc import Problem, load_problem, plan
+from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.planning.single_goal.relaxed import bending_task, mode_tree
+from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.robot.timing import SequentialTiming
+from twosra_mpc.timing import transition_model
+
+
+def lineages(tree: ModeTree[Any], depth: int) -> Iterator[list[ModeSequence]]:
+    """Every node down to a depth, with its ancestors from the root on."""
+    rows = [[tree.root()]]
+    for _ in range(depth):
+        yield from rows
+        rows = [[*row, child] for row in rows for child in tree.children(row[-1])]
+    yield from rows
+
+
+@pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
+@pytest.mark.parametrize("heaters", [1, 2])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_no_leaf_is_bounded_below_a_node_above_it(seed: int, timing: str, heaters: int) -> None:
+    rng = np.random.default_rng(seed)
+    start = random_problem(seed).start.with_values(
+        temperature_C=tuple(rng.choice([25.0, 50.0, 70.0], 2, p=[0.4, 0.3, 0.3]))
+    )
+    if heaters == 1 and min(start.temperature_C or (0.0,)) > 61.0:
+        start = start.with_values(temperature_C=(25.0, 70.0))
+    weights = {"energy_s_per_J": [0.0, 0.05][seed % 2], "transition_s": 2.0}
+    given = {"start": start.model_dump(), "timing": timing, "heaters_at_once": heaters}
+    if timing == "nominal":
+        given["transition_quantile"] = [None, 0.9, 0.8][seed]
+    problem = random_problem(seed, weights=weights, **given)
+    assert leaves_checked(problem, 3) >= 5
+
+
+def leaves_checked(problem: Problem, depth: int) -> int:
+    """Number of sequences whose bound was compared with those of all nodes above it."""
+    tree = mode_tree(problem, lambda *_: ())
+    bounds, leaves = dict[ModeSequence, float](), 0
+    for *above, node in lineages(tree, depth):
+        bounds[node] = tree.bound(node)
+        highest = max(bounds[item] for item in (*above, node))
+        leaf = tree.leaf_bound(node)
+        assert leaf >= highest - 1e-6, (node, leaf, highest)
+        leaves += math.isfinite(leaf)
+    return leaves
+
+
+ALLOWED = [
+    (RIGID, SOFT_1, SOFT_2, SOFT_BOTH),
+    (RIGID, SOFT_1, SOFT_2),
+    (SOFT_1, SOFT_2, SOFT_BOTH),
+]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_waits_of_any_length_bound_no_leaf_below_a_node_above_it(seed: int) -> None:
+    """To freeze all, or to pass through another mode, may be the cheapest way to a mode."""
+    rng = np.random.default_rng(seed)
+    heat_s, freeze_s, reconfigure_s = rng.uniform(5.0, 500.0, 3)
+    waits = SequentialTiming(
+        overlap="none",
+        heat_s=heat_s,
+        freeze_s=freeze_s,
+        reconfigure_s=reconfigure_s,
+        reconfigure_cool_s=reconfigure_s * rng.uniform(0.1, 0.95),
+    )
+    heaters = int(rng.integers(1, 3))
+    hottest = 70.0 if heaters == 2 else 50.0
+    start = random_problem(seed).start.with_values(
+        temperature_C=(rng.choice([25.0, 50.0, 70.0]), rng.choice([25.0, 50.0, hottest]))
+    )
+    weights = {
+        "energy_s_per_J": rng.choice([0.0, 0.05, 10.0]),
+        "transition_s": rng.choice([0.0, 2.0, 45.0]),
+    }
+    problem = random_problem(
+        seed,
+        robot=ROBOT.with_values(timing={"nominal": waits}),
+        start=start.model_dump(),
+        modes=ALLOWED[rng.integers(3)],
+        heaters_at_once=heaters,
+        weights=weights,
+    )
+    last = [RIGID, SOFT_1, SOFT_2][rng.integers(3)]
+    problem = problem.with_values(goal=problem.goal.with_values(mode=last))
+    assert leaves_checked(problem, 4) >= 5
+
+
+def test_with_fewer_modes_no_plan_costs_less_than_the_bound_with_all() -> None:
+    given: dict[str, Any] = {"timing": "paper", "robot": "2sra-v1-paper"}
+    given["weights"] = {"transition_s": 45.0}
+    every = plan(load_problem("paper-1", **given)).require()
+    fewer = plan(load_problem("paper-1", **given, modes=[RIGID, SOFT_1, SOFT_2])).require()
+    assert every.lower_bound is not None
+    assert every.lower_bound <= fewer.cost.total
+
+
+def test_with_fewer_phases_the_bound_holds_for_longer_sequences() -> None:
+    problem = load_problem("paper-1", timing="paper", modes=[RIGID, SOFT_1, SOFT_2])
+    short = mode_tree(problem.with_values(max_phases=4), lambda *_: ())
+    longer = plan(problem.with_values(max_phases=5)).require()
+    assert longer.cost.total < 815.0
+    assert max(short.bound((RIGID,)), short.bound((RIGID, SOFT_1))) <= longer.cost.total
+
+
+@pytest.mark.parametrize("price", [0.0, 10.0])
+def test_to_freeze_everything_in_between_may_be_quicker_and_take_less_heat(price: float) -> None:
+    """As published, 300 + 100 s and heat for 100 s; a reconfiguration takes 502 s, of which 102."""
+    given = {"temperature_C": (25.0, 65.0), "timing": "paper"}
+    problem = thermal_problem(**given, weights={"energy_s_per_J": price})
+    tree = mode_tree(problem, lambda *_: ())
+    leaf = tree.leaf_bound((SOFT_2, RIGID, SOFT_1))
+    assert leaf < tree.leaf_bound((SOFT_2, SOFT_1))
+    assert tree.bound((SOFT_2,)) <= leaf
+
+
+@settings(max_examples=150)
+@given(problem=thermal_problems(), sequence=SEQUENCES, mode=st.sampled_from(MODES))
+def test_a_phase_appended_never_makes_the_transitions_quicker_or_cheaper(
+    problem: Problem, sequence: ModeSequence, mode: Mode
+) -> None:
+    # Put in between it may: metal that is frozen and melted again can freeze sooner than hot metal.
+    shorter, more = network_of(problem, sequence), network_of(problem, (*sequence, mode))
+    assert earliest_finish(more) >= earliest_finish(shorter) - 1e-6
+    assert more.melt_energy_J >= shorter.melt_energy_J - 1e-6
+    assert more.transitions >= shorter.transitions
+
+
+@settings(max_examples=150)
+@given(problem=thermal_problems(), sequence=SEQUENCES, cut=st.integers(1, 6))
+def test_no_sequence_of_transitions_is_cheaper_than_the_bound_of_its_beginning(
+    problem: Problem, sequence: ModeSequence, cut: int
+) -> None:
+    timing, weights = transition_model(problem), problem.cost_weights
+    assume(unreachable_reason(sequence, bending_task(problem)) is None)
+    assume(timing.refusal(sequence, problem.goal.mode) is None)
+    whole = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
+    cost = earliest_finish(whole) + weights.energy_s_per_J * whole.melt_energy_J
+    cost += weights.transition_s * whole.transitions
+    assert mode_tree(problem, lambda *_: ()).bound(sequence[:cut]) <= cost + 1e-6

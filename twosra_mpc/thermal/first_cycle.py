@@ -1,0 +1,206 @@
+"""What the first melt of a segment and the freeze after it take at least, by when it is heated.
+
+Until its heater first goes on, h after t = 0, a solid segment follows a known course: it cools or
+warms to the air, or is kept warm from some temperature on. All that matters then is h: metal heated
+at once is molten first, but the rest of the segment stays warm, and it freezes slowly. The proofs
+rest on comparison, as those of ``least_times``: of two histories the one that is heated later is
+nowhere warmer at any time.
+
+* It is molten no earlier than h + M(h), which grows with h; M, the time from heater on, is monotone
+  as the segment is.
+* A freeze that begins at u with the metal held liquid for at least some time before it ends no
+  earlier than after the latest h with which that is possible: one number again.
+* Of all h in an interval [a, b], none is molten before a + M(a) or after b + M(b), and whenever it
+  is, the segment is nowhere colder than after heating from b on. The metal of that one, once it is
+  warmer than when its heater went on, only warms; so its rest is no colder than with the metal held
+  at what it was at a + M(a), which lets the rest rise or fall, but not turn.
+* Metal held liquid for longer is solid no sooner. A window adds its share of coasting and freezing.
+
+The least over all h is found by splitting intervals, the one with the least bound first.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import NamedTuple
+
+from twosra_mpc.thermal.heating import HeatingPlan, TemperatureTrajectory
+from twosra_mpc.thermal.model import State
+from twosra_mpc.thermal.uncertainty import EXACT
+
+_LATEST_S, _FINEST_S = 1024.0, 1 / 16  # of h: one bound for all that is later; shortest interval
+_FOR_EVER_S = 1e9
+_ROUNDED = 128.0  # states are rounded down to such a share of their unit
+
+
+class _Span(NamedTuple):
+    """What is known of all heatings of one course that begin within an interval.
+
+    Attributes:
+        onset_s: Latest onset of the melt, its window included.
+        molten_s: Earliest time at which the metal is molten.
+        heating_s: Shortest time from heater on to molten.
+        done_s: Latest end of the melt, its window included.
+        molten: State when molten, nowhere warmer than any; None: nothing is known.
+    """
+
+    onset_s: float
+    molten_s: float
+    heating_s: float
+    done_s: float
+    molten: State | None
+
+
+@dataclass(frozen=True)
+class FirstCycle:
+    """The first melt of a segment that is solid at t = 0, and the freeze after it.
+
+    Attributes:
+        heating: How it is heated.
+        temperature_C: Its temperature at t = 0.
+        coldest_s: Least time through the plateau of the freeze, whatever came before [s].
+        coasting_s: Least time from heater off to the onset of freezing, as the model has it [s].
+    """
+
+    heating: HeatingPlan
+    temperature_C: float
+    coldest_s: float
+    coasting_s: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether constants say it all: nothing stays warm, and windows are those of cold metal."""
+        start = self.heating.model.initial(self.temperature_C)
+        cold = self.temperature_C == self.heating.model.ambient_C
+        return len(start) == 1 and (cold or self.heating.windows == EXACT)
+
+    def molten_s(self, onset_s: float) -> float:
+        """Least end of a melt that begins at this time at the earliest, its window included."""
+        late = self.heating.windows.melt_late - 1
+
+        def bound(course: int, low: float, high: float) -> float:
+            span = self._span(course, low, high)
+            return span.molten_s + late * span.heating_s if span.onset_s >= onset_s else math.inf
+
+        return self._least(bound)
+
+    def frozen_s(self, onset_s: float, held_s: float, share: float = 0.0) -> float:
+        """Least end of a freeze that begins at this time at the earliest, its window included.
+
+        Args:
+            onset_s: Its onset.
+            held_s: Least time from the end of the melt to there.
+            share: What of the onset is taken off the end.
+        """
+        windows = self.heating.windows
+
+        def bound(course: int, low: float, high: float) -> float:
+            span = self._span(course, low, high)
+            if span.done_s + held_s < onset_s:
+                return math.inf
+            held = held_s + (windows.melt_late - 1) * span.heating_s
+            onset = held_s + (span.done_s if high < math.inf else span.molten_s)
+            return span.molten_s + self._solid_after_s(span.molten, held) - share * onset
+
+        return self._least(bound)
+
+    def frozen_again_s(self, onset_s: float, melting_s: float, held_s: float) -> float:
+        """The same of a later freeze: at no time is the segment colder than had it not been heated.
+
+        Args:
+            onset_s: Its onset.
+            melting_s: Least time through the plateau of the melt before it, as the model has it.
+            held_s: Least time from the end of that melt.
+        """
+        model = self.heating.model
+
+        def bound(course: int, low: float, high: float) -> float:
+            if course > 0 or high + melting_s + held_s < onset_s:
+                return math.inf
+            ends = (self._courses[0].state_at(min(time, _FOR_EVER_S)) for time in (low, high))
+            solid = model.at_level(tuple(map(min, *ends)), model.solid_level)
+            molten = model.at_level(model.hold(solid, melting_s), model.liquid_level)
+            return low + melting_s + self._solid_after_s(molten, held_s)
+
+        return self._least(bound)
+
+    def _solid_after_s(self, molten: State | None, held_s: float) -> float:
+        """From the end of a melt to that of the freeze after it, liquid for so long in between."""
+        model, windows = self.heating.model, self.heating.windows
+        held_s += (1 - windows.freeze_early) * self.coasting_s  # until the model's metal freezes
+        fast = slow = self.coldest_s
+        if molten is not None:
+            onset = model.hold(molten, held_s)
+            fast = self._freezing_s(onset)
+            slow = self._freezing_s(tuple(map(min, onset, model.hold(onset, _FOR_EVER_S))))
+        return held_s + fast + (windows.freeze_late - 1) * (self.coasting_s + slow)
+
+    def _least(self, bound: Callable[[int, float, float], float]) -> float:
+        """Least bound of all courses and intervals of times on them; inf: it is not possible."""
+        queue = list[tuple[float, int, float, float]]()
+        for course in range(len(self._courses)):
+            for low, high in ((0.0, _LATEST_S), (_LATEST_S, math.inf)):
+                queue.append((bound(course, low, high), course, low, high))
+        heapq.heapify(queue)
+        while True:
+            least, course, low, high = heapq.heappop(queue)
+            if high - low <= _FINEST_S or high == math.inf or least == math.inf:
+                return least
+            middle = (low + high) / 2
+            for half in ((low, middle), (middle, high)):
+                heapq.heappush(queue, (bound(course, *half), course, *half))
+
+    @cached_property
+    def _courses(self) -> tuple[TemperatureTrajectory, ...]:
+        return self.heating.solid_courses(self.temperature_C)
+
+    @cached_property
+    def _heating_s(self) -> Callable[[int, float, float], float]:
+        """Time from heater on at a time to a level, on a course."""
+
+        def heating_s(course: int, on_s: float, level: float) -> float:
+            state = self._courses[course].state_at(on_s)
+            return self.heating.model.time_until(state, self.heating.melt_current_A, level)
+
+        return cache(heating_s)
+
+    @cached_property
+    def _span(self) -> Callable[[int, float, float], _Span]:
+        return cache(self._span_of)
+
+    def _span_of(self, course: int, low: float, high: float) -> _Span:
+        model, windows = self.heating.model, self.heating.windows
+        first = self._heating_s(course, low, model.liquid_level)
+        if high == math.inf:
+            cold = self._heating_s(course, _FOR_EVER_S, model.liquid_level)
+            return _Span(math.inf, low + first, min(first, cold), math.inf, None)
+        last = self._heating_s(course, high, model.liquid_level)
+        onset_s = high + windows.melt_early * self._heating_s(course, high, model.solid_level)
+        done_s = high + last + (windows.melt_late - 1) * max(first, last)
+        molten = self._molten(course, high, low + first, high + last)
+        return _Span(onset_s, low + first, min(first, last), done_s, molten)
+
+    def _molten(self, course: int, on_s: float, since_s: float, until_s: float) -> State | None:
+        """Of heating from a time on: nowhere warmer than it is between two times, but molten."""
+        model, state = self.heating.model, self._courses[course].state_at(on_s)
+        if since_s <= on_s or not math.isfinite(until_s):
+            return None
+        heated = model.propagate(state, self.heating.melt_current_A, since_s - on_s)
+        if model.level(heated) <= model.level(state):  # it may still be falling
+            return None
+        onset = tuple(map(min, heated, model.hold(heated, until_s - since_s)))
+        return model.at_level(onset, model.liquid_level)
+
+    @cached_property
+    def _frozen(self) -> Callable[[State], float]:
+        model = self.heating.model
+        return cache(lambda onset: model.time_until(onset, 0.0, model.solid_level))
+
+    def _freezing_s(self, onset: State) -> float:
+        """Least time through the plateau of a freeze from a state, rounded to be asked again."""
+        rounded = tuple(math.floor(_ROUNDED * value) / _ROUNDED for value in onset)
+        return self._frozen(self.heating.model.at_level(rounded, self.heating.model.liquid_level))
