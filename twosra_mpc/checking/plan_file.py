@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.checking.transitions import replayed
+from twosra_mpc.checking.heating import replayed
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
 from twosra_mpc.plans.carried import mission_document

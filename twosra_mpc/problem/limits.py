@@ -462,23 +462,31 @@ def rigid_ramp_s(robot: Robot, kappa: ArrayLike) -> float:
 
 
 def verified_margins(
-    robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]
+    robot: Robot, q: Array, v: Array, gained: Array, mode: NDArray[np.int64]
 ) -> Iterator[tuple[str, float]]:
-    """Yield (name, least margin) of every limit over samples of a plan and the shapes between them.
+    """Yield (name, least margin) of every limit at samples of a plan, and midway between them.
 
     Args:
         robot: The robot.
         q: Configurations, (m, 3 + n).
-        v: Inputs from each to the next, (m, 5).
-        mode: Stiffness, (m, n).
+        v: Inputs at each, (m, 5).
+        gained: What they grow by until the next one, at a steady rate, (m, 5).
+        mode: Stiffness until then, (m, n).
     """
     kappa = q[:, POSE:]
     shapes = shape_margins(robot, np.concatenate([kappa, (kappa[1:] + kappa[:-1]) / 2]))
-    moving = v.any(axis=1)
-    used = _used(robot, q[moving], v[moving], mode[moving])
+    moving = v.any(axis=1) | gained.any(axis=1)
+    ends = q, np.append(q[1:], q[-1:], axis=0), v, v + gained
+    first, last, begin, end = (rows[moving] for rows in ends)
+    used = _used(
+        robot,
+        np.concatenate([first, (first + last) / 2, last]),
+        np.concatenate([begin, (begin + end) / 2, end]),
+        np.tile(mode[moving], (3, 1)),
+    )
     for limit, share in zip(speed_limits(robot), used, strict=True):
         yield limit.name, settled(limit.most(robot) * (1 - share), limit.most(robot))
-    driving = v[:, 2:].any(axis=1)
+    driving = v[:, 2:].any(axis=1) | gained[:, 2:].any(axis=1)
     for shape in SHAPE_LIMITS:
         margins = shapes[shape.name]
         counted = margins[: len(q)][driving] if shape.driving else margins

@@ -33,7 +33,8 @@ class Overlapped(TransitionModel):
 
     @property
     def words(self) -> str:
-        return f"the constant melt and freeze times of timing “{self.problem.timing}”"
+        named = f"timing “{self.problem.timing}”"
+        return f"the constant melt and freeze times of {named} under {self.policy}"
 
     @property
     def _melt_lead(self) -> float:
@@ -149,7 +150,7 @@ class Overlapped(TransitionModel):
             least = self.times.melt_s - (plateau := self.times.melt_changing_s)
             if before is None:
                 least *= (melting_C - now) / (melting_C - self.problem.ambient)
-            if lag < least - TIME_TOLERANCE_S:
+            if abs(lag - least) > TIME_TOLERANCE_S:
                 yield f"heated for {lag:.3f} s before melting instead of {least:.3f} s"
         else:
             longest = self.times.freeze_s - (plateau := self.times.freeze_changing_s)

@@ -97,6 +97,15 @@ class TransitionModel(ABC):
         return ((),)
 
     @property
+    def policy(self) -> str:
+        """How segments are heated, in every plan that bounds are about."""
+        heater = self.problem.robot.heater
+        return (
+            f"one heating policy: {heater.melt_current_A:g} A until the set-point of"
+            f" {heater.soft_setpoint_C:g} °C, then hold"
+        )
+
+    @property
     @abstractmethod
     def words(self) -> str:
         """What the times are, to complete "it holds for"."""
