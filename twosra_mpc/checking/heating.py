@@ -41,7 +41,9 @@ def heating_problems(trajectory: Trajectory) -> Iterator[str]:
     for j, soft in enumerate(problem.start_mode):
         own = own_transitions(trajectory.transitions, j)
         turns = ["soft" if soft else "rigid", *(item.to for item in own)]
-        if all(before != after for before, after in itertools.pairwise(turns)):
+        turn = all(before != after for before, after in itertools.pairwise(turns))
+        least = np.diff([0.0, *(time for item in own for time in item[2:])]).min(initial=0.0)
+        if turn and least >= -TIME_TOLERANCE_S:  # else it is told of already
             yield from check(trajectory, j, own)
     count = (samples.heater_current_A > 0).sum(axis=1)
     lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.intervals import Interval, enclose
@@ -13,7 +14,9 @@ from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 
 
-def share_rates(robot: Robot, kappa: Interval, v: Interval, a: Array, mode: Array) -> Interval:
+def share_rates(
+    robot: Robot, kappa: Interval, v: Interval, a: Array, mode: NDArray[np.int64]
+) -> Interval:
     """Enclose d/dt of the shares of the speed limits that are used, (shares, m) [1/s].
 
     Interval arithmetic on the derivative along q' = J(q, sigma) v, v' = a. Shares are signed, in
