@@ -77,8 +77,8 @@ def bound_sentences(result: Result) -> Iterator[str]:
         return
     problem, plan = result.problem, result.plan
     yield (
-        f"No plan for this problem costs less than {result.lower_bound:.4f} s: this is the optimum"
-        " of a relaxation of it, a proved lower bound and not an estimate."
+        f"No plan for this problem that heats as below costs less than {result.lower_bound:.4f} s:"
+        " this is the optimum of a relaxation of it, a proved lower bound and not an estimate."
     )
     if plan is not None and plan.gap is not None:
         yield (

@@ -53,8 +53,6 @@ class Thermal(TransitionModel):
             f"melt and freeze times from the thermal model (timing “{problem.timing}”, air of"
             f" {problem.ambient:g} °C) under {self.policy}"
         )
-        if problem.heating == "keep_warm":
-            words += ", solid segments kept warm where that costs less"
         if problem.transition_quantile is not None:
             share = 100 * problem.transition_quantile
             words += f", windows that hold {share:g} % of all transitions"

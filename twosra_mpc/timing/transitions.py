@@ -100,9 +100,11 @@ class TransitionModel(ABC):
     def policy(self) -> str:
         """How segments are heated, in every plan that bounds are about."""
         heater = self.problem.robot.heater
+        warm = ", solid segments kept warm where that costs less"
         return (
             f"one heating policy: {heater.melt_current_A:g} A until the set-point of"
             f" {heater.soft_setpoint_C:g} °C, then hold"
+            f"{warm if self.problem.heating == 'keep_warm' else ''}"
         )
 
     @property
