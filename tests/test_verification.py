@@ -682,27 +682,14 @@ def test_no_change_of_motion_goes_unnoticed(
     by=st.floats(0.01, 500.0),
     sign=st.sampled_from([-1.0, 1.0]),
 )
-def test_a_transition_moved_alone_either_waits_longer_or_is_found(
+def test_a_transition_moved_alone_is_found(
     planned: Planned, i: int, name: str, by: float, sign: float
 ) -> None:
     case = case_of(planned("paper-1", timing="constant"))
     item = case.transitions[i]
     moved = item._replace(**{name: getattr(item, name) + sign * by})
-    result = replace(
-        case, transitions=(*case.transitions[:i], moved, *case.transitions[i + 1 :])
-    ).check()
-    if result.ok:
-        others = [other for other in case.transitions if other.segment == item.segment]
-        before = others[others.index(item) - 1].done_s if others.index(item) else 0.0
-        assert before - 1e-5 <= moved.heater_s <= moved.onset_s + 1e-5
-        plateau = moved.done_s - moved.onset_s
-        lead = moved.onset_s - moved.heater_s
-        if item.to == "soft":
-            assert plateau >= 37.0 - 1e-5
-            assert lead >= 26.0 - 1e-5
-        else:
-            assert plateau >= 235.0 - 1e-5
-            assert lead <= 18.0 + 1e-5
+    transitions = (*case.transitions[:i], moved, *case.transitions[i + 1 :])
+    assert not replace(case, transitions=transitions).check().ok
 
 
 # --- what the robot would be sent ----------------------------------------------------------------
