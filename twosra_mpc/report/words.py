@@ -94,10 +94,14 @@ def bound_sentences(result: Result) -> Iterator[str]:
         f" {problem.max_phases} phases that were searched, with every path that path model"
         f" {problem.robot.path.model} can take within the robot's limits."
     )
-    times = transition_model(problem).words
+    timing = transition_model(problem)
+    times = timing.words
     if problem.heaters_at_once < problem.robot.coordinates.segments:
         times += ", one heater on at a time"
-    yield f"It holds for {times}; a different heater controller has different times."
+    yield (
+        f"It holds for {times}, under {timing.policy}; a different heater controller has"
+        " different times."
+    )
 
 
 def caveat_sentences(result: Result) -> Iterator[str]:

@@ -33,8 +33,7 @@ class Overlapped(TransitionModel):
 
     @property
     def words(self) -> str:
-        named = f"timing “{self.problem.timing}”"
-        return f"the constant melt and freeze times of {named} under {self.policy}"
+        return f"the constant melt and freeze times of timing “{self.problem.timing}”"
 
     @property
     def _melt_lead(self) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import starmap
 
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
@@ -28,8 +27,8 @@ class Sequential(TransitionModel):
 
     @property
     def words(self) -> str:
-        named = f"timing “{self.problem.timing}”, through which the robot stands still"
-        return f"the fixed waits of {named}, under {self.policy}"
+        named = f"timing “{self.problem.timing}”"
+        return f"the fixed waits of {named}, through which the robot stands still"
 
     @property
     def detours(self) -> tuple[ModeSequence, ...]:
@@ -108,8 +107,9 @@ class Sequential(TransitionModel):
             if soft and j != item.segment - 1:
                 yield f"segment {j + 1} is left soft, but all freeze before any melts"
         least = self.times.heat_s if melts else self.times.freeze_s
-        halves = ((other, item) if melts else (item, other) for other in others)
-        if lasted < least - TIME_TOLERANCE_S and not any(starmap(self._reconfigures, halves)):
+        halves = [(other, item) if melts else (item, other) for other in others]
+        reconfigures = any(self._reconfigures(*pair) for pair in halves)
+        if lasted < least - TIME_TOLERANCE_S and not reconfigures:
             yield f"changes in {lasted:.3f} s instead of {least:g} s"
 
     def _reconfigures(self, freeze: Transition, melt: Transition) -> bool:

@@ -51,7 +51,7 @@ class Thermal(TransitionModel):
         problem = self.problem
         words = (
             f"melt and freeze times from the thermal model (timing “{problem.timing}”, air of"
-            f" {problem.ambient:g} °C) under {self.policy}"
+            f" {problem.ambient:g} °C)"
         )
         if problem.transition_quantile is not None:
             share = 100 * problem.transition_quantile

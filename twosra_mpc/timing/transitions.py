@@ -97,6 +97,11 @@ class TransitionModel(ABC):
         return ((),)
 
     @property
+    @abstractmethod
+    def words(self) -> str:
+        """What the times are, to complete "it holds for"."""
+
+    @property
     def policy(self) -> str:
         """How segments are heated, in every plan that bounds are about."""
         heater = self.problem.robot.heater
@@ -106,11 +111,6 @@ class TransitionModel(ABC):
             f" {heater.soft_setpoint_C:g} °C, then hold"
             f"{warm if self.problem.heating == 'keep_warm' else ''}"
         )
-
-    @property
-    @abstractmethod
-    def words(self) -> str:
-        """What the times are, to complete "it holds for"."""
 
     @abstractmethod
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
