@@ -24,7 +24,7 @@ SEQUENCE: ModeSequence = ((1, 1), (0, 0), (1, 1), (0, 0))  # close, carry, open,
 INTERVALS = 10
 
 
-def made(start: Array, sequence: ModeSequence, inputs: Array) -> Plan:
+def made(start: Array, sequence: ModeSequence, inputs: Array, **asked: Any) -> Plan:
     """The plan that sends these input displacements (phases, intervals, 5)."""
     robot = load_robot("2sra-v1")
     names = ("x_m", "y_m", "phi_rad")
@@ -33,7 +33,7 @@ def made(start: Array, sequence: ModeSequence, inputs: Array) -> Plan:
         {**dict(zip(names, q.tolist(), strict=False)), "kappa_per_m": q[3:].tolist()}
         for q in (start, motion.states[-1, -1])
     ]
-    problem = Problem(robot=robot, start=ends[0], goal=ends[1])
+    problem = Problem(robot=robot, start=ends[0], goal=ends[1], **asked)
     profiles = fastest(motion)
     lasting = [profile.duration_s for profile in profiles]
     network = transition_model(problem).network(sequence, RIGID, lasting)

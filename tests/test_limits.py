@@ -116,13 +116,14 @@ def test_rigid_rows_forbid_no_twist_within_the_limits(
 def test_every_limit_is_checked_in_every_plan() -> None:
     made = plan(load_problem("move-and-shape")).require()
     samples = made.samples
-    margins = dict(verified_margins(made.robot, samples.q, samples.v, samples.mode))
+    gained = samples.a * np.append(np.diff(samples.t_s), 0.0)[:, None]
+    margins = dict(verified_margins(made.robot, samples.q, samples.v, gained, samples.mode))
     assert set(margins) == {limit.name for limit in (*SHAPE_LIMITS, *SPEED_LIMITS)}
     for name, margin in margins.items():
         assert made.verification.limits[name] == pytest.approx(margin, abs=1e-12)
     assert made.verification.limits["wheel_acceleration_rad_s2"] >= 0
     assert all(margin >= 0 for margin in margins.values())
-    faster = dict(verified_margins(made.robot, samples.q, 500 * samples.v, samples.mode))
+    faster = dict(verified_margins(made.robot, samples.q, 500 * samples.v, gained, samples.mode))
     assert all(faster[limit.name] < 0 for limit in SPEED_LIMITS)
 
 

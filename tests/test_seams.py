@@ -18,6 +18,7 @@ ALLOWED = {
     "casadi": (
         "model/",
         "problem/limits.py",
+        "problem/between.py",
         "problem/goals.py",
         "planning/nlp/",
         "execution/tracking/",

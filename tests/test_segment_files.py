@@ -23,7 +23,8 @@ from twosra_mpc.checking.resampling import refined
 def result(request: pytest.FixtureRequest, solved: Solved) -> Result:
     if request.param == 3:
         return solved("three-segments")
-    return plan(problem_of(robot_of(0.04), (25.0,)))
+    robot = robot_of(0.04).with_values(name="of one segment")
+    return plan(problem_of(robot, (25.0,)))
 
 
 @pytest.fixture(scope="module")

@@ -270,19 +270,14 @@ def test_what_was_tampered_with_is_named(case: Case, how: str) -> None:
     by=st.floats(0.5, 300.0),
     sign=st.sampled_from([-1.0, 1.0]),
 )
-def test_a_thermal_transition_moved_alone_only_widens_its_window_or_is_found(
+def test_a_thermal_transition_moved_alone_is_found(
     planned: Planned, i: int, name: str, by: float, sign: float
 ) -> None:
     case = case_of(planned("paper-1"))
     item = case.transitions[i]
     moved = item._replace(**{name: getattr(item, name) + sign * by})
-    result = replace(
-        case, transitions=(*case.transitions[:i], moved, *case.transitions[i + 1 :])
-    ).check()
-    if result.ok:
-        assert moved.heater_s == item.heater_s
-        assert moved.onset_s <= item.onset_s
-        assert moved.done_s >= item.done_s
+    transitions = (*case.transitions[:i], moved, *case.transitions[i + 1 :])
+    assert not replace(case, transitions=transitions).check().ok
 
 
 def test_two_heaters_on_at_once_are_named_where_one_is_allowed(planned: Planned) -> None:

@@ -420,6 +420,8 @@ def test_a_sample_beyond_a_limit_is_found(case: Case, limit: str, sign: float) -
     row = case.first_moving(soft=True)
     column = 4 if name == "q" else 1
     beyond = case.set(name, row, column, sign * most * 1.1)
+    if name == "v":
+        beyond = beyond.set("a", row, column, 0.0)
     result = beyond.check()
     assert result.limits[limit] == pytest.approx(-0.1 * most)
     words = f"limit {limit} exceeded by {0.1 * most:.3g}"
@@ -680,27 +682,14 @@ def test_no_change_of_motion_goes_unnoticed(
     by=st.floats(0.01, 500.0),
     sign=st.sampled_from([-1.0, 1.0]),
 )
-def test_a_transition_moved_alone_either_waits_longer_or_is_found(
+def test_a_transition_moved_alone_is_found(
     planned: Planned, i: int, name: str, by: float, sign: float
 ) -> None:
     case = case_of(planned("paper-1", timing="constant"))
     item = case.transitions[i]
     moved = item._replace(**{name: getattr(item, name) + sign * by})
-    result = replace(
-        case, transitions=(*case.transitions[:i], moved, *case.transitions[i + 1 :])
-    ).check()
-    if result.ok:
-        others = [other for other in case.transitions if other.segment == item.segment]
-        before = others[others.index(item) - 1].done_s if others.index(item) else 0.0
-        assert before - 1e-5 <= moved.heater_s <= moved.onset_s + 1e-5
-        plateau = moved.done_s - moved.onset_s
-        lead = moved.onset_s - moved.heater_s
-        if item.to == "soft":
-            assert plateau >= 37.0 - 1e-5
-            assert lead >= 26.0 - 1e-5
-        else:
-            assert plateau >= 235.0 - 1e-5
-            assert lead <= 18.0 + 1e-5
+    transitions = (*case.transitions[:i], moved, *case.transitions[i + 1 :])
+    assert not replace(case, transitions=transitions).check().ok
 
 
 # --- what the robot would be sent ----------------------------------------------------------------
@@ -766,6 +755,7 @@ def heated_early(case: Case) -> Case:
 
 NOT_FINITE = "^samples.{} has a value that is not finite$"
 HEATER = "^at .* s heater {} does not do what the transitions say$"
+GIVES = "^at .* s heater {} gives .* A, not the .* A of the heating policy$"
 OUTSIDE = "^at .* s the samples move outside of a phase, or rest in one$"
 SPOILT: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
     "wheels slower than v says": (
@@ -782,15 +772,15 @@ SPOILT: dict[str, tuple[Callable[[Case], Case], list[str]]] = {
     ),
     "heaters without current": (
         lambda case: case.scaled("heater_current_A", 0.0),
-        [HEATER.format(1), HEATER.format(2)],
+        [GIVES.format(1), GIVES.format(2)],
     ),
     "set-points of zero": (
         lambda case: case.scaled("heater_setpoint_C", 0.0),
         [HEATER.format(1), HEATER.format(2)],
     ),
-    "a heater that pauses": (while_heated("heater_current_A", 0.0), [HEATER.format(1)]),
+    "a heater that pauses": (while_heated("heater_current_A", 0.0), [GIVES.format(1)]),
     "a set-point that is too low": (while_heated("heater_setpoint_C", 64.0), [HEATER.format(1)]),
-    "a heater that is on too early": (heated_early, [HEATER.format(2)]),
+    "a heater that is on too early": (heated_early, [GIVES.format(2)]),
     "motion outside of any phase": (lambda case: replace(case, phases=()), [OUTSIDE]),
     "a phase that is not where the samples move": (later_phase, [OUTSIDE]),
     "a phase in another mode": (

@@ -208,8 +208,8 @@ def test_a_changed_plan_is_not_verified(how: str, document: Document, tmp_path: 
     [
         ("a phase before the melt is done", "stiffness while moving"),
         ("a phase at another time", "samples and phases"),
-        ("another set-point", "wheels and heaters"),
-        ("a freeze that is too short", "transitions"),
+        ("another set-point", "heating policy"),
+        ("a freeze that is too short", "heating policy"),
     ],
 )
 def test_the_rule_that_is_broken_is_named(

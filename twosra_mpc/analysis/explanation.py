@@ -35,6 +35,7 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
+from twosra_mpc.timing import transition_model
 
 if TYPE_CHECKING:
     from twosra_mpc.analysis.reshaping import Reshaping
@@ -226,7 +227,8 @@ def _why(made: Plan) -> Iterator[str]:
             yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {times}"
     yield f"the robot moves for {made.moving_s:.1f} s of {made.cost.time_s:.1f} s"
     if made.lower_bound is not None:
-        yield f"proved: no plan whatever costs less than {made.lower_bound:.2f} s"
+        policy = transition_model(made.problem).policy
+        yield f"proved: no plan costs less than {made.lower_bound:.2f} s under {policy}"
 
 
 def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternative]:

@@ -1,8 +1,9 @@
 """``check_plan(path)``: what a plan file claims, against what follows from its samples.
 
 The verification and the numbers stored in the file are not trusted: the samples are re-integrated
-and every rule is tested anew for the robot and the scenario in the file, the energy is counted from
-the heater currents, and cost and gap are worked out again. That the lower bound is one cannot be
+and every rule is tested anew for the robot and the scenario in the file, limits also between
+samples; the energy is counted from the heater currents, and cost and gap are worked out again. The
+robot in the file must be the one that its name stands for. That the lower bound is one cannot be
 seen from a plan; it takes planning the scenario again.
 """
 
@@ -18,18 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.checking.transitions import replayed
+from twosra_mpc.checking.between_samples import between_problems
+from twosra_mpc.checking.heating import replayed
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
-from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.trajectory import Samples, wheel_speeds
+from twosra_mpc.plans.result import MISSION_VERSION, Result
+from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.problem.limits import UNITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Coordinates
-from twosra_mpc.robot.description import segment_model
+from twosra_mpc.robot.description import Robot, load_robot, robot_names, segment_model
 from twosra_mpc.robot.modes import mode_name
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
@@ -78,8 +80,12 @@ class PlanCheck:
         return not self.problems and all(check.ok for check in self.checks)
 
 
-def check_plan(path: str | Path) -> PlanCheck:
+def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     """Check a plan file without trusting what it says of itself.
+
+    Args:
+        path: The file.
+        robot: What its robot must be; left out, the built-in one of its name, if there is one.
 
     Raises:
         InputError: If it is not a plan file of a known version, or does not fit together.
@@ -91,11 +97,13 @@ def check_plan(path: str | Path) -> PlanCheck:
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))
     found = examine(plan.trajectory)
     claims = (
+        _robot(plan.robot, robot),
         _allowed_modes(plan),
         _currents(plan.samples),
+        _between_samples(plan.trajectory),
         *_cost(plan),
         *_proof(plan, result.status),
-        *_copies(plan, document),
+        *_copies(result, plan, document),
         _stored(plan.verification, found.verification),
     )
     false = (f"{claim.name}: {claim.found}" for claim in claims if not claim.ok)
@@ -120,10 +128,41 @@ def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
         yield Check(name, broken[0] if broken else "kept", not broken)
 
 
+def _robot(stored: Robot, known: Robot | None) -> Check:
+    """Whether the robot in the file is the one that is meant; any robot may have any path model."""
+    if known is None and stored.name not in robot_names():
+        return Check(
+            "robot", f"{stored.name!r} is not built in: taken as it is in the file", ok=True
+        )
+    known = known or load_robot(stored.name)
+    other = stored.path.model != known.path.model
+    kept = {"path"} if other else None
+    own, right = (item.model_dump(mode="json", exclude=kept) for item in (stored, known))
+    differences = [*_differences(own, right)]
+    name = f"{known.name!r}" + f" with path model {stored.path.model}" * other
+    text = f"not {name}: {'; '.join(differences[:3])}" if differences else f"{name}, unchanged"
+    return Check("robot", text, not differences)
+
+
+def _differences(stored: object, known: object, where: str = "") -> Iterator[str]:
+    """What is not the same in two tables, by its keys."""
+    if isinstance(stored, dict) and isinstance(known, dict):
+        for key in sorted(stored.keys() | known.keys()):
+            inner = f"{where}.{key}" if where else str(key)
+            yield from _differences(stored.get(key), known.get(key), inner)
+    elif stored != known:
+        yield f"{where} is {stored}, not {known}"
+
+
 def _allowed_modes(plan: Plan) -> Check:
     forbidden = [mode_name(p.mode) for p in plan.phases if p.mode not in plan.problem.modes]
     text = f"{', '.join(forbidden)} is not among them" if forbidden else "used, no others"
     return Check("modes of the scenario", text, not forbidden)
+
+
+def _between_samples(trajectory: Trajectory) -> Check:
+    broken = tuple(between_problems(trajectory))
+    return Check("between samples", "; ".join(broken) or "limits are kept", not broken)
 
 
 def _currents(samples: Samples) -> Check:
@@ -185,23 +224,32 @@ def energy_J(problem: Problem, samples: Samples) -> float:
 
 
 def _proof(plan: Plan, status: Status) -> Iterator[Check]:
-    """The claims that rest on the lower bound."""
-    found, proved = status in (Status.OPTIMAL, Status.FEASIBLE), status is Status.OPTIMAL
-    if plan.lower_bound is None or plan.gap is None:
-        text = "claimed without a lower bound" if proved else "no lower bound, none claimed"
-        yield Check("status", f"{status}: {text}", found and not proved)
+    """The claims that rest on the lower bound: as far as they do not contradict each other."""
+    bound, gap, asked = plan.lower_bound, plan.gap, plan.problem.gap
+    if bound is None or gap is None:
+        claimed = status is Status.OPTIMAL
+        text = "claimed without a lower bound" if claimed else "no lower bound, none claimed"
+        yield Check("status", f"{status}: {text}", status is Status.FEASIBLE)
         return
-    margin = plan.cost.total - plan.lower_bound
-    below = margin >= -BOUND_TOLERANCE * plan.cost.total
-    text = f"{plan.lower_bound:.3f} s, not above the cost" if below else "above the cost it bounds"
-    yield Check("lower bound", text, below, max(margin, 0.0) if below else margin, "s")
-    earned = found and (not proved or plan.gap <= plan.problem.gap)
-    text = f"{status}; gap {plan.gap:.3g}, asked {plan.problem.gap:g}"
-    yield Check("status", text, earned)
+    margin = plan.cost.total - bound
+    within = bound >= 0 and margin >= -BOUND_TOLERANCE * plan.cost.total
+    text = f"{bound:.3f} s, not above the cost"
+    if not within:
+        text = "below zero" if bound < 0 else "above the cost it bounds"
+    yield Check("lower bound", text, within, max(margin, 0.0) if within else -abs(margin), "s")
+    earned = Status.OPTIMAL if gap <= asked else Status.FEASIBLE
+    text = f"{status}; gap {gap:.3g}, asked {asked:g}: {earned}, planner {plan.planner}"
+    yield Check("status", text, status is earned and plan.planner == "optimal")
 
 
-def _copies(plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
+def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
     """Numbers and names that stand in the file twice."""
+    version, mission = document["version"], plan.problem.is_mission
+    kind = "a mission" if mission else "a single goal"
+    yield Check("version", f"{version}, of {kind}", (version == MISSION_VERSION) == mission)
+    early = document["stopped_early"]
+    text = f"{early}; the search ended as {result.ending or 'is not said'}"
+    yield Check("stopped_early", text, early == result.stopped_early)
     for name, stored, expected in (
         ("duration_s", document["duration_s"], plan.cost.time_s),
         ("gap", document["gap"], plan.gap),
@@ -211,7 +259,7 @@ def _copies(plan: Plan, document: dict[str, Any]) -> Iterator[Check]:
         else:
             same = math.isclose(stored, expected, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
         yield Check(name, f"{_number(stored)}; it should be {_number(expected)}", same)
-    if plan.problem.is_mission:
+    if mission:
         for name, expected in mission_document(plan.trajectory).items():
             same = _alike(document.get(name), json.loads(json.dumps(expected)))
             found = "what follows from the samples" if same else "not what follows from the samples"
@@ -247,7 +295,7 @@ def _stored(stored: Verification, found: Verification) -> Check:
         *zip(stored.goal_error, found.goal_error, strict=False),
         *((stored.limits.get(key, math.nan), value) for key, value in found.limits.items()),
     ]
-    same = len(stored.goal_error) == len(found.goal_error)
+    same = len(stored.goal_error) == len(found.goal_error) and stored.problems == found.problems
     same = same and set(stored.limits) == set(found.limits)
     same = same and max(abs(a - b) for a, b in numbers) <= DEFECT_TOLERANCE
     return Check(name, "the same" if same else "its numbers are others", same)

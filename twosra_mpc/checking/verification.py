@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.checking.heating import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.transitions import transition_problems
@@ -76,8 +77,9 @@ def examine(trajectory: Trajectory) -> Findings:
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
         "steady speeds": tuple(_speed_problems(trajectory)),
         "samples and phases": tuple(_coverage_problems(trajectory)),
-        "wheels and heaters": tuple(_command_problems(trajectory)),
+        "wheels": tuple(_wheel_problems(trajectory)),
         "transitions": tuple(transition_problems(trajectory)),
+        "heating policy": tuple(heating_problems(trajectory)),
     }
     if problem.tasks or problem.objects:
         rules["tasks in order"] = around.tasks
@@ -118,6 +120,10 @@ def _coverage_problems(trajectory: Trajectory) -> Iterator[str]:
     last = max(ends, default=0.0)
     if samples.t_s[-1] < last - TIME_TOLERANCE_S:
         yield f"the samples end at {samples.t_s[-1]:.3f} s, before the plan does at {last:.3f} s"
+    for phase in phases:
+        apart = np.abs(samples.t_s[:, None] - np.array([phase.start_s, phase.end_s]))
+        if apart.min(axis=0).max() > TIME_TOLERANCE_S:
+            yield f"the phase at {phase.start_s:.3f} s does not begin and end with a sample"
     middle = (samples.t_s[1:] + samples.t_s[:-1]) / 2
     moving = samples.moves[:-1]
     inside = np.zeros(len(middle), dtype=bool)
@@ -131,33 +137,14 @@ def _coverage_problems(trajectory: Trajectory) -> Iterator[str]:
         yield f"at {when:.3f} s the samples move outside of a phase, or rest in one"
 
 
-def _command_problems(trajectory: Trajectory) -> Iterator[str]:
-    """Wheels turn as v asks, heaters are on from heater time to heater time and off otherwise."""
+def _wheel_problems(trajectory: Trajectory) -> Iterator[str]:
+    """Wheels turn as v asks."""
     problem, samples = trajectory.problem, trajectory.samples
     wheels = wheel_speeds(problem.robot, samples.q, samples.v, samples.mode)
     apart = np.abs(samples.wheel_rad_s - wheels).max(axis=1)
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
         yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
-    heater = problem.robot.heater
-    just_after = samples.t_s + 2 * TIME_TOLERANCE_S
-    lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
-    for j, (solid_below_C, _) in enumerate(problem.segment_thresholds_C):
-        on = np.full(len(just_after), bool(problem.start_mode[j]))
-        for item in own_transitions(trajectory.transitions, j):
-            on[just_after >= item.heater_s] = item.to == "soft"
-        setpoint = samples.heater_setpoint_C[:, j]
-        wrong = np.where(on, setpoint != heater.soft_setpoint_C, setpoint > solid_below_C)
-        if not problem.transition_times.needs_segment:  # else replaying the currents will tell
-            wrong |= (samples.heater_current_A[:, j] > 0) != on
-        if (wrong & lasting).any():
-            when = samples.t_s[wrong & lasting][0]
-            yield f"at {when:.3f} s heater {j + 1} does not do what the transitions say"
-    count = (samples.heater_current_A > 0).sum(axis=1)
-    many = (count > problem.heaters_at_once) & lasting
-    if many.any():
-        hot = "both" if count[many][0] == 2 else count[many][0]
-        yield f"at {samples.t_s[many][0]:.3f} s {hot} heaters are on"
 
 
 def _speed_problems(trajectory: Trajectory) -> Iterator[str]:
@@ -208,8 +195,10 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
 def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
     limits, heater = problem.robot.limits, problem.robot.heater
-    margins = dict(verified_margins(problem.robot, samples.q, samples.v, samples.mode))
-    used = {  # wheel speeds: what is sent, whatever the model says
+    gained = samples.a * np.append(np.diff(samples.t_s), 0.0)[:, None]
+    motion = samples.q, samples.v, gained, samples.mode
+    margins = dict(verified_margins(problem.robot, *motion))
+    used = {  # wheel speeds: also what is sent, whatever the model says
         WHEEL_SPEED.name: (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
         "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
         "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
@@ -282,7 +271,24 @@ def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:
             mode = mode_name(tuple(samples.mode[row].tolist()))
             when = f"at {samples.t_s[row]:.3f} s"
             yield f"{when} the mode is {mode} but segment {j + 1} is not so yet"
+    yield from _resting_modes(trajectory)
     rigid = samples.mode[moving].max(axis=1, initial=0) == 0
     acting = (samples.v[moving] != 0) | (samples.a[moving] != 0)
     if acting[rigid][:, :2].any() or acting[~rigid][:, 2:].any():
         yield "an input acts that the mode does not have"
+
+
+def _resting_modes(trajectory: Trajectory) -> Iterator[str]:
+    """At rest the mode is what the metal is: soft from the end of a melt to a freeze's onset."""
+    samples = trajectory.samples
+    just_after = samples.t_s + 2 * TIME_TOLERANCE_S
+    lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
+    for j, start in enumerate(trajectory.problem.start_mode):
+        soft = np.full(len(samples), start)
+        for item in own_transitions(trajectory.transitions, j):
+            since = item.done_s if item.to == "soft" else item.onset_s
+            soft[just_after >= since] = item.to == "soft"
+        wrong = (samples.mode[:, j] != soft) & ~samples.moves & lasting
+        if wrong.any():
+            when, said = samples.t_s[wrong][0], "soft" if soft[wrong][0] == 0 else "rigid"
+            yield f"at {when:.3f} s the robot rests in a mode in which segment {j + 1} is {said}"

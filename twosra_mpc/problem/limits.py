@@ -222,13 +222,25 @@ def surely_broken(
     more moves no point of a unit, as seen from the other one, by more than l_j times as much times
     the distance. Curvatures are left to whoever knows their bending coordinates exactly.
     """
+    least = shape_margins(robot, kappa)[UNIT_GAP.name].min()
+    certain = _CERTAIN * (UNIT_GAP.scale or 1.0) + units_moved_m(robot, off_per_m).max()
+    return UNIT_GAP if least < -certain else None
+
+
+def units_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
+    """How far any point of a unit moves at most, as seen from the other one, (m,) [m].
+
+    Args:
+        robot: The robot.
+        bent_per_m: How much more or less segments bend, (m, n) or a number [1/m].
+    """
     geometry = robot.body.geometry
     links_m = (geometry.segments - 1) * geometry.middle_link_m + geometry.end_link_m
     reach_m = sum(geometry.lengths_m) + links_m
     reach_m += 1.5 * geometry.unit_side_m + abs(geometry.unit_offset_m)
-    moved_m = reach_m * float(np.sum(np.asarray(off_per_m) * geometry.lengths_m))
-    least = shape_margins(robot, kappa)[UNIT_GAP.name].min()
-    return UNIT_GAP if least < -_CERTAIN * (UNIT_GAP.scale or 1.0) - moved_m else None
+    turned = np.atleast_2d(bent_per_m) * np.array(geometry.lengths_m)
+    moved: Array = reach_m * turned.sum(axis=1)
+    return moved
 
 
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
@@ -462,32 +474,43 @@ def rigid_ramp_s(robot: Robot, kappa: ArrayLike) -> float:
 
 
 def verified_margins(
-    robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]
+    robot: Robot, q: Array, v: Array, gained: Array, mode: NDArray[np.int64]
 ) -> Iterator[tuple[str, float]]:
-    """Yield (name, least margin) of every limit over samples of a plan and the shapes between them.
+    """Yield (name, least margin) of every limit at samples of a plan, and midway between them.
 
     Args:
         robot: The robot.
         q: Configurations, (m, 3 + n).
-        v: Inputs from each to the next, (m, 5).
-        mode: Stiffness, (m, n).
+        v: Inputs at each, (m, 5).
+        gained: What they grow by until the next one, at a steady rate, (m, 5).
+        mode: Stiffness until then, (m, n).
     """
     kappa = q[:, POSE:]
     shapes = shape_margins(robot, np.concatenate([kappa, (kappa[1:] + kappa[:-1]) / 2]))
-    moving = v.any(axis=1)
-    used = _used(robot, q[moving], v[moving], mode[moving])
-    for limit, share in zip(speed_limits(robot), used, strict=True):
-        yield limit.name, settled(limit.most(robot) * (1 - share), limit.most(robot))
-    driving = v[:, 2:].any(axis=1)
+    moving = v.any(axis=1) | gained.any(axis=1)
+    ends = q, np.append(q[1:], q[-1:], axis=0), v, v + gained
+    first, last, begin, end = (rows[moving] for rows in ends)
+    used = shares_used(
+        robot,
+        np.concatenate([first, (first + last) / 2, last]),
+        np.concatenate([begin, (begin + end) / 2, end]),
+        np.tile(mode[moving], (3, 1)),
+    )
+    for limit, shares in zip(speed_limits(robot), used, strict=True):
+        most = limit.most(robot)
+        yield limit.name, settled(most * (1 - float(shares.max(initial=0.0))), most)
+    driving = v[:, 2:].any(axis=1) | gained[:, 2:].any(axis=1)
     for shape in SHAPE_LIMITS:
         margins = shapes[shape.name]
         counted = margins[: len(q)][driving] if shape.driving else margins
         yield shape.name, float(counted.min(initial=np.inf))
 
 
-def _used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[float]:
-    """Largest share of each speed limit that is used at samples that move."""
+def shares_used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[Array]:
+    """Share of each speed limit that inputs (m, 5) use at configurations (m, 3 + n), each (k, m).
+
+    A limit may be one of several things: its share is then the largest of them.
+    """
     if not len(q):
-        return [0.0] * len(speed_limits(robot))
-    times = _speed_functions(robot, len(q))(q.T, v.T, mode.T)
-    return [float(np.abs(time.full()).max()) for time in times]
+        return [np.zeros((0, 0))] * len(speed_limits(robot))
+    return [np.abs(share.full()) for share in _speed_functions(robot, len(q))(q.T, v.T, mode.T)]

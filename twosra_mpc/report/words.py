@@ -77,8 +77,8 @@ def bound_sentences(result: Result) -> Iterator[str]:
         return
     problem, plan = result.problem, result.plan
     yield (
-        f"No plan for this problem costs less than {result.lower_bound:.4f} s: this is the optimum"
-        " of a relaxation of it, a proved lower bound and not an estimate."
+        f"No plan for this problem that heats as below costs less than {result.lower_bound:.4f} s:"
+        " this is the optimum of a relaxation of it, a proved lower bound and not an estimate."
     )
     if plan is not None and plan.gap is not None:
         yield (
@@ -99,10 +99,14 @@ def bound_sentences(result: Result) -> Iterator[str]:
         f" {phases} that were searched, with every path that path model"
         f" {problem.robot.path.model} can take within the robot's limits."
     )
-    times = transition_model(problem).words
+    timing = transition_model(problem)
+    times = timing.words
     if problem.heaters_at_once < problem.robot.coordinates.segments:
         times += ", one heater on at a time"
-    yield f"It holds for {times}; a different heater controller has different times."
+    yield (
+        f"It holds for {times}, under {timing.policy}; a different heater controller has"
+        " different times."
+    )
 
 
 def caveat_sentences(result: Result) -> Iterator[str]:

@@ -203,7 +203,7 @@ class Overlapped(TransitionModel):
             least = self.times.melt_s - (plateau := self.times.melt_changing_s)
             if before is None:
                 least *= (melting_C - now) / (melting_C - self.problem.ambient)
-            if lag < least - TIME_TOLERANCE_S:
+            if abs(lag - least) > TIME_TOLERANCE_S:
                 yield f"heated for {lag:.3f} s before melting instead of {least:.3f} s"
         else:
             longest = self.times.freeze_s - (plateau := self.times.freeze_changing_s)

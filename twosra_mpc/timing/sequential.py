@@ -12,7 +12,13 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, Transition, TransitionModel, model_of
+from twosra_mpc.timing.transitions import (
+    TIME_TOLERANCE_S,
+    Transition,
+    TransitionModel,
+    model_of,
+    own_transitions,
+)
 
 
 @model_of.register(SequentialTiming)
@@ -112,19 +118,36 @@ class Sequential(TransitionModel):
     def violations(
         self, item: Transition, before: Transition | None, others: Sequence[Transition]
     ) -> Iterator[str]:
-        """Where a freeze ends as melts begin, they may be the halves of a reconfiguration."""
+        """Where a freeze ends as melts begin, they may be the halves of a reconfiguration.
+
+        Nothing moves through either, and between them everything is rigid.
+        """
         del before
-        if item.to == "rigid":
-            joint, least, half = item.done_s, self.times.freeze_s, self.times.reconfigure_cool_s
-            opposite = (other.heater_s for other in others if other.to == "soft")
-        else:
-            joint, least = item.heater_s, self.times.heat_s
-            half = self.times.reconfigure_s - self.times.reconfigure_cool_s
-            opposite = (other.done_s for other in others if other.to == "rigid")
-        if any(abs(joint - when) <= TIME_TOLERANCE_S for when in opposite):
-            least = min(least, half)
-        if item.done_s - item.heater_s < least - TIME_TOLERANCE_S:
-            yield f"changes in {item.done_s - item.heater_s:.3f} s instead of {least:g} s"
+        if item.onset_s > item.heater_s + TIME_TOLERANCE_S:
+            yield f"the robot waits from then on, not from {item.onset_s:.3f} s"
+        melts, lasted = item.to == "soft", item.done_s - item.heater_s
+        joint = item.heater_s if melts else item.done_s
+        for j, soft in enumerate(map(bool, self.first)):
+            for other in own_transitions(others, j):
+                if other.heater_s < joint - TIME_TOLERANCE_S:
+                    soft = other.to == "soft"
+            if soft and j != item.segment - 1:
+                yield f"segment {j + 1} is left soft, but all freeze before any melts"
+        least = self.times.heat_s if melts else self.times.freeze_s
+        halves = [(other, item) if melts else (item, other) for other in others]
+        reconfigures = any(self._reconfigures(*pair) for pair in halves)
+        if lasted < least - TIME_TOLERANCE_S and not reconfigures:
+            yield f"changes in {lasted:.3f} s instead of {least:g} s"
+
+    def _reconfigures(self, freeze: Transition, melt: Transition) -> bool:
+        """Whether a freeze and a melt are the halves of a long enough reconfiguration."""
+        cooled, whole = freeze.done_s - freeze.heater_s, melt.done_s - freeze.heater_s
+        return (
+            (freeze.to, melt.to) == ("rigid", "soft")
+            and abs(melt.heater_s - freeze.done_s) <= TIME_TOLERANCE_S
+            and cooled >= self.times.reconfigure_cool_s - TIME_TOLERANCE_S
+            and whole >= self.times.reconfigure_s - TIME_TOLERANCE_S
+        )
 
 
 def _changes(before: Mode, after: Mode) -> int:

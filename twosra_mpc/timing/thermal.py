@@ -39,7 +39,7 @@ from twosra_mpc.timing.network import (
 )
 from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
 
-_KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
+KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
 _SETTLED_S = 1e-9
 _LATER_S = 4.0  # over which it is seen how much sooner a freeze is that begins later
 
@@ -53,14 +53,11 @@ class Thermal(TransitionModel):
 
     @property
     def words(self) -> str:
-        problem, heater = self.problem, self.problem.robot.heater
+        problem = self.problem
         words = (
             f"melt and freeze times from the thermal model (timing “{problem.timing}”, air of"
-            f" {problem.ambient:g} °C) under one heating policy: {heater.melt_current_A:g} A until"
-            f" the set-point of {heater.soft_setpoint_C:g} °C, then hold"
+            f" {problem.ambient:g} °C)"
         )
-        if problem.heating == "keep_warm":
-            words += ", solid segments kept warm where that costs less"
         if problem.transition_quantile is not None:
             share = 100 * problem.transition_quantile
             words += f", windows that hold {share:g} % of all transitions"
@@ -75,7 +72,7 @@ class Thermal(TransitionModel):
         problem, heater = self.problem, self.problem.robot.heater
         model = segment_model(problem.robot, problem.ambient, segment)
         solid_below_C, _ = problem.segment_thresholds_C[segment]
-        warm = KeepWarm(solid_below_C - _KEEP_WARM_BELOW_C, problem.cost_weights.energy_s_per_J)
+        warm = KeepWarm(solid_below_C - KEEP_WARM_BELOW_C, problem.cost_weights.energy_s_per_J)
         # A heater that the segments share may be needed elsewhere.
         may_keep_warm = problem.heaters_at_once == len(self.first)
         return HeatingPlan(

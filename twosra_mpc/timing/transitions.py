@@ -96,6 +96,17 @@ class TransitionModel(ABC):
     def words(self) -> str:
         """What the times are, to complete "it holds for"."""
 
+    @property
+    def policy(self) -> str:
+        """How segments are heated, in every plan that bounds are about."""
+        heater = self.problem.robot.heater
+        warm = ", solid segments kept warm where that costs less"
+        return (
+            f"one heating policy: {heater.melt_current_A:g} A until the set-point of"
+            f" {heater.soft_setpoint_C:g} °C, then hold"
+            f"{warm if self.problem.heating == 'keep_warm' else ''}"
+        )
+
     @abstractmethod
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
         """Why no heating with each heater on once around a soft phase gives it, or None."""

@@ -1,0 +1,251 @@
+"""Independent check of heaters and metal: heaters follow the policy, and the metal the currents.
+
+What is proved of plans is proved of one heating policy: ``melt_current_A`` from heater on until the
+set-point, then what holds it, and nothing from heater off on. Where a problem asks to keep warm, a
+solid segment may be held below melting until its next melt. Constant times come with a curve.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.description import segment_model
+from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.uncertainty import windows
+from twosra_mpc.timing import Transition, transition_model
+from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
+
+_COMMAND_TOLERANCE = 1e-6  # C or A
+_TEMPERATURE_TOLERANCE_C = 0.02
+_LEVEL_TOLERANCE = 1e-3  # of the way from solid to liquid
+_EVENT_TOLERANCE_S = 0.01  # of events by replay: currents that hold are means over an interval
+
+Commands = Callable[
+    [Array], tuple[Array, Array]
+]  # times -> set-points [C], currents [A]; NaN: hold
+
+
+def heating_problems(trajectory: Trajectory) -> Iterator[str]:
+    """What heaters do against the policy, and what their currents do not do to the metal."""
+    problem, samples = trajectory.problem, trajectory.samples
+    check = _by_model if problem.transition_times.needs_segment else _by_curve
+    for j, soft in enumerate(problem.start_mode):
+        own = own_transitions(trajectory.transitions, j)
+        turns = ["soft" if soft else "rigid", *(item.to for item in own)]
+        turn = all(before != after for before, after in itertools.pairwise(turns))
+        least = np.diff([0.0, *(time for item in own for time in item[2:])]).min(initial=0.0)
+        if turn and least >= -TIME_TOLERANCE_S:  # else it is told of already
+            yield from check(trajectory, j, own)
+    count = (samples.heater_current_A > 0).sum(axis=1)
+    lasting = np.append(np.diff(samples.t_s), np.inf) >= 4 * TIME_TOLERANCE_S
+    many = (count > problem.heaters_at_once) & lasting
+    if many.any():
+        hot = "both" if count[many][0] == 2 else count[many][0]
+        yield f"at {samples.t_s[many][0]:.3f} s {hot} heaters are on"
+
+
+def _by_curve(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[str]:
+    """Constant times: the samples are those of the curve drawn through the transitions."""
+    samples = trajectory.samples
+    heating = transition_model(trajectory.problem).segment_heating(segment, own)
+
+    def commands(t: Array) -> tuple[Array, Array]:
+        return heating.setpoint_C(t), heating.current_A(t)
+
+    yield from _command_problems(samples, segment, commands, 2 * TIME_TOLERANCE_S)
+    expected = heating.temperature_and_melt_fraction(samples.t_s)
+    yield from _metal_problems(samples, segment, *expected)
+
+
+def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[str]:
+    """Propagate the sampled heater currents and see whether the metal does what the plan says."""
+    problem, samples = trajectory.problem, trajectory.samples
+    model = segment_model(problem.robot, problem.ambient, segment)
+    states = replayed(problem, samples, segment, model)
+    temperature = np.array([model.temperature_C(state) for state in states])
+    fraction = np.array([model.melt_fraction(state) for state in states])
+    yield from _metal_problems(samples, segment, temperature, fraction)
+    yield from _policy_problems(trajectory, segment, own, model, states)
+    level = np.array([model.level(state) for state in states])
+    span = model.liquid_level - model.solid_level
+    lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
+    soft = samples.mode[:-1, segment] == 1
+    wrong = samples.moves[:-1] & np.where(
+        soft,
+        lowest < model.liquid_level - _LEVEL_TOLERANCE * span,
+        highest > model.solid_level + _LEVEL_TOLERANCE * span,
+    )
+    name = f"segment {segment + 1}"
+    if wrong.any():
+        yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:.3f} s"
+    for item in own:
+        yield from _window_problems(problem, model, item, states[_row(samples, item.heater_s)])
+    ends: list[tuple[str, float]] = [(item.to, item.done_s) for item in own]
+    if not problem.ends_anywhere:
+        goal = "soft" if problem.goal.mode[segment] else "rigid"
+        ends.append((goal, float(samples.t_s[-1])))
+    found = (_unreached(samples, model, level, to, when) for to, when in ends)
+    yield from (f"{name}: its currents {text}" for text in dict.fromkeys(filter(None, found)))
+
+
+def _metal_problems(
+    samples: Samples, segment: int, temperature: Array, fraction: Array
+) -> Iterator[str]:
+    """The samples have the temperatures and melt fractions that follow from the heating."""
+    name = f"segment {segment + 1}"
+    apart = np.abs(temperature - samples.temperature_C[:, segment])
+    if apart.max() > _TEMPERATURE_TOLERANCE_C:
+        when = samples.t_s[int(np.argmax(apart))]
+        yield f"{name}: its currents make it {apart.max():.3g} C warmer or colder at {when:.3f} s"
+    apart = np.abs(fraction - samples.melt_fraction[:, segment])
+    if apart.max() > 2 * _LEVEL_TOLERANCE:
+        when = samples.t_s[int(np.argmax(apart))]
+        yield f"{name}: its currents melt {apart.max():.3g} more or less of it at {when:.3f} s"
+
+
+def _command_problems(
+    samples: Samples, segment: int, commands: Commands, off_s: float
+) -> Iterator[str]:
+    """Set-points and currents are those of the policy, whose events may be ``off_s`` off."""
+    t, heater = samples.t_s, f"heater {segment + 1}"
+    held = np.append((t[1:] + t[:-1]) / 2, t[-1] + 2 * off_s)  # amid what each row is in force for
+    given = samples.heater_setpoint_C[:, segment], samples.heater_current_A[:, segment]
+    sides = [commands(held - off_s), commands(held + off_s)]
+    setpoint, current = (
+        np.min([np.abs(np.nan_to_num(side[i] - given[i])) for side in sides], axis=0)
+        > _COMMAND_TOLERANCE
+        for i in range(2)
+    )
+    if setpoint.any():
+        yield f"at {t[setpoint][0]:.3f} s {heater} does not do what the transitions say"
+    if current.any():
+        row = int(np.argmax(current))
+        asked = f"{sides[0][1][row]:.3g} A of the heating policy"
+        yield f"at {t[row]:.3f} s {heater} gives {given[1][row]:.3g} A, not the {asked}"
+
+
+class _Span(NamedTuple):
+    """What a heater does from a time on: current [A], NaN where it holds, and set-point [C]."""
+
+    start_s: float
+    current_A: float
+    setpoint_C: float
+
+
+def _policy_problems(
+    trajectory: Trajectory,
+    segment: int,
+    own: tuple[Transition, ...],
+    model: SegmentModel,
+    states: list[State],
+) -> Iterator[str]:
+    """The heater follows the policy, given what its currents have made of the metal."""
+    samples = trajectory.samples
+    spans = list(_policy(trajectory, segment, own, model, states))
+    starts, current, setpoint = (np.array(column) for column in zip(*spans, strict=True))
+
+    def commands(t: Array) -> tuple[Array, Array]:
+        at = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
+        return setpoint[at], current[at]
+
+    yield from _command_problems(samples, segment, commands, _EVENT_TOLERANCE_S)
+    asked, holds = commands(samples.t_s - _EVENT_TOLERANCE_S)
+    held = np.isnan(holds) & np.isnan(commands(samples.t_s + _EVENT_TOLERANCE_S)[1])
+    temperature = np.array([model.temperature_C(state) for state in states])
+    wrong = held & (np.abs(temperature - asked) > _TEMPERATURE_TOLERANCE_C)
+    if wrong.any():
+        held_C = f"hold the {asked[wrong][0]:g} C of the heating policy"
+        yield f"at {samples.t_s[wrong][0]:.3f} s heater {segment + 1} does not {held_C}"
+
+
+def _policy(
+    trajectory: Trajectory,
+    segment: int,
+    own: tuple[Transition, ...],
+    model: SegmentModel,
+    states: list[State],
+) -> Iterator[_Span]:
+    """What the policy makes of heaters that are switched at these transitions."""
+    problem, samples = trajectory.problem, trajectory.samples
+    heater, first = problem.robot.heater, "soft" if problem.start_mode[segment] else "rigid"
+    warm_C = problem.segment_thresholds_C[segment][0] - KEEP_WARM_BELOW_C
+    warms = problem.heating == "keep_warm" and problem.heaters_at_once == len(problem.start_mode)
+    switched = [(0.0, first), *((item.heater_s, item.to) for item in own), (math.inf, "rigid")]
+    for (since, to), (until, then) in itertools.pairwise(switched):
+        state, target_C, current = states[_row(samples, since)], heater.soft_setpoint_C, 0.0
+        if to == "soft":
+            hot = model.level(state) > model.level_at(target_C)
+            current = 0.0 if hot else heater.melt_current_A
+            yield _Span(since, current, target_C)
+        else:
+            yield _Span(since, 0.0, heater.rigid_setpoint_C)
+            inside = (samples.t_s >= since) & (samples.t_s < until - _EVENT_TOLERANCE_S)
+            target_C = warm_C
+            if then == "rigid" or not (warms and samples.heater_current_A[inside, segment].any()):
+                continue
+        there = since + model.time_until(state, current, model.level_at(target_C))
+        if there < until:
+            yield _Span(there, math.nan, target_C)
+
+
+def _row(samples: Samples, when: float) -> int:
+    """The sample nearest to a time."""
+    return int(np.argmin(np.abs(samples.t_s - when)))
+
+
+def _unreached(
+    samples: Samples, model: SegmentModel, level: Array, to: str, when: float
+) -> str | None:
+    """Say that the metal is not at the level it should have reached at a time."""
+    here = float(level[_row(samples, when)])
+    missing = model.liquid_level - here if to == "soft" else here - model.solid_level
+    if missing <= _LEVEL_TOLERANCE * (model.liquid_level - model.solid_level):
+        return None
+    return f"do not make it {to} until {when:.3f} s"
+
+
+def replayed(problem: Problem, samples: Samples, segment: int, model: SegmentModel) -> list[State]:
+    """State of a segment at every sample."""
+    states = [model.initial(problem.temperatures[segment])]
+    currents = samples.heater_current_A[:-1, segment].tolist()
+    for current, duration in zip(currents, np.diff(samples.t_s).tolist(), strict=True):
+        states.append(model.propagate(states[-1], current, duration))
+    return states
+
+
+def _window_problems(
+    problem: Problem, model: SegmentModel, item: Transition, state: State
+) -> Iterator[str]:
+    """Nothing may move from the earliest onset to the latest end that the state allows."""
+    robot, heater = problem.robot, problem.robot.heater
+    ranges = tuple(robot.thermal_segment(item.segment - 1).ranges.items())
+    currents_and_setpoint = heater.melt_current_A, heater.soft_setpoint_C
+    window = windows(model, ranges, *currents_and_setpoint, problem.transition_quantile)
+    levels = (model.solid_level, model.liquid_level)
+    if item.to == "soft":
+        current, (begin, end) = heater.melt_current_A, levels
+        early, late = window.melt_early, window.melt_late
+    else:
+        current, (end, begin) = 0.0, levels
+        early, late = window.freeze_early, window.freeze_late
+    onset = item.heater_s + early * model.time_until(state, current, begin)
+    done = item.heater_s + late * model.time_until(state, current, end)
+    name = f"segment {item.segment} to {item.to} at {item.heater_s:.3f} s"
+    if abs(item.onset_s - onset) > _EVENT_TOLERANCE_S:
+        yield f"{name}: begins to change at {onset:.3f} s{_than(item.onset_s, onset)}"
+    if abs(item.done_s - done) > _EVENT_TOLERANCE_S:
+        yield f"{name}: has changed at {done:.3f} s{_than(item.done_s, done)}"
+
+
+def _than(said: float, true: float) -> str:
+    """Compare a time with what is said of it."""
+    return f", before {said:.3f} s" if true < said else f" only, after {said:.3f} s"
