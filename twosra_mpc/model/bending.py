@@ -25,11 +25,13 @@ from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, soft_segments
 
 Intervals = Sequence[tuple[float, float]]
+Known = tuple[tuple[float, float] | None, ...]  # (low, high) of each curvature [1/m], or anything
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
+_KNOWN_PER_M = 1e-4  # wider ranges count as unknown
 _MOVES = 1e-5  # of W: plans may leave out what is less, and still end at the goal
 _INVERSE_RAD = 1e-8  # more than the error of the inverse of W
 _PIECES = 40  # pieces of a bend whose least time is proved
@@ -59,10 +61,11 @@ class Bending:
         """Curvatures of all segments [1/m] from their W."""
         return tuple(float(self.curvature(w, j)) for j, w in enumerate(coordinates))
 
-    def fastest(self, mode: Mode, kappa: tuple[float | None, ...]) -> float:
+    def fastest(self, mode: Mode, kappa: Known) -> float:
         """Upper bound of abs(dW/dt) of soft segments with both locomotion units at full speed.
 
-        ``kappa`` fixes a segment's curvature [1/m]; None lets it be anything within the limits.
+        ``kappa`` holds (low, high) of a segment's curvature [1/m]; None lets it be anything within
+        the limits.
         """
         return _fastest(self.body, mode, kappa)
 
@@ -292,7 +295,7 @@ def _unit_ramp_s(body: Body) -> float:
 
 
 @per_body(512)
-def _fastest(body: Body, mode: Mode, kappa: tuple[float | None, ...]) -> float:
+def _fastest(body: Body, mode: Mode, kappa: Known) -> float:
     return float(_largest_rate(body, mode, *_grid(body, kappa)).max())
 
 
@@ -305,12 +308,14 @@ def _largest_speed(body: Body, mode: Mode) -> float:
     return float(np.where(np.isnan(speed), np.inf, speed).max())
 
 
-def _grid(body: Body, kappa: tuple[float | None, ...]) -> tuple[Array, Array]:
+def _grid(body: Body, kappa: Known) -> tuple[Array, Array]:
     """Lower and upper corners of boxes that hold all curvatures allowed, each (n, boxes)."""
-    limit, boxes = body.limits.curvature_per_m, _BOXES[sum(value is None for value in kappa)]
+    limit = body.limits.curvature_per_m
+    ranges = [(-limit, limit) if one is None else one for one in kappa]
+    boxes = _BOXES[sum(high - low > _KNOWN_PER_M for low, high in ranges)]
     edges = [
-        np.linspace(-limit, limit, boxes + 1) if value is None else np.array([value, value])
-        for value in kappa
+        np.linspace(low, high, max(1, math.ceil(boxes * (high - low) / (2 * limit))) + 1)
+        for low, high in ranges
     ]
     lower, upper = (
         np.array(list(itertools.product(*(edge[part] for edge in edges)))).T

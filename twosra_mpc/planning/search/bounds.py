@@ -151,9 +151,9 @@ def _shapes(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Least and largest curvatures in a rigid phase: the start's, the goal's, or of these W."""
     known = known_curvatures(sequence, phase, task)
-    low, high = map(task.curvature, zip(*here, strict=True))
-    least = tuple(a if k is None else k for k, a in zip(known, low, strict=True))
-    return least, tuple(b if k is None else k for k, b in zip(known, high, strict=True))
+    ends = zip(*map(task.curvature, zip(*here, strict=True)), strict=True)
+    low, high = zip(*(by_w if k is None else k for k, by_w in zip(known, ends, strict=True)), strict=True)
+    return low, high
 
 
 def _linear_program_bound(
@@ -175,7 +175,7 @@ def _linear_program_bound(
         for i in (i for i, mode in enumerate(network.sequence) if mode[j]):
             bends[layout.count + i] = 1.0
             later = any(mode[j] for mode in network.sequence[i + 1 :])
-            low, high = task.room[j] if later else task.change[j]
+            low, high = task.room[j] if later else task.met[j]
             program.at_least(bends, low)
             program.at_least(dict.fromkeys(bends, -1.0), -high)
     program.weigh_efforts()
