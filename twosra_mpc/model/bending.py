@@ -83,9 +83,6 @@ class Bending:
             bend: Least change of W, with its sign.
         """
         low, high = zip(*origin, strict=True)
-        boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
-        rates = _largest_rate(self.body, mode, *boxes)
-        at_speed = float(np.sum(abs(bend) / _PIECES / rates))
         limits, turned = self.body.limits, [0.0]
         for j in soft_segments(mode):
             ends = (low[j] + bend, high[j]) if bend > 0 else (low[j], high[j] + bend)
@@ -93,7 +90,35 @@ class Bending:
             turned.append(least * self.body.geometry.lengths_m[j] - _INVERSE_RAD)
         steady = max(turned) / (limits.bend_rate_rad_s or math.inf)
         shortest = limits.phase_s if abs(bend) > _MOVES else 0.0
-        return max(from_rest_to_rest(at_speed, _unit_ramp_s(self.body)), steady, shortest)
+        return max(self._by_speed_s(mode, origin, bend), steady, shortest)
+
+    def least_time_of_more(
+        self, mode: Mode, origin: Intervals, bend: float, most: float
+    ) -> tuple[float, float]:
+        """Lower bound on the time of every bend d from ``bend`` to ``most``, as a line.
+
+        What goes beyond ``bend`` takes a second for what the fastest rate there bends, at least.
+
+        Args:
+            mode: A soft mode.
+            origin: Bounds of the W of every segment before.
+            bend: Least change of W, with its sign.
+            most: Largest change of W, with the same sign.
+
+        Returns:
+            (a, b), the bound being a + b abs(d - bend) [s].
+        """
+        low, high = zip(*origin, strict=True)
+        ends = (_along(mode, end, bend, most) for end in (low, high))
+        rate = float(_largest_rate(self.body, mode, *self._boxes(*ends)).max())
+        return self._by_speed_s(mode, origin, bend), 1 / rate
+
+    def _by_speed_s(self, mode: Mode, origin: Intervals, bend: float) -> float:
+        low, high = zip(*origin, strict=True)
+        boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
+        rates = _largest_rate(self.body, mode, *boxes)
+        at_speed = float(np.sum(abs(bend) / _PIECES / rates))
+        return from_rest_to_rest(at_speed, _unit_ramp_s(self.body))
 
     def least_effort_s2(self, mode: Mode, origin: Intervals, bend: float) -> float:
         """Lower bound on effort times duration of such a bend [s2]; 0 where no wheel rolls v_j.
@@ -112,7 +137,7 @@ class Bending:
         if not path_model(self.body).rolls_v:
             return 0.0
         low, high = zip(*origin, strict=True)
-        boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
+        boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
         paces = np.hypot(*_largest_paces(self.body, mode, *boxes))
         full_m_s = self.body.limits.wheel_speed_rad_s * self.body.geometry.wheel_radius_m
         return float(np.sum(abs(bend) / _PIECES / (paces * full_m_s))) ** 2
@@ -126,7 +151,7 @@ class Bending:
             bend: Change of W, with its sign.
         """
         low, high = (
-            np.column_stack([self.curvature(w, j) for j, w in enumerate(_along(mode, end, bend))])
+            np.column_stack([self.curvature(w, j) for j, w in enumerate(_along(mode, end, 0.0, bend))])
             for end in zip(*origin, strict=True)
         )
         return (low + high) / 2, ((high - low) / 2).max(axis=0)
@@ -191,9 +216,9 @@ def from_rest_to_rest(at_speed_s: float, ramp_s: float) -> float:
     return 2 * math.sqrt(at_speed_s * ramp_s)
 
 
-def _along(mode: Mode, origin: Sequence[float], bend: float) -> list[Array]:
-    """W of every segment along a bend."""
-    pieces = bend * np.linspace(0.0, 1.0, _PIECES + 1)
+def _along(mode: Mode, origin: Sequence[float], begin: float, end: float) -> list[Array]:
+    """W of every segment while a bend goes from ``begin`` to ``end``."""
+    pieces = begin + (end - begin) * np.linspace(0.0, 1.0, _PIECES + 1)
     return [w + soft * pieces for w, soft in zip(origin, mode, strict=True)]
 
 

@@ -43,7 +43,9 @@ class BendingTask:
         origin: W of each segment at t = 0.
         least_time: (mode, bounds of W before, least change of W of the soft segments) -> lower
             bound on the time it takes.
-        least_effort: The same -> lower bound on effort times duration [s2].
+        least_time_of_more: (mode, bounds of W before, least change, largest change) -> (a, b): a
+            change d in between takes at least a + b abs(d - least) [s].
+        least_effort: As least_time -> lower bound on effort times duration [s2].
         forbidden: (mode, bounds of W before, change of W) -> what is wrong with a shape that every
             such bend passes, in words; None if nothing is.
         beyond: Where ``room`` ends, in words.
@@ -62,6 +64,7 @@ class BendingTask:
     rate: Callable[[Mode, Known], float]
     origin: tuple[float, ...]
     least_time: Callable[[Mode, Intervals, float], float]
+    least_time_of_more: Callable[[Mode, Intervals, float, float], tuple[float, float]]
     least_effort: Callable[[Mode, Intervals, float], float]
     forbidden: Callable[[Mode, Intervals, float], str | None]
     beyond: str
@@ -146,14 +149,13 @@ def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
     With independent soft modes and a given shape at the end, the bends are the unique solution of
     one linear equation for each segment. None also where they are no solution.
     """
-    if any(low != high for low, high in task.change):
-        return None
     found = _ranges(sequence, task.change)
-    if found is None:
+    if found is None or (found[0] != found[1]).any():
         return None
-    bends, wanted = found[0], np.array([low for low, _ in task.change])
-    incidence = np.array(sequence, dtype=float).reshape(len(sequence), len(wanted)).T
-    return bends if (np.abs(incidence @ bends - wanted) <= task.within).all() else None
+    incidence = np.array(sequence, dtype=float).reshape(len(sequence), len(task.change)).T
+    reached = incidence @ found[0]
+    inside = zip(reached.tolist(), task.met, strict=True)
+    return found[0] if all(low <= w <= high for w, (low, high) in inside) else None
 
 
 def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[Array, Array] | None:

@@ -170,6 +170,13 @@ def _linear_program_bound(
     ]
     program = Relaxation(network, weights, least_durations, rates, efforts)
     layout = network.layout
+    for i, step in enumerate(bend_steps(network.sequence, task) or ()):
+        if (bend := step.surely) and step.least < step.most:
+            most = max(step.least, step.most, key=abs)
+            time, more = task.least_time_of_more(step.mode, step.before, bend, most)
+            time -= more * abs(bend)
+            lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
+            program.at_least(lasting | {layout.count + i: -math.copysign(more, bend)}, time)
     for j in task.segments:
         bends: dict[int, float] = {}
         for i in (i for i, mode in enumerate(network.sequence) if mode[j]):

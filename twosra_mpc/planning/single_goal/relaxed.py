@@ -89,6 +89,7 @@ def bending_task(problem: Problem) -> BendingTask:
         rate=facts.fastest,
         origin=origin,
         least_time=facts.least_time,
+        least_time_of_more=facts.least_time_of_more,
         least_effort=facts.least_effort_s2,
         forbidden=forbidden,
         beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",

@@ -62,6 +62,9 @@ class SequenceSolver:
             guess = self._guess(network, nearest)
             first = checked(problem, scheduled(guess, network, problem, iterations=0), network)
         yield first
+        if not np.array_equal(inside, bound.bends):  # to the edge of the goal costs least
+            edge = self._guess(network, bound.bends)
+            yield checked(problem, scheduled(edge, network, problem, iterations=0), network)
         if time.perf_counter() > self.deadline:
             return
         candidate = solve(guess, network, problem)
