@@ -23,9 +23,10 @@ bounded by ``rigid_motion.least_time`` as well.
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from twosra_mpc.planning.search.bends import (
     bend_steps,
     determined_bends,
     known_curvatures,
+    least_durations,
     least_efforts,
 )
 from twosra_mpc.planning.search.linear_program import minimise
@@ -49,6 +51,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
+_PARTS = 8  # into which a box of shapes is cut
 _TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
 
 
@@ -91,6 +94,41 @@ def _longest_path_bound(
         return None
     coefficients, constant = cost_coefficients(network, weights)
     return SequenceBound(float(coefficients @ times) + constant, np.array(times), bends)
+
+
+def bound_by_parts(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    known_s: Sequence[float],
+    enough: float,
+) -> float:
+    """Raise the bound of a sequence by cutting the box of shapes to end in; -inf if that is none.
+
+    How fast the robot bends depends on its shape, which is better known in a smaller part. The
+    worst part is cut in two until ``enough`` is reached, or further cuts help little.
+    """
+    sequence = network.sequence
+    if determined_bends(sequence, task) is not None or bend_steps(sequence, task) is None:
+        return -math.inf
+
+    def bound_of(change: Intervals) -> float:
+        part = replace(task, change=change)
+        durations = np.maximum(least_durations(sequence, part), known_s).tolist()
+        if not all(map(math.isfinite, durations)):
+            return math.inf
+        found = sequence_bound(network, part, weights, durations)
+        return math.inf if found is None else found.cost
+
+    parts = [(-math.inf, task.change)]
+    while len(parts) < _PARTS and parts[0][0] < enough:
+        _, change = heapq.heappop(parts)
+        j = max(task.segments, key=lambda j: change[j][1] - change[j][0])
+        middle = sum(change[j]) / 2
+        for half in ((change[j][0], middle), (middle, change[j][1])):
+            cut = (*change[:j], half, *change[j + 1 :])
+            heapq.heappush(parts, (bound_of(cut), cut))
+    return parts[0][0]
 
 
 def pose_bound(

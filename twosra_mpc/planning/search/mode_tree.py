@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from twosra_mpc.planning.search.bends import BendingTask, least_durations, unreachable_reason
-from twosra_mpc.planning.search.bounds import SequenceBound, pose_bound, sequence_bound
+from twosra_mpc.planning.search.bounds import SequenceBound, bound_by_parts, pose_bound, sequence_bound
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
@@ -189,7 +189,9 @@ class ModeTree(Generic[Solution]):
         durations, drives_s = least_durations(leaf, self.task), self.in_the_way.least_drives_s(leaf)
         longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         network = self.timing.network(leaf, self.last, longer)
-        bound = pose_bound(network, self.task, self.weights, longer, enough)
+        bound = bound_by_parts(network, self.task, self.weights, longer, enough)
+        if bound < enough:
+            bound = max(bound, pose_bound(network, self.task, self.weights, longer, enough))
         if any(drives_s):
             relaxed = sequence_bound(network, self.task, self.weights, longer)
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
