@@ -56,20 +56,27 @@ class SequenceSolver:
         inside, nearest = (
             inner_bends(network.sequence, bound.bends, self._box, aim) for aim in self._aims
         )
-        guess = self._guess(network, inside)
-        first = checked(problem, scheduled(guess, network, problem, iterations=0), network)
+        guess, first = self._guessed(network, inside)
         if first is None and not np.array_equal(inside, nearest):
-            guess = self._guess(network, nearest)
-            first = checked(problem, scheduled(guess, network, problem, iterations=0), network)
+            guess, first = self._guessed(network, nearest)
+        near = first is not None and first[0] - bound.cost <= problem.gap * first[0]
+        if not (near or np.array_equal(inside, bound.bends)):  # the edge of the goal costs least
+            _, edge = self._guessed(network, bound.bends)
+            first = edge if edge and (first is None or edge[0] < first[0]) else first
         yield first
-        if not np.array_equal(inside, bound.bends):  # to the edge of the goal costs least
-            edge = self._guess(network, bound.bends)
-            yield checked(problem, scheduled(edge, network, problem, iterations=0), network)
         if time.perf_counter() > self.deadline:
             return
         candidate = solve(guess, network, problem)
         self.iterations += candidate.iterations if candidate else 0
         yield checked(problem, candidate, network)
+
+    def _guessed(
+        self, network: TemporalNetwork, bends: Array
+    ) -> tuple[Motion, tuple[float, Solved] | None]:
+        """The guess that bends as told, and the plan that it is."""
+        guess = self._guess(network, bends)
+        made = scheduled(guess, network, self.problem, iterations=0)
+        return guess, checked(self.problem, made, network)
 
     def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
         problem, sequence = self.problem, network.sequence
