@@ -125,7 +125,10 @@ def feasible_schedule(
     """
     model = transition_model(problem)
     for _ in range(_SCHEDULE_ROUNDS):
-        times = schedule(network, durations, problem.cost_weights)
+        try:
+            times = schedule(network, durations, problem.cost_weights)
+        except ArithmeticError:  # the solver gave up
+            return None
         if times is None:
             return None
         raised = model.settle(network, times.tolist())

@@ -8,6 +8,7 @@ of the chain to the goal. Where this fits the limits it is a plan already.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -91,6 +92,23 @@ def moved_inside(motion: Motion, problem: Problem) -> Motion:
         screw = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
         inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
     return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
+
+
+def swerved(motion: Motion, turn_rad: float) -> Motion:
+    """Return the motion with headings that go aside by up to ``turn_rad`` on its first drive.
+
+    They come back by its end. Wheels push hardest aslant, and from a motion that mirrors itself the
+    nonlinear program does not see that.
+    """
+    first = next((i for i, mode in enumerate(motion.sequence) if is_rigid(mode)), None)
+    if first is None:
+        return motion
+    inputs, poses = motion.inputs.copy(), motion.states[first, :, :POSE].copy()
+    poses[:, 2] += turn_rad * np.sin(np.pi * np.linspace(0.0, 1.0, len(poses)))
+    for k, (here, end) in enumerate(itertools.pairwise(poses)):
+        move = np.linalg.solve(_matrix(here), _matrix(end))
+        inputs[first, k, 2:] = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
+    return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
 
 
 def spared_corners(problem: Problem, workspace: Workspace) -> Array:

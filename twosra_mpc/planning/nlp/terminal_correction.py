@@ -40,7 +40,10 @@ def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
             return motion
         if not np.isfinite(error).all():
             return None
-        step = _least_correction(motion, error)
+        try:
+            step = _least_correction(motion, error)
+        except np.linalg.LinAlgError:  # LAPACK did not converge
+            break
         if step is None:
             break
         motion = roll_out(motion.robot, start, motion.sequence, motion.inputs - step)

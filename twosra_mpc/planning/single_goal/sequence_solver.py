@@ -17,6 +17,7 @@ from twosra_mpc.planning.nlp.guess import (
     inner_bends,
     inner_goal,
     moved_inside,
+    swerved,
 )
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.single_goal.gentle import cheapest
@@ -26,6 +27,9 @@ from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import TemporalNetwork
+
+
+_ASIDE_RAD = 0.4  # of the second start of a drive
 
 
 class Solved(NamedTuple):
@@ -64,11 +68,16 @@ class SequenceSolver:
             _, edge = self._guessed(network, bound.bends)
             first = edge if edge and (first is None or edge[0] < first[0]) else first
         yield first
-        if time.perf_counter() > self.deadline:
-            return
-        candidate = solve(guess, network, problem)
-        self.iterations += candidate.iterations if candidate else 0
-        yield checked(problem, candidate, network)
+        starts = [guess]
+        jumps = problem.robot.limits.wheel_acceleration_rad_s2 is None  # else bends of a way cost
+        if jumps and not any(map(any, network.sequence)):  # all there is to do is to drive
+            starts.append(swerved(guess, _ASIDE_RAD))
+        for start in starts:
+            if time.perf_counter() > self.deadline:
+                return
+            candidate = solve(start, network, problem)
+            self.iterations += candidate.iterations if candidate else 0
+            yield checked(problem, candidate, network)
 
     def _guessed(
         self, network: TemporalNetwork, bends: Array
