@@ -151,7 +151,9 @@ class Bending:
             bend: Change of W, with its sign.
         """
         low, high = (
-            np.column_stack([self.curvature(w, j) for j, w in enumerate(_along(mode, end, 0.0, bend))])
+            np.column_stack(
+                [self.curvature(w, j) for j, w in enumerate(_along(mode, end, 0.0, bend))]
+            )
             for end in zip(*origin, strict=True)
         )
         return (low + high) / 2, ((high - low) / 2).max(axis=0)

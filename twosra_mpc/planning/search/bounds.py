@@ -82,7 +82,9 @@ def sequence_bound(
         return _longest_path_bound(network, bends, weights, least_durations)
     try:
         return _linear_program_bound(network, task, weights, least_durations)
-    except ArithmeticError:  # the solver gave up: what each phase takes by itself holds all the same
+    except (
+        ArithmeticError
+    ):  # the solver gave up: what each phase takes by itself holds all the same
         middle = np.array(task.change).mean(axis=1)
         bends = np.linalg.pinv(np.array(network.sequence, dtype=float).T) @ middle
         return _longest_path_bound(network, bends, weights, least_durations)
@@ -195,7 +197,9 @@ def _shapes(
     """Least and largest curvatures in a rigid phase: the start's, the goal's, or of these W."""
     known = known_curvatures(sequence, phase, task)
     ends = zip(*map(task.curvature, zip(*here, strict=True)), strict=True)
-    low, high = zip(*(by_w if k is None else k for k, by_w in zip(known, ends, strict=True)), strict=True)
+    low, high = zip(
+        *(by_w if k is None else k for k, by_w in zip(known, ends, strict=True)), strict=True
+    )
     return low, high
 
 

@@ -13,7 +13,12 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from twosra_mpc.planning.search.bends import BendingTask, least_durations, unreachable_reason
-from twosra_mpc.planning.search.bounds import SequenceBound, bound_by_parts, pose_bound, sequence_bound
+from twosra_mpc.planning.search.bounds import (
+    SequenceBound,
+    bound_by_parts,
+    pose_bound,
+    sequence_bound,
+)
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times

@@ -13,6 +13,7 @@ from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import (
     bend_changes,
+    bends_around,
     guess_motion,
     inner_bends,
     inner_goal,
@@ -63,6 +64,11 @@ class SequenceSolver:
         guess, first = self._guessed(network, inside)
         if first is None and not np.array_equal(inside, nearest):
             guess, first = self._guessed(network, nearest)
+        if (
+            first is None
+            and (around := bends_around(problem, network.sequence, inside)) is not None
+        ):
+            guess, first = self._guessed(network, around)
         near = first is not None and first[0] - bound.cost <= problem.gap * first[0]
         if not (near or np.array_equal(inside, bound.bends)):  # the edge of the goal costs least
             _, edge = self._guessed(network, bound.bends)
