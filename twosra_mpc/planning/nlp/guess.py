@@ -61,6 +61,7 @@ def guess_motion(
         if any(mode) and bends[i] != 0.0:
             nodes, inputs[i, :, :2] = bent(robot, q, mode, float(bends[i]), intervals)
             q = nodes[-1]
+    inputs[~np.isfinite(inputs)] = 0.0  # farther than anything bends: there is no plan of this
     usable = may_drive or [True] * len(sequence)
     rigid = [i for i, mode in enumerate(sequence) if is_rigid(mode) and usable[i]]
     if rigid:

@@ -113,7 +113,7 @@ def bound_by_parts(
     """Raise the bound of a sequence by cutting the box of shapes to end in; -inf if that is none.
 
     How fast the robot bends depends on its shape, which is better known in a smaller part. The
-    worst part is cut in two until ``enough`` is reached, or further cuts help little.
+    worst part is cut in two until ``enough`` is reached, or there are eight.
     """
     sequence = network.sequence
     if determined_bends(sequence, task) is not None or bend_steps(sequence, task) is None:
@@ -129,12 +129,12 @@ def bound_by_parts(
 
     parts = [(-math.inf, task.change)]
     while len(parts) < _PARTS and parts[0][0] < enough:
-        _, change = heapq.heappop(parts)
+        whole, change = heapq.heappop(parts)
         j = max(task.segments, key=lambda j: change[j][1] - change[j][0])
         middle = sum(change[j]) / 2
         for half in ((change[j][0], middle), (middle, change[j][1])):
             cut = (*change[:j], half, *change[j + 1 :])
-            heapq.heappush(parts, (bound_of(cut), cut))
+            heapq.heappush(parts, (max(whole, bound_of(cut)), cut))
     return parts[0][0]
 
 

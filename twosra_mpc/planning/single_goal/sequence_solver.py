@@ -29,7 +29,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import TemporalNetwork
 
-
 _ASIDE_RAD = 0.4  # of the second start of a drive
 
 
