@@ -27,6 +27,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
 
 _ASIDE_RAD = 0.4  # of the second start of a drive
@@ -38,6 +39,9 @@ class Solved(NamedTuple):
     plan: Plan
     candidate: Candidate
     network: TemporalNetwork
+
+
+Guessed = tuple[Motion, tuple[float, Solved] | None]  # a guess, and the plan that it is
 
 
 class SequenceSolver:
@@ -56,22 +60,7 @@ class SequenceSolver:
         self, network: TemporalNetwork, bound: SequenceBound
     ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
-        problem = self.problem
-        inside, nearest = (
-            inner_bends(network.sequence, bound.bends, self._box, aim) for aim in self._aims
-        )
-        guess, first = self._guessed(network, inside)
-        if first is None and not np.array_equal(inside, nearest):
-            guess, first = self._guessed(network, nearest)
-        if (
-            first is None
-            and (around := bends_around(problem, network.sequence, inside)) is not None
-        ):
-            guess, first = self._guessed(network, around)
-        near = first is not None and first[0] - bound.cost <= problem.gap * first[0]
-        if not (near or np.array_equal(inside, bound.bends)):  # the edge of the goal costs least
-            _, edge = self._guessed(network, bound.bends)
-            first = edge if edge and (first is None or edge[0] < first[0]) else first
+        problem, (guess, first) = self.problem, self._cheapest_guess(network, bound)
         yield first
         starts = [guess]
         jumps = problem.robot.limits.wheel_acceleration_rad_s2 is None  # else bends of a way cost
@@ -84,20 +73,43 @@ class SequenceSolver:
             self.iterations += candidate.iterations if candidate else 0
             yield checked(problem, candidate, network)
 
-    def _guessed(
-        self, network: TemporalNetwork, bends: Array
-    ) -> tuple[Motion, tuple[float, Solved] | None]:
-        """The guess that bends as told, and the plan that it is."""
-        guess = self._guess(network, bends)
-        made = scheduled(guess, network, self.problem, iterations=0)
-        return guess, checked(self.problem, made, network)
-
-    def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
+    def _cheapest_guess(self, network: TemporalNetwork, bound: SequenceBound) -> Guessed:
+        """The first guess that is a plan; where it is not within the gap, the cheapest of more."""
         problem, sequence = self.problem, network.sequence
-        start, usable = problem.start.configuration, may_drive(problem, sequence)
-        goal = problem.goal
+        inside, nearest = (inner_bends(sequence, bound.bends, self._box, aim) for aim in self._aims)
+        drives = [i for i, usable in enumerate(self._drives(sequence)) if usable]
+        drive = drives[0] if drives else None
+        tried = [self._guessed(network, inside, drive)]
+        if tried[0][1] is None:
+            for bends in (nearest, bends_around(problem, sequence, inside)):
+                if bends is not None and not np.array_equal(bends, inside):
+                    tried.append(self._guessed(network, bends, drive))
+        best = min(tried, key=_cost)
+        cost = _cost(best)
+        if math.isinf(cost) or cost - bound.cost <= problem.gap * cost:
+            return best
+        if not np.array_equal(inside, bound.bends):  # the edge of the goal costs least
+            tried.append(self._guessed(network, bound.bends, drive))
+        tried += [self._guessed(network, bound.bends, other) for other in drives[1:]]
+        return min(tried, key=_cost)
+
+    def _guessed(self, network: TemporalNetwork, bends: Array, drive: int | None) -> Guessed:
+        """The guess that bends as told and drives in one phase, and the plan that it is."""
+        problem, sequence = self.problem, network.sequence
+        start, goal = problem.start.configuration, problem.goal
+        usable = [i == drive for i in range(len(sequence))]
         made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
-        return moved_inside(made, problem)
+        guess = moved_inside(made, problem)
+        candidate = scheduled(guess, network, problem, iterations=0)
+        return guess, checked(problem, candidate, network)
+
+    def _drives(self, sequence: ModeSequence) -> list[bool]:
+        usable = may_drive(self.problem, sequence)
+        return [is_rigid(mode) and may for mode, may in zip(sequence, usable, strict=True)]
+
+
+def _cost(guessed: Guessed) -> float:
+    return guessed[1][0] if guessed[1] else math.inf
 
 
 def checked(
