@@ -65,6 +65,16 @@ def test_no_plan_that_counts_as_there_costs_less_than_the_bound() -> None:
     assert bound <= made.cost.total
 
 
+def test_a_drive_a_little_beyond_the_tolerance_lasts_as_long_as_any() -> None:
+    """No phase that moves is shorter than three control periods, and the bound knows."""
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(10.0, -20.0))
+    goal = Goal(x_m=5e-6, y_m=0.0, phi_rad=0.0, kappa_per_m=(10.0, -20.0), tolerance="exact")
+    result = plan(Problem(robot=load_robot("2sra-v1"), start=start, goal=goal)).require()
+    assert result.status is Status.OPTIMAL
+    assert result.lower_bound is not None
+    assert 0.19 < result.lower_bound <= result.duration_s < 0.21
+
+
 # --- boxes ---------------------------------------------------------------------------------------
 
 SEQUENCES = [(RIGID, a, b, RIGID) for a, b in ((SOFT_1, SOFT_BOTH), (SOFT_2, SOFT_1))]

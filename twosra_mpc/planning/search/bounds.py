@@ -12,7 +12,10 @@ the change of W in soft phase i,
 
 and the partial sums after every phase within what the curvature limits allow. Where the sequence
 leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
-a bend that must pass a forbidden shape rules the sequence out. Where the cost weighs effort by w_u,
+a bend that must pass a forbidden shape rules the sequence out. Where the goal is a box, the least
+bend is integrated so, what a bend takes beyond it is at least a line, and the box is cut into parts
+where that is not enough. The changes of W asked for are those of every shape that counts as in the
+goal, so the bound holds for every plan that verifies. Where the cost weighs effort by w_u,
 w_u sum e_i is added, with e_i at least tangents of E_i / (t_{end,i} - t_{start,i}) for the least
 effort times duration E_i that such a bend takes (rigid drives: none). Every plan of the sequence
 satisfies these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j

@@ -31,6 +31,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
 
 Solution = TypeVar("Solution")
 
@@ -152,7 +153,9 @@ def rigid_time(problem: Problem) -> float:
         modulo=problem.goal.phi_modulo,
         known_s=_known_s(guess),
     )
-    return from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
+    shortest = 0.0 if problem.goal.met_at(start) else problem.robot.limits.phase_s
+    in_motion = from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
+    return max(in_motion, shortest - TIME_TOLERANCE_S)
 
 
 def _known_s(guess: Motion) -> float:

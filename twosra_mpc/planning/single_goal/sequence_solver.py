@@ -81,9 +81,11 @@ class SequenceSolver:
         drive = drives[0] if drives else None
         tried = [self._guessed(network, inside, drive)]
         if tried[0][1] is None:
-            for bends in (nearest, bends_around(problem, sequence, inside)):
-                if bends is not None and not np.array_equal(bends, inside):
-                    tried.append(self._guessed(network, bends, drive))
+            tried += [
+                self._guessed(network, bends, drive)
+                for bends in (nearest, bends_around(problem, sequence, inside))
+                if bends is not None and not np.array_equal(bends, inside)
+            ]
         best = min(tried, key=_cost)
         cost = _cost(best)
         if math.isinf(cost) or cost - bound.cost <= problem.gap * cost:
