@@ -151,6 +151,20 @@ def test_a_drive_that_mirrors_itself_is_not_held_for_the_best() -> None:
     assert plan(Problem(robot=ROBOT, start=start, goal=goal)).require().duration_s < 2.87
 
 
+def test_where_metal_is_fast_the_drive_that_costs_least_is_taken() -> None:
+    problem = random_problem(4, faster_robot(500.0), gap=1e-3)
+    sequence = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
+    network, bound = network_of(problem, sequence), bound_of(problem, sequence)
+    assert bound is not None
+    found = next(iter(SequenceSolver(problem)(network, bound)))
+    q = problem.start.configuration
+    first = guess_motion(ROBOT, q, problem.goal, sequence, bound.bends, intervals=10)
+    made = scheduled(first, network, problem, 0)
+    assert found is not None
+    assert made is not None
+    assert bound.cost <= found[0] < 0.95 * made.times[network.layout.finish]
+
+
 def test_solvers_that_give_up_cost_a_bound_or_an_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = boxed(random_problem(0), 1.0)
     sequence = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
