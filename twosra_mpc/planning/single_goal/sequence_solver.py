@@ -90,24 +90,35 @@ class SequenceSolver:
         cost = _cost(best)
         if math.isinf(cost) or cost - bound.cost <= problem.gap * cost:
             return best
-        if not np.array_equal(inside, bound.bends):  # the edge of the goal costs least
-            tried.append(self._guessed(network, bound.bends, drive))
-        tried += [self._guessed(network, bound.bends, other) for other in drives[1:]]
-        return min(tried, key=_cost)
+        others = drives[1:] if np.array_equal(inside, bound.bends) else drives
+        more = [self._guess(network, bound.bends, other) for other in others]  # to the goal's edge
+        guess, candidate = min(more, key=lambda each: _end_s(each[1]), default=(best[0], None))
+        if _end_s(candidate) >= _end_s(best[1] and best[1][1].candidate):
+            return best
+        return min(best, (guess, checked(problem, candidate, network)), key=_cost)
 
     def _guessed(self, network: TemporalNetwork, bends: Array, drive: int | None) -> Guessed:
         """The guess that bends as told and drives in one phase, and the plan that it is."""
+        guess, candidate = self._guess(network, bends, drive)
+        return guess, checked(self.problem, candidate, network)
+
+    def _guess(
+        self, network: TemporalNetwork, bends: Array, drive: int | None
+    ) -> tuple[Motion, Candidate | None]:
         problem, sequence = self.problem, network.sequence
         start, goal = problem.start.configuration, problem.goal
         usable = [i == drive for i in range(len(sequence))]
         made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
         guess = moved_inside(made, problem)
-        candidate = scheduled(guess, network, problem, iterations=0)
-        return guess, checked(problem, candidate, network)
+        return guess, scheduled(guess, network, problem, iterations=0)
 
     def _drives(self, sequence: ModeSequence) -> list[bool]:
         usable = may_drive(self.problem, sequence)
         return [is_rigid(mode) and may for mode, may in zip(sequence, usable, strict=True)]
+
+
+def _end_s(candidate: Candidate | None) -> float:
+    return float(candidate.times.max()) if candidate else math.inf
 
 
 def _cost(guessed: Guessed) -> float:
