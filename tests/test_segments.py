@@ -180,7 +180,9 @@ def test_no_bend_is_faster_than_its_proved_rate(robot: Robot, data: st.DataObjec
     limit, n = robot.limits.curvature_per_m, robot.coordinates.segments
     kappa = np.array([data.draw(st.floats(-limit, limit)) for _ in range(n)])
     mode = data.draw(st.sampled_from(robot.modes[1:]))
-    known = tuple(None if soft else float(k) for soft, k in zip(mode, kappa, strict=True))
+    known = tuple(
+        None if soft else (float(k), float(k)) for soft, k in zip(mode, kappa, strict=True)
+    )
     soft = soft_segments(mode)[0]
     v = np.array([1.0, 1.0, 0, 0, 0]) * robot.limits.unit_speed_m_s
     q = np.concatenate([np.zeros(3), kappa])

@@ -21,13 +21,14 @@ import numpy as np
 
 from twosra_mpc.checking.between_samples import between_problems
 from twosra_mpc.checking.heating import replayed
-from twosra_mpc.checking.verification import DEFECT_TOLERANCE, GOAL_TOLERANCE, Findings, examine
+from twosra_mpc.checking.verification import DEFECT_TOLERANCE, Findings, examine
 from twosra_mpc.files import read_text
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
+from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import UNITS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Coordinates

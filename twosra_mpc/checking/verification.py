@@ -21,6 +21,7 @@ from twosra_mpc.model.kinematics import wheel_accelerations
 from twosra_mpc.model.outline import outline_points
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
+from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import (
     WHEEL_ACCELERATION,
     WHEEL_SPEED,
@@ -34,7 +35,6 @@ from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 
-GOAL_TOLERANCE = 1e-6  # m, rad, 1/m
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at

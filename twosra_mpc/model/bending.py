@@ -25,11 +25,13 @@ from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, soft_segments
 
 Intervals = Sequence[tuple[float, float]]
+Known = tuple[tuple[float, float] | None, ...]  # (low, high) of each curvature [1/m], or anything
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
+_KNOWN_PER_M = 1e-4  # wider ranges count as unknown
 _MOVES = 1e-5  # of W: plans may leave out what is less, and still end at the goal
 _INVERSE_RAD = 1e-8  # more than the error of the inverse of W
 _PIECES = 40  # pieces of a bend whose least time is proved
@@ -59,10 +61,11 @@ class Bending:
         """Curvatures of all segments [1/m] from their W."""
         return tuple(float(self.curvature(w, j)) for j, w in enumerate(coordinates))
 
-    def fastest(self, mode: Mode, kappa: tuple[float | None, ...]) -> float:
+    def fastest(self, mode: Mode, kappa: Known) -> float:
         """Upper bound of abs(dW/dt) of soft segments with both locomotion units at full speed.
 
-        ``kappa`` fixes a segment's curvature [1/m]; None lets it be anything within the limits.
+        ``kappa`` holds (low, high) of a segment's curvature [1/m]; None lets it be anything within
+        the limits.
         """
         return _fastest(self.body, mode, kappa)
 
@@ -80,9 +83,6 @@ class Bending:
             bend: Least change of W, with its sign.
         """
         low, high = zip(*origin, strict=True)
-        boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
-        rates = _largest_rate(self.body, mode, *boxes)
-        at_speed = float(np.sum(abs(bend) / _PIECES / rates))
         limits, turned = self.body.limits, [0.0]
         for j in soft_segments(mode):
             ends = (low[j] + bend, high[j]) if bend > 0 else (low[j], high[j] + bend)
@@ -90,7 +90,35 @@ class Bending:
             turned.append(least * self.body.geometry.lengths_m[j] - _INVERSE_RAD)
         steady = max(turned) / (limits.bend_rate_rad_s or math.inf)
         shortest = limits.phase_s if abs(bend) > _MOVES else 0.0
-        return max(from_rest_to_rest(at_speed, _unit_ramp_s(self.body)), steady, shortest)
+        return max(self._by_speed_s(mode, origin, bend), steady, shortest)
+
+    def least_time_of_more(
+        self, mode: Mode, origin: Intervals, bend: float, most: float
+    ) -> tuple[float, float]:
+        """Lower bound on the time of every bend d from ``bend`` to ``most``, as a line.
+
+        What goes beyond ``bend`` takes a second for what the fastest rate there bends, at least.
+
+        Args:
+            mode: A soft mode.
+            origin: Bounds of the W of every segment before.
+            bend: Least change of W, with its sign.
+            most: Largest change of W, with the same sign.
+
+        Returns:
+            (a, b), the bound being a + b abs(d - bend) [s].
+        """
+        low, high = zip(*origin, strict=True)
+        ends = (_along(mode, end, bend, most) for end in (low, high))
+        rate = float(_largest_rate(self.body, mode, *self._boxes(*ends)).max())
+        return self._by_speed_s(mode, origin, bend), 1 / rate
+
+    def _by_speed_s(self, mode: Mode, origin: Intervals, bend: float) -> float:
+        low, high = zip(*origin, strict=True)
+        boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
+        rates = _largest_rate(self.body, mode, *boxes)
+        at_speed = float(np.sum(abs(bend) / _PIECES / rates))
+        return from_rest_to_rest(at_speed, _unit_ramp_s(self.body))
 
     def least_effort_s2(self, mode: Mode, origin: Intervals, bend: float) -> float:
         """Lower bound on effort times duration of such a bend [s2]; 0 where no wheel rolls v_j.
@@ -109,7 +137,7 @@ class Bending:
         if not path_model(self.body).rolls_v:
             return 0.0
         low, high = zip(*origin, strict=True)
-        boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
+        boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
         paces = np.hypot(*_largest_paces(self.body, mode, *boxes))
         full_m_s = self.body.limits.wheel_speed_rad_s * self.body.geometry.wheel_radius_m
         return float(np.sum(abs(bend) / _PIECES / (paces * full_m_s))) ** 2
@@ -123,7 +151,9 @@ class Bending:
             bend: Change of W, with its sign.
         """
         low, high = (
-            np.column_stack([self.curvature(w, j) for j, w in enumerate(_along(mode, end, bend))])
+            np.column_stack(
+                [self.curvature(w, j) for j, w in enumerate(_along(mode, end, 0.0, bend))]
+            )
             for end in zip(*origin, strict=True)
         )
         return (low + high) / 2, ((high - low) / 2).max(axis=0)
@@ -188,9 +218,9 @@ def from_rest_to_rest(at_speed_s: float, ramp_s: float) -> float:
     return 2 * math.sqrt(at_speed_s * ramp_s)
 
 
-def _along(mode: Mode, origin: Sequence[float], bend: float) -> list[Array]:
-    """W of every segment along a bend."""
-    pieces = bend * np.linspace(0.0, 1.0, _PIECES + 1)
+def _along(mode: Mode, origin: Sequence[float], begin: float, end: float) -> list[Array]:
+    """W of every segment while a bend goes from ``begin`` to ``end``."""
+    pieces = begin + (end - begin) * np.linspace(0.0, 1.0, _PIECES + 1)
     return [w + soft * pieces for w, soft in zip(origin, mode, strict=True)]
 
 
@@ -292,7 +322,7 @@ def _unit_ramp_s(body: Body) -> float:
 
 
 @per_body(512)
-def _fastest(body: Body, mode: Mode, kappa: tuple[float | None, ...]) -> float:
+def _fastest(body: Body, mode: Mode, kappa: Known) -> float:
     return float(_largest_rate(body, mode, *_grid(body, kappa)).max())
 
 
@@ -305,12 +335,14 @@ def _largest_speed(body: Body, mode: Mode) -> float:
     return float(np.where(np.isnan(speed), np.inf, speed).max())
 
 
-def _grid(body: Body, kappa: tuple[float | None, ...]) -> tuple[Array, Array]:
+def _grid(body: Body, kappa: Known) -> tuple[Array, Array]:
     """Lower and upper corners of boxes that hold all curvatures allowed, each (n, boxes)."""
-    limit, boxes = body.limits.curvature_per_m, _BOXES[sum(value is None for value in kappa)]
+    limit = body.limits.curvature_per_m
+    ranges = [(-limit, limit) if one is None else one for one in kappa]
+    boxes = _BOXES[sum(high - low > _KNOWN_PER_M for low, high in ranges)]
     edges = [
-        np.linspace(-limit, limit, boxes + 1) if value is None else np.array([value, value])
-        for value in kappa
+        np.linspace(low, high, max(1, math.ceil(boxes * (high - low) / (2 * limit))) + 1)
+        for low, high in ranges
     ]
     lower, upper = (
         np.array(list(itertools.product(*(edge[part] for edge in edges)))).T

@@ -12,7 +12,7 @@ import numpy as np
 
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
-from twosra_mpc.planning.nlp.fixed_sequence import scheduled
+from twosra_mpc.planning.nlp.fixed_sequence import timed
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.mode_tree import ModeTree
@@ -106,13 +106,13 @@ def plan_without(
 def _rest(problem: Problem) -> Result | None:
     """The empty plan, where the start is the goal already."""
     start = problem.start.configuration
-    away = problem.goal.error(start.copy()).any() or problem.start_mode != problem.goal.mode
-    if away or problem.tasks:
+    there = problem.goal.met_at(start) and problem.start_mode == problem.goal.mode
+    if not there or problem.tasks:
         return None
     sequence = (problem.start_mode,)
     network = transition_model(problem).network(sequence, problem.goal.mode, [0.0])
     motion = roll_out(problem.robot, start, sequence, np.zeros((1, 1, 5)))
-    candidate = scheduled(motion, network, problem, iterations=0)
+    candidate = timed(motion, network, problem, iterations=0)
     assert candidate is not None, "a robot that rests is where it should be"
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
     message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0)

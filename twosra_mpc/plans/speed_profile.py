@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import Motion
-from twosra_mpc.plans.trajectory import flown, wheel_speeds
+from twosra_mpc.plans.trajectory import SAME_TIME_S, flown, wheel_speeds
+from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import interval_durations, least_times
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
@@ -31,6 +32,7 @@ _BETWEEN = 3e-3  # of the limits is spared: shapes between grid points may use m
 _CORNER = 5e-8  # relative change of a wheel's turn per x that counts as a corner
 _NOTHING = 1e-12  # m or rad: an interval that goes no farther rests
 _APART = 1e-3  # least length of a piece, in intervals
+_UNNOTICED = 0.1  # of what goals may be missed by
 _LEAST_S = 1e-3  # least duration of a phase that moves: its pieces are then events of their own
 
 
@@ -78,8 +80,16 @@ def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
     """The quickest speed profile of each phase within the robot's limits."""
     if motion.robot.limits.wheel_acceleration_rad_s2 is None:
         durations = interval_durations(motion)
-        return tuple(_at_constant_speed(motion, i, own) for i, own in enumerate(durations))
+        made = (_at_constant_speed(motion, i, own) for i, own in enumerate(durations))
+        return tuple(map(_noticed, made))
     return tuple(_phase(motion, i) for i in range(len(motion.sequence)))
+
+
+def _noticed(profile: SpeedProfile) -> SpeedProfile:
+    """The profile, slower if it is over in no time but does not end where it began."""
+    moved = np.abs(profile.q[-1] - profile.q[0]).max()
+    brief = 0 < profile.duration_s <= SAME_TIME_S and moved > _UNNOTICED * GOAL_TOLERANCE
+    return profile.lasting(2 * SAME_TIME_S) if brief else profile
 
 
 def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedProfile:

@@ -25,6 +25,10 @@ if TYPE_CHECKING:  # scenarios are listed without it
     from twosra_mpc.robot.description import Robot
 
 
+GOAL_TOLERANCE = 1e-6
+"""What is this near to a goal is in it, in m, rad and 1/m: in bounds, in plans, in verification."""
+
+
 class GoalSet(Value, ABC):
     """A set of configurations to end in, with the stiffness of the segments there.
 
@@ -63,6 +67,15 @@ class GoalSet(Value, ABC):
     def error(self, q: Array) -> Array:
         """Signed distance of ``q`` to the set by coordinate, (3 + n,); zero in it."""
         return q - self.aim(q)
+
+    def met_at(self, q: Array) -> bool:
+        """Whether ``q`` (3 + n,) is in the set, to within `GOAL_TOLERANCE`."""
+        return bool(np.abs(self.error(q.copy())).max() <= GOAL_TOLERANCE)
+
+    def box_met(self, near: Array) -> tuple[Array, Array]:
+        """`box`, with everything around it that is in the set to within `GOAL_TOLERANCE`."""
+        low, high = self.box(near)
+        return low - GOAL_TOLERANCE, high + GOAL_TOLERANCE
 
     def loosened(self, widths: Array) -> GoalSet:
         """Return the set that may be missed by ``widths`` (3 + n,) more, if it can say so."""

@@ -14,6 +14,7 @@ from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription,
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correct_end
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
+from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import (
     interval_durations,
     may_drive,
@@ -124,7 +125,10 @@ def feasible_schedule(
     """
     model = transition_model(problem)
     for _ in range(_SCHEDULE_ROUNDS):
-        times = schedule(network, durations, problem.cost_weights)
+        try:
+            times = schedule(network, durations, problem.cost_weights)
+        except ArithmeticError:  # the solver gave up
+            return None
         if times is None:
             return None
         raised = model.settle(network, times.tolist())
@@ -180,6 +184,11 @@ def _decision_bounds(
     goal_low, goal_high = problem.goal.box(guess.end)
     low[-1, -1] = np.maximum(low[-1, -1], goal_low)
     high[-1, -1] = np.minimum(high[-1, -1], goal_high)
+    here = low[0, 0]
+    rests = np.append(np.zeros(POSE, bool), ~np.array(network.sequence, bool).any(axis=0))
+    rests &= np.abs(problem.goal.error(here.copy())) <= GOAL_TOLERANCE  # is there, or as good as
+    low[-1, -1, rests] = np.minimum(low[-1, -1], here)[rests]
+    high[-1, -1, rests] = np.maximum(high[-1, -1], here)[rests]
     inputs = np.zeros((n, m, INPUTS))
     inputs[available_inputs(network.sequence, m).reshape(n, m, INPUTS) > 0] = np.inf
     if problem.workspace is not None:  # what is between the places that are looked at

@@ -8,6 +8,7 @@ of the chain to the goal. Where this fits the limits it is a plan already.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -17,7 +18,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, bending_chain, roll_out
 from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import workspace_margins
+from twosra_mpc.problem.limits import broken_by_shapes, workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -28,6 +29,8 @@ _STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
 _MOST_STEPS = 64
 _STRAYING_M = 2e-3  # out of a workspace between nodes
 _NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
+_TRIED, _LOOKS = 41, 41  # amounts of bending to and fro, and shapes on the way of each bend
+_INSIDE = 0.9999  # of the curvature limits
 _EXACTLY = 1e6  # times as much as others count the segments whose bend leaves no choice
 
 
@@ -58,6 +61,7 @@ def guess_motion(
         if any(mode) and bends[i] != 0.0:
             nodes, inputs[i, :, :2] = bent(robot, q, mode, float(bends[i]), intervals)
             q = nodes[-1]
+    inputs[~np.isfinite(inputs)] = 0.0  # farther than anything bends: there is no plan of this
     usable = may_drive or [True] * len(sequence)
     rigid = [i for i, mode in enumerate(sequence) if is_rigid(mode) and usable[i]]
     if rigid:
@@ -91,6 +95,23 @@ def moved_inside(motion: Motion, problem: Problem) -> Motion:
         screw = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
         inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
     return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
+
+
+def swerved(motion: Motion, turn_rad: float) -> Motion:
+    """Return the motion with headings that go aside by up to ``turn_rad`` on its first drive.
+
+    They come back by its end. Wheels push hardest aslant, and from a motion that mirrors itself the
+    nonlinear program does not see that.
+    """
+    first = next((i for i, mode in enumerate(motion.sequence) if is_rigid(mode)), None)
+    if first is None:
+        return motion
+    inputs, poses = motion.inputs.copy(), motion.states[first, :, :POSE].copy()
+    poses[:, 2] += turn_rad * np.sin(np.pi * np.linspace(0.0, 1.0, len(poses)))
+    for k, (here, end) in enumerate(itertools.pairwise(poses)):
+        move = np.linalg.solve(_matrix(here), _matrix(end))
+        inputs[first, k, 2:] = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
+    return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
 
 
 def spared_corners(problem: Problem, workspace: Workspace) -> Array:
@@ -146,6 +167,41 @@ def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) 
     share = np.min(room / np.abs(moved[moving]), initial=1.0)
     changed: Array = bends + max(0.0, float(share)) * step
     return changed
+
+
+def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Array | None:
+    """Other bends to the same shape, on whose way no shape is forbidden; None if none are found.
+
+    Looked for along the directions in which the sequence may bend to and fro, the least of them.
+    """
+    facts, limits = bending(problem.robot), problem.robot.limits
+    modes = np.array(sequence, dtype=float)
+    _, singular, right = np.linalg.svd(modes.T)
+    free = right[int((singular > _NO_CHOICE).sum()) :][:, modes.any(axis=1)]
+    most = np.array([facts.coordinate(limits.curvature_per_m, j) for j in range(modes.shape[1])])
+    here = np.array(facts.coordinates(problem.start.kappa_per_m))
+    share = np.linspace(0.0, 1.0, _LOOKS)[:, None]
+    found = []
+    for direction in np.unique(free[np.abs(free).max(axis=1) > _NO_CHOICE], axis=0):
+        along = np.zeros(len(bends))
+        along[modes.any(axis=1)] = direction / np.abs(direction).max()
+        grows, at = (np.cumsum(each[:, None] * modes, axis=0) for each in (along, bends))
+        with np.errstate(divide="ignore", invalid="ignore"):  # where it would reach the limits
+            edges = [(_INSIDE * sign * most - here - at) / grows for sign in (-1.0, 1.0)]
+        steps = np.append(most.max() * np.linspace(-2.0, 2.0, _TRIED), np.ravel(edges))
+        for step in steps[np.isfinite(steps)]:
+            tried = bends + step * along
+            ends = here + np.cumsum(tried[:, None] * modes, axis=0)
+            begins = np.vstack([here, ends[:-1]])
+            passed = np.concatenate(
+                [a + share * (b - a) for a, b in zip(begins, ends, strict=True)]
+            )
+            if (np.abs(passed) > most + _NO_CHOICE).any():
+                continue
+            shapes = np.column_stack([facts.curvature(w, j) for j, w in enumerate(passed.T)])
+            if broken_by_shapes(problem.robot, shapes) is None:
+                found.append(tried)
+    return min(found, key=lambda each: float(np.abs(each).sum()), default=None)
 
 
 def bent(

@@ -13,12 +13,12 @@ from numpy.linalg import norm
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion, interval_flow, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
-from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.goals import GOAL_TOLERANCE, GoalSet
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import ModeSequence
 
-TERMINAL_TOLERANCE = 1e-9  # largest error at the goal that is left, in m, rad and 1/m
+TERMINAL_TOLERANCE = 1e-3 * GOAL_TOLERANCE  # largest error at the goal that can be corrected
 _ITERATIONS = 12
 _COARSE_STEPS = 2
 _REMOVED = 1e-6  # share of the error that a correction of whole phases may leave
@@ -26,7 +26,10 @@ _DEARER = 2.0  # times larger such a correction may be than one of single interv
 
 
 def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
-    """Correct a motion until it ends in the goal box to within 1e-9, or return None.
+    """Correct a motion until it ends in the goal to within 1e-9, or return None.
+
+    Where that cannot be, because no phase of it can change what is missing, the goal is met to
+    within `GOAL_TOLERANCE`.
 
     Raises nothing: a motion that cannot be corrected is an outcome, not an error.
     """
@@ -37,11 +40,14 @@ def correct_end(motion: Motion, goal: GoalSet) -> Motion | None:
             return motion
         if not np.isfinite(error).all():
             return None
-        step = _least_correction(motion, error)
+        try:
+            step = _least_correction(motion, error)
+        except np.linalg.LinAlgError:  # LAPACK did not converge
+            break
         if step is None:
-            return None
+            break
         motion = roll_out(motion.robot, start, motion.sequence, motion.inputs - step)
-    return None
+    return motion if goal.met_at(motion.end) else None
 
 
 def _least_correction(motion: Motion, error: Array) -> Array | None:

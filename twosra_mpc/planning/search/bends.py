@@ -16,8 +16,9 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named
 
 Intervals = tuple[tuple[float, float], ...]  # (low, high) of every segment
+Known = tuple[tuple[float, float] | None, ...]  # the same; None: anything
 
-REACH_TOLERANCE = 1e-9  # relative; a change this small needs no soft phase
+_DEPENDENT = 1e-9  # singular values that are zero
 
 
 class Conserved(NamedTuple):
@@ -34,15 +35,17 @@ class BendingTask:
 
     Attributes:
         change: (low, high) of each segment: required change of W.
+        within: By how much W of each segment may miss ``change`` where a goal counts as met.
         room: (low, high) of each segment: change of W that the curvature limits allow.
         start: Curvatures at t = 0 [1/m].
-        goal: Curvatures at the end [1/m]; None where they are not given exactly.
-        rate: (mode, known curvatures) -> upper bound of abs(dW/dt), valid for every curvature
-            given as None.
+        goal: (low, high) of the curvatures at the end [1/m]; None where they are free.
+        rate: (mode, curvatures as ``goal``) -> upper bound of abs(dW/dt).
         origin: W of each segment at t = 0.
         least_time: (mode, bounds of W before, least change of W of the soft segments) -> lower
             bound on the time it takes.
-        least_effort: The same -> lower bound on effort times duration [s2].
+        least_time_of_more: (mode, bounds of W before, least change, largest change) -> (a, b): a
+            change d in between takes at least a + b abs(d - least) [s].
+        least_effort: As least_time -> lower bound on effort times duration [s2].
         forbidden: (mode, bounds of W before, change of W) -> what is wrong with a shape that every
             such bend passes, in words; None if nothing is.
         beyond: Where ``room`` ends, in words.
@@ -54,12 +57,14 @@ class BendingTask:
     """
 
     change: Intervals
+    within: tuple[float, ...]
     room: Intervals
     start: tuple[float, ...]
-    goal: tuple[float | None, ...]
-    rate: Callable[[Mode, tuple[float | None, ...]], float]
+    goal: Known
+    rate: Callable[[Mode, Known], float]
     origin: tuple[float, ...]
     least_time: Callable[[Mode, Intervals, float], float]
+    least_time_of_more: Callable[[Mode, Intervals, float, float], tuple[float, float]]
     least_effort: Callable[[Mode, Intervals, float], float]
     forbidden: Callable[[Mode, Intervals, float], str | None]
     beyond: str
@@ -76,14 +81,14 @@ class BendingTask:
 
     def must_bend(self, segment: int) -> bool:
         """Whether the goal asks for another curvature of ``segment`` (from 0)."""
-        low, high = self.change[segment]
-        return not low - self.slack <= 0 <= high + self.slack
+        low, high = self.met[segment]
+        return not low <= 0 <= high
 
     @property
-    def slack(self) -> float:
-        """Change of W too small to need a soft phase."""
-        scale = max(abs(value) for pair in self.change for value in pair)
-        return REACH_TOLERANCE * max(scale, 1e-6)
+    def met(self) -> Intervals:
+        """(low, high) of each segment: changes of W with which the goal counts as met."""
+        pairs = zip(self.change, self.within, strict=True)
+        return tuple((low - by, high + by) for (low, high), by in pairs)
 
 
 def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
@@ -99,8 +104,8 @@ def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
             return f"segment {j + 1} must bend ({task.shape}) but is rigid in {names or 'no mode'}"
     for i, j in itertools.combinations(task.segments, 2):
         if all(mode[i] == mode[j] for mode in soft):
-            (low_i, high_i), (low_j, high_j) = task.change[i], task.change[j]
-            if max(low_i - high_j, low_j - high_i) > task.slack:
+            (low_i, high_i), (low_j, high_j) = task.met[i], task.met[j]
+            if max(low_i - high_j, low_j - high_i) > 0:
                 return _tied(soft, (i, j), task)
     return _dependent(soft, task)
 
@@ -127,9 +132,9 @@ def _dependent(soft: Sequence[Mode], task: BendingTask) -> str | None:
         return None
     incidence = np.array(soft, dtype=float).T
     left, singular, _ = np.linalg.svd(incidence)
-    for kept in left[:, int((singular > REACH_TOLERANCE).sum()) :].T:
-        ends = kept[:, None] * np.array(task.change)  # of what should be kept, by segment
-        if ends.min(axis=1).sum() > task.slack or ends.max(axis=1).sum() < -task.slack:
+    for kept in left[:, int((singular > _DEPENDENT).sum()) :].T:
+        ends = kept[:, None] * np.array(task.met)  # of what should be kept, by segment
+        if ends.min(axis=1).sum() > 0 or ends.max(axis=1).sum() < 0:
             return f"{_names(soft)} cannot bend the segments independently ({task.shape})"
     return None
 
@@ -144,24 +149,23 @@ def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
     With independent soft modes and a given shape at the end, the bends are the unique solution of
     one linear equation for each segment. None also where they are no solution.
     """
-    if any(low != high for low, high in task.change):
+    found = _ranges(sequence, task.change)
+    if found is None or (found[0] != found[1]).any():
         return None
-    found = bend_ranges(sequence, task)
-    if found is None:
-        return None
-    bends, wanted = found[0], np.array([low for low, _ in task.change])
-    incidence = np.array(sequence, dtype=float).reshape(len(sequence), len(wanted)).T
-    return bends if np.abs(incidence @ bends - wanted).max() <= task.slack else None
+    incidence = np.array(sequence, dtype=float).reshape(len(sequence), len(task.change)).T
+    reached = incidence @ found[0]
+    inside = zip(reached.tolist(), task.met, strict=True)
+    return found[0] if all(low <= w <= high for w, (low, high) in inside) else None
 
 
-def bend_ranges(sequence: ModeSequence, task: BendingTask) -> tuple[Array, Array] | None:
+def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[Array, Array] | None:
     """Least and largest change of W in each phase; None if the soft modes are not independent.
 
     Then the bends d solve A d = w for some w in the box that is asked for, so d = A^+ w.
     """
     if (inverse := _inverse(sequence)) is None:
         return None
-    low, high = np.array(task.change).T
+    low, high = np.array(change).T
     rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
     return rise @ low + fall @ high, rise @ high + fall @ low
 
@@ -204,7 +208,7 @@ class BendStep(NamedTuple):
 
 def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | None:
     """What is known of the bend of each phase; None if the soft modes are not independent."""
-    if (ranges := bend_ranges(sequence, task)) is None:
+    if (ranges := _ranges(sequence, task.met)) is None:
         return None
     within = np.array(task.origin_within or [0.0] * len(task.origin))
     here, steps = task.origin + np.array([-within, within]), list[BendStep]()
@@ -229,7 +233,8 @@ def _misses(
     """Whether no W within bounds (2,) is one of the changes that a segment (from 0) may make."""
     low, high = changes[segment]
     least, most = (bounds - task.origin[segment]).tolist()
-    return bool(least > high + task.slack or most < low - task.slack)
+    slack = task.within[segment]
+    return bool(least > high + slack or most < low - slack)
 
 
 def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
@@ -262,16 +267,14 @@ def _pairs(bounds: Array) -> Intervals:
     return tuple(zip(low, high, strict=True))
 
 
-def known_curvatures(
-    sequence: ModeSequence, phase: int, task: BendingTask
-) -> tuple[float | None, ...]:
+def known_curvatures(sequence: ModeSequence, phase: int, task: BendingTask) -> Known:
     """Curvatures of the rigid segments in a phase, where the sequence alone determines them."""
 
-    def known(j: int) -> float | None:
+    def known(j: int) -> tuple[float, float] | None:
         if sequence[phase][j]:
             return None
         if not any(mode[j] for mode in sequence[:phase]):
-            return task.start[j]
+            return task.start[j], task.start[j]
         return None if any(mode[j] for mode in sequence[phase:]) else task.goal[j]
 
     return tuple(known(j) for j in task.segments)

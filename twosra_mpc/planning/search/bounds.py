@@ -12,7 +12,10 @@ the change of W in soft phase i,
 
 and the partial sums after every phase within what the curvature limits allow. Where the sequence
 leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
-a bend that must pass a forbidden shape rules the sequence out. Where the cost weighs effort by w_u,
+a bend that must pass a forbidden shape rules the sequence out. Where the goal is a box, the least
+bend is integrated so, what a bend takes beyond it is at least a line, and the box is cut into parts
+where that is not enough. The changes of W asked for are those of every shape that counts as in the
+goal, so the bound holds for every plan that verifies. Where the cost weighs effort by w_u,
 w_u sum e_i is added, with e_i at least tangents of E_i / (t_{end,i} - t_{start,i}) for the least
 effort times duration E_i that such a bend takes (rigid drives: none). Every plan of the sequence
 satisfies these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j
@@ -23,9 +26,10 @@ bounded by ``rigid_motion.least_time`` as well.
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +39,7 @@ from twosra_mpc.planning.search.bends import (
     bend_steps,
     determined_bends,
     known_curvatures,
+    least_durations,
     least_efforts,
 )
 from twosra_mpc.planning.search.linear_program import minimise
@@ -49,6 +54,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
+_PARTS = 8  # into which a box of shapes is cut
 _TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
 
 
@@ -77,20 +83,62 @@ def sequence_bound(
     bends = determined_bends(network.sequence, task)
     if bends is not None and weights.energy_s_per_J == weights.effort == 0:
         return _longest_path_bound(network, bends, weights, least_durations)
-    return _linear_program_bound(network, task, weights, least_durations)
+    try:
+        return _linear_program_bound(network, task, weights, least_durations)
+    except (
+        ArithmeticError
+    ):  # the solver gave up: what each phase takes by itself holds all the same
+        middle = np.array(task.change).mean(axis=1)
+        bends = np.linalg.pinv(np.array(network.sequence, dtype=float).T) @ middle
+        return _longest_path_bound(network, bends, weights, least_durations)
 
 
 def _longest_path_bound(
     network: TemporalNetwork, bends: Array, weights: Weights, least_durations: Sequence[float]
 ) -> SequenceBound | None:
-    """With the bends known and energy free of charge, the earliest finish is a longest path."""
+    """The earliest finish is a longest path; what holding segments liquid costs is left out."""
     if not all(map(math.isfinite, least_durations)):
         return None
     times = earliest_times(with_durations(network, least_durations))
     if times is None:
         return None
-    coefficients, constant = cost_coefficients(network, weights)
-    return SequenceBound(float(coefficients @ times) + constant, np.array(times), bends)
+    _, constant = cost_coefficients(network, weights)
+    return SequenceBound(times[network.layout.finish] + constant, np.array(times), bends)
+
+
+def bound_by_parts(
+    network: TemporalNetwork,
+    task: BendingTask,
+    weights: Weights,
+    known_s: Sequence[float],
+    enough: float,
+) -> float:
+    """Raise the bound of a sequence by cutting the box of shapes to end in; -inf if that is none.
+
+    How fast the robot bends depends on its shape, which is better known in a smaller part. The
+    worst part is cut in two until ``enough`` is reached, or there are eight.
+    """
+    sequence = network.sequence
+    if determined_bends(sequence, task) is not None or bend_steps(sequence, task) is None:
+        return -math.inf
+
+    def bound_of(change: Intervals) -> float:
+        part = replace(task, change=change)
+        durations = np.maximum(least_durations(sequence, part), known_s).tolist()
+        if not all(map(math.isfinite, durations)):
+            return math.inf
+        found = sequence_bound(network, part, weights, durations)
+        return math.inf if found is None else found.cost
+
+    parts = [(-math.inf, task.change)]
+    while len(parts) < _PARTS and parts[0][0] < enough:
+        whole, change = heapq.heappop(parts)
+        j = max(task.segments, key=lambda j: change[j][1] - change[j][0])
+        middle = sum(change[j]) / 2
+        for half in ((change[j][0], middle), (middle, change[j][1])):
+            cut = (*change[:j], half, *change[j + 1 :])
+            heapq.heappush(parts, (max(whole, bound_of(cut)), cut))
+    return parts[0][0]
 
 
 def pose_bound(
@@ -155,9 +203,11 @@ def _shapes(
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Least and largest curvatures in a rigid phase: the start's, the goal's, or of these W."""
     known = known_curvatures(sequence, phase, task)
-    low, high = map(task.curvature, zip(*here, strict=True))
-    least = tuple(a if k is None else k for k, a in zip(known, low, strict=True))
-    return least, tuple(b if k is None else k for k, b in zip(known, high, strict=True))
+    ends = zip(*map(task.curvature, zip(*here, strict=True)), strict=True)
+    low, high = zip(
+        *(by_w if k is None else k for k, by_w in zip(known, ends, strict=True)), strict=True
+    )
+    return low, high
 
 
 def _linear_program_bound(
@@ -174,12 +224,19 @@ def _linear_program_bound(
     ]
     program = Relaxation(network, weights, least_durations, rates, efforts)
     layout = network.layout
+    for i, step in enumerate(bend_steps(network.sequence, task) or ()):
+        if (bend := step.surely) and step.least < step.most:
+            most = max(step.least, step.most, key=abs)
+            time, more = task.least_time_of_more(step.mode, step.before, bend, most)
+            time -= more * abs(bend)
+            lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
+            program.at_least(lasting | {layout.count + i: -math.copysign(more, bend)}, time)
     for j in task.segments:
         bends: dict[int, float] = {}
         for i in (i for i, mode in enumerate(network.sequence) if mode[j]):
             bends[layout.count + i] = 1.0
             later = any(mode[j] for mode in network.sequence[i + 1 :])
-            low, high = task.room[j] if later else task.change[j]
+            low, high = task.room[j] if later else task.met[j]
             program.at_least(bends, low)
             program.at_least(dict.fromkeys(bends, -1.0), -high)
     program.weigh_efforts()

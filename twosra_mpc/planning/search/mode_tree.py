@@ -14,7 +14,12 @@ from functools import cached_property
 from typing import Generic, TypeVar
 
 from twosra_mpc.planning.search.bends import BendingTask, least_durations, unreachable_reason
-from twosra_mpc.planning.search.bounds import SequenceBound, pose_bound, sequence_bound
+from twosra_mpc.planning.search.bounds import (
+    SequenceBound,
+    bound_by_parts,
+    pose_bound,
+    sequence_bound,
+)
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
@@ -199,7 +204,9 @@ class ModeTree(Generic[Solution]):
         longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         network = self.timing.network(leaf, self.last, longer)
         delayed = self.timing.with_delays(network, longer)
-        bound = pose_bound(delayed, self.task, self.weights, longer, enough)
+        bound = bound_by_parts(delayed, self.task, self.weights, longer, enough)
+        if bound < enough:
+            bound = max(bound, pose_bound(delayed, self.task, self.weights, longer, enough))
         if any(drives_s):
             relaxed = sequence_bound(network, self.task, self.weights, longer)
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)

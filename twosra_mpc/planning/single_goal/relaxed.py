@@ -18,6 +18,7 @@ from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.mode_tree import InTheWay, ModeTree
 from twosra_mpc.planning.search.pose_bound import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import (
     CURVATURE,
     interval_durations,
@@ -30,6 +31,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
+from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
 
 Solution = TypeVar("Solution")
 
@@ -60,14 +62,19 @@ def bending_task(problem: Problem) -> BendingTask:
     """What the plan must do to the bending coordinates, from start, goal and path model."""
     facts = bending(problem.robot)
     start = problem.start.configuration
-    ends = zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True)
+    ends = list(zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True))
     limit = problem.robot.limits.curvature_per_m
     origin = facts.coordinates(start[POSE:].tolist())
-    room, exact, words = [], [], []
+    room, known, within, words = [], list[tuple[float, float] | None](), [], []
     for j, (here, (low, high)) in enumerate(zip(origin, ends, strict=True)):
         most = facts.coordinate(limit, j)
         room.append((-most - here, most - here))
-        exact.append(low if low == high else None)
+        met = (low - GOAL_TOLERANCE, high + GOAL_TOLERANCE)
+        known.append(met if math.isfinite(high - low) else None)
+        least, most = (min(max(end, -limit), limit) for end in (low, high))
+        under = facts.coordinate(least, j) - facts.coordinate(least - GOAL_TOLERANCE, j)
+        over = facts.coordinate(most + GOAL_TOLERANCE, j) - facts.coordinate(most, j)
+        within.append(max(under, over))
         words.append(_asked(f"kappa{j + 1}", float(start[POSE + j]), low, high))
 
     def forbidden(mode: Mode, before: tuple[tuple[float, float], ...], bend: float) -> str | None:
@@ -76,12 +83,14 @@ def bending_task(problem: Problem) -> BendingTask:
 
     return BendingTask(
         change=tuple(map(tuple, bend_changes(problem, problem.goal).T.tolist())),
+        within=tuple(within),
         room=tuple(room),
         start=tuple(start[POSE:].tolist()),
-        goal=tuple(exact),
+        goal=tuple(known),
         rate=facts.fastest,
         origin=origin,
         least_time=facts.least_time,
+        least_time_of_more=facts.least_time_of_more,
         least_effort=facts.least_effort_s2,
         forbidden=forbidden,
         beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
@@ -103,7 +112,7 @@ def _asked(name: str, start: float, low: float, high: float) -> str:
 def pose_task(problem: Problem) -> PoseTask | None:
     """What the plan must do to the pose; None where the goal leaves part of it free."""
     start = problem.start.configuration
-    low, high = (end[:POSE] for end in problem.goal.box(start))
+    low, high = (end[:POSE] for end in problem.goal.box_met(start))
     if not np.isfinite(high - low).all():
         return None
     goal, (half_x, half_y, half_turn) = (low + high) / 2, (high - low) / 2
@@ -124,14 +133,15 @@ def pose_task(problem: Problem) -> PoseTask | None:
 def rigid_time(problem: Problem) -> float:
     """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
     start = problem.start.configuration
-    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box(start))
+    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
     rows = rigid_rows(problem.robot, start[POSE:])
     c, s = math.cos(start[2]), math.sin(start[2])
     given = np.isfinite(high - low)
     ends = np.where(given, [low, high], math.nan)
     shift, box = ends[:, :2].mean(axis=0), np.where(given, (ends[1] - ends[0]) / 2, 0.0)
-    if given[:2].all() and not box[:2].any():
+    if given[:2].all() and box[:2].max() <= 2 * GOAL_TOLERANCE:  # nearly round
+        box = math.sqrt(2) * box
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
         rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -143,7 +153,9 @@ def rigid_time(problem: Problem) -> float:
         modulo=problem.goal.phi_modulo,
         known_s=_known_s(guess),
     )
-    return from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
+    shortest = 0.0 if problem.goal.met_at(start) else problem.robot.limits.phase_s
+    in_motion = from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
+    return max(in_motion, shortest - TIME_TOLERANCE_S)
 
 
 def _known_s(guess: Motion) -> float:

@@ -13,10 +13,12 @@ from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import (
     bend_changes,
+    bends_around,
     guess_motion,
     inner_bends,
     inner_goal,
     moved_inside,
+    swerved,
 )
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.single_goal.gentle import cheapest
@@ -25,7 +27,10 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
+
+_ASIDE_RAD = 0.4  # of the second start of a drive
 
 
 class Solved(NamedTuple):
@@ -34,6 +39,9 @@ class Solved(NamedTuple):
     plan: Plan
     candidate: Candidate
     network: TemporalNetwork
+
+
+Guessed = tuple[Motion, tuple[float, Solved] | None]  # a guess, and the plan that it is
 
 
 class SequenceSolver:
@@ -52,28 +60,69 @@ class SequenceSolver:
         self, network: TemporalNetwork, bound: SequenceBound
     ) -> Iterator[tuple[float, Solved] | None]:
         """Yield (cost, plan) of every attempt, each dearer than the one before; None: it failed."""
-        problem = self.problem
-        inside, nearest = (
-            inner_bends(network.sequence, bound.bends, self._box, aim) for aim in self._aims
-        )
-        guess = self._guess(network, inside)
-        first = checked(problem, scheduled(guess, network, problem, iterations=0), network)
-        if first is None and not np.array_equal(inside, nearest):
-            guess = self._guess(network, nearest)
-            first = checked(problem, scheduled(guess, network, problem, iterations=0), network)
+        problem, (guess, first) = self.problem, self._cheapest_guess(network, bound)
         yield first
-        if time.perf_counter() > self.deadline:
-            return
-        candidate = solve(guess, network, problem)
-        self.iterations += candidate.iterations if candidate else 0
-        yield checked(problem, candidate, network)
+        starts = [guess]
+        jumps = problem.robot.limits.wheel_acceleration_rad_s2 is None  # else bends of a way cost
+        if jumps and not any(map(any, network.sequence)):  # all there is to do is to drive
+            starts.append(swerved(guess, _ASIDE_RAD))
+        for start in starts:
+            if time.perf_counter() > self.deadline:
+                return
+            candidate = solve(start, network, problem)
+            self.iterations += candidate.iterations if candidate else 0
+            yield checked(problem, candidate, network)
 
-    def _guess(self, network: TemporalNetwork, bends: Array) -> Motion:
+    def _cheapest_guess(self, network: TemporalNetwork, bound: SequenceBound) -> Guessed:
+        """The first guess that is a plan; where it is not within the gap, the cheapest of more."""
         problem, sequence = self.problem, network.sequence
-        start, usable = problem.start.configuration, may_drive(problem, sequence)
-        goal = problem.goal
+        inside, nearest = (inner_bends(sequence, bound.bends, self._box, aim) for aim in self._aims)
+        drives = [i for i, usable in enumerate(self._drives(sequence)) if usable]
+        drive = drives[0] if drives else None
+        tried = [self._guessed(network, inside, drive)]
+        if tried[0][1] is None:
+            tried += [
+                self._guessed(network, bends, drive)
+                for bends in (nearest, bends_around(problem, sequence, inside))
+                if bends is not None and not np.array_equal(bends, inside)
+            ]
+        best = min(tried, key=_cost)
+        cost = _cost(best)
+        if math.isinf(cost) or cost - bound.cost <= problem.gap * cost:
+            return best
+        others = drives[1:] if np.array_equal(inside, bound.bends) else drives
+        more = [self._guess(network, bound.bends, other) for other in others]  # to the goal's edge
+        guess, candidate = min(more, key=lambda each: _end_s(each[1]), default=(best[0], None))
+        if _end_s(candidate) >= _end_s(best[1] and best[1][1].candidate):
+            return best
+        return min(best, (guess, checked(problem, candidate, network)), key=_cost)
+
+    def _guessed(self, network: TemporalNetwork, bends: Array, drive: int | None) -> Guessed:
+        """The guess that bends as told and drives in one phase, and the plan that it is."""
+        guess, candidate = self._guess(network, bends, drive)
+        return guess, checked(self.problem, candidate, network)
+
+    def _guess(
+        self, network: TemporalNetwork, bends: Array, drive: int | None
+    ) -> tuple[Motion, Candidate | None]:
+        problem, sequence = self.problem, network.sequence
+        start, goal = problem.start.configuration, problem.goal
+        usable = [i == drive for i in range(len(sequence))]
         made = guess_motion(problem.robot, start, goal, sequence, bends, INTERVALS, usable)
-        return moved_inside(made, problem)
+        guess = moved_inside(made, problem)
+        return guess, scheduled(guess, network, problem, iterations=0)
+
+    def _drives(self, sequence: ModeSequence) -> list[bool]:
+        usable = may_drive(self.problem, sequence)
+        return [is_rigid(mode) and may for mode, may in zip(sequence, usable, strict=True)]
+
+
+def _end_s(candidate: Candidate | None) -> float:
+    return float(candidate.times.max()) if candidate else math.inf
+
+
+def _cost(guessed: Guessed) -> float:
+    return guessed[1][0] if guessed[1] else math.inf
 
 
 def checked(
