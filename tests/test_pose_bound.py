@@ -259,7 +259,7 @@ def test_where_the_solver_gives_up_nothing_is_proved(monkeypatch: pytest.MonkeyP
     def give_up(*_: object) -> None:
         raise ArithmeticError("linear program without optimum")
 
-    monkeypatch.setattr(bounds, "minimise", give_up)
+    monkeypatch.setattr(bounds, "proved_minimum", give_up)
     assert proved(turned(1.0), (RIGID, SOFT_1, RIGID)) == -math.inf
     monkeypatch.undo()
     monkeypatch.setattr("twosra_mpc.planning.search.pose_bound.minimise", give_up)

@@ -32,6 +32,10 @@ _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
 _MOVES = 1e-5  # of W: plans may leave out what is less, and still end at the goal
 _INVERSE_RAD = 1e-8  # more than the error of the inverse of W
+# More than the error of W, of the largest W: 1 / g is analytic but at +- i smoothing_rad, where
+# spirals bend. On the panel next to it 24 points err by rho^-48 (1e-22 where it is 0.01 rad) of
+# what is not analytic, which fades with smoothing_rad: 2e-12 at worst. Elsewhere it is rounding.
+_QUADRATURE = 1e-11
 _PIECES = 40  # pieces of a bend whose least time is proved
 
 
@@ -82,7 +86,7 @@ class Bending:
         low, high = zip(*origin, strict=True)
         boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
         rates = _largest_rate(self.body, mode, *boxes)
-        at_speed = float(np.sum(abs(bend) / _PIECES / rates))
+        at_speed = float(np.sum(self._surely(mode, bend) / _PIECES / rates))
         limits, turned = self.body.limits, [0.0]
         for j in soft_segments(mode):
             ends = (low[j] + bend, high[j]) if bend > 0 else (low[j], high[j] + bend)
@@ -112,7 +116,13 @@ class Bending:
         boxes = self._boxes(_along(mode, low, bend), _along(mode, high, bend))
         paces = np.hypot(*_largest_paces(self.body, mode, *boxes))
         full_m_s = self.body.limits.wheel_speed_rad_s * self.body.geometry.wheel_radius_m
-        return float(np.sum(abs(bend) / _PIECES / (paces * full_m_s))) ** 2
+        return float(np.sum(self._surely(mode, bend) / _PIECES / (paces * full_m_s))) ** 2
+
+    def _surely(self, mode: Mode, bend: float) -> float:
+        """Size of a change of W less what may be wrong with it, which follows from up to four W."""
+        limit = self.body.limits.curvature_per_m
+        largest = max(self.coordinate(limit, j) for j in soft_segments(mode))
+        return max(0.0, abs(bend) - 4 * _QUADRATURE * largest)
 
     def shapes_on_the_way(self, mode: Mode, origin: Intervals, bend: float) -> tuple[Array, Array]:
         """Shapes that every such bend passes, and how far off they may be, (m, n) and (n,) [1/m].
