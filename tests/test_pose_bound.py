@@ -80,6 +80,13 @@ def problem_between(
     )
 
 
+FREE = (("phi_rad",), ("x_m",), ("y_m",), ("x_m", "y_m"))
+
+
+def with_free(problem: Problem, free: tuple[str, ...]) -> Problem:
+    return problem.with_values(goal=problem.goal.with_values(**dict.fromkeys(free)))
+
+
 def proved(problem: Problem, sequence: ModeSequence) -> float:
     task = bending_task(problem)
     durations = least_durations(sequence, task)
@@ -185,8 +192,24 @@ def test_no_random_plan_costs_less_than_its_bound(robot: Robot) -> None:
             if (np.abs(boxed.goal.configuration[3:]) > robot.limits.curvature_per_m).any():
                 continue
             assert proved(boxed, sequence) <= cost + 1e-9, (seed, share)
+        free = FREE[seed % len(FREE)]
+        assert proved(with_free(problem, free), sequence) <= cost + 1e-9, (seed, free)
         judged += 1
     assert judged >= 2
+
+
+@pytest.mark.parametrize("free", FREE, ids=" ".join)
+def test_goals_with_free_coordinates_are_bounded_by_what_they_give(free: tuple[str, ...]) -> None:
+    # The robot looks north: what is free in the world is not what is free in its own frame.
+    problem = turned(1.0, phi=math.pi / 2)
+    sequence = (RIGID, SOFT_1, RIGID)
+    far = {name: getattr(problem.goal, name) + 1.0 for name in free}
+    elsewhere = problem.with_values(goal=problem.goal.with_values(**far))
+    bounds_s = [proved(p, sequence) for p in (with_free(problem, free), problem, elsewhere)]
+    assert 0.5 < bounds_s[0] <= min(bounds_s) * (1 + 1e-4)
+    tight = dict.fromkeys(free, 1e5 if free != ("phi_rad",) else math.pi)
+    boxed = problem.with_values(goal=problem.goal.with_values(tolerance=tight))
+    assert proved(boxed, sequence) == pytest.approx(bounds_s[0], rel=1e-2)
 
 
 @each_robot

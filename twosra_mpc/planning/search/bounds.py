@@ -38,11 +38,8 @@ from twosra_mpc.planning.search.bends import (
     least_efforts,
 )
 from twosra_mpc.planning.search.linear_program import proved_minimum
-from twosra_mpc.planning.search.pose_bound import (
-    PhaseMotions,
-    PoseConstraint,
-    best_constraint,
-)
+from twosra_mpc.planning.search.pose_bound import PoseConstraint, best_constraint
+from twosra_mpc.planning.search.pose_phases import PhaseMotions
 from twosra_mpc.planning.search.schedule import cost_coefficients, with_durations
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.coordinates import Array
