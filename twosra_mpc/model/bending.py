@@ -138,31 +138,30 @@ class Bending:
         )
         return (low + high) / 2, ((high - low) / 2).max(axis=0)
 
-    def motions_between(self, mode: Mode, origin: Intervals, along: Array) -> tuple[Array, Array]:
-        """Enclose what each locomotion unit at full speed does to the robot during a bend.
+    def motions_between(self, mode: Mode, low: Array, high: Array) -> tuple[Array, Array]:
+        """Enclose what each locomotion unit at full speed does to the robot in boxes of W.
 
         Args:
             mode: A soft mode.
-            origin: Bounds of the W of every segment where ``along`` is 0.
-            along: Changes of W, increasing; between neighbours lies a box of shapes, (m + 1,).
+            low: Least W of every segment in each box, (n, m).
+            high: Largest.
 
         Returns:
             Lower and upper bounds in each box, each (2, 4, m): for LU1 and LU2 b0's twist
             (u, v, r) [m/s, m/s, rad/s] and dW/dt.
         """
-        least, most = (
-            [w + soft * along for w, soft in zip(end, mode, strict=True)]
-            for end in zip(*origin, strict=True)
+        boxes = tuple(
+            np.array([self._neighbours(j, values)[:, side] for j, values in enumerate(end)])
+            for side, end in enumerate((low, high))
         )
-        boxes = self._boxes(least, most)
         twists = enclose(_twists(self.body, mode), *boxes)
         rates = enclose(_rates(self.body, mode), *boxes)
         speed = _unit_speed(self.body)
-        low, high = (
+        least, most = (
             speed * np.concatenate([twist.reshape(2, 3, -1), rate[:, None]], axis=1)
             for twist, rate in zip(twists, rates, strict=True)
         )
-        return low, high
+        return least, most
 
     def largest_speed_m_s(self, mode: Mode) -> float:
         """Upper bound of the speed of b0 in a soft mode, both locomotion units at full speed."""

@@ -14,9 +14,12 @@ from typing import Generic, TypeVar
 
 from twosra_mpc.planning.search.bends import BendingTask, least_durations, unreachable_reason
 from twosra_mpc.planning.search.bounds import SequenceBound, pose_bound, sequence_bound
+from twosra_mpc.planning.search.motion_bound import least_motion_s
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
-from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, resting_s
+
+_MOVING = 0.05  # share of a cost from which on it pays to ask how long plans move
 
 Solution = TypeVar("Solution")
 SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
@@ -67,6 +70,7 @@ class ModeTree(Generic[Solution]):
     in_the_way: InTheWay = field(default_factory=InTheWay)
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
     _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
+    _motion_s: float | None = None  # least time in which every plan moves, once it is asked for
 
     @property
     def rigid(self) -> Mode:
@@ -121,6 +125,8 @@ class ModeTree(Generic[Solution]):
     def _least_time(self, sequence: ModeSequence) -> float:
         """Duration of the transitions of ``sequence``, which every completion has to make too.
 
+        And of the motion of every plan, while none of them is on its plateau, if that is known.
+
         Completions of a node append phases. Those before the melt of a segment that was solid so
         far delay it, and the freeze after it; the other segment has to freeze in any case.
         """
@@ -128,7 +134,9 @@ class ModeTree(Generic[Solution]):
             return math.inf
         network = self._network(sequence)
         times = earliest_times(network)
-        return math.inf if times is None else times[network.layout.finish]
+        if times is None:
+            return math.inf
+        return max(times[network.layout.finish], (self._motion_s or 0.0) + resting_s(network))
 
     def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
         """Cost of the melts and freezes of ``node`` and of those that must still follow."""
@@ -189,7 +197,11 @@ class ModeTree(Generic[Solution]):
         durations, drives_s = least_durations(leaf, self.task), self.in_the_way.least_drives_s(leaf)
         longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         network = self.timing.network(leaf, self.last, longer)
-        bound = pose_bound(network, self.task, self.weights, longer, enough)
+        if self._motion_s is None and enough - self._bounds[leaf].cost > _MOVING * enough:
+            self._motion_s = least_motion_s(self.task, self.modes)
+        bound = self.bound(node) if self._motion_s else -math.inf
+        if bound < enough:
+            bound = max(bound, pose_bound(network, self.task, self.weights, longer, enough))
         if any(drives_s):
             relaxed = sequence_bound(network, self.task, self.weights, longer)
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)

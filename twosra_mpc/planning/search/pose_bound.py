@@ -79,7 +79,7 @@ def best_constraint(
         bound_with: Lower bound under a further constraint; -inf if that is not known.
         enough: A bound that need not be exceeded.
     """
-    program = _Program(task, phases, layout, least, cost)
+    program = PoseProgram(task, phases, layout, least, cost)
     best = -math.inf
     for _ in range(_ROUNDS):
         x = program.solve()
@@ -92,7 +92,7 @@ def best_constraint(
     return best
 
 
-class _Program:
+class PoseProgram:
     """The linear program for p, C, B, g, e, y, the least C_n at the goal and the sizes of p.
 
     Columns are in this order.
@@ -105,7 +105,9 @@ class _Program:
         layout: EventLayout,
         least: dict[tuple[int, int], float],
         cost: Array,
+        cuts: int = _CUTS,
     ) -> None:
+        self.cuts = cuts
         turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
         self.edges = math.tau * np.unique(np.round(turns, _GRID))  # of the panels, from the start's
         half = np.diff(self.edges) / 2
@@ -134,7 +136,7 @@ class _Program:
         for i, phase in enumerate(phases):
             first = np.arange(len(phase.motions))
             if len(phase.bends) > 1:
-                first = first[first % BOXES == BOXES // 2]
+                first = first[BOXES // 2 :: max(BOXES, 2 * len(first) // self.cuts)]
             motion, panel = np.meshgrid(
                 first, np.arange(0, self.panels, 3 if len(first) > 40 else 1)
             )
@@ -166,8 +168,8 @@ class _Program:
         """Bounds that leave room for every sensible S and keep the program well scaled."""
         bounds = np.tile([-np.inf, np.inf], (self.width, 1))
         most = 1.5 * max(task.known_s, 1.0)
-        steepest = 2.0 * most / max(float(np.hypot(*task.shift)), 0.05) * self.given
-        bounds[:2] = np.outer(steepest, [-1, 1])
+        along = 2.0 * most / max(float(np.hypot(*task.shift)), 0.05) * self.given
+        bounds[:2] = np.outer(along, [-1, 1])
         bounds[2 : self.b[0]] = -most, most
         bounds[self.c] = 0.0  # at the heading of the start
         for i, phase in enumerate(self.phases):
@@ -216,14 +218,16 @@ class _Program:
         u, v, r, bending = phase.motions[motion].T
         c, s = self.cos[panel, point], self.sin[panel, point]
         steep = r / self.widths[panel]
-        values = [c * u - s * v, s * u + c * v, steep, -steep, bending, -np.ones(count)]
+        pieces = phase.piece[motion].T
+        values = [c * u - s * v, s * u + c * v, steep, -steep, -np.ones(count)]
+        values += [bending] * len(pieces)
         columns = [
             np.zeros(count),
             np.ones(count),
             self.c[i] + (panel + 1) % self.panels,
             self.c[i] + panel,
-            self.b[i] + phase.piece[motion],
             np.full(count, self.g + i),
+            *(self.b[i] + pieces),
         ]
         where = (np.tile(np.arange(count), len(columns)), np.concatenate(columns))
         shape = (count, self.width)
@@ -243,44 +247,50 @@ class _Program:
     def read(self, x: Array) -> tuple[PoseConstraint, bool]:
         """Prove what S in x is worth; add the rows it violates, and tell whether there are any."""
         n, p = len(self.phases), x[:2] * self.given
-        x[self.b[0] : self.g] *= self.settled
         levels = x[2 : self.b[0]].reshape(n, self.panels)
         steps = np.diff(levels, axis=0).max(axis=1)
         rates, violated = np.zeros(n), False
         for i, phase in enumerate(self.phases):
-            slopes = (np.roll(levels[i], -1) - levels[i]) / self.widths
-            steep = x[self.b[i] : self.b[i + 1]][phase.piece]
-            growth = self._growth(phase, p, slopes, steep)
-            loose = np.hypot(*p) * np.hypot(phase.slack[:, 0], phase.slack[:, 1])
-            loose = loose + phase.slack[:, 3] * np.abs(steep)
-            loosest = loose[:, None] + phase.slack[:, 2, None] * np.abs(slopes)
-            rates[i] = max(0.0, float((growth.max(axis=2) + loosest).max()))
+            growth, loose = self.growth(phase, p, *self.slopes(x, i))
+            rates[i] = max(0.0, float((growth.max(axis=2) + loose).max()))
             violated |= self._cut(i, growth - x[self.g + i])
-        bent = self.gain[self.b[0] : self.g] * x[self.b[0] : self.g]
+        bent = self.gain[self.b[0] : self.g] * x[self.b[0] : self.g] * self.settled
         parts = [p * self.task.shift, (self.goal @ levels[-1]).min(), -levels[0, 0], bent, -steps]
         parts.append(-np.where(self.given, self.task.reach, 0.0) * np.abs(p))
         gain, size = (sum(float(np.sum(f(part))) for part in parts) for f in (np.array, np.abs))
         return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
 
-    def _growth(self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array) -> Array:
-        """Growth of S by every motion at the three points of every panel, (n, panels, 3)."""
+    def slopes(self, x: Array, i: int) -> tuple[Array, Array]:
+        """C' in every panel and B' in every piece of a phase."""
+        levels = x[self.c[i] : self.c[i] + self.panels]
+        settled = self.settled[self.b[i] - self.b[0] : self.b[i + 1] - self.b[0]]
+        return (np.roll(levels, -1) - levels) / self.widths, x[self.b[i] : self.b[i + 1]] * settled
+
+    def growth(
+        self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array
+    ) -> tuple[Array, Array]:
+        """Growth of S by every motion at three points of every panel, and how much it may be off.
+
+        Shapes (n, panels, 3) and (n, panels).
+        """
+        bend = steep[phase.piece].sum(axis=1)
         u, v, r, bending = phase.motions.T[:, :, None, None]
         along, across = p[0] * self.cos + p[1] * self.sin, p[1] * self.cos - p[0] * self.sin
         growth: Array = u * along + v * across + r * slopes[:, None]
-        growth += bending * steep[:, None, None]
-        return growth
+        growth += bending * bend[:, None, None]
+        loose = np.hypot(*p) * np.hypot(phase.slack[:, 0], phase.slack[:, 1])
+        loose = loose + phase.slack[:, 3] * np.abs(bend)
+        return growth, loose[:, None] + phase.slack[:, 2, None] * np.abs(slopes)
 
     def _cut(self, i: int, excess: Array) -> bool:
         """Add the worst motion of every panel and piece, where it violates its row."""
-        phase = self.phases[i]
         worst, point = excess.max(axis=2), excess.argmax(axis=2)
         panel = np.arange(self.panels)
-        chosen = []
-        for piece in range(len(phase.bends)):
-            inside = np.flatnonzero(phase.piece == piece)
-            chosen.append(np.stack([inside[worst[inside].argmax(axis=0)], panel]))
+        alike = np.unique(self.phases[i].piece, axis=0, return_inverse=True)[1]
+        groups = np.split(np.argsort(alike, kind="stable"), np.cumsum(np.bincount(alike))[:-1])
+        chosen = [np.stack([each[worst[each].argmax(axis=0)], panel]) for each in groups]
         motion, where = np.concatenate(chosen, axis=1)
-        order = np.argsort(-worst[motion, where])[:_CUTS]
+        order = np.argsort(-worst[motion, where])[: self.cuts]
         order = order[worst[motion[order], where[order]] > _VIOLATED]
         if len(order):
             motion, where = motion[order], where[order]
