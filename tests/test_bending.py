@@ -113,6 +113,24 @@ def test_the_coordinate_is_the_integral_of_its_definition(robot: Robot, kappa: f
     assert found == pytest.approx(math.copysign(integral, kappa), rel=1e-11)
 
 
+@pytest.mark.parametrize("smoothing_rad", [1e-2, 1e-3, 3e-4, 1e-4])
+def test_the_error_of_the_coordinate_is_less_than_bounds_leave_room_for(
+    smoothing_rad: float,
+) -> None:
+    assert isinstance(SPIRAL.path, LogSpiralPath)
+    robot = SPIRAL.with_values(path=SPIRAL.path.with_values(smoothing_rad=smoothing_rad))
+    facts, largest = bending(robot), bending(robot).coordinate(CURVATURE)
+    for kappa in (0.3, 1.0, 8.0, CURVATURE):
+        points = [size for size in np.geomspace(1e-5, 1.0, 16) if size < kappa * L]
+        integral, _ = quad(
+            partial(density, robot), 0.0, kappa * L, points=points, epsabs=1e-16, limit=400
+        )
+        assert abs(facts.coordinate(kappa) - integral) < 3e-12 * largest
+    error = 4e-12 * largest  # of a change of W that follows from up to four of them
+    assert facts.least_time(SOFT_1, [(0.0, 0.0)] * 2, error) == 0.0
+    assert facts.least_effort_s2(SOFT_1, [(0.0, 0.0)] * 2, error) == 0.0
+
+
 @each_arc
 @given(kappa=curvatures)
 @for_all

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from problems import ROBOT
 
 from twosra_mpc import Goal, Problem, Start
 from twosra_mpc.model.kinematics import kinematics
-from twosra_mpc.planning.search.rigid_motion import least_time
+from twosra_mpc.planning.search import rigid_motion
+from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.planning.search.rigid_motion import headings_visited, least_time
 from twosra_mpc.planning.single_goal.relaxed import rigid_time
 from twosra_mpc.robot.modes import RIGID
 
@@ -100,3 +103,34 @@ def test_wheels_that_cannot_hold_the_body_give_no_bound() -> None:
     matrix = np.array([[1.0, 0.0, 0.1], [1.0, 0.0, 0.2], [1.0, 0.0, 0.3], [1.0, 0.0, 0.4]])
     shift = np.array([1.0, 0.0])
     assert least_time(matrix, shift, np.zeros(2), (0.0, 0.0), True, known_s=9.0) == 0.0
+
+
+def test_all_headings_that_a_motion_into_a_box_visits_are_covered() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        steps = rng.normal(size=rng.integers(1, 6))
+        visited = np.concatenate([[0.0], np.cumsum(steps)])
+        goal = tuple(visited[-1] + rng.uniform(0, 1, 2) * [-1, 1])
+        low, high = headings_visited(goal, float(np.abs(steps).sum()))
+        assert low - 1e-9 <= visited.min() <= visited.max() <= high + 1e-9
+    # It may turn up to 0.9 and back to 0.8: farther than half of reach, and than the goal.
+    assert headings_visited((0.0, 0.8), 1.0)[1] == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-6, 1e-2])
+def test_a_solver_that_is_wrong_proves_nothing_too_high(
+    error: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows, goal = np.diag([1.0, 1.0, 0.5]), np.array([0.3, 0.4])
+
+    def bound() -> float:
+        return least_time(rows, goal, np.full(2, 0.1), (0.0, 0.0), False, known_s=1.0)
+
+    exact = bound()
+
+    def wrong(*args: Any) -> tuple[float, np.ndarray]:
+        value, x = minimise(*args)
+        return value - 1.0, x + error * np.random.default_rng(1).normal(size=len(x))
+
+    monkeypatch.setattr(rigid_motion, "minimise", wrong)
+    assert exact * (1 - 20 * error) - 1e-9 <= bound() <= exact + 1e-9

@@ -34,6 +34,10 @@ _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown 
 _KNOWN_PER_M = 1e-4  # wider ranges count as unknown
 _MOVES = 1e-5  # of W: plans may leave out what is less, and still end at the goal
 _INVERSE_RAD = 1e-8  # more than the error of the inverse of W
+# More than the error of W, of the largest W: 1 / g is analytic but at +- i smoothing_rad, where
+# spirals bend. On the panel next to it 24 points err by rho^-48 (1e-22 where it is 0.01 rad) of
+# what is not analytic, which fades with smoothing_rad: 2e-12 at worst. Elsewhere it is rounding.
+_QUADRATURE = 1e-11
 _PIECES = 40  # pieces of a bend whose least time is proved
 
 
@@ -117,7 +121,7 @@ class Bending:
         low, high = zip(*origin, strict=True)
         boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
         rates = _largest_rate(self.body, mode, *boxes)
-        at_speed = float(np.sum(abs(bend) / _PIECES / rates))
+        at_speed = float(np.sum(self._surely(mode, bend) / _PIECES / rates))
         return from_rest_to_rest(at_speed, _unit_ramp_s(self.body))
 
     def least_effort_s2(self, mode: Mode, origin: Intervals, bend: float) -> float:
@@ -140,7 +144,13 @@ class Bending:
         boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
         paces = np.hypot(*_largest_paces(self.body, mode, *boxes))
         full_m_s = self.body.limits.wheel_speed_rad_s * self.body.geometry.wheel_radius_m
-        return float(np.sum(abs(bend) / _PIECES / (paces * full_m_s))) ** 2
+        return float(np.sum(self._surely(mode, bend) / _PIECES / (paces * full_m_s))) ** 2
+
+    def _surely(self, mode: Mode, bend: float) -> float:
+        """Size of a change of W less what may be wrong with it, which follows from up to four W."""
+        limit = self.body.limits.curvature_per_m
+        largest = max(self.coordinate(limit, j) for j in soft_segments(mode))
+        return max(0.0, abs(bend) - 4 * _QUADRATURE * largest)
 
     def shapes_on_the_way(self, mode: Mode, origin: Intervals, bend: float) -> tuple[Array, Array]:
         """Shapes that every such bend passes, and how far off they may be, (m, n) and (n,) [1/m].
@@ -158,31 +168,30 @@ class Bending:
         )
         return (low + high) / 2, ((high - low) / 2).max(axis=0)
 
-    def motions_between(self, mode: Mode, origin: Intervals, along: Array) -> tuple[Array, Array]:
-        """Enclose what each locomotion unit at full speed does to the robot during a bend.
+    def motions_between(self, mode: Mode, low: Array, high: Array) -> tuple[Array, Array]:
+        """Enclose what each locomotion unit at full speed does to the robot in boxes of W.
 
         Args:
             mode: A soft mode.
-            origin: Bounds of the W of every segment where ``along`` is 0.
-            along: Changes of W, increasing; between neighbours lies a box of shapes, (m + 1,).
+            low: Least W of every segment in each box, (n, m).
+            high: Largest.
 
         Returns:
             Lower and upper bounds in each box, each (2, 4, m): for LU1 and LU2 b0's twist
             (u, v, r) [m/s, m/s, rad/s] and dW/dt.
         """
-        least, most = (
-            [w + soft * along for w, soft in zip(end, mode, strict=True)]
-            for end in zip(*origin, strict=True)
+        boxes = tuple(
+            np.array([self._neighbours(j, values)[:, side] for j, values in enumerate(end)])
+            for side, end in enumerate((low, high))
         )
-        boxes = self._boxes(least, most)
         twists = enclose(_twists(self.body, mode), *boxes)
         rates = enclose(_rates(self.body, mode), *boxes)
         speed = _unit_speed(self.body)
-        low, high = (
+        least, most = (
             speed * np.concatenate([twist.reshape(2, 3, -1), rate[:, None]], axis=1)
             for twist, rate in zip(twists, rates, strict=True)
         )
-        return low, high
+        return least, most
 
     def largest_speed_m_s(self, mode: Mode) -> float:
         """Upper bound of the speed of b0 in a soft mode, both locomotion units at full speed."""

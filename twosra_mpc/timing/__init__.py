@@ -1,7 +1,13 @@
 """Transition timing: the events of a mode sequence, and how far apart they must be."""
 
 from twosra_mpc.timing import overlapped, sequential, thermal  # noqa: F401  # they register
-from twosra_mpc.timing.network import EventLayout, TemporalNetwork, earliest_times, latest_times
+from twosra_mpc.timing.network import (
+    EventLayout,
+    TemporalNetwork,
+    earliest_times,
+    latest_times,
+    resting_s,
+)
 from twosra_mpc.timing.transitions import (
     SegmentHeating,
     Transition,
@@ -19,5 +25,6 @@ __all__ = [
     "earliest_times",
     "latest_times",
     "model_of",
+    "resting_s",
     "transition_model",
 ]

@@ -180,6 +180,17 @@ def longest_paths(network: TemporalNetwork, since: int) -> list[float]:
     return times
 
 
+def resting_s(network: TemporalNetwork) -> float:
+    """Least time in which segments melt or freeze and nothing moves, in all gaps together [s].
+
+    No less if phases are appended: what has to freeze after the last one does so later.
+    """
+    layout = network.layout
+    gaps, segments = range(layout.phases + 1), range(layout.segments)
+    plateaus = [[(layout.onset(gap, j), layout.start(gap)) for j in segments] for gap in gaps]
+    return sum(max(0.0, *(network.least.get(pair, 0.0) for pair in gap)) for gap in plateaus)
+
+
 def latest_times(network: TemporalNetwork, at_most: Mapping[int, float]) -> list[float]:
     """Latest time of every event with some events not later than given [s]; inf where free.
 

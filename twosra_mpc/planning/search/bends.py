@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.planning.search.pose_bound import PoseTask
+from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named
 

@@ -42,12 +42,9 @@ from twosra_mpc.planning.search.bends import (
     least_durations,
     least_efforts,
 )
-from twosra_mpc.planning.search.linear_program import minimise
-from twosra_mpc.planning.search.pose_bound import (
-    PhaseMotions,
-    PoseConstraint,
-    best_constraint,
-)
+from twosra_mpc.planning.search.linear_program import proved_minimum
+from twosra_mpc.planning.search.pose_bound import PoseConstraint, best_constraint
+from twosra_mpc.planning.search.pose_phases import PhaseMotions
 from twosra_mpc.planning.search.schedule import cost_coefficients, with_durations
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.coordinates import Array
@@ -268,6 +265,7 @@ class Relaxation:
         efforts: Sequence[float] = (),
     ) -> None:
         self._network, self._weights, self._efforts = network, weights, efforts
+        self._rates = rates
         layout = network.layout
         self._width = layout.count + layout.phases + len(efforts)
         self._rows: list[Array] = []
@@ -303,16 +301,23 @@ class Relaxation:
                 )
 
     def optimum(self) -> SequenceBound | None:
-        """The least cost; None if the constraints contradict each other."""
+        """The least cost; None if the constraints contradict each other.
+
+        All times are at most the finish, which costs 1 per second, and bends at most rate times
+        time; so nothing is larger than a multiple of the cost.
+        """
         layout, n = self._network.layout, self._network.layout.phases
-        count = len(self._efforts)
+        count, effort = len(self._efforts), self._weights.effort
         objective, constant = cost_coefficients(self._network, self._weights)
         bends_of = [(None, None) if any(mode) else (0.0, 0.0) for mode in self._network.sequence]
         bounds = [*[(0.0, None)] * (layout.count - 1), (0.0, 0.0), *bends_of]
         bounds += [(0.0, None)] * count
-        objective = np.concatenate([objective, np.zeros(n), np.full(count, self._weights.effort)])
-        optimum = minimise(objective, np.array(self._rows), np.array(self._limits), bounds)
-        if optimum is None:
+        objective = np.concatenate([objective, np.zeros(n), np.full(count, effort)])
+        per_cost = np.concatenate([np.ones(layout.count), self._rates, np.ones(count)])
+        per_cost[layout.count + n :] /= effort or 1.0
+        rows, limits = np.array(self._rows), np.array(self._limits)
+        least, found = proved_minimum(objective, rows, limits, bounds, per_cost)
+        if least == math.inf:
             return None
-        times, bends_found, _ = np.split(optimum[1], [layout.count, layout.count + n])
-        return SequenceBound(optimum[0] + constant, times=times, bends=bends_found)
+        times, bends_found, _ = np.split(found, [layout.count, layout.count + n])
+        return SequenceBound(least + constant, times=times, bends=bends_found)

@@ -181,6 +181,7 @@ class _Search(Generic[Node, Solution]):
         self.cost = math.inf
         self.solution: Solution | None = None
         self.bounded = self.solved = 0
+        self.learnt = False  # whether a bound was tightened, and others may be too
 
     @property
     def open(self) -> bool:
@@ -203,8 +204,11 @@ class _Search(Generic[Node, Solution]):
         return SearchResult(ending, self.cost, self.solution, low, self.bounded, self.solved)
 
     def step(self) -> None:
-        """Work on the entry with the least bound."""
-        if self.queue[0].branch:
+        """Work on the entry with the least bound, if that is still its bound."""
+        bound = self.tree.bound(self.queue[0].node) if self.learnt else -math.inf
+        if bound > self.queue[0].bound:
+            heapq.heapreplace(self.queue, replace(self.queue[0], bound=bound))
+        elif self.queue[0].branch:
             self._branch(self.queue[0])
         else:
             self._attempt(self.queue[0])
@@ -252,7 +256,9 @@ class _Search(Generic[Node, Solution]):
         if found is not None and found[0] < self.cost:
             self.cost, self.solution = found
         if not tight and self.cost - bound > self.gap * self.cost:
-            bound = max(bound, self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost))
+            tighter = self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost)
+            self.learnt |= tighter > bound
+            bound = max(bound, tighter)
             tight = True
         _check(least, bound)
         worked = replace(entry, bound=bound, attempts=attempts, found=least, tight=tight)

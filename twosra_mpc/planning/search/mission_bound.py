@@ -16,7 +16,7 @@ import numpy as np
 
 from twosra_mpc.planning.search.bends import Intervals
 from twosra_mpc.planning.search.bounds import Relaxation, SequenceBound
-from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.planning.search.linear_program import proved_minimum
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, is_rigid
 from twosra_mpc.timing import TemporalNetwork
@@ -157,5 +157,10 @@ def reachable(changes: Sequence[Intervals], modes: Sequence[Sequence[Mode]]) -> 
                 limits.append(limit + _ROUNDING)
     if not columns:
         return True
-    free = [(None, None)] * len(columns)
-    return minimise(np.zeros(len(columns)), np.array(rows), np.array(limits), free) is not None
+    # If there is a solution there is one that solves some of the rows as equations. Their entries
+    # are 0 and 1, so by Cramer and Hadamard it is no larger than this.
+    n = len(columns)
+    largest = n ** (n / 2 + 1) * float(np.abs(limits).max())
+    bounds, none = [(-largest, largest)] * n, np.zeros(n)
+    least, _ = proved_minimum(none, np.array(rows), np.array(limits), bounds, none)
+    return least < math.inf

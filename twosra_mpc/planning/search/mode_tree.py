@@ -20,9 +20,12 @@ from twosra_mpc.planning.search.bounds import (
     pose_bound,
     sequence_bound,
 )
+from twosra_mpc.planning.search.motion_bound import least_motion_s
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
-from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times
+from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, resting_s
+
+_MOVING = 0.05  # share of a cost from which on it pays to ask how long plans move
 
 Solution = TypeVar("Solution")
 SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
@@ -73,6 +76,7 @@ class ModeTree(Generic[Solution]):
     in_the_way: InTheWay = field(default_factory=InTheWay)
     unreachable: dict[ModeSequence, str] = field(default_factory=dict)
     _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
+    _motion_s: float | None = None  # least time in which every plan moves, once it is asked for
 
     @property
     def rigid(self) -> Mode:
@@ -133,6 +137,8 @@ class ModeTree(Generic[Solution]):
     def _least_time(self, sequence: ModeSequence) -> float:
         """Duration of the transitions of ``sequence``, which every completion has to make too.
 
+        And of the motion of every plan, while none of them is on its plateau, if that is known.
+
         Completions of a node append phases. Those before the melt of a segment that was solid so
         far delay it, and the freeze after it; the other segment has to freeze in any case.
         """
@@ -140,7 +146,9 @@ class ModeTree(Generic[Solution]):
             return math.inf
         network = self._network(sequence)
         times = earliest_times(network)
-        return math.inf if times is None else times[network.layout.finish]
+        if times is None:
+            return math.inf
+        return max(times[network.layout.finish], (self._motion_s or 0.0) + resting_s(network))
 
     def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
         """Cost of the melts and freezes of ``node`` and of those that must still follow."""
@@ -205,6 +213,10 @@ class ModeTree(Generic[Solution]):
         network = self.timing.network(leaf, self.last, longer)
         delayed = self.timing.with_delays(network, longer)
         bound = bound_by_parts(delayed, self.task, self.weights, longer, enough)
+        if self._motion_s is None and enough - self._bounds[leaf].cost > _MOVING * enough:
+            self._motion_s = least_motion_s(self.task, self.modes)
+        if self._motion_s:
+            bound = max(bound, self.bound(node))
         if bound < enough:
             bound = max(bound, pose_bound(delayed, self.task, self.weights, longer, enough))
         if any(drives_s):

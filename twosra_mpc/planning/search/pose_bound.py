@@ -14,7 +14,8 @@ does in phase i, and C_{i+1} - C_i <= e_i at every heading, then summing over th
 a linear constraint on the event times, and the least cost of the temporal network with this
 constraint is a lower bound. It holds for any p, C and B, however the robot moves: it may rest, turn
 about, or bend too far and back. Where a bend d_i is known to within bounds, B_i is flat between
-them; of a box of goal poses the one counts that gains the least. In a rigid phase g_i is a maximum
+them; of the goal poses the one counts that gains the least, so p has no part along a coordinate
+that is free, and of a free heading the least C_n counts. In a rigid phase g_i is a maximum
 over the vertices of a polytope of twists; in a soft phase over boxes of shapes on the line of its
 bends, out to the curvature limits, and the corners of the two units' speeds (growth is linear in
 both, and what limits the wheels besides is left out).
@@ -32,131 +33,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from twosra_mpc.planning.search.linear_program import minimise
-from twosra_mpc.planning.search.rigid_motion import twist_vertices
+from twosra_mpc.planning.search.pose_phases import BOXES, Indices, PhaseMotions, PoseTask
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import EventLayout
-
-Indices = NDArray[np.intp]
-Shape = tuple[float, ...]  # curvatures [1/m]
-Bounds = tuple[tuple[float, float], ...]  # (low, high) of every segment
 
 PANELS = 32  # of headings, and one edge more near the goal's
 _GRID = 5  # decimals of a turn to which edges are rounded, so that no panel is tiny
-_INSIDE, _OUTSIDE, _BOXES = 4, 2, 24  # pieces of B within the bend, on each side, boxes a piece
 _ROUNDS = 14  # of adding rows
 _CUTS = 120  # rows added a phase and round
 _VIOLATED = 1e-4  # s/s
 _STEEPEST = 3.0  # largest B', in terms of the fastest bending
 _ROUNDING = 1e-5  # relative allowance for rounding, and for shapes known to 1e-9 rad
-
-
-@dataclass(frozen=True)
-class PoseTask:
-    """The change of pose a plan must bring about, and how fast its phases can.
-
-    Attributes:
-        shift: Change of (x, y) in the start frame of heading [m], (2,).
-        turn: Change of heading, modulo full turns [rad].
-        reach: Half-sides of the box that the change of (x, y) may end in, as vectors, (2, 2) [m].
-        turn_reach: The same of the change of heading [rad].
-        known_s: Duration of a rigid motion in the start shape that makes the change [s].
-        speed_rows: (least, largest kappa (n,)) -> rows M with abs(M xi) <= 1 for every rigid twist
-            in a shape between, and how far off they may be, each (m, 3).
-        soft_motions: (mode, bounds of W of each segment, changes of W (m + 1,)) -> lower and upper
-            bounds, each (2, 4, m), of twist (u, v, r) and dW/dt by LU1 and by LU2 at full speed,
-            between neighbouring changes of W.
-    """
-
-    shift: Array
-    turn: float
-    reach: Array
-    turn_reach: float
-    known_s: float
-    speed_rows: Callable[[Shape, Shape], tuple[Array, Array]]
-    soft_motions: Callable[[Mode, Bounds, Array], tuple[Array, Array]]
-
-    def rigid_phase(self, least: Shape, most: Shape) -> PhaseMotions | None:
-        """What a rigid phase in a shape between these can do; None if nothing limits it.
-
-        The rows are M + D with abs(D) <= off. Let t = max abs(M xi), and X the largest abs(xi) with
-        t = 1. A twist has t <= 1 + max off abs(xi) <= 1 + a t with a = max off X: t <= 1 / (1 - a).
-        """
-        rows, off = self.speed_rows(least, most)
-        twists = twist_vertices(rows)
-        if twists is None:
-            return None
-        more = float((off @ np.abs(twists).max(axis=0)).max())
-        if not more < 1:
-            return None
-        motions = np.pad(twists / (1 - more), ((0, 0), (0, 1)))
-        none = np.zeros(len(twists), dtype=np.intp)
-        return PhaseMotions(motions, np.zeros_like(motions), none, np.zeros(1), np.ones(1, bool))
-
-    def soft_phase(
-        self, mode: Mode, origin: Bounds, bend: tuple[float, float], room: tuple[float, float]
-    ) -> PhaseMotions | None:
-        """What a soft phase can do that bends by something in ``bend`` and strays within ``room``.
-
-        None if nothing limits it. Where there is no room, pieces have no length.
-        """
-        least, most = bend
-        surely = min(bend, key=abs) if least * most > 0 else 0.0
-        low, high = min(surely, 0.0), max(surely, 0.0)
-        under, over = [least] if least < low else [], [most] if most > high else []
-        first, last = min(least, low), max(most, high)
-        edges = np.concatenate(
-            [
-                np.linspace(min(room[0], first), first, _OUTSIDE, endpoint=False),
-                under,
-                np.linspace(low, high, _INSIDE, endpoint=False),
-                [high] if over else [],
-                np.linspace(last, max(room[1], last), _OUTSIDE + 1),
-            ]
-        )
-        pieces = len(edges) - 1
-        settled = (edges[:-1] >= low) & (edges[1:] <= high)
-        settled |= (edges[:-1] >= last) | (edges[1:] <= first)
-        steps = np.linspace(0.0, 1.0, _BOXES, endpoint=False)
-        along = np.append((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel(), edges[-1])
-        lower, upper = self.soft_motions(mode, origin, along)
-        if not (np.isfinite(lower).all() and np.isfinite(upper).all()):
-            return None
-        middle, half = (upper + lower) / 2, (upper - lower) / 2
-        corners = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-        return PhaseMotions(
-            motions=np.concatenate([i * middle[0] + j * middle[1] for i, j in corners], axis=1).T,
-            slack=np.tile((half[0] + half[1]).T, (4, 1)),
-            piece=np.tile(np.repeat(np.arange(pieces), _BOXES), 4),
-            bends=math.copysign(1.0, surely) * np.diff(np.clip(edges, low, high)),
-            settled=settled,
-        )
-
-
-class PhaseMotions(NamedTuple):
-    """Extreme motions of a phase.
-
-    Attributes:
-        motions: (u, v, r, dW/dt), (n, 4).
-        slack: How far the true motions may lie from them, (n, 4).
-        piece: Piece of B in which they take place, (n,).
-        bends: Change of W in each piece that the phase must make, (pieces,).
-        settled: Whether it is known how much of a piece the phase bends; elsewhere B is flat.
-    """
-
-    motions: Array
-    slack: Array
-    piece: Indices
-    bends: Array
-    settled: NDArray[np.bool_]
 
 
 class PoseConstraint(NamedTuple):
@@ -186,7 +79,7 @@ def best_constraint(
         bound_with: Lower bound under a further constraint; -inf if that is not known.
         enough: A bound that need not be exceeded.
     """
-    program = _Program(task, phases, layout, least, cost)
+    program = PoseProgram(task, phases, layout, least, cost)
     best = -math.inf
     for _ in range(_ROUNDS):
         x = program.solve()
@@ -199,8 +92,11 @@ def best_constraint(
     return best
 
 
-class _Program:
-    """The linear program for p, C, B, g, e and y; columns in this order."""
+class PoseProgram:
+    """The linear program for p, C, B, g, e, y, the least C_n at the goal and the sizes of p.
+
+    Columns are in this order.
+    """
 
     def __init__(
         self,
@@ -209,16 +105,19 @@ class _Program:
         layout: EventLayout,
         least: dict[tuple[int, int], float],
         cost: Array,
+        cuts: int = _CUTS,
     ) -> None:
+        self.cuts = cuts
         turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
         self.edges = math.tau * np.unique(np.round(turns, _GRID))  # of the panels, from the start's
         half = np.diff(self.edges) / 2
         middle = (self.edges[1:] + self.edges[:-1]) / 2
         self.widths, self.panels = 2 * half, len(half)
-        angles = np.stack([self.edges[:-1], self.edges[1:], middle], axis=1)
+        angles = task.heading + np.stack([self.edges[:-1], self.edges[1:], middle], axis=1)
         size = np.stack([np.ones_like(half), np.ones_like(half), 1 / np.cos(half)], axis=1)
         self.cos, self.sin = np.cos(angles) * size, np.sin(angles) * size
-        self.task, self.phases = task, phases
+        self.task, self.phases, self.given = task, phases, np.isfinite(task.reach)
+        self.goal = self._goal_headings(task)
         self.settled = np.concatenate([phase.settled for phase in phases])
         n = len(phases)
         pieces = [len(phase.bends) for phase in phases]
@@ -227,40 +126,50 @@ class _Program:
         self.g = int(self.b[-1])
         self.e = self.g + n
         self.y = self.e + n - 1
-        self.width = self.y + len(least)
-        self.gain = self._gain(task, list(least.values()))
+        self.m = self.y + len(least)
+        self.width = self.m + 3
+        self.gain = self._gain(list(least.values()))
         self.bounds = self._bounds(task)
         self.cost = cost[: layout.origin]
-        self.rows = [self._balance(layout, least), self._switches()]  # then those of the growth
+        # Then follow those of the growth.
+        self.rows = [self._balance(layout, least), self._switches(), self._least_gain()]
         for i, phase in enumerate(phases):
             first = np.arange(len(phase.motions))
             if len(phase.bends) > 1:
-                first = first[first % _BOXES == _BOXES // 2]
+                first = first[BOXES // 2 :: max(BOXES, 2 * len(first) // self.cuts)]
             motion, panel = np.meshgrid(
                 first, np.arange(0, self.panels, 3 if len(first) > 40 else 1)
             )
             self._add(i, motion.ravel(), panel.ravel(), np.full(motion.size, 2))
 
-    def _gain(self, task: PoseTask, least: list[float]) -> Array:
-        """What S gains from start to goal, whose heading lies within a panel or at its edge."""
+    def _goal_headings(self, task: PoseTask) -> Array:
+        """Headings of the goal at one of which C_n is least, as shares of edges, (n, panels)."""
+        inner, half = task.turn % math.tau, task.turn_reach
+        inside = np.abs(np.remainder(self.edges[:-1] - inner + math.pi, math.tau) - math.pi) < half
+        ends = np.remainder([inner, inner - half, inner + half], math.tau)
+        panel = np.minimum(np.searchsorted(self.edges, ends, "right"), self.panels) - 1
+        part = ((ends - self.edges[panel]) / self.widths[panel])[:, None]
+        shares = np.eye(self.panels)
+        between = (1 - part) * shares[panel] + part * shares[(panel + 1) % self.panels]
+        return np.concatenate([between, shares[inside]])
+
+    def _gain(self, least: list[float]) -> Array:
+        """What S gains from start to goal."""
         gain = np.zeros(self.width)
-        gain[:2] = task.shift
-        gain[self.c[0]] -= 1.0
-        turn = task.turn % math.tau
-        panel = min(int(np.searchsorted(self.edges, turn, "right")), self.panels) - 1
-        part = (turn - self.edges[panel]) / self.widths[panel]
-        gain[self.c[-1] + panel] += 1.0 - part
-        gain[self.c[-1] + (panel + 1) % self.panels] += part
+        gain[:2] = self.task.shift
         gain[self.b[0] : self.g] = np.concatenate([phase.bends for phase in self.phases])
         gain[self.e : self.y] = -1.0
-        gain[self.y :] = least
+        gain[self.y : self.m] = least
+        gain[self.m] = 1.0
+        gain[self.m + 1 :] = -np.where(self.given, self.task.reach, 0.0)
         return gain
 
     def _bounds(self, task: PoseTask) -> Array:
         """Bounds that leave room for every sensible S and keep the program well scaled."""
         bounds = np.tile([-np.inf, np.inf], (self.width, 1))
         most = 1.5 * max(task.known_s, 1.0)
-        bounds[:2] = 2.0 * most / max(float(np.hypot(*task.shift)), 0.05) * np.array([-1, 1])
+        along = 2.0 * most / max(float(np.hypot(*task.shift)), 0.05) * self.given
+        bounds[:2] = np.outer(along, [-1, 1])
         bounds[2 : self.b[0]] = -most, most
         bounds[self.c] = 0.0  # at the heading of the start
         for i, phase in enumerate(self.phases):
@@ -268,7 +177,7 @@ class _Program:
             steepest = _STEEPEST / fastest if fastest else 0.0
             bounds[self.b[i] : self.b[i + 1]] = -steepest, steepest
         bounds[self.b[0] : self.g][~self.settled] = 0.0
-        bounds[self.g : self.e, 0] = bounds[self.y :, 0] = 0.0
+        bounds[self.g : self.e, 0] = bounds[self.y : self.m, 0] = 0.0
         return bounds
 
     def _balance(
@@ -294,20 +203,31 @@ class _Program:
             row[at, self.e + i] = -1.0
         return sparse.csr_matrix(rows.reshape(-1, self.width))
 
+    def _least_gain(self) -> sparse.csr_matrix:
+        """What is gained is no more than C_n at a heading of the goal; abs(p) are at least p."""
+        rows = np.zeros((len(self.goal) + 4, self.width))
+        rows[:-4, self.c[-1] : self.c[-1] + self.panels] = -self.goal
+        rows[:-4, self.m] = 1.0
+        rows[-4:, :2] = np.vstack([np.eye(2), -np.eye(2)])
+        rows[-4:, self.m + 1 :] = -np.vstack([np.eye(2), np.eye(2)])
+        return sparse.csr_matrix(rows)
+
     def _add(self, i: int, motion: Indices, panel: Indices, point: Indices) -> None:
         """Rows: growth of S_i by some motions, at some points of some panels, is at most g_i."""
         phase, count = self.phases[i], len(motion)
         u, v, r, bending = phase.motions[motion].T
         c, s = self.cos[panel, point], self.sin[panel, point]
         steep = r / self.widths[panel]
-        values = [c * u - s * v, s * u + c * v, steep, -steep, bending, -np.ones(count)]
+        pieces = phase.piece[motion].T
+        values = [c * u - s * v, s * u + c * v, steep, -steep, -np.ones(count)]
+        values += [bending] * len(pieces)
         columns = [
             np.zeros(count),
             np.ones(count),
             self.c[i] + (panel + 1) % self.panels,
             self.c[i] + panel,
-            self.b[i] + phase.piece[motion],
             np.full(count, self.g + i),
+            *(self.b[i] + pieces),
         ]
         where = (np.tile(np.arange(count), len(columns)), np.concatenate(columns))
         shape = (count, self.width)
@@ -326,53 +246,51 @@ class _Program:
 
     def read(self, x: Array) -> tuple[PoseConstraint, bool]:
         """Prove what S in x is worth; add the rows it violates, and tell whether there are any."""
-        n, p = len(self.phases), x[:2]
-        x[self.b[0] : self.g] *= self.settled
+        n, p = len(self.phases), x[:2] * self.given
         levels = x[2 : self.b[0]].reshape(n, self.panels)
         steps = np.diff(levels, axis=0).max(axis=1)
         rates, violated = np.zeros(n), False
         for i, phase in enumerate(self.phases):
-            slopes = (np.roll(levels[i], -1) - levels[i]) / self.widths
-            steep = x[self.b[i] : self.b[i + 1]][phase.piece]
-            growth = self._growth(phase, p, slopes, steep)
-            loose = np.hypot(*p) * np.hypot(phase.slack[:, 0], phase.slack[:, 1])
-            loose = loose + phase.slack[:, 3] * np.abs(steep)
-            loosest = loose[:, None] + phase.slack[:, 2, None] * np.abs(slopes)
-            rates[i] = max(0.0, float((growth.max(axis=2) + loosest).max()))
+            growth, loose = self.growth(phase, p, *self.slopes(x, i))
+            rates[i] = max(0.0, float((growth.max(axis=2) + loose).max()))
             violated |= self._cut(i, growth - x[self.g + i])
-        gain = float(self.gain[: self.e] @ x[: self.e] - steps.sum())
-        gain -= float(np.abs(self.task.reach @ p).sum()) + self._fall(levels[-1])
-        size = float(np.abs(self.gain[: self.e]) @ np.abs(x[: self.e]) + np.abs(steps).sum())
+        bent = self.gain[self.b[0] : self.g] * x[self.b[0] : self.g] * self.settled
+        parts = [p * self.task.shift, (self.goal @ levels[-1]).min(), -levels[0, 0], bent, -steps]
+        parts.append(-np.where(self.given, self.task.reach, 0.0) * np.abs(p))
+        gain, size = (sum(float(np.sum(f(part))) for part in parts) for f in (np.array, np.abs))
         return PoseConstraint(rates * (1 + _ROUNDING), gain - _ROUNDING * size), violated
 
-    def _fall(self, levels: Array) -> float:
-        """How much lower C is somewhere in the goal's headings than in their middle."""
-        inner, half = self.task.turn % math.tau, self.task.turn_reach
-        turns = [inner, inner - half, inner + half]
-        edges = self.edges[:-1] - inner
-        inside = np.abs(np.remainder(edges + math.pi, math.tau) - math.pi) <= half
-        c = np.interp(np.remainder(turns, math.tau), self.edges, np.append(levels, levels[0]))
-        return float(c[0] - min(c.min(), levels[inside].min(initial=np.inf)))
+    def slopes(self, x: Array, i: int) -> tuple[Array, Array]:
+        """C' in every panel and B' in every piece of a phase."""
+        levels = x[self.c[i] : self.c[i] + self.panels]
+        settled = self.settled[self.b[i] - self.b[0] : self.b[i + 1] - self.b[0]]
+        return (np.roll(levels, -1) - levels) / self.widths, x[self.b[i] : self.b[i + 1]] * settled
 
-    def _growth(self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array) -> Array:
-        """Growth of S by every motion at the three points of every panel, (n, panels, 3)."""
+    def growth(
+        self, phase: PhaseMotions, p: Array, slopes: Array, steep: Array
+    ) -> tuple[Array, Array]:
+        """Growth of S by every motion at three points of every panel, and how much it may be off.
+
+        Shapes (n, panels, 3) and (n, panels).
+        """
+        bend = steep[phase.piece].sum(axis=1)
         u, v, r, bending = phase.motions.T[:, :, None, None]
         along, across = p[0] * self.cos + p[1] * self.sin, p[1] * self.cos - p[0] * self.sin
         growth: Array = u * along + v * across + r * slopes[:, None]
-        growth += bending * steep[:, None, None]
-        return growth
+        growth += bending * bend[:, None, None]
+        loose = np.hypot(*p) * np.hypot(phase.slack[:, 0], phase.slack[:, 1])
+        loose = loose + phase.slack[:, 3] * np.abs(bend)
+        return growth, loose[:, None] + phase.slack[:, 2, None] * np.abs(slopes)
 
     def _cut(self, i: int, excess: Array) -> bool:
         """Add the worst motion of every panel and piece, where it violates its row."""
-        phase = self.phases[i]
         worst, point = excess.max(axis=2), excess.argmax(axis=2)
         panel = np.arange(self.panels)
-        chosen = []
-        for piece in range(len(phase.bends)):
-            inside = np.flatnonzero(phase.piece == piece)
-            chosen.append(np.stack([inside[worst[inside].argmax(axis=0)], panel]))
+        alike = np.unique(self.phases[i].piece, axis=0, return_inverse=True)[1]
+        groups = np.split(np.argsort(alike, kind="stable"), np.cumsum(np.bincount(alike))[:-1])
+        chosen = [np.stack([each[worst[each].argmax(axis=0)], panel]) for each in groups]
         motion, where = np.concatenate(chosen, axis=1)
-        order = np.argsort(-worst[motion, where])[:_CUTS]
+        order = np.argsort(-worst[motion, where])[: self.cuts]
         order = order[worst[motion[order], where[order]] > _VIOLATED]
         if len(order):
             motion, where = motion[order], where[order]

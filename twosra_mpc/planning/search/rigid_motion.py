@@ -87,11 +87,7 @@ def _bound_to(
 ) -> float:
     """Best bound of the form above for one interval of goal headings, relative to the start's."""
     near = min(max(0.0, goal[0]), goal[1])  # what must be turned in any case
-    # A faster motion turns by less than reach in all: away from the way to ``near`` and back by
-    # half of what is left, or on into the goal's interval and no further.
-    spare = max(0.0, (reach - abs(near)) / 2)
-    low = min(min(0.0, near) - spare, max(goal[0], -reach))
-    high = max(max(0.0, near) + spare, min(goal[1], reach))
+    low, high = headings_visited(goal, reach)
     marks = {low, min(0.0, near), max(0.0, near), high, *np.clip(goal, low, high).tolist()}
     edges = _panels(sorted(marks))
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
@@ -111,12 +107,24 @@ def _bound_to(
     # p = plus - minus, both >= 0, so that the goal box costs box . (plus + minus).
     box = np.where(asked, shift_box, 0.0)
     gain = np.concatenate([along - box, -along - box, np.sign(near) * 2 * half * between])
-    bounds: list[tuple[float | None, float | None]] = []
-    bounds += [(0.0, None if ok else 0.0) for ok in (*asked, *asked)]
-    bounds += [(0.0, 0.0) if free else (None, None) for free in uncertain]
+    ends = np.tile([-np.inf, np.inf], (len(gain), 1))
+    ends[:4, 0], ends[:4][~np.tile(asked, 2), 1] = 0.0, 0.0
+    ends[4:][uncertain] = 0.0
     rows = np.vstack(blocks)
-    optimum = minimise(-gain, rows, np.ones(len(rows)), bounds)
-    return -optimum[0] if optimum else 0.0
+    optimum = minimise(-gain, rows, np.ones(len(rows)), [(a, b) for a, b in ends.tolist()])
+    if optimum is None:
+        return 0.0
+    s = np.clip(optimum[1], *ends.T)
+    return float(gain @ s) / float((rows @ s).max(initial=1.0))  # S, made to grow as it may
+
+
+def headings_visited(goal: tuple[float, float], reach: float) -> tuple[float, float]:
+    """Least and largest heading of all motions from 0 into ``goal`` that turn by at most ``reach``.
+
+    One that turns up to h and ends at g turns by h + (h - g) at least, so h <= (reach + g) / 2.
+    """
+    low = min(0.0, (max(goal[0], -reach) - reach) / 2)
+    return low, max(0.0, (min(goal[1], reach) + reach) / 2)
 
 
 def _panels(marks: list[float]) -> Array:

@@ -16,7 +16,7 @@ from twosra_mpc.planning.nlp.guess import bend_changes, guess_motion
 from twosra_mpc.planning.search.bends import BendingTask, Conserved
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.mode_tree import InTheWay, ModeTree
-from twosra_mpc.planning.search.pose_bound import PoseTask
+from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import (
@@ -110,20 +110,21 @@ def _asked(name: str, start: float, low: float, high: float) -> str:
 
 
 def pose_task(problem: Problem) -> PoseTask | None:
-    """What the plan must do to the pose; None where the goal leaves part of it free."""
+    """What the plan must do to the pose; None where the goal leaves all of it free."""
     start = problem.start.configuration
-    low, high = (end[:POSE] for end in problem.goal.box_met(start))
-    if not np.isfinite(high - low).all():
+    low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
+    given = np.isfinite(high - low)
+    if not given.any():
         return None
-    goal, (half_x, half_y, half_turn) = (low + high) / 2, (high - low) / 2
+    low, high = np.where(given, [low, high], 0.0)
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
-    c, s = math.cos(start[2]), math.sin(start[2])
-    east, north = (goal[:2] - start[:2]).tolist()
+    reach = np.where(given, (high - low) / 2, math.inf)
     return PoseTask(
-        shift=np.array([c * east + s * north, -s * east + c * north]),
-        turn=float(goal[2] - start[2]),
-        reach=np.array([[c * half_x, -s * half_x], [s * half_y, c * half_y]]),
-        turn_reach=float(half_turn),
+        heading=float(start[2]),
+        shift=(low + high)[:2] / 2,
+        reach=reach[:2],
+        turn=float(low[2] + high[2]) / 2,
+        turn_reach=min(float(reach[2]), math.pi),
         known_s=_known_s(guess),
         speed_rows=partial(rigid_rows_between, problem.robot),
         soft_motions=bending(problem.robot).motions_between,

@@ -1,0 +1,100 @@
+"""What is proved of linear programs, however wrong the solver is."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twosra_mpc.planning.search import linear_program
+from twosra_mpc.planning.search.linear_program import minimise, proved_minimum
+
+solve = linear_program.linprog
+
+
+def random_program(seed: int) -> tuple[Any, ...]:
+    """Differences of times that are at least so much, the last one the cost; and a bounded one."""
+    rng, n = np.random.default_rng(seed), 6
+    rows, limits = [], []
+    for u in range(n):
+        for v in range(u + 1, n):
+            row = np.zeros(n + 1)
+            row[[u, v]], row[n] = [1.0, -1.0], rng.normal()
+            rows.append(row)
+            limits.append(-rng.uniform())
+    objective = np.zeros(n + 1)
+    objective[n - 1] = 1.0
+    bounds = [*[(0.0, None)] * n, (-2.0, 3.0)]
+    return objective, np.array(rows), np.array(limits), bounds, np.array([1.0] * n + [math.inf])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_proved_minimum_is_the_minimum(seed: int) -> None:
+    program = random_program(seed)
+    optimum = minimise(*program[:4])
+    assert optimum is not None
+    proved, x = proved_minimum(*program)
+    assert optimum[0] * (1 - 1e-9) - 1e-9 <= proved <= optimum[0] + 1e-12
+    assert x == pytest.approx(optimum[1])
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("size", [1e-7, 0.1, 10.0])
+def test_wrong_multipliers_prove_less_and_never_more(
+    seed: int, size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = random_program(seed)
+    optimum = minimise(*program[:4])
+    assert optimum is not None
+    noise = size * np.random.default_rng(seed).normal(size=len(program[1]))
+
+    def wrong(*args: Any, **options: Any) -> SimpleNamespace:
+        result = solve(*args, **options)
+        marginals = SimpleNamespace(marginals=result.ineqlin.marginals + noise)
+        return SimpleNamespace(status=0, x=result.x, fun=result.fun + 1.0, ineqlin=marginals)
+
+    monkeypatch.setattr(linear_program, "linprog", wrong)
+    proved, _ = proved_minimum(*program)
+    assert 0.0 <= proved <= optimum[0] + 1e-12
+    if size < 1e-3:
+        assert proved >= optimum[0] - 1e-4
+
+
+def test_contradictions_are_proved_by_a_ray() -> None:
+    # x + 1 <= y and y + 1 <= x, whatever they are; and b is at least 1 and at most 0.5.
+    rows, limits = np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([-1.0, -1.0])
+    free = [(0.0, None)] * 2
+    assert proved_minimum(np.ones(2), rows, limits, free, np.ones(2))[0] == math.inf
+    row, limit = np.array([[-1.0]]), np.array([-1.0])
+    least, x = proved_minimum(np.ones(1), row, limit, [(0.0, 0.5)], np.zeros(1))
+    assert least == math.inf
+    assert x == pytest.approx([0.5])
+
+
+def test_what_the_solver_wrongly_calls_infeasible_is_not_proved_to_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    program = random_program(0)
+    calls = []
+
+    def wrong(*args: Any, **options: Any) -> Any:
+        calls.append(args)
+        return SimpleNamespace(status=2) if len(calls) == 1 else solve(*args, **options)
+
+    monkeypatch.setattr(linear_program, "linprog", wrong)
+    proved, x = proved_minimum(*program)
+    assert proved == 0.0
+    assert (program[1] @ x <= program[2] + 1e-6).all()
+
+
+def test_variables_that_nothing_limits_prove_nothing_by_rounding() -> None:
+    # x - y / 3 >= 1 and y free: the multipliers of y cancel to rounding only.
+    rows, limits = np.array([[-1.0, 0.1], [0.0, -0.1 / 3], [0.0, 0.1 / 3]]), np.array([-1.0, 0, 0])
+    bounds = [(0.0, None), (None, None)]
+    unknown = proved_minimum(np.array([1.0, 0.0]), rows, limits, bounds, np.array([1.0, math.inf]))
+    known = proved_minimum(np.array([1.0, 0.0]), rows, limits, bounds, np.array([1.0, 5.0]))
+    assert unknown[0] == 0.0
+    assert known[0] == pytest.approx(1.0, abs=1e-9)

@@ -1,0 +1,79 @@
+"""How long plans move at least, whatever their mode sequence; and what that says of sequences."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from problems import faster_robot, network_of, random_problem
+from test_pose_bound import problem_between, random_motion
+
+from twosra_mpc import Goal, Robot, load_robot
+from twosra_mpc.planning.search.motion_bound import least_motion_s
+from twosra_mpc.planning.single_goal.relaxed import bending_task, mode_tree
+from twosra_mpc.plans.speed_profile import fastest
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
+from twosra_mpc.timing import earliest_times, resting_s
+
+V1 = load_robot("2sra-v1")
+FAST = V1.with_values(timing=faster_robot(50.0).timing)
+
+
+@pytest.mark.parametrize("robot", [V1, load_robot("2sr-v2")], ids=["2sra-v1", "2sr-v2"])
+def test_no_random_plan_moves_for_less_time(robot: Robot) -> None:
+    shares = []
+    for seed in range(6):
+        motion = random_motion(robot, np.random.default_rng(seed))
+        if motion is None:
+            continue
+        problem = problem_between(robot, motion.states[0, 0], motion.end)
+        least_s = least_motion_s(bending_task(problem), problem.modes)
+        moves_s = sum(profile.duration_s for profile in fastest(motion))
+        assert least_s <= moves_s + 1e-9, seed
+        shares.append(least_s / moves_s)
+    assert max(shares) > 0.2
+
+
+def test_where_some_shape_drives_without_limit_nothing_is_known() -> None:
+    problem = random_problem(0)
+    assert least_motion_s(bending_task(problem), problem.modes) == 0.0
+    shape = problem.with_values(robot=V1, goal=Goal(kappa_per_m=(1.0, 2.0)))
+    assert least_motion_s(bending_task(shape), shape.modes) == 0.0
+
+
+def test_a_long_drive_takes_as_long_as_the_fastest_mode_needs() -> None:
+    start = np.array([0.0, 0.0, 1.0, 10.0, -10.0])
+    problem = problem_between(V1, start, start + np.array([10.0, 0.0, 0.0, 0.0, 0.0]))
+    speed = V1.limits.speed_m_s
+    assert speed is not None
+    assert 0.9 * 10.0 / speed < least_motion_s(bending_task(problem), problem.modes) <= 10.0 / speed
+
+
+def test_sequences_with_a_choice_of_bends_are_bounded_by_motion_and_rest_together() -> None:
+    problem = random_problem(0, robot=FAST)
+    tree = mode_tree(problem, lambda *_: ())
+    known, choice = (RIGID, SOFT_1, SOFT_2), (RIGID, SOFT_2, SOFT_1, SOFT_BOTH)
+    before = tree.bound(choice)
+    tree.leaf_bound(known)
+    tree.tighter_bound(known, 100.0)
+    least_s = least_motion_s(bending_task(problem), problem.modes)
+    network = network_of(problem, (*choice, RIGID))
+    assert tree.bound(choice) == pytest.approx(least_s + resting_s(network))
+    assert tree.bound(choice) > before + 1.0
+    # Two melts one after the other, a third, then both freeze together.
+    plateaus = 37.0 + 235.0 + 37.0 + 235.0
+    assert resting_s(network) == pytest.approx(plateaus / 50.0)
+
+
+def test_rest_never_lasts_longer_than_the_plan_nor_less_with_more_phases() -> None:
+    problem = random_problem(0, robot=FAST)
+    heads: list[ModeSequence] = [(RIGID,)]
+    for _ in range(3):
+        heads = [(*head, mode) for head in heads for mode in problem.modes if mode != head[-1]]
+        for head in heads:
+            network = network_of(problem, head)
+            times = earliest_times(network)
+            assert times is not None
+            assert resting_s(network) <= times[network.layout.finish] + 1e-9 < math.inf
+            assert resting_s(network_of(problem, head[:-1])) <= resting_s(network) + 1e-9
