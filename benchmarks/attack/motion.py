@@ -8,7 +8,7 @@ travelled, from rest to rest where the wheels' acceleration is limited.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -31,16 +31,24 @@ class Phase:
         end: Configuration at its end, (3 + n,).
         duration_s: How long it takes.
         effort_s: Integral of the sum of (wheel speed / largest wheel speed)^2.
+        moves: Input displacements (5,) of its pieces, one after the other.
     """
 
     mode: Mode
     end: Array
     duration_s: float = 0.0
     effort_s: float = 0.0
+    moves: tuple[Array, ...] = ()
 
     def slower(self, factor: float) -> Phase:
         """The same path, travelled more slowly."""
-        return Phase(self.mode, self.end, factor * self.duration_s, self.effort_s / factor)
+        duration_s, effort_s = factor * self.duration_s, self.effort_s / factor
+        return replace(self, duration_s=duration_s, effort_s=effort_s)
+
+    def then(self, other: Phase) -> Phase:
+        """This and then another one, in one phase with a stop in between."""
+        duration_s, effort_s = self.duration_s + other.duration_s, self.effort_s + other.effort_s
+        return Phase(self.mode, other.end, duration_s, effort_s, self.moves + other.moves)
 
 
 def random_phase(
@@ -51,9 +59,7 @@ def random_phase(
     made = Phase(mode, q)
     for _ in range(pieces):
         one = (_driven if is_rigid(mode) else _bent)(reference, made.end, mode, rng, far)
-        made = Phase(
-            mode, one.end, made.duration_s + one.duration_s, made.effort_s + one.effort_s
-        )
+        made = made.then(one)
     least = reference.robot.limits.phase_s
     return made.slower(least / made.duration_s) if 0 < made.duration_s < least else made
 
@@ -106,7 +112,7 @@ def _travelled(
     if not np.isfinite(bent).all():
         return None
     duration, effort = _fastest(reference, grid, np.hstack(shares).max(axis=1), turned)
-    return Phase(mode, path[-1], duration, effort)
+    return Phase(mode, path[-1], duration, effort, (np.array([*length * direction, 0, 0, 0]),))
 
 
 def _driven(
@@ -137,7 +143,7 @@ def _driven(
     moved *= np.exp(1j * q[2])
     end = q.copy()
     end[:POSE] += [moved.real, moved.imag, turn]
-    return Phase(mode, end, duration, effort)
+    return Phase(mode, end, duration, effort, (np.array([0, 0, *length * twist]),))
 
 
 def _fastest(reference: Reference, grid: Array, r: Array, w: Array) -> tuple[float, float]:

@@ -40,16 +40,14 @@ def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
         yield Claim(f"tighter {sequence_name(leaf)}", tree.tighter_bound(node, math.inf))
 
 
-def planned(attack: Attack, time_limit_s: float) -> Iterator[Claim]:
-    """Yield what a whole search says: its bound, and that of its own plan against it."""
+def planned(attack: Attack, time_limit_s: float) -> tuple[str, Claim]:
+    """What a whole search says: its status, and its bound, which its own plan respects too."""
     try:
         result = plan(attack.problem.with_values(time_limit_s=time_limit_s))
     except InputError as error:
-        yield Claim(f"refused: {error}", math.inf)
-        return
+        return "refused", Claim(f"plan refuses: {error}", math.inf)
+    lower = result.lower_bound or 0.0
     if result.status is Status.INFEASIBLE:
-        yield Claim(f"plan: {result.message}", math.inf)
-    elif result.lower_bound is not None:
-        yield Claim(f"plan ({result.status})", result.lower_bound)
-    if result.plan is not None and result.lower_bound is not None:
-        assert result.plan.cost.total >= result.lower_bound - 1e-9
+        lower = math.inf
+    assert result.plan is None or result.plan.cost.total >= lower
+    return result.status, Claim(f"plan ({result.status}: {result.message})", lower)

@@ -33,6 +33,7 @@ class AttackRecord:
         slack: (cost - largest claim) / cost; None if a claim does not hold.
         broken: Claims that do not hold, in words.
         raised: An error of the planner; empty without.
+        status: What the planner came to; empty where it was not run.
     """
 
     features: tuple[str, ...]
@@ -41,6 +42,7 @@ class AttackRecord:
     slack: float | None
     broken: tuple[str, ...]
     raised: str = ""
+    status: str = ""
 
 
 class AttackStudy(Study):
@@ -72,18 +74,19 @@ class AttackStudy(Study):
         """Compare one attack with all that is claimed."""
         made = attack(case.seed)
         alone = self.count == 1
-        told = made.features, sequence_name(made.sequence), made.cost
+        told, status = (made.features, sequence_name(made.sequence), made.cost), ""
         try:
             found = list(claims(made, tighter=alone or case.seed % self.tighter_every == 0))
             if alone or case.seed % self.plan_every == 0:
-                found += planned(made, self.time_limit_s)
+                status, claim = planned(made, self.time_limit_s)
+                found.append(claim)
         except (ArithmeticError, AssertionError, ValueError) as error:
             return AttackRecord(*told, None, (), f"{type(error).__name__}: {error}")
         broken = tuple(
             f"{claim.of}: {claim.bound:.6f} s" for claim in found if not made.bears(claim.bound)
         )
-        slack = None if broken else 1 - max(claim.bound for claim in found) / made.cost
-        return AttackRecord(*told, slack, broken)
+        slack = None if broken else made.slack(max(claim.bound for claim in found))
+        return AttackRecord(*told, slack, broken, status=status)
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """Records by every feature they have."""
