@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache
 from pathlib import Path
 
@@ -141,3 +140,30 @@ def test_no_attack_costs_less_than_what_is_proved_of_it(seed: int) -> None:
     made = attacked(seed)
     for claim in claims(made, tighter=seed % 3 == 0):
         assert made.bears(claim.bound), claim
+
+
+@pytest.mark.parametrize("seed", [3, 9, 12])
+def test_a_search_proves_no_more_than_an_attack_costs(seed: int) -> None:
+    made = attacked(seed)
+    status, claim = planned(made, time_limit_s=2.0)
+    assert status in ("optimal", "feasible", "failed")
+    assert made.bears(claim.bound), claim
+
+
+def test_the_study_says_how_to_repeat_what_breaks_a_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = ["attack", "--out", str(tmp_path), "--set", "first=3", "--set", "count=2"]
+    true = ModeTree.leaf_bound
+
+    def too_high(tree: ModeTree[None], node: ModeSequence) -> float:
+        return 10 * true(tree, node)
+
+    monkeypatch.setattr(ModeTree, "leaf_bound", too_high)
+    told = CliRunner().invoke(main, given).output
+    assert "| all | 2 | 2 | 0 |" in told
+    assert "`--set first=3 --set count=1`" in told
+    monkeypatch.undo()
+    repeated = CliRunner().invoke(main, [*given[:2], str(tmp_path / "again"), *given[3:]]).output
+    assert "| all | 2 | 0 | 0 |" in repeated
+    assert "`--set first=" not in repeated

@@ -20,7 +20,7 @@ from twosra_mpc.checking.verification import GOAL_TOLERANCE
 from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
+from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming, Timing
 from twosra_mpc.thermal.uncertainty import windows
 
@@ -79,7 +79,6 @@ def _drawn(rng: np.random.Generator) -> Attack | None:
     times = TIMES[rng.choice(3, p=[0.5, 0.3, 0.2])]
     name = rng.choice(list(bodies()))
     robot, features = _heated(bodies()[name], times, rng)
-    count = robot.coordinates.segments
     given = _asked(robot, times, rng)
     here = _start(robot, rng)
     first = Problem(**given, start=here, goal=Goal(x_m=0.0)).start_mode
@@ -214,7 +213,11 @@ def _asked(robot: Robot, times: str, rng: np.random.Generator) -> dict[str, Any]
     asked: dict[str, Any] = {"robot": robot, "motion": "fastest"}
     if rng.random() < 0.5:
         some = rng.random(3) < 0.5
-        energy, fixed, effort = 10 ** rng.uniform(-2, 1), rng.uniform(0, 100), 10 ** rng.uniform(-1, 2)
+        energy, fixed, effort = (
+            10 ** rng.uniform(-2, 1),
+            rng.uniform(0, 100),
+            10 ** rng.uniform(-1, 2),
+        )
         asked["weights"] = {
             "energy_s_per_J": energy * some[0],
             "transition_s": fixed * some[1],

@@ -31,8 +31,13 @@ class Item(NamedTuple):
 class Heated(Protocol):
     """A segment with its past."""
 
-    heater_on: bool
-    ready_s: float  # from when on its heater may be switched
+    @property
+    def heater_on(self) -> bool:
+        """Whether its heater is on."""
+
+    @property
+    def ready_s(self) -> float:
+        """From when on its heater may be switched."""
 
     def melted(self, wanted: float, free: float) -> tuple[Heated, Item] | None:
         """Melt from the first onset at ``wanted`` or later, the heater on at ``free`` or later."""
@@ -85,7 +90,9 @@ class Metal:
             return temperature_C
         above = temperature_C - m.melting_point_C
         return (
-            m.latent_J + m.heat_liquid_J_per_K * above if above > 0 else m.heat_solid_J_per_K * above
+            m.latent_J + m.heat_liquid_J_per_K * above
+            if above > 0
+            else m.heat_solid_J_per_K * above
         )
 
     def temperature(self, level: float) -> float:
@@ -240,7 +247,9 @@ class ThermalSegment:
     def energy_J(self, until: float) -> float:
         return self.at(until)[2]
 
-    def _switch(self, wanted: float, since: float, level: int, current: float, early: float) -> float:
+    def _switch(
+        self, wanted: float, since: float, level: int, current: float, early: float
+    ) -> float:
         """When to switch the heater so that the level is reached at ``wanted`` or soon after."""
 
         def lead(when: float) -> float:
@@ -336,9 +345,7 @@ class ConstantSegment:
             onset = max(wanted, self.first_s)
             return self._off(max(0.0, onset - coasting), onset)
         held = max(0.0, wanted - self.ready_s) / (1 + coasting / superheat)
-        return self.switched_off(
-            self.ready_s + held if held < superheat else wanted - coasting
-        )
+        return self.switched_off(self.ready_s + held if held < superheat else wanted - coasting)
 
     def switched_off(self, when: float) -> tuple[ConstantSegment, Item]:
         if not self.count:
@@ -348,9 +355,7 @@ class ConstantSegment:
 
     def _off(self, when: float, onset: float) -> tuple[ConstantSegment, Item]:
         done, spent = onset + self.times.freezing, self.energy_J(when)
-        after = replace(
-            self, heater_on=False, ready_s=done, energy=spent, count=self.count + 1
-        )
+        after = replace(self, heater_on=False, ready_s=done, energy=spent, count=self.count + 1)
         return after, Item(self.number, "rigid", when, onset, done)
 
     def energy_J(self, until: float) -> float:

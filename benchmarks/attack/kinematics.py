@@ -41,7 +41,9 @@ class Frame(NamedTuple):
     dz: complex
     dtheta: float
 
-    def along(self, step: complex, dstep: complex = 0j, turn: float = 0.0, dturn: float = 0.0):  # noqa: ANN201
+    def along(
+        self, step: complex, dstep: complex = 0j, turn: float = 0.0, dturn: float = 0.0
+    ) -> Frame:
         """The frame a step on, given in this frame, and turned."""
         heading = cmath.exp(1j * self.theta)
         dz = self.dz + heading * (dstep + 1j * self.dtheta * step)

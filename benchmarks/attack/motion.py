@@ -183,7 +183,7 @@ def _fastest(reference: Reference, grid: Array, r: Array, w: Array) -> tuple[flo
 
 
 def _squared_speeds(grid: Array, r: Array, w: Array, most: float) -> Array:
-    """b = (dl/dt)^2 at the ends of the cells, from 0 to 0, raised as far as wheels speed up."""
+    """Squares of dl/dt at the ends of the cells, from 0 to 0, raised as far as wheels speed up."""
     ends, turned = grid[::2], w[::2]
     change = np.abs(np.gradient(w, grid, axis=0)[::2])
     with np.errstate(divide="ignore"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,7 +49,7 @@ def overlapping(
     now, end, starts, items = list(segments), 0.0, [], list[Item]()
     off = [0.0] * len(now)  # when each heater last went off
     coasting: dict[int, Item] = {}  # off already, and still liquid
-    for gap, (before, after) in enumerate(zip(modes, modes[1:], strict=False)):
+    for gap, (before, after) in enumerate(itertools.pairwise(modes)):
         made: list[Item] = []
         changing = [j for j in range(len(now)) if before[j] != after[j]]
         for j in [j for j in changing if before[j]]:
@@ -94,7 +95,7 @@ def waited_through(
     """Let the robot stand still through every change of mode, for the waits of its authors."""
     end, starts, items, energy = 0.0, [], list[Item](), 0.0
     on = {j: 0.0 for j, soft in enumerate(modes[0]) if soft}  # held liquid since
-    for gap, (before, after) in enumerate(zip(modes, modes[1:], strict=False)):
+    for gap, (before, after) in enumerate(itertools.pairwise(modes)):
         begin = end
         if before != after:
             if is_rigid(before):
@@ -119,7 +120,9 @@ def waited_through(
     return Timeline(tuple(starts), end, tuple(items), energy)
 
 
-def canonical(first: Mode, sequence: ModeSequence, last: Mode, modes: Sequence[Mode]) -> ModeSequence:
+def canonical(
+    first: Mode, sequence: ModeSequence, last: Mode, modes: Sequence[Mode]
+) -> ModeSequence:
     """The sequence with the rigid phases that open and close it, of no length."""
     rigid = (0,) * len(first)
     if rigid in modes and first == rigid and sequence[:1] != (rigid,):
