@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 State = tuple[float, float, float]  # level (enthalpy or core), body [C], energy spent [J]
 
-_STEPS = 60  # per the shortest time constant
+_STEPS = 30  # per the shortest time constant
 _SAME_S = 1e-10
 _MOST_S = 5e4
 
@@ -62,18 +63,18 @@ class Metal:
 
     model: Any
 
-    @property
+    @cached_property
     def lumped(self) -> bool:
         """Whether all of it has one temperature, and a plateau."""
         return hasattr(self.model, "latent_J")
 
-    @property
+    @cached_property
     def thresholds(self) -> tuple[float, float]:
         """Levels up to which it is solid, and from which on liquid."""
         m = self.model
         return (0.0, m.latent_J) if self.lumped else (m.solid_level, m.liquid_level)
 
-    @property
+    @cached_property
     def step_s(self) -> float:
         """Of the integration."""
         m = self.model

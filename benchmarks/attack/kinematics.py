@@ -20,12 +20,17 @@ from twosra_mpc import Robot
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode
 
-_TERMS = 34  # of the series of E, enough up to a full circle
+_SMALL = 0.4  # rad: below, E is a series
+_TERMS = 14
 _COEFFICIENTS = [1j**k / math.factorial(k + 1) for k in range(_TERMS)]
 
 
 def arc(alpha: float) -> tuple[complex, complex]:
-    """E(alpha) and its derivative, by their power series."""
+    """E(alpha) and its derivative."""
+    if abs(alpha) > _SMALL:
+        turned = cmath.exp(1j * alpha)
+        mean = (turned - 1) / (1j * alpha)
+        return mean, (turned - mean) / alpha
     value = slope = 0j
     for k in range(_TERMS - 1, -1, -1):
         slope = slope * alpha + value

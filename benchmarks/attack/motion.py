@@ -17,7 +17,7 @@ from benchmarks.attack.kinematics import Reference, arc
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, is_rigid
 
-_CELLS = 128  # of a path, on which speeds are worked out
+_CELLS = 64  # of a path, on which speeds are worked out
 _LEAST_M = 1e-4  # shorter soft paths are not travelled at all
 _DIRECTIONS = [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (1.0, -1.0), (1.0, 0.5), (0.5, 1.0)]
 
@@ -88,10 +88,10 @@ def _travelled(
     limits = reference.robot.limits
 
     def rates(at: Array) -> tuple[Array, Array]:
-        (one, turned_1), (two, turned_2) = (reference.soft(at, mode, unit) for unit in (0, 1))
-        return direction[0] * one + direction[1] * two, (
-            direction[0] * turned_1 + direction[1] * turned_2
-        )
+        units = [unit for unit in (0, 1) if direction[unit]]
+        moved, turned = zip(*(reference.soft(at, mode, unit) for unit in units), strict=True)
+        shares = direction[units]
+        return shares @ np.array(moved), shares @ np.array(turned)
 
     grid = np.linspace(0.0, length, 2 * _CELLS + 1)  # ends and middles of the cells
     done = solve_ivp(
@@ -138,8 +138,7 @@ def _driven(
         reference, grid, np.full(len(grid), full), np.tile(turned, (len(grid), 1))
     )
     turn = float(twist[2]) * length
-    mean = arc(turn)[0] if abs(turn) < 3 else (np.exp(1j * turn) - 1) / (1j * turn)
-    moved = complex(*twist[:2]) * length * mean
+    moved = complex(*twist[:2]) * length * arc(turn)[0]
     moved *= np.exp(1j * q[2])
     end = q.copy()
     end[:POSE] += [moved.real, moved.imag, turn]
