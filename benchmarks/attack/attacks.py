@@ -157,7 +157,7 @@ def _heated(body: Robot, times: str, rng: np.random.Generator) -> tuple[Robot, t
         two_node = source.name == "2sr-v2"
         if two_node:
             source = _faster_two_node(source, faster)
-            share = rng.choice([1.0, rng.uniform(0.6, 1.0), rng.uniform(1.0, 2.0)])
+            share = rng.choice([1.0, rng.uniform(0.55, 0.9), rng.uniform(1.0, 2.0)])
             source = source.weakened("power", float(share))
         elif faster > 1:
             source = thermally_faster(source, faster)
@@ -225,7 +225,7 @@ def _asked(robot: Robot, times: str, rng: np.random.Generator) -> dict[str, Any]
         }
     if count > 1 and rng.random() < 0.3:
         asked["heaters_at_once"] = 1
-    if rng.random() < 0.3:
+    if rng.random() < 0.5:
         asked["ambient_C"] = rng.uniform(5.0, 40.0)
     asked["heating"] = rng.choice(["fastest", "least_energy"], p=[0.85, 0.15])
     if times == "thermal":
@@ -246,8 +246,8 @@ def _start(robot: Robot, rng: np.random.Generator) -> Start:
             break
     x, y, phi = rng.uniform([-0.2, -0.2, -3.0], [0.2, 0.2, 3.0])
     given: dict[str, Any] = {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": tuple(kappa)}
-    if rng.random() < 0.4:
-        low, high = (5.0, 45.0) if rng.random() < 0.5 else (15.0, robot.heater.temperature_max_C)
+    if rng.random() < 0.5:
+        low, high = (5.0, 53.0) if rng.random() < 0.5 else (15.0, robot.heater.temperature_max_C)
         given["temperature_C"] = tuple(rng.uniform(low, high, count))
     return Start(**given)
 
