@@ -157,7 +157,7 @@ def _heated(body: Robot, times: str, rng: np.random.Generator) -> tuple[Robot, t
         two_node = source.name == "2sr-v2"
         if two_node:
             source = _faster_two_node(source, faster)
-            share = rng.choice([1.0, rng.uniform(0.55, 0.9), rng.uniform(1.0, 2.0)])
+            share = rng.choice([1.0, rng.uniform(0.4, 0.9), rng.uniform(1.0, 2.0)])
             source = source.weakened("power", float(share))
         elif faster > 1:
             source = thermally_faster(source, faster)
