@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import TypeAdapter
 
@@ -50,6 +50,7 @@ class AttackStudy(Study):
 
     Attributes:
         count: Attacks.
+        times: What transition times they have: thermal, constant or paper; any, unless told.
         first: Number of the first one; ``count=1`` with the number of another repeats it.
         tighter_every: The bound with the pose is taken of every so many; it takes longest.
         plan_every: The planner is run on every so many.
@@ -60,6 +61,7 @@ class AttackStudy(Study):
     question: ClassVar = "Does a plan made without the planner cost less than what is proved?"
 
     count: Count = 600
+    times: Literal["thermal", "constant", "paper"] | None = None
     first: NonNegative = 0
     tighter_every: Count = 4
     plan_every: Count = 20
@@ -72,7 +74,7 @@ class AttackStudy(Study):
 
     def run(self, case: Case) -> AttackRecord:
         """Compare one attack with all that is claimed."""
-        made = attack(case.seed)
+        made = attack(case.seed, self.times)
         alone = self.count == 1
         told, status = (made.features, sequence_name(made.sequence), made.cost), ""
         try:
