@@ -25,6 +25,7 @@ from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalT
 from twosra_mpc.thermal.uncertainty import windows
 
 TIMES = ("thermal", "constant", "paper")
+_MISSED = "within the tolerance"  # of verification
 _WARM_BELOW_K = 3.0  # a segment is kept warm as far below its threshold
 _LIMITS_OF_PAPER = ("wheel_speed_rad_s", "unit_speed_m_s", "curvature_per_m", "unit_gap_m")
 
@@ -115,7 +116,8 @@ def attack_of(
     cost = timeline.finish_s + weights.energy_s_per_J * timeline.energy_J
     cost += weights.transition_s * len(timeline.items) + weights.effort * effort
     moving = sum(phase.duration_s for phase in phases)
-    rounding = 1e-9 + 1e-6 * cost + 2e-5 * moving + 1e-4 * weights.effort * effort
+    missed = 1e-4 * (1 + weights.effort) if _MISSED in features else 0.0  # less to drive
+    rounding = 1e-9 + 1e-6 * cost + 2e-5 * moving + 1e-4 * weights.effort * effort + missed
     return Attack(problem, phases, timeline, cost, rounding, features)
 
 
@@ -307,7 +309,7 @@ def _goal(
         mode=last,
         phi_modulo=bool(turned or rng.random() < 0.7),
     )
-    kinds = {"within the tolerance": missed, "whole turns count": not goal.phi_modulo}
+    kinds = {_MISSED: missed, "whole turns count": not goal.phi_modulo}
     return goal, (*(features or ["exact"]), *(name for name, holds in kinds.items() if holds))
 
 
