@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from benchmarks.__main__ import main
 from benchmarks.attack.attacks import Attack, attack, attack_of, bodies
 from benchmarks.attack.heat import Item
 from benchmarks.attack.kinematics import Reference
+from benchmarks.attack.motion import Phase, random_phase
 from benchmarks.attack.trial import claims, planned
+from twosra_mpc import Goal, Problem, Robot, Start
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
@@ -22,7 +25,8 @@ from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.robot.coordinates import INPUTS, POSE
-from twosra_mpc.robot.modes import ModeSequence, is_rigid
+from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_BOTH, ModeSequence, is_rigid
+from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import Thermal
 
@@ -167,3 +171,62 @@ def test_the_study_says_how_to_repeat_what_breaks_a_bound(
     repeated = CliRunner().invoke(main, [*given[:2], str(tmp_path / "again"), *given[3:]]).output
     assert "| all | 2 | 0 | 0 |" in repeated
     assert "`--set first=" not in repeated
+
+
+# --- what once broke a bound ---------------------------------------------------------------------
+
+STRAIGHT: dict[str, Any] = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+
+
+def along(sequence: ModeSequence, robot: Robot, warm_C: float = 25.0, **given: Any) -> Attack:
+    """An attack with these modes from a straight shape; where it ends is an exact goal."""
+    reference, start = Reference(robot), Start(**STRAIGHT, temperature_C=(warm_C, warm_C))
+    rng, q, phases = np.random.default_rng(3), start.configuration, []
+    for mode in sequence:
+        moved = random_phase(reference, q, mode, rng, far=0.1) if any(mode) else Phase(mode, q)
+        phases.append(moved)
+        q = moved.end
+    x, y, phi, *kappa = q.tolist()
+    goal = Goal(x_m=x, y_m=y, phi_rad=phi, kappa_per_m=tuple(kappa), tolerance="exact")
+    asked = {"robot": robot, "start": start, "goal": goal, "motion": "fastest", **given}
+    made = attack_of(Problem(**asked), tuple(phases), rng, ())
+    assert made is not None
+    return made
+
+
+def test_metal_that_coasts_lets_one_heater_melt_the_other_segment() -> None:
+    times = {"melt_s": 12.0, "melt_changing_s": 8.0, "superheat_s": 1.0}
+    times |= {"freeze_s": 70.0, "freeze_changing_s": 50.0}  # coasts for 20 s
+    timing = {"nominal": OverlappedTiming(overlap="full", **times)}
+    robot = bodies()["arc"].with_values(timing=timing)
+    made = along((RIGID, SOFT_1, SOFT_BOTH, RIGID), robot, heaters_at_once=1)
+    on = {item.segment: item.heater_s for item in made.timeline.items if item.to == "soft"}
+    off = {item.segment: item.heater_s for item in made.timeline.items if item.to == "rigid"}
+    assert off[0] <= on[1]
+    for claim in claims(made, tighter=False):
+        assert made.bears(claim.bound), claim
+
+
+@pytest.mark.parametrize("warm_C", [30.0, 50.0])
+@pytest.mark.parametrize("cycles", [1, 2])
+def test_windows_of_a_weak_heater_in_cold_air_forbid_nothing(warm_C: float, cycles: int) -> None:
+    robot = bodies()["cardioid"].weakened("power", 0.45)
+    sequence = (RIGID, *(SOFT_1, RIGID) * cycles)
+    made = along(sequence, robot, warm_C, ambient_C=5.0, transition_quantile=0.6)
+    for claim in claims(made, tighter=False):
+        assert made.bears(claim.bound), claim
+
+
+@pytest.mark.parametrize("seed", [187, 227])
+def test_reconfiguring_may_take_less_than_melting_from_cold(seed: int) -> None:
+    made = attack(seed, "paper")
+    for claim in claims(made, tighter=False):
+        assert made.bears(claim.bound), claim
+
+
+@pytest.mark.parametrize("seed", [59, 123, 135, 182, 394])
+def test_what_verification_accepts_is_not_proved_impossible(seed: int) -> None:
+    made = attacked(seed)
+    assert "within the tolerance" in made.features
+    for claim in claims(made, tighter=False):
+        assert made.bears(claim.bound), claim
