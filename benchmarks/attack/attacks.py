@@ -64,24 +64,30 @@ class Attack:
         return bound <= self.cost + self.rounding
 
 
-def attack(seed: int, only: str | None = None) -> Attack:
-    """The attack with this number, with these times only if told so; the same every time."""
+def attack(seed: int, only: str | None = None, **also: Any) -> Attack:
+    """The attack with this number, the same every time.
+
+    Args:
+        seed: The number.
+        only: Its kind of times; any, unless told.
+        also: Keys of its problem that are not left to chance.
+    """
     rng = np.random.default_rng(seed)
     while True:
         try:
-            found = _drawn(rng, only)
+            found = _drawn(rng, only, also)
         except InputError:  # a problem that the package does not accept
             continue
         if found is not None:
             return found
 
 
-def _drawn(rng: np.random.Generator, only: str | None) -> Attack | None:
+def _drawn(rng: np.random.Generator, only: str | None, also: dict[str, Any]) -> Attack | None:
     drawn = TIMES[rng.choice(len(TIMES), p=[0.5, 0.3, 0.2])]
     times = only or drawn
     name = rng.choice(list(bodies()))
     robot, features = _heated(bodies()[name], times, rng)
-    given = _asked(robot, times, rng)
+    given = _asked(robot, times, rng) | also
     here = _start(robot, rng)
     first = Problem(**given, start=here, goal=Goal(x_m=0.0)).start_mode
     modes, sequence, last = _sequence(first, given, rng)

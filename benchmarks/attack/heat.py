@@ -349,7 +349,8 @@ class ConstantSegment:
         return self.switched_off(self.ready_s + held if held < superheat else wanted - coasting)
 
     def switched_off(self, when: float) -> tuple[ConstantSegment, Item]:
-        if not self.count:
+        if not self.count:  # hotter than the set-point, it is held until it coasts from there
+            when = max(when, self.first_s - self.times.coasting)
             return self._off(when, max(self.first_s, when + self.times.coasting))
         stored = min(1.0, (when - self.ready_s) / self.times.superheat)
         return self._off(when, when + stored * self.times.coasting)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from benchmarks.attack.attacks import attack
 from benchmarks.attack.trial import claims, planned
@@ -51,6 +51,7 @@ class AttackStudy(Study):
     Attributes:
         count: Attacks.
         times: What transition times they have: thermal, constant or paper; any, unless told.
+        also: Keys of all their problems, such as heaters_at_once.
         first: Number of the first one; ``count=1`` with the number of another repeats it.
         tighter_every: The bound with the pose is taken of every so many; it takes longest.
         plan_every: The planner is run on every so many.
@@ -62,6 +63,7 @@ class AttackStudy(Study):
 
     count: Count = 600
     times: Literal["thermal", "constant", "paper"] | None = None
+    also: dict[str, Any] = Field(default_factory=dict)
     first: NonNegative = 0
     tighter_every: Count = 4
     plan_every: Count = 20
@@ -74,7 +76,7 @@ class AttackStudy(Study):
 
     def run(self, case: Case) -> AttackRecord:
         """Compare one attack with all that is claimed."""
-        made = attack(case.seed, self.times)
+        made = attack(case.seed, self.times, **self.also)
         alone = self.count == 1
         told, status = (made.features, sequence_name(made.sequence), made.cost), ""
         try:
