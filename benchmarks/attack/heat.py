@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 State = tuple[float, float, float]  # level (enthalpy or core), body [C], energy spent [J]
 
-_STEPS = 30  # per the shortest time constant
+_STEPS = 50  # per the shortest time constant
 _SAME_S = 1e-10
 _MOST_S = 5e4
 
