@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from benchmarks.studies.attack import AttackStudy
 from benchmarks.studies.cache import Cache
 from benchmarks.studies.certificate import Certificate
 from benchmarks.studies.closed_loop import ClosedLoop
@@ -46,6 +47,7 @@ STUDIES: dict[str, Study] = {
     ),
     "cold-start": ColdStart(),
     "cache": Cache(problems=("published:5",), repeats=9),
+    "attack": AttackStudy(),
     "certificate": Certificate(problems=("random-100:50",), repeats=1),
     "closed-loop": ClosedLoop(),
     "closed-loop-hard": ClosedLoop(level="hard", seeds=2, path_models=("arc",)),

@@ -1,0 +1,53 @@
+"""What the planner proves of an attack, and whether it holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from benchmarks.attack.attacks import Attack
+from twosra_mpc import InputError, Status, plan
+from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.planning.single_goal.relaxed import mode_tree
+from twosra_mpc.robot.modes import sequence_name
+
+_MOST_PHASES = 12  # that a problem may allow
+
+
+class Claim(NamedTuple):
+    """What is proved of all plans to which an attack belongs: none costs less than ``bound``."""
+
+    of: str
+    bound: float
+
+
+def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
+    """Yield what the search tree says of the nodes above an attack's sequence, and of itself."""
+    tree: ModeTree[None] = mode_tree(
+        attack.problem.with_values(max_phases=_MOST_PHASES), lambda *_: ()
+    )
+    leaf, node = attack.sequence, tree.root()
+    while True:
+        yield Claim(f"node {sequence_name(node)}", tree.bound(node))
+        if tree.leaf(node) == leaf:
+            break
+        assert len(node) < len(leaf), f"{sequence_name(leaf)} is no leaf of the tree"
+        node = leaf[: len(node) + 1]
+    bound = tree.leaf_bound(node)
+    yield Claim(f"leaf {sequence_name(leaf)}", bound)
+    if tighter and math.isfinite(bound):
+        yield Claim(f"tighter {sequence_name(leaf)}", tree.tighter_bound(node, math.inf))
+
+
+def planned(attack: Attack, time_limit_s: float) -> tuple[str, Claim]:
+    """What a whole search says: its status, and its bound, which its own plan respects too."""
+    try:
+        result = plan(attack.problem.with_values(time_limit_s=time_limit_s))
+    except InputError as error:
+        return "refused", Claim(f"plan refuses: {error}", math.inf)
+    lower = result.lower_bound or 0.0
+    if result.status is Status.INFEASIBLE:
+        lower = math.inf
+    assert result.plan is None or result.plan.cost.total >= lower
+    return result.status, Claim(f"plan ({result.status}: {result.message})", lower)
