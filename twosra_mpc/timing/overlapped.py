@@ -85,7 +85,8 @@ class Overlapped(TransitionModel):
         for one, two, _ in overlaps(network.sequence, self.first, network.last):
             turns = [turn for turn in ((one, two), (two, one)) if self._coasts(*turn)]
             found = [(a.melt, a.freeze, b.melt) for a, b in turns if a.freeze and b.melt]
-            yield sorted(found, key=lambda turn: turn[1].gap)
+            if found:  # else neither freezes any more
+                yield sorted(found, key=lambda turn: turn[1].gap)
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
