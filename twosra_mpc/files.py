@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import os
 import tempfile
 import tomllib
@@ -15,7 +16,8 @@ from typing import Any
 
 from twosra_mpc.errors import InputError
 
-_JSON = (".json", ".geojson")
+MOST_BYTES = 200_000_000  # of a file that is read
+LARGEST = 1e12  # number in a table
 
 
 def built_in_names(folder: str) -> list[str]:
@@ -42,15 +44,51 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
 
 
 def read_text(path: Path, source: str) -> str:
-    """Read a UTF-8 text file.
+    """Read a UTF-8 text file, with or without a byte order mark.
 
     Raises:
-        InputError: If the file cannot be read.
+        InputError: If the file cannot be read, or is larger than ``MOST_BYTES``.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise InputError("file", source, f"at most {MOST_BYTES} bytes, not {size}")
+        return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+
+
+def number(text: str | None, field: str, source: str) -> float:
+    """Return the number in a cell of a table.
+
+    Raises:
+        InputError: If it is none, or not finite, or beyond ``LARGEST``.
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST:
+        raise InputError(field, text, f"a finite number, at most {LARGEST:g} in size", source)
+    return value
+
+
+@contextmanager
+def reading(source: str, what: str = "file") -> Iterator[None]:
+    """Name the file in whatever goes wrong while the block makes something of it.
+
+    A file can be wrong in more ways than a reader knows of: numbers of 5000 digits, tables a
+    thousand deep, matrices without an inverse.
+
+    Raises:
+        InputError: In place of every exception.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise error.within("", source) from None
+    except Exception as error:
+        allowed = f"values that fit together ({type(error).__name__}: {error})"
+        raise InputError(what, source, allowed, source) from error
 
 
 def read_document(path: Path, source: str) -> dict[str, Any]:
@@ -60,15 +98,45 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
         InputError: If the file cannot be read or parsed; the message carries line and column.
     """
     text = read_text(path, source)
+    if path.suffix == ".geojson":
+        return json_document(text, source)
+    allowed = "valid TOML, or JSON in a .json file"
+    if path.suffix == ".json":
+        return json_document(text, source, allowed)
     try:
-        document = json.loads(text) if path.suffix in _JSON else tomllib.loads(text)
-    except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
-        kinds = "JSON" if path.suffix == ".geojson" else "TOML, or JSON in a .json file"
-        allowed = f"valid {kinds} ({error})"
-        raise InputError("file", source, allowed) from error
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError("file", source, f"{allowed} ({error})") from error
+
+
+def json_document(text: str, source: str, allowed: str = "valid JSON") -> dict[str, Any]:
+    """Read the text of a JSON file into a dictionary.
+
+    Args:
+        text: The text.
+        source: The file.
+        allowed: What is, for messages.
+
+    Raises:
+        InputError: If it cannot be parsed, is no table of keys, or has a key twice.
+    """
+    try:
+        document = json.loads(text, object_pairs_hook=_unique)
+    except (ValueError, RecursionError) as error:
+        raise InputError("file", source, f"{allowed} ({error})") from error
     if not isinstance(document, dict):
         raise InputError("file", source, "a table of keys at the top level")
     return document
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A table whose keys are different."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {twice!r} is there twice")
+    return table
 
 
 @contextmanager

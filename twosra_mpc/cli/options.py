@@ -38,6 +38,9 @@ FILE = click.Path(path_type=Path)
 
 _JSON = click.Option(["--json", "as_json"], is_flag=True, help="Print JSON instead of tables.")
 _QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; see the exit code.")
+_DEBUG = click.Option(
+    ["--debug"], is_flag=True, expose_value=False, help="Show where in the program a bug is."
+)
 _PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
 _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
@@ -65,7 +68,7 @@ def command(name: str, words: str | None = None) -> Callable[[Function], click.C
             return function(output=Output(as_json=as_json, quiet=quiet), **given)
 
         made = click.command(name, help=words or function.__doc__)(run)
-        made.params += [_JSON, _QUIET]
+        made.params += [_JSON, _QUIET, _DEBUG]
         return made
 
     return decorate

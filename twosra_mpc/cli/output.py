@@ -17,6 +17,7 @@ from twosra_mpc.errors import InputError
 
 EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4
 EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
+EXIT_BUG, EXIT_INTERRUPTED = 70, 130  # as sysexits.h and shells have them
 
 Tell = Callable[[str], None]
 
