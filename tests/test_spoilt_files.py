@@ -78,3 +78,12 @@ def test_a_bug_is_called_one(
     assert ended.value.code == 70
     assert "this is a bug (ZeroDivisionError: nobody foresaw this). Please report it" in said
     assert ("Traceback" in said) is debug
+
+
+def test_two_outputs_need_two_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = str(tmp_path / "plan.json")
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1", "--out", both, "--csv", both])
+    assert ended.value.code == 2
+    assert "another file for each thing that is written" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -6,7 +6,7 @@ import difflib
 import json
 import math
 import os
-import tempfile
+import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -139,53 +139,88 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
-@contextmanager
-def atomic_path(target: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``target``; move it there only if the block succeeds.
+def check_writable(target: str | Path) -> None:
+    """Refuse a path before an hour of planning is lost to it.
 
     Raises:
-        InputError: If the folder of ``target`` does not exist or cannot be written.
+        InputError: If nothing can be written there.
     """
-    target = Path(target)
-    if target.is_dir():
+    real = Path(target).resolve()  # what a link points to is written
+    if real.is_dir():
         raise InputError("output", str(target), "the path of a file, not of a folder")
+    written = real if real.exists() and not real.is_file() else real.parent
+    if not (written.exists() and os.access(written, os.W_OK)):
+        raise InputError("output", str(target), "a path in a folder that exists and can be written")
+
+
+def write_bytes(target: str | Path, data: bytes) -> None:
+    """Write a file as a whole or not at all; a device or a pipe is written to.
+
+    What a link points to is replaced, and keeps its permissions.
+
+    Raises:
+        InputError: If it cannot be written, e.g. on a full disk.
+    """
+    check_writable(target)
+    real = Path(target).resolve()
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent
-        )
-    except OSError as error:
-        allowed = f"a path in a folder that exists and can be written ({error.strerror})"
-        raise InputError("output", str(target), allowed) from error
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
+        if real.exists() and not real.is_file():
+            with real.open("wb") as file:
+                file.write(data)
+            return
         umask = os.umask(0)
         os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(target)
+        mode = stat.S_IMODE(real.stat().st_mode) if real.exists() else 0o666 & ~umask
+        _replace(real, data, mode)
+    except OSError as error:
+        allowed = f"a path with room for {len(data)} bytes ({error.strerror})"
+        raise InputError("output", str(target), allowed) from error
+
+
+def _replace(real: Path, data: bytes, mode: int) -> None:
+    """Put a new file in the place of another; where the system can, it has no name until then."""
+    beside = real.with_name(f".{real.name[:200]}-{os.getpid()}")
+    try:
+        handle = os.open(real.parent, os.O_WRONLY | getattr(os, "O_TMPFILE", os.O_DIRECTORY), 0o600)
+        unnamed = True
+    except OSError:
+        handle = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        unnamed = False
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(handle)
+            os.chmod(handle if os.chmod in os.supports_fd else beside, mode)
+            if unnamed:
+                _name(handle, beside)
+        beside.replace(real)
     finally:
-        temporary.unlink(missing_ok=True)
+        beside.unlink(missing_ok=True)
+
+
+def _name(handle: int, path: Path) -> None:
+    """Give a file without a name one."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:  # only with a folder's descriptor the link behind /proc is followed
+        os.link(f"/proc/self/fd/{handle}", path.name, dst_dir_fd=folder)
+    finally:
+        os.close(folder)
 
 
 def write_json(target: str | Path, document: dict[str, Any]) -> None:
-    """Write plain data as JSON, atomically.
+    """Write plain data as JSON, as a whole or not at all.
 
     Raises:
-        InputError: If the folder does not exist or cannot be written.
+        InputError: If it cannot be written.
     """
     write_text(target, json.dumps(document, allow_nan=False) + "\n")
 
 
 def write_text(target: str | Path, text: str) -> None:
-    """Write a text file atomically (UTF-8).
+    """Write a text file (UTF-8) as a whole or not at all.
 
     Raises:
-        InputError: If it cannot be written, e.g. on a full disk.
+        InputError: If it cannot be written.
     """
-    with atomic_path(target) as temporary:
-        try:
-            temporary.write_text(text, encoding="utf-8")
-        except OSError as error:
-            allowed = f"a path with room for {len(text)} characters ({error.strerror})"
-            raise InputError("output", str(target), allowed) from error
+    write_bytes(target, text.encode())

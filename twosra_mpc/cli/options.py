@@ -10,9 +10,9 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc.cli.output import Output, check_writable
+from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names
+from twosra_mpc.files import built_in_names, check_writable
 from twosra_mpc.problem.problem import Problem, load_problem
 
 Function = Callable[..., Any]
@@ -122,7 +122,16 @@ class NewFile(click.Path):
         assert isinstance(target, Path)  # as asked for above
         for check in self._checks:
             check(target)
+        taken = click.get_current_context().meta.setdefault("outputs", set())
+        if (real := target.resolve()) in taken and not _takes_all(real):
+            raise InputError("output", str(target), "another file for each thing that is written")
+        taken.add(real)
         return target
+
+
+def _takes_all(target: Path) -> bool:
+    """Whether it is a device or a pipe, which may be written to twice."""
+    return target.exists() and not target.is_file()
 
 
 def out_argument(check: Check) -> Decorator:
