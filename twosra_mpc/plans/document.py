@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import json_document, read_text, reading
+from twosra_mpc.files import LARGEST, json_document, read_text, reading
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
@@ -161,6 +161,9 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
 
 def _samples(samples: dict[str, Any]) -> Samples:
     arrays = {name: np.array(rows) for name, rows in samples.items()}
+    for name, array in arrays.items():
+        if not (np.abs(array) <= LARGEST).all():
+            raise InputError(f"plan.samples.{name}", "beyond", f"at most {LARGEST:g} in size")
     if "mode" in arrays:
         if not np.isin(arrays["mode"], (0, 1)).all():
             raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")
