@@ -205,7 +205,7 @@ def test_the_path_model_overrides_that_of_the_robot(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(planning, "plan", stop)
-    assert run("plan", "rigid-move", "--path-model", "arc").code == 4
+    assert run("plan", "rigid-move", "--path-model", "arc").code == 130
     (problem,) = asked
     expected = load_problem("rigid-move")
     assert problem.robot.path.model == "arc"
@@ -426,14 +426,14 @@ def test_an_interrupt_outside_the_search_has_no_plan(
 
     monkeypatch.setattr(planning, "plan", interrupt)
     code, out, err = run("plan", "paper-1")
-    assert (code, out) == (4, "")
+    assert (code, out) == (130, "")
     assert err == "twosra: interrupted before there was a result"
 
 
 def test_a_termination_is_an_interrupt(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "plan", lambda *_, **__: signal.raise_signal(signal.SIGTERM))
     code, _, err = run("plan", "paper-1")
-    assert code == 4
+    assert code == 130
     assert "interrupted" in err
 
 

@@ -341,7 +341,7 @@ def test_the_papers_wheel_map_is_refused_unless_it_is_accepted(
     ("arguments", "words"),
     [
         (("plan.json", "plan.bag"), "allowed: a file ending in .mcap or .csv"),
-        (("plan.json", "no/folder/plan.mcap"), "a file path in a folder that can be written"),
+        (("plan.json", "no/folder/plan.mcap"), "a path in a folder that exists and can be written"),
         (("none.json", "plan.mcap"), "none.json"),
         (("plan.json", "plan.csv", "--rate", "0"), "rate = 0.0 is not acceptable"),
     ],

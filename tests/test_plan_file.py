@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import csv
+import errno
 import json
 import math
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -37,7 +39,7 @@ from twosra_mpc import (
     plan,
     save_setpoints,
 )
-from twosra_mpc.files import atomic_path, write_text
+from twosra_mpc.files import write_text
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost
@@ -695,37 +697,83 @@ def test_the_highest_rate_is_allowed_and_more_is_refused(empty: Result) -> None:
 # --- atomic writing ------------------------------------------------------------------------------
 
 
-def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
-    target = tmp_path / "some.txt"
+@pytest.mark.parametrize("named", [False, True])
+def test_a_file_is_replaced_as_a_whole(
+    named: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if named:  # as where a file cannot be without a name
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    target, seen = tmp_path / "some.txt", list[str]()
     write_text(target, "old")
-    with atomic_path(target) as temporary:
-        assert temporary.parent == target.parent
-        assert temporary.suffix == target.suffix  # matplotlib chooses the format by it
-        temporary.write_text("new", encoding="utf-8")
-        assert target.read_text(encoding="utf-8") == "old"
-    assert target.read_text(encoding="utf-8") == "new"
+    target.chmod(0o600)
+    fsync = os.fsync
+
+    def look(handle: int) -> None:
+        fsync(handle)
+        seen.append(target.read_text(encoding="utf-8"))
+
+    monkeypatch.setattr(os, "fsync", look)
+    write_text(target, "new")
+    assert (seen, target.read_text(encoding="utf-8")) == (["old"], "new")
     assert list(tmp_path.iterdir()) == [target]
+    assert target.stat().st_mode & 0o777 == 0o600
 
 
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
 @pytest.mark.parametrize("before", ["old", None])
 def test_a_failure_while_writing_changes_nothing(
-    error: type[BaseException], before: str | None, tmp_path: Path
+    error: type[BaseException],
+    before: str | None,
+    named: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if named:
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
     target = tmp_path / "some.txt"
     if before is not None:
         target.write_text(before, encoding="utf-8")
 
-    def fail() -> None:
-        with atomic_path(target) as temporary:
-            temporary.write_text("half of the ne", encoding="utf-8")
-            raise error
+    def fail(_: int) -> None:
+        raise error(errno.ENOSPC, "No space left on device")
 
-    with pytest.raises(error):
-        fail()
+    monkeypatch.setattr(os, "fsync", fail)
+    expected = InputError if error is OSError else error
+    with pytest.raises(expected, match="No space left") as caught:
+        write_text(target, "half of the new")
+    assert error is not OSError or str(target) in str(caught.value)
     assert [path.read_text(encoding="utf-8") for path in tmp_path.iterdir()] == (
         [before] if before is not None else []
     )
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files have names here")
+def test_a_killed_program_leaves_no_temporary_file(tmp_path: Path) -> None:
+    killed = (
+        "import os, signal, sys; from twosra_mpc.files import write_text\n"
+        "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "write_text(sys.argv[1], 'new')"
+    )
+    target = tmp_path / "some.txt"
+    target.write_text("old", encoding="utf-8")
+    ended = subprocess.run([sys.executable, "-c", killed, str(target)], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert [path.read_text(encoding="utf-8") for path in tmp_path.iterdir()] == ["old"]
+
+
+def test_what_a_link_points_to_is_written_and_a_pipe_is_written_through(tmp_path: Path) -> None:
+    target, link, pipe = tmp_path / "some.txt", tmp_path / "link.txt", tmp_path / "pipe"
+    link.symlink_to(target)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert target.read_text(encoding="utf-8") == "new"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_text(pipe, "through")
+    assert os.read(reader, 100) == b"through"
+    os.close(reader)
+    assert pipe.is_fifo()
 
 
 def test_written_files_may_be_read_as_the_umask_says(tmp_path: Path) -> None:

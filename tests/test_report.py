@@ -424,8 +424,8 @@ def test_there_is_a_report_of_having_no_plan(paper: Result, run: Run, tmp_path: 
         ("other.json", "out.html", "'twosra-plan' version 1"),
         ("text.json", "out.html", "a plan in JSON"),
         ("plan.json", "out.pdf", "a file ending in .html or .htm"),
-        ("plan.json", "nowhere/out.html", "a file path in a folder that can be written"),
-        ("plan.json", "folder.html", "a file path in a folder that can be written"),
+        ("plan.json", "nowhere/out.html", "a path in a folder that exists and can be written"),
+        ("plan.json", "folder.html", "the path of a file, not of a folder"),
     ],
 )
 def test_bad_input_is_named(

@@ -3,6 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from reprlib import Repr
+
+_SHORT = Repr()
+_SHORT.maxstring = _SHORT.maxother = 300
+_SHORT.maxlong = 80
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 8
+_LONGEST = 500  # characters of what else is said in a line
+
+
+def printable(text: str, most: int = _LONGEST) -> str:
+    """Text without control characters, cut off where it is too long."""
+    shown = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+    return shown if len(shown) <= most else f"{shown[:most]}..."
 
 
 class TwosraError(Exception):
@@ -31,7 +44,8 @@ class InputError(TwosraError, ValueError):
         self.field, self.value, self.allowed = field, value, allowed
         self.source, self.others = source, others
         where = f"{source}: " if source else ""
-        lines = [f"{where}{field} = {value!r} is not acceptable; allowed: {allowed}"]
+        said = f"{printable(field)} = {_SHORT.repr(value)} is not acceptable"
+        lines = [f"{printable(where)}{said}; allowed: {printable(allowed)}"]
         super().__init__("\n".join([*lines, *map(str, others)]))
 
     def __reduce__(self) -> tuple[object, ...]:

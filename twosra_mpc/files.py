@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import os
-import tempfile
+import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +16,8 @@ from typing import Any
 
 from twosra_mpc.errors import InputError
 
-_JSON = (".json", ".geojson")
+MOST_BYTES = 200_000_000  # of a file that is read
+LARGEST = 1e12  # number in a table
 
 
 def built_in_names(folder: str) -> list[str]:
@@ -42,15 +44,51 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
 
 
 def read_text(path: Path, source: str) -> str:
-    """Read a UTF-8 text file.
+    """Read a UTF-8 text file, with or without a byte order mark.
 
     Raises:
-        InputError: If the file cannot be read.
+        InputError: If the file cannot be read, or is larger than ``MOST_BYTES``.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise InputError("file", source, f"at most {MOST_BYTES} bytes, not {size}")
+        return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+
+
+def number(text: str | None, field: str, source: str) -> float:
+    """Return the number in a cell of a table.
+
+    Raises:
+        InputError: If it is none, or not finite, or beyond ``LARGEST``.
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST:
+        raise InputError(field, text, f"a finite number, at most {LARGEST:g} in size", source)
+    return value
+
+
+@contextmanager
+def reading(source: str, what: str = "file") -> Iterator[None]:
+    """Name the file in whatever goes wrong while the block makes something of it.
+
+    A file can be wrong in more ways than a reader knows of: numbers of 5000 digits, tables a
+    thousand deep, matrices without an inverse.
+
+    Raises:
+        InputError: In place of every exception.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise error.within("", source) from None
+    except Exception as error:
+        allowed = f"values that fit together ({type(error).__name__}: {error})"
+        raise InputError(what, source, allowed, source) from error
 
 
 def read_document(path: Path, source: str) -> dict[str, Any]:
@@ -60,64 +98,129 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
         InputError: If the file cannot be read or parsed; the message carries line and column.
     """
     text = read_text(path, source)
+    if path.suffix == ".geojson":
+        return json_document(text, source)
+    allowed = "valid TOML, or JSON in a .json file"
+    if path.suffix == ".json":
+        return json_document(text, source, allowed)
     try:
-        document = json.loads(text) if path.suffix in _JSON else tomllib.loads(text)
-    except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
-        kinds = "JSON" if path.suffix == ".geojson" else "TOML, or JSON in a .json file"
-        allowed = f"valid {kinds} ({error})"
-        raise InputError("file", source, allowed) from error
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError("file", source, f"{allowed} ({error})") from error
+
+
+def json_document(text: str, source: str, allowed: str = "valid JSON") -> dict[str, Any]:
+    """Read the text of a JSON file into a dictionary.
+
+    Args:
+        text: The text.
+        source: The file.
+        allowed: What is, for messages.
+
+    Raises:
+        InputError: If it cannot be parsed, is no table of keys, or has a key twice.
+    """
+    try:
+        document = json.loads(text, object_pairs_hook=_unique)
+    except (ValueError, RecursionError) as error:
+        raise InputError("file", source, f"{allowed} ({error})") from error
     if not isinstance(document, dict):
         raise InputError("file", source, "a table of keys at the top level")
     return document
 
 
-@contextmanager
-def atomic_path(target: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``target``; move it there only if the block succeeds.
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A table whose keys are different."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {twice!r} is there twice")
+    return table
+
+
+def check_writable(target: str | Path) -> None:
+    """Refuse a path before an hour of planning is lost to it.
 
     Raises:
-        InputError: If the folder of ``target`` does not exist or cannot be written.
+        InputError: If nothing can be written there.
     """
-    target = Path(target)
-    if target.is_dir():
+    real = Path(target).resolve()  # what a link points to is written
+    if real.is_dir():
         raise InputError("output", str(target), "the path of a file, not of a folder")
+    written = real if real.exists() and not real.is_file() else real.parent
+    if not (written.exists() and os.access(written, os.W_OK)):
+        raise InputError("output", str(target), "a path in a folder that exists and can be written")
+
+
+def write_bytes(target: str | Path, data: bytes) -> None:
+    """Write a file as a whole or not at all; a device or a pipe is written to.
+
+    What a link points to is replaced, and keeps its permissions.
+
+    Raises:
+        InputError: If it cannot be written, e.g. on a full disk.
+    """
+    check_writable(target)
+    real = Path(target).resolve()
     try:
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.stem}-", suffix=target.suffix, dir=target.parent
-        )
-    except OSError as error:
-        allowed = f"a path in a folder that exists and can be written ({error.strerror})"
-        raise InputError("output", str(target), allowed) from error
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
+        if real.exists() and not real.is_file():
+            with real.open("wb") as file:
+                file.write(data)
+            return
         umask = os.umask(0)
         os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(target)
+        mode = stat.S_IMODE(real.stat().st_mode) if real.exists() else 0o666 & ~umask
+        _replace(real, data, mode)
+    except OSError as error:
+        allowed = f"a path with room for {len(data)} bytes ({error.strerror})"
+        raise InputError("output", str(target), allowed) from error
+
+
+def _replace(real: Path, data: bytes, mode: int) -> None:
+    """Put a new file in the place of another; where the system can, it has no name until then."""
+    beside = real.with_name(f".{real.name[:200]}-{os.getpid()}")
+    try:
+        handle = os.open(real.parent, os.O_WRONLY | getattr(os, "O_TMPFILE", os.O_DIRECTORY), 0o600)
+        unnamed = True
+    except OSError:
+        handle = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        unnamed = False
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(handle)
+            os.chmod(handle if os.chmod in os.supports_fd else beside, mode)
+            if unnamed:
+                _name(handle, beside)
+        beside.replace(real)
     finally:
-        temporary.unlink(missing_ok=True)
+        beside.unlink(missing_ok=True)
+
+
+def _name(handle: int, path: Path) -> None:
+    """Give a file without a name one."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:  # only with a folder's descriptor the link behind /proc is followed
+        os.link(f"/proc/self/fd/{handle}", path.name, dst_dir_fd=folder)
+    finally:
+        os.close(folder)
 
 
 def write_json(target: str | Path, document: dict[str, Any]) -> None:
-    """Write plain data as JSON, atomically.
+    """Write plain data as JSON, as a whole or not at all.
 
     Raises:
-        InputError: If the folder does not exist or cannot be written.
+        InputError: If it cannot be written.
     """
     write_text(target, json.dumps(document, allow_nan=False) + "\n")
 
 
 def write_text(target: str | Path, text: str) -> None:
-    """Write a text file atomically (UTF-8).
+    """Write a text file (UTF-8) as a whole or not at all.
 
     Raises:
-        InputError: If it cannot be written, e.g. on a full disk.
+        InputError: If it cannot be written.
     """
-    with atomic_path(target) as temporary:
-        try:
-            temporary.write_text(text, encoding="utf-8")
-        except OSError as error:
-            allowed = f"a path with room for {len(text)} characters ({error.strerror})"
-            raise InputError("output", str(target), allowed) from error
+    write_bytes(target, text.encode())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn, Self, Type
 
 import numpy as np
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -31,20 +32,38 @@ def plain(value: object) -> object:
     return value
 
 
+def _at_least(least: float) -> AfterValidator:
+    """Refuse what is positive, but too small to compute with."""
+
+    def checked(value: float) -> float:
+        if value < least:
+            raise ValueError(f"at least {least:g}")
+        return value
+
+    return AfterValidator(checked)
+
+
 Key = TypeVar("Key")
 Item = TypeVar("Item")
 
-Number = Annotated[float, BeforeValidator(plain)]
-Positive = Annotated[float, Field(gt=0.0), BeforeValidator(plain)]
-NonNegative = Annotated[float, Field(ge=0.0), BeforeValidator(plain)]
-Pair = Annotated[tuple[float, float], BeforeValidator(plain)]
-Triple = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(plain)]
+# Ranges of what a file may say: wide enough for any robot, and nothing overflows within them.
+Number = Annotated[float, Field(ge=-1e6, le=1e6), BeforeValidator(plain)]
+Positive = Annotated[float, Field(gt=0.0, le=1e9), _at_least(1e-9), BeforeValidator(plain)]
+NonNegative = Annotated[float, Field(ge=0.0, le=1e9), BeforeValidator(plain)]
+Metres = Annotated[float, Field(ge=-100.0, le=100.0), BeforeValidator(plain)]  # of a position
+Radians = Annotated[float, Field(ge=-1e3, le=1e3), BeforeValidator(plain)]
+Celsius = Annotated[float, Field(ge=-273.15, le=2e3), BeforeValidator(plain)]
+Pair = Annotated[tuple[Number, Number], BeforeValidator(plain)]
+MetresPair = Annotated[tuple[Metres, Metres], BeforeValidator(plain)]
+Length = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6), BeforeValidator(plain)]  # in m
+_Shape = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6)]
+Triple = Annotated[tuple[_Shape, _Shape, _Shape], BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]
 MOST_SEGMENTS = 4
 # One entry for each segment. Only who knows the robot can name the entries that are missing, so
 # that a list without any is left to it too.
 EachSegment = Field(max_length=MOST_SEGMENTS, json_schema_extra={"minItems": 1})
-Numbers = Annotated[tuple[float, ...], EachSegment, BeforeValidator(plain)]
+Numbers = Annotated[tuple[Number, ...], EachSegment, BeforeValidator(plain)]
 ModeField = Annotated[tuple[Bit, ...], EachSegment, BeforeValidator(plain)]
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from twosra_mpc.checking.between_samples import between_problems
 from twosra_mpc.checking.heating import replayed
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, Findings, examine
-from twosra_mpc.files import read_text
+from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
@@ -92,10 +92,17 @@ def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
         InputError: If it is not a plan file of a known version, or does not fit together.
     """
     result = load_plan(path)
-    document = json.loads(read_text(Path(path), str(path)))
+    document = json_document(read_text(Path(path), str(path)), str(path))
     if (plan := result.plan) is None:
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))
+    with reading(str(path), "plan"):
+        return _checked(result, plan, document, robot)
+
+
+def _checked(
+    result: Result, plan: Plan, document: dict[str, Any], robot: Robot | None
+) -> PlanCheck:
     found = examine(plan.trajectory)
     claims = (
         _robot(plan.robot, robot),

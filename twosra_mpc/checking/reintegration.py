@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 
+_MOST_CUTS = 10_000  # of an interval
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
 
@@ -92,9 +94,15 @@ def between(samples: Samples, cut: float | Array, least: int) -> tuple[Samples, 
 
     Returns:
         The finer samples, and for each the row of ``samples`` in force.
+
+    Raises:
+        InputError: If something moves absurdly far from one sample to the next.
     """
     dt = np.diff(samples.t_s)
     moved = np.abs((samples.v[:-1] + samples.a[:-1] * dt[:, None] / 2) * dt[:, None]).max(axis=1)
+    if not (moved / cut <= _MOST_CUTS).all():
+        allowed = "inputs that move the robot by less than metres from one sample to the next"
+        raise InputError("samples.v", float(moved.max()), allowed)
     cuts = np.where(moved > 0, np.ceil(moved / cut) + least, 1).astype(int)
     at = np.repeat(np.arange(len(cuts)), cuts)
     share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]

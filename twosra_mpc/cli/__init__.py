@@ -10,12 +10,20 @@ import importlib
 import os
 import signal
 import sys
+import traceback
 
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_BROKEN_PIPE, EXIT_INFEASIBLE, EXIT_NO_PLAN
-from twosra_mpc.errors import InputError, NoPlanError
+from twosra_mpc.cli.output import (
+    EXIT_BAD_INPUT,
+    EXIT_BROKEN_PIPE,
+    EXIT_BUG,
+    EXIT_INFEASIBLE,
+    EXIT_INTERRUPTED,
+    EXIT_NO_PLAN,
+)
+from twosra_mpc.errors import InputError, NoPlanError, printable
 from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
@@ -76,6 +84,8 @@ Exit codes:
   2  bad input, or a file that cannot be read or written
   3  proved infeasible
   4  no plan, not verified, or not reached (the best so far is written, if any)
+  70 a bug of this program: please report it; --debug shows where it is
+  130 interrupted before there was a result
 
 Completion of commands, options, scenarios and robots: put
 eval "$(_TWOSRA_COMPLETE=bash_source twosra)" into ~/.bashrc (zsh_source into ~/.zshrc, or
@@ -154,8 +164,22 @@ def main(arguments: list[str] | None = None) -> None:
         code = EXIT_BAD_INPUT
     except (click.Abort, KeyboardInterrupt):
         click.echo("twosra: interrupted before there was a result", err=True)
-        code = EXIT_NO_PLAN
+        code = EXIT_INTERRUPTED
+    except Exception as error:  # the last resort
+        click.echo(f"twosra: {_bug(error)}", err=True)
+        if "--debug" in (sys.argv if arguments is None else arguments):
+            traceback.print_exc()
+        code = EXIT_BUG
     sys.exit(code or 0)
+
+
+def _bug(error: Exception) -> str:
+    """What to say of an error that nobody foresaw."""
+    found = printable(f"{type(error).__name__}: {error}")
+    return (
+        f"this is a bug ({found}). Please report it with the command, its files, what"
+        ' "twosra doctor" prints and what --debug adds'
+    )
 
 
 def _in_words(error: OSError) -> str:

@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from twosra_mpc.cli.options import choice_option, command
-from twosra_mpc.cli.output import Output, check_writable
+from twosra_mpc.cli.output import Output
+from twosra_mpc.files import check_writable
 
 
 @command("figures")

@@ -10,9 +10,9 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from twosra_mpc.cli.output import Output, check_writable
+from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names
+from twosra_mpc.files import built_in_names, check_writable
 from twosra_mpc.problem.problem import Problem, load_problem
 
 Function = Callable[..., Any]
@@ -38,6 +38,9 @@ FILE = click.Path(path_type=Path)
 
 _JSON = click.Option(["--json", "as_json"], is_flag=True, help="Print JSON instead of tables.")
 _QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; see the exit code.")
+_DEBUG = click.Option(
+    ["--debug"], is_flag=True, expose_value=False, help="Show where in the program a bug is."
+)
 _PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
 _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
@@ -65,7 +68,7 @@ def command(name: str, words: str | None = None) -> Callable[[Function], click.C
             return function(output=Output(as_json=as_json, quiet=quiet), **given)
 
         made = click.command(name, help=words or function.__doc__)(run)
-        made.params += [_JSON, _QUIET]
+        made.params += [_JSON, _QUIET, _DEBUG]
         return made
 
     return decorate
@@ -119,7 +122,16 @@ class NewFile(click.Path):
         assert isinstance(target, Path)  # as asked for above
         for check in self._checks:
             check(target)
+        taken = click.get_current_context().meta.setdefault("outputs", set())
+        if (real := target.resolve()) in taken and not _takes_all(real):
+            raise InputError("output", str(target), "another file for each thing that is written")
+        taken.add(real)
         return target
+
+
+def _takes_all(target: Path) -> bool:
+    """Whether it is a device or a pipe, which may be written to twice."""
+    return target.exists() and not target.is_file()
 
 
 def out_argument(check: Check) -> Decorator:

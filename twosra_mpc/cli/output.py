@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
-from pathlib import Path
 from typing import Any
 
 import click
 
-from twosra_mpc.errors import InputError
-
 EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4
 EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
+EXIT_BUG, EXIT_INTERRUPTED = 70, 130  # as sysexits.h and shells have them
 
 Tell = Callable[[str], None]
 
@@ -63,17 +60,6 @@ def _cell(value: Any) -> str:
     if isinstance(value, float):
         return str(round(value, 6))
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def check_writable(target: Path) -> None:
-    """Refuse an output path before an hour of planning is lost to it."""
-    if _cannot_be_written(target):
-        raise InputError("output", str(target), "a file path in a folder that can be written")
-
-
-def _cannot_be_written(target: Path) -> bool:
-    folder = target.parent
-    return target.is_dir() or not (folder.is_dir() and os.access(folder, os.W_OK))
 
 
 def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:

@@ -23,7 +23,7 @@ from twosra_mpc.execution.run import (
     Verdict,
 )
 from twosra_mpc.execution.session import Session
-from twosra_mpc.files import read_document, write_json
+from twosra_mpc.files import read_document, reading, write_json
 from twosra_mpc.plans.document import plan_within
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.problem import Problem
@@ -82,12 +82,8 @@ def load_run(path: str | Path) -> Run:
     found = document.get("format"), document.get("version")
     if found != (FORMAT, FORMAT_VERSION):
         raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", source)
-    try:
+    with reading(source, "run"):
         return _run(document, source)
-    except InputError as error:
-        raise error.within("", source) from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError("run", str(error), "values that fit together", source) from error
 
 
 def _run(data: dict[str, Any], source: str) -> Run:

@@ -15,7 +15,7 @@ import numpy as np
 
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import atomic_path
+from twosra_mpc.files import check_writable, write_bytes
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
@@ -71,28 +71,28 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
     context, memory = foxglove.Context(), io.BytesIO()  # a full disk is then an error like any
     robots = SceneUpdateChannel(SCENE, context=context)
     transforms = FrameTransformsChannel(FRAMES, context=context)
-    with atomic_path(path) as temporary:
-        with foxglove.open_mcap(memory, context=context) as file:
-            file.write_metadata("plan", _metadata(plan))
-            if plan.problem.obstacles or plan.problem.passes:
-                around = SceneUpdateChannel(AROUND, context=context)
-                around.log(surroundings(plan.problem), log_time=0)
-            for time_s, q, states in _changes(shown.trajectory):
-                at = nanoseconds(time_s)
-                transforms.log(frames(plan.robot.geometry, time_s, q), log_time=at)
-                robots.log(scene(plan.robot.geometry, time_s, q, states), log_time=at)
-            if plan.problem.objects:
-                things = SceneUpdateChannel(OBJECTS, context=context)
-                for time_s, poses in _moves(shown.trajectory):
-                    update = objects(plan.problem, time_s, poses)
-                    things.log(update, log_time=nanoseconds(time_s))
-            for topic, table in tables(held).items():
-                channel = foxglove.Channel(topic, schema=_schema(topic, table), context=context)
-                rows = np.column_stack(list(table.values())).tolist()
-                for time_s, row in zip(held.t_s.tolist(), rows, strict=True):
-                    message = dict(zip(table, row, strict=True))
-                    channel.log(message, log_time=nanoseconds(time_s))
-        temporary.write_bytes(memory.getvalue())
+    check_writable(path)
+    with foxglove.open_mcap(memory, context=context) as file:
+        file.write_metadata("plan", _metadata(plan))
+        if plan.problem.obstacles or plan.problem.passes:
+            around = SceneUpdateChannel(AROUND, context=context)
+            around.log(surroundings(plan.problem), log_time=0)
+        for time_s, q, states in _changes(shown.trajectory):
+            at = nanoseconds(time_s)
+            transforms.log(frames(plan.robot.geometry, time_s, q), log_time=at)
+            robots.log(scene(plan.robot.geometry, time_s, q, states), log_time=at)
+        if plan.problem.objects:
+            things = SceneUpdateChannel(OBJECTS, context=context)
+            for time_s, poses in _moves(shown.trajectory):
+                update = objects(plan.problem, time_s, poses)
+                things.log(update, log_time=nanoseconds(time_s))
+        for topic, table in tables(held).items():
+            channel = foxglove.Channel(topic, schema=_schema(topic, table), context=context)
+            rows = np.column_stack(list(table.values())).tolist()
+            for time_s, row in zip(held.t_s.tolist(), rows, strict=True):
+                message = dict(zip(table, row, strict=True))
+                channel.log(message, log_time=nanoseconds(time_s))
+    write_bytes(path, memory.getvalue())
 
 
 def _changes(trajectory: Trajectory) -> Iterator[tuple[float, list[float], list[State]]]:

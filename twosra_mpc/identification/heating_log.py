@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text
+from twosra_mpc.files import number, read_text, reading
 from twosra_mpc.robot.coordinates import Array
 
 Flags = NDArray[np.bool_]
@@ -283,17 +283,18 @@ def rows_in(path: str | Path, columns: Sequence[str]) -> list[dict[str, str]]:
         InputError: If it cannot be read, lacks a column, or has no row.
     """
     source = str(path)
-    rows = csv.DictReader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
-    names = [name.strip() for name in rows.fieldnames or ()]
-    rows.fieldnames = names
-    for column in columns:
-        if column not in names:
-            allowed = f"a CSV file with a heading of at least {', '.join(columns)}"
-            raise InputError(f"column {column}", "missing", allowed, source)
-    found = list(rows)
-    if not found:
-        raise InputError("rows", 0, "at least one row below the heading", source)
-    return found
+    with reading(source, "log"):
+        rows = csv.DictReader(read_text(Path(path), source).splitlines())
+        names = [name.strip() for name in rows.fieldnames or ()]
+        rows.fieldnames = names
+        for column in columns:
+            if column not in names:
+                allowed = f"a CSV file with a heading of at least {', '.join(columns)}"
+                raise InputError(f"column {column}", "missing", allowed, source)
+        found = list(rows)
+        if not found:
+            raise InputError("rows", 0, "at least one row below the heading", source)
+        return found
 
 
 def number_in(row: Mapping[str, str], column: str, index: int, source: str) -> float:
@@ -302,11 +303,4 @@ def number_in(row: Mapping[str, str], column: str, index: int, source: str) -> f
     Raises:
         InputError: If it is none.
     """
-    text = row[column]
-    try:
-        value = float(text)
-    except (TypeError, ValueError):
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{column}, row {index}", text, "a finite number", source)
-    return value
+    return number(row[column], f"{column}, row {index}", source)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text
+from twosra_mpc.files import LARGEST, number, read_text, reading
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -96,7 +96,15 @@ def read_motion_log(
             was driven is not known.
     """
     source = str(path)
-    rows = csv.reader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
+    with reading(source, "log"):
+        return _read(Path(path), robot, wheel_rad_s, mode)
+
+
+def _read(
+    path: Path, robot: Robot, wheel_rad_s: Sequence[float] | None, mode: Mode | None
+) -> MotionLog:
+    source = str(path)
+    rows = csv.reader(read_text(path, source).splitlines())
     names = [name.strip() for name in next(rows, [])]
     segments = robot.coordinates.segments
     curvatures, stiffness = ([f"{letter}{j + 1}" for j in range(segments)] for letter in "ks")
@@ -121,7 +129,7 @@ def read_motion_log(
         q, v = values[:, : POSE + segments], values[:, POSE + segments : -segments]
         q[:, 2] = np.unwrap(q[:, 2])
         return _with_phases(MotionLog(source, time_s, q, bits.astype(int), v))
-    speeds, driven = _what_was_driven(Path(path), robot, wheel_rad_s, mode)
+    speeds, driven = _what_was_driven(path, robot, wheel_rad_s, mode)
     q = _configurations(robot, _found(values, source), driven)
     tiled = [np.tile(each, (len(table), 1)) for each in (np.array(driven), speeds)]
     return _with_phases(MotionLog(source, time_s, q, *tiled))
@@ -139,30 +147,23 @@ def _cell(row: list[str], column: int) -> str:
 
 
 def _column(table: list[list[str]], column: int, name: str, source: str) -> list[float]:
-    numbers = []
-    for number, row in enumerate(table, 1):
-        text = _cell(row, column)
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise InputError(f"{name}, row {number}", text, "a finite number", source)
-        numbers.append(value)
-    return numbers
+    return [
+        number(_cell(row, column), f"{name}, row {index}", source)
+        for index, row in enumerate(table, 1)
+    ]
 
 
 def _times(texts: list[str], name: str, source: str) -> Array:
     """Times since the first row; those of day to a second are spread (see the module)."""
     seconds = []
-    for number, text in enumerate(texts, 1):
+    for index, text in enumerate(texts, 1):
         try:
             parts = [float(part) for part in text.split(":")]
         except ValueError:
             parts = []
-        if len(parts) not in (1, 3) or not np.isfinite(parts).all():
+        if len(parts) not in (1, 3) or not (np.abs(parts) <= LARGEST).all():
             allowed = "a time of day, hh:mm:ss, or a number of seconds"
-            raise InputError(f"{name}, row {number}", text, allowed, source)
+            raise InputError(f"{name}, row {index}", text, allowed, source)
         seconds.append(sum(part * 60.0**k for k, part in enumerate(reversed(parts))))
     time_s = np.array(seconds)
     if ":" in texts[0]:

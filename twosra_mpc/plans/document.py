@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text
+from twosra_mpc.files import LARGEST, json_document, read_text, reading
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
@@ -89,12 +89,7 @@ def load_plan(path: str | Path) -> Result:
     """
     source = str(path)
     text = read_text(Path(path), source)
-    try:
-        head = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError("file", source, f"a plan in JSON ({error})", source) from error
-    if not isinstance(head, dict):
-        raise InputError("file", source, "a table of keys at the top level", source)
+    head = json_document(text, source, "a plan in JSON")
     if head.get("format") != FORMAT or head.get("version") not in (
         1,
         FORMAT_VERSION,
@@ -102,15 +97,12 @@ def load_plan(path: str | Path) -> Result:
     ):
         found = (head.get("format"), head.get("version"))
         raise InputError("format", found, f"{FORMAT!r} version 1, 2 or {MISSION_VERSION}", source)
-    try:
-        return _result(PlanDocument.model_validate_json(text), source)
-    except ValidationError as error:
-        first = named_problem(PlanDocument, error.errors()[0])
-        raise first.within("plan", source) from None
-    except InputError as error:
-        raise error.within("", source) from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError("plan", str(error), "values that fit together", source) from error
+    with reading(source, "plan"):
+        try:
+            return _result(PlanDocument.model_validate_json(text), source)
+        except ValidationError as error:
+            first = named_problem(PlanDocument, error.errors()[0])
+            raise first.within("plan", source) from None
 
 
 def plan_within(document: dict[str, Any], robot: dict[str, Any], source: str) -> Plan:
@@ -169,6 +161,9 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
 
 def _samples(samples: dict[str, Any]) -> Samples:
     arrays = {name: np.array(rows) for name, rows in samples.items()}
+    for name, array in arrays.items():
+        if not (np.abs(array) <= LARGEST).all():
+            raise InputError(f"plan.samples.{name}", "beyond", f"at most {LARGEST:g} in size")
     if "mode" in arrays:
         if not np.isin(arrays["mode"], (0, 1)).all():
             raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")

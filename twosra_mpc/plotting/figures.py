@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import atomic_path
+from twosra_mpc.files import write_bytes
 
 RIGID_COLOUR = "#2a6fbb"
 SOFT_COLOUR = "#c8202f"
@@ -112,5 +112,6 @@ def save_figure(figure: Figure, path: str | Path) -> None:
         InputError: If the ending is unknown, or the folder cannot be written.
     """
     check_figure_path(path)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=figure.dpi)
+    data = io.BytesIO()
+    figure.savefig(data, format=Path(path).suffix[1:].lower(), dpi=figure.dpi)
+    write_bytes(path, data.getvalue())

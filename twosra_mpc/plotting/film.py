@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +21,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import atomic_path
+from twosra_mpc.files import check_writable, write_bytes
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting.figures import PALETTE, STYLE
 from twosra_mpc.plotting.plan_figures import plan_title
@@ -106,18 +105,19 @@ def animate(
     """Film a plan or a run, with what is written above it and at its end; as ``animate_plan``."""
     if path is not None:
         check_animation_path(path)
+        check_writable(path)
     count = max(2, round(duration_s * FRAMES_PER_S))
     rows = np.rint(np.linspace(0, PLACES - 1, count)).astype(int).tolist()
     told = on_progress or (lambda done, total: None)
-    with rc_context(STYLE), nullcontext() if path is None else atomic_path(path) as temporary:
+    with rc_context(STYLE):
         scene = Scene(playback, titles, duration_s)
         width_px = round(scene.figure.bbox.width)
         if path is None or Path(path).suffix.lower() == ".gif":
             film = Film(gif(scene, rows, told), "image/gif", width_px)
         else:
             film = Film(_mp4(scene, rows, told), "video/mp4", width_px)
-        if temporary is not None:
-            temporary.write_bytes(film.data)
+    if path is not None:
+        write_bytes(path, film.data)
     return film
 
 

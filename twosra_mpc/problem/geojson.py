@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_document
+from twosra_mpc.files import read_document, reading
 from twosra_mpc.problem.world import Obstacle, area_m2
 from twosra_mpc.robot.coordinates import Array
 
@@ -59,10 +59,8 @@ def read_obstacles(path: str | Path) -> tuple[Obstacle, ...]:
         InputError: If the file cannot be read, or holds something else than polygons in metres.
     """
     document = read_document(Path(path), str(path))
-    try:
+    with reading(str(path)):
         return obstacles_of(document)
-    except InputError as error:
-        raise error.within("", str(path)) from None
 
 
 def feature_collection(obstacles: Iterable[Obstacle]) -> dict[str, Any]:

@@ -17,7 +17,17 @@ from pydantic import BeforeValidator, field_validator, model_serializer, model_v
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import RIGID, rigid_mode
-from twosra_mpc.validation import EachSegment, ModeField, NonNegative, Number, Numbers, Value, plain
+from twosra_mpc.validation import (
+    EachSegment,
+    Metres,
+    ModeField,
+    NonNegative,
+    Number,
+    Numbers,
+    Radians,
+    Value,
+    plain,
+)
 
 if TYPE_CHECKING:  # scenarios are listed without it
     import casadi as ca
@@ -129,7 +139,7 @@ def _free_to_none(value: object) -> object:
     return value
 
 
-FreeNumbers = Annotated[tuple[float | None, ...], EachSegment, BeforeValidator(_free_to_none)]
+FreeNumbers = Annotated[tuple[Number | None, ...], EachSegment, BeforeValidator(_free_to_none)]
 
 
 class Tolerance(Value):
@@ -167,9 +177,9 @@ class Goal(GoalSet):
     in by a `Problem`, which knows its robot.
     """
 
-    x_m: Number | None = None
-    y_m: Number | None = None
-    phi_rad: Number | None = None
+    x_m: Metres | None = None
+    y_m: Metres | None = None
+    phi_rad: Radians | None = None
     kappa_per_m: FreeNumbers = (None, None)
     tolerance: Annotated[Tolerance | None, BeforeValidator(_exact_to_zero)] = None
     phi_modulo: bool = True

@@ -14,7 +14,15 @@ from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
 from twosra_mpc.problem.world import Box, Disc, Obstacle, check_polygon
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.validation import NonNegative, Number, Pair, Positive, Value, plain
+from twosra_mpc.validation import (
+    Metres,
+    MetresPair,
+    NonNegative,
+    Positive,
+    Radians,
+    Value,
+    plain,
+)
 
 ACCURACY = (0.005, 0.005, math.radians(3.0))  # m, m, rad: an object this near is where it should be
 
@@ -22,9 +30,9 @@ ACCURACY = (0.005, 0.005, math.radians(3.0))  # m, m, rad: an object this near i
 class Pose(Value):
     """A pose in the plane."""
 
-    x_m: Number
-    y_m: Number
-    phi_rad: Number = 0.0
+    x_m: Metres
+    y_m: Metres
+    phi_rad: Radians = 0.0
 
     @property
     def pose(self) -> Array:
@@ -54,7 +62,7 @@ class Object(Value):
     pose: Pose
     disc: Round | None = None
     box: Box | None = None
-    polygon_m: Annotated[tuple[Pair, ...], BeforeValidator(plain)] | None = None
+    polygon_m: Annotated[tuple[MetresPair, ...], BeforeValidator(plain)] | None = None
     friction: NonNegative | None = None
 
     @model_validator(mode="before")

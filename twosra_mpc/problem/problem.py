@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.files import built_in_names, locate, read_document, reading
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
 from twosra_mpc.problem.objects import Object
@@ -34,11 +34,13 @@ from twosra_mpc.robot.timing import Timing
 from twosra_mpc.thermal.model import thresholds_C
 from twosra_mpc.validation import (
     MOST_SEGMENTS,
+    Celsius,
+    Metres,
     ModeField,
     NonNegative,
-    Number,
     Numbers,
     Positive,
+    Radians,
     Value,
     plain,
 )
@@ -47,9 +49,9 @@ from twosra_mpc.validation import (
 class Start(Value):
     """Where the robot is, its shape, how warm its segments are, and which object it holds."""
 
-    x_m: Number
-    y_m: Number
-    phi_rad: Number
+    x_m: Metres
+    y_m: Metres
+    phi_rad: Radians
     kappa_per_m: Numbers
     temperature_C: Numbers | None = None
     holding: str | None = None
@@ -122,7 +124,7 @@ class Problem(Value):
     curvature_uncertainty_per_m: NonNegative = 0.0
     weights: Weights = Weights()
     timing: str = "nominal"
-    ambient_C: Number | None = None
+    ambient_C: Celsius | None = None
     heating: Literal["fastest", "least_energy", "keep_warm"] = "fastest"
     motion: Literal["gentle", "fastest"] = "gentle"
     heaters_at_once: Annotated[
@@ -449,7 +451,8 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
         given = document.get(key)
         if isinstance(given, str) and (path.parent / given).is_file():
             document[key] = path.parent / given
-    return Problem.parse(document, str(source))
+    with reading(str(source), "scenario"):
+        return Problem.parse(document, str(source))
 
 
 def scenario_names() -> list[str]:

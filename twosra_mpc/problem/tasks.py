@@ -16,7 +16,15 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.validation import NonNegative, Number, Pair, Tagged, plain
+from twosra_mpc.validation import (
+    Metres,
+    MetresPair,
+    NonNegative,
+    Pair,
+    Radians,
+    Tagged,
+    plain,
+)
 
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
 
@@ -39,8 +47,8 @@ class Pass(Task):
     """Drive b0 through a box of poses on the way; what is left out is free."""
 
     do: Literal["pass"] = "pass"
-    x_m: Pair | None = None
-    y_m: Pair | None = None
+    x_m: MetresPair | None = None
+    y_m: MetresPair | None = None
     phi_rad: Pair | None = None
 
     @model_validator(mode="after")
@@ -132,9 +140,9 @@ class Carry(Task):
 
     do: Literal["carry"] = "carry"
     object: str
-    x_m: Number
-    y_m: Number
-    phi_rad: Number | None = None
+    x_m: Metres
+    y_m: Metres
+    phi_rad: Radians | None = None
     position_tolerance_m: NonNegative = 0.0
     heading_tolerance_rad: NonNegative = 0.0
 

@@ -9,7 +9,7 @@ from pydantic import model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import Pair, Value
+from twosra_mpc.validation import MetresPair, Value
 
 _AROUND_M = 1e-3
 
@@ -17,8 +17,8 @@ _AROUND_M = 1e-3
 class Workspace(Value):
     """A box along the axes of the plane; an axis that is left out is free."""
 
-    x_m: Pair | None = None
-    y_m: Pair | None = None
+    x_m: MetresPair | None = None
+    y_m: MetresPair | None = None
 
     @model_validator(mode="after")
     def _low_below_high(self) -> Workspace:

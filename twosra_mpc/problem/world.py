@@ -12,7 +12,14 @@ from pydantic import BeforeValidator, model_validator
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import NonNegative, Number, Pair, Positive, Value, plain
+from twosra_mpc.validation import (
+    Metres,
+    MetresPair,
+    NonNegative,
+    Positive,
+    Value,
+    plain,
+)
 
 UNSEEN_M = 2e-4  # by which a plan may miss a clearance unseen: verification proves to within it
 _SIDES = 16  # of the polygons that stand for a disc
@@ -22,8 +29,8 @@ _FLAT_M = 1e-6
 class Box(Value):
     """A box along the axes of the plane."""
 
-    x_m: Pair
-    y_m: Pair
+    x_m: MetresPair
+    y_m: MetresPair
 
     @model_validator(mode="after")
     def _low_below_high(self) -> Box:
@@ -42,8 +49,8 @@ class Box(Value):
 class Disc(Value):
     """A disc in the plane."""
 
-    x_m: Number
-    y_m: Number
+    x_m: Metres
+    y_m: Metres
     radius_m: Positive
 
     def polygon(self, scale: float) -> Array:
@@ -61,7 +68,7 @@ class Obstacle(Value):
     """
 
     name: str = ""
-    polygon_m: Annotated[tuple[Pair, ...], BeforeValidator(plain)] | None = None
+    polygon_m: Annotated[tuple[MetresPair, ...], BeforeValidator(plain)] | None = None
     box: Box | None = None
     disc: Disc | None = None
 

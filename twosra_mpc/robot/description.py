@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names, locate, read_document
+from twosra_mpc.files import built_in_names, locate, read_document, reading
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.geometry import Geometry, MotionLimits
@@ -183,7 +183,9 @@ def load_robot(source: str | Path) -> Robot:
     Raises:
         InputError: If there is no such robot, or the file describes it wrongly.
     """
-    return Robot.parse(read_document(locate(source, "robots", "robot"), str(source)), str(source))
+    document = read_document(locate(source, "robots", "robot"), str(source))
+    with reading(str(source), "robot"):
+        return Robot.parse(document, str(source))
 
 
 def robot_names() -> list[str]:

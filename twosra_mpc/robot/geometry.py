@@ -9,7 +9,17 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import MOST_SEGMENTS, NonNegative, Number, Positive, Value, plain
+from twosra_mpc.validation import (
+    MOST_SEGMENTS,
+    Length,
+    Metres,
+    NonNegative,
+    Number,
+    Positive,
+    Radians,
+    Value,
+    plain,
+)
 
 _LEAST_PERIODS = 3  # of the controller, in a phase that moves
 _LISTED = {"minItems": 1, "maxItems": MOST_SEGMENTS}
@@ -18,9 +28,9 @@ _LISTED = {"minItems": 1, "maxItems": MOST_SEGMENTS}
 class Wheel(Value):
     """A wheel in the frame of its fibre end: position, and direction it drives in."""
 
-    x_m: Number
-    y_m: Number
-    angle_rad: Number
+    x_m: Metres
+    y_m: Metres
+    angle_rad: Radians
 
 
 class Geometry(Value):
@@ -37,12 +47,12 @@ class Geometry(Value):
     """
 
     segments: Annotated[int, Field(ge=1, le=MOST_SEGMENTS), BeforeValidator(plain)] = 2
-    segment_length_m: Positive | Annotated[tuple[Positive, ...], Field(json_schema_extra=_LISTED)]
+    segment_length_m: Length | Annotated[tuple[Length, ...], Field(json_schema_extra=_LISTED)]
     middle_link_m: NonNegative
-    end_link_m: Positive
-    unit_side_m: Positive
-    wheel_thickness_m: Positive
-    wheel_radius_m: Positive
+    end_link_m: Length
+    unit_side_m: Length
+    wheel_thickness_m: Length
+    wheel_radius_m: Length
     unit_offset_m: Number = 0.0
     fibre_radius_m: NonNegative = 0.004
     wheels: Annotated[tuple[Wheel, ...], BeforeValidator(plain)] | None = None
@@ -142,7 +152,7 @@ class MotionLimits(Value):
     turn_rate_rad_s: Positive | None = None
     wheel_speed_min_rad_s: NonNegative = 0.0
     control_period_s: Positive | None = None
-    soft_travel_m: Positive = 0.15
+    soft_travel_m: Length = 0.15
 
     @property
     def phase_s(self) -> float:

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import Number, Positive, Value, plain
+from twosra_mpc.validation import Celsius, Positive, Value, plain
 
 
 class Heater(Value):
@@ -19,12 +19,12 @@ class Heater(Value):
     only for firmware that is known to regulate: then the host never switches off to hold.
     """
 
-    melting_point_C: Number
-    soft_setpoint_C: Number
-    rigid_setpoint_C: Number
-    temperature_max_C: Number
-    temperature_min_C: Number
-    ambient_C: Number
+    melting_point_C: Celsius
+    soft_setpoint_C: Celsius
+    rigid_setpoint_C: Celsius
+    temperature_max_C: Celsius
+    temperature_min_C: Celsius
+    ambient_C: Celsius
     current_max_A: Positive
     melt_current_A: Positive
     hold_current_A: Positive

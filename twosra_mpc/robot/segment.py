@@ -17,7 +17,16 @@ from twosra_mpc.robot.heater import Heater
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.two_node import TwoNode
-from twosra_mpc.validation import FrozenDict, NonNegative, Number, Pair, Positive, Tagged, Value
+from twosra_mpc.validation import (
+    Celsius,
+    FrozenDict,
+    Length,
+    NonNegative,
+    Pair,
+    Positive,
+    Tagged,
+    Value,
+)
 
 Ranges = Annotated[dict[str, Pair], AfterValidator(FrozenDict)]
 
@@ -92,7 +101,7 @@ class Coil(Value):
     """The heating wire wound on the core."""
 
     turns: Positive
-    wire_diameter_m: Positive
+    wire_diameter_m: Length
     resistivity_ohm_m: Positive  # at 20 C
     temperature_coefficient_per_K: NonNegative
 
@@ -142,9 +151,9 @@ class LumpedSegment(Segment):
     heat_follows = "current"
 
     model: Literal["lumped"]
-    core_diameter_m: Positive
-    tube_inner_diameter_m: Positive
-    tube_outer_diameter_m: Positive
+    core_diameter_m: Length
+    tube_inner_diameter_m: Length
+    tube_outer_diameter_m: Length
     convection_W_per_m2_K: Positive
     end_loss_W_per_K: NonNegative
     metal: Metal
@@ -224,8 +233,8 @@ class TwoNodeSegment(Segment):
     body_ratio: Positive
     body_loss_per_s: Positive
     core_heat_J_per_K: Positive
-    solid_below_C: Number
-    liquid_above_C: Number
+    solid_below_C: Celsius
+    liquid_above_C: Celsius
     sensor_gain: Positive
     sensor_lag_s: NonNegative
 

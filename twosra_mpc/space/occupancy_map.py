@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text
+from twosra_mpc.files import read_text, reading
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
@@ -73,7 +73,11 @@ def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap
         InputError: If file or image cannot be read, or say something that is not understood; modes
             other than trinary are not.
     """
-    path = Path(path)
+    with reading(str(path), "map"):
+        return _map(Path(path), unknown_is_free)
+
+
+def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     said = _MapFile.parse(_flat_yaml(read_text(path, str(path)), str(path)), str(path))
     if not said.free_thresh <= said.occupied_thresh <= 1:
         allowed = f"from free_thresh = {said.free_thresh:g} to 1"

@@ -1,0 +1,89 @@
+"""Spoilt files of every kind, a few of each; ``python tests/attack COUNT`` spoils many."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from attack.mutations import MUTATIONS
+from attack.spoilt_files import KINDS, attacked
+
+from twosra_mpc import InputError, load_problem, load_robot
+from twosra_mpc.cli import main, planning
+from twosra_mpc.errors import printable
+from twosra_mpc.plans.document import load_plan
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_program_says_what_is_wrong_with_a_spoilt_file(kind: str) -> None:
+    found = list(attacked(kind, range(2)))
+    assert len(found) == 2 * len(MUTATIONS)
+    assert [each for each in found if each is not None] == []
+
+
+SPOILT = {
+    "digits": ("x_m", "9" * 5000, "valid TOML"),
+    "nested": ("x_m", "[" * 5000, "valid TOML"),
+    "far": ("x_m", "150", "less than or equal to 100"),
+    "tiny": ("time_limit_s", "1e-300", "at least 1e-09"),
+    "control": ('"\\u001b[31m"', "1", r"\\x1b"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_what_no_computer_can_plan_with_is_refused_by_name(name: str, tmp_path: Path) -> None:
+    key, value, allowed = SPOILT[name]
+    path = tmp_path / "scenario.toml"
+    table = f"[start]\n{key} = {value}\n" if key == "x_m" else f"{key} = {value}\n"
+    path.write_text(f'robot = "2sra-v1"\n{table}', encoding="utf-8")
+    with pytest.raises(InputError, match=allowed) as error:
+        load_problem(path)
+    assert str(path) in str(error.value)
+    assert len(str(error.value)) < 3000
+
+
+def test_a_key_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    path.write_text('{"format": "twosra-plan", "version": 2, "version": 3}', encoding="utf-8")
+    with pytest.raises(InputError, match="the key 'version' is there twice"):
+        load_plan(path)
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+    built_in = Path(sys.modules["twosra_mpc"].__path__[0]) / "robots" / "2sra-v1.toml"
+    path = tmp_path / "robot.toml"
+    path.write_text(built_in.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert load_robot(path) == load_robot("2sra-v1")
+
+
+def test_what_is_said_has_no_control_characters_and_an_end() -> None:
+    assert printable("a\x1b[2J\x07") == "a\\x1b[2J\\x07"
+    assert printable("x" * 1000, 10) == "xxxxxxxxxx..."
+    error = InputError("start.x_m", list(range(10_000)), "one number")
+    assert len(str(error)) < 200
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_a_bug_is_called_one(
+    debug: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("nobody foresaw this")
+
+    monkeypatch.setattr(planning, "plan", broken)
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1", *(["--debug"] if debug else [])])
+    said = capsys.readouterr().err
+    assert ended.value.code == 70
+    assert "this is a bug (ZeroDivisionError: nobody foresaw this). Please report it" in said
+    assert ("Traceback" in said) is debug
+
+
+def test_two_outputs_need_two_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = str(tmp_path / "plan.json")
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1", "--out", both, "--csv", both])
+    assert ended.value.code == 2
+    assert "another file for each thing that is written" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
