@@ -108,7 +108,7 @@ def test_what_paper_1_waits_for_is_told_in_words() -> None:
         "62.7 s melting segment 1 (26.3 s of it while the robot may still move)",
         "0.9 s bending segment 1",
         "36.4 s until segment 2 is molten",
-        "6.8 s bending both segments",
+        "6.9 s bending both segments",
         "234.6 s freezing both segments",
     ]
     assert str(hidden_activities(made)[0]) == "driving, during heating segment 1"
