@@ -17,6 +17,7 @@ from conftest import Planned, Solved
 from missions import made, repeated
 from numpy.typing import NDArray
 from problems import at_once
+from test_verification import planned_with
 
 from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc.checking.between_samples import between_problems
@@ -27,6 +28,7 @@ from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.robot.description import segment_model
+from twosra_mpc.robot.timing import SequentialTiming
 
 Array = NDArray[np.float64]
 
@@ -194,12 +196,17 @@ def test_segments_do_not_change_one_by_one_where_waits_are_fixed(planned: Planne
     )
 
 
-def test_half_a_reconfiguration_is_no_wait(planned: Planned) -> None:
-    made = planned("paper-1", timing="paper")
-    again = next(item for item in made.transitions if item.to == "soft" and item.heater_s > 300.0)
-    (cooled,) = {item.heater_s for item in made.transitions if item.done_s == again.heater_s}
-    forged = sooner(made, cooled, by=150.0)
-    assert "instead of 300 s" in told(forged)
+def test_half_a_reconfiguration_is_no_wait() -> None:
+    """Cooling as briefly as before a long melt, then melting as quickly as after a long freeze."""
+    brief_cooling = SequentialTiming(
+        overlap="none", heat_s=100.0, freeze_s=300.0, reconfigure_s=502.0, reconfigure_cool_s=10.0
+    )
+    made = planned_with(at_once(load_robot("2sra-v1")), brief_cooling)
+    cooled = next(item for item in made.transitions if item.done_s - item.heater_s < 11.0)
+    assert verify(made.trajectory).problems == ()
+    forged = sooner(made, cooled.done_s, by=380.0)
+    assert f"segment {cooled.segment} to rigid" in told(forged)
+    assert "changes in 10.000 s instead of 300 s" in told(forged)
 
 
 # --- the motion ----------------------------------------------------------------------------------
@@ -353,16 +360,19 @@ def test_a_forged_claim_is_refused_by_name(how: str, solved: Solved, tmp_path: P
 def test_any_path_model_is_one_of_a_robot_and_other_robots_are_taken_as_they_are(
     solved: Solved, tmp_path: Path
 ) -> None:
-    document = deepcopy(solved("paper-2").to_dict())
-    document["robot"]["path"] = {"model": "log_spiral_corrected", "scale": [1, 1], "growth": [1, 1]}
-    document["robot"]["path"] = load_robot("2sra-v1-paper").path.model_dump(mode="json")
+    document = deepcopy(solved("paper-2", robot="2sra-v1-paper").to_dict())
+    document["robot"]["path"]["growth"][0] *= 1.01
+    words = "robot: not '2sra-v1-paper': path.growth is"
+    assert words in problems_in(document, tmp_path / "plan.json")
+    document["robot"]["path"]["model"] = "log_spiral_corrected"
     assert "robot:" not in problems_in(document, tmp_path / "plan.json")
-    document = deepcopy(solved("paper-2").to_dict())
+    document = deepcopy(solved("paper-2", robot="2sra-v1-paper").to_dict())
     document["robot"]["name"] = document["scenario"]["robot"] = "mine"
     path = tmp_path / "plan.json"
     assert problems_in(document, path) == ""
     assert any(
-        "name is mine" in problem for problem in check_plan(path, load_robot("2sra-v1")).problems
+        "name is mine" in problem
+        for problem in check_plan(path, load_robot("2sra-v1-paper")).problems
     )
 
 

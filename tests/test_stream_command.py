@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from conftest import Planned, Run, Solved
+from test_forged_plans import as_file, kept_warm
 
 from twosra_mpc.execution.serial import port as port_module
 from twosra_mpc.execution.serial.firmware_lines import Report, command, parse_report, stop_command
@@ -195,19 +196,8 @@ def test_bad_input_is_refused(
     assert words in outcome.err
 
 
-def test_a_plan_that_keeps_a_segment_warm_is_refused(
-    run: Run,
-    solved: Solved,
-    tmp_path: Path,
-) -> None:
-    from dataclasses import replace
-
-    result = solved("rigid-move")
-    plan = result.require()
-    warm = np.full_like(plan.samples.heater_setpoint_C, 45.0)
-    samples = replace(plan.samples, heater_setpoint_C=warm)
-    kept = replace(plan, trajectory=replace(plan.trajectory, samples=samples))
-    replace(result, plan=kept).save(tmp_path / "p.json")
+def test_a_plan_that_keeps_a_segment_warm_is_refused(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "p.json").write_text(json.dumps(as_file(kept_warm())))
     outcome = run("stream", tmp_path / "p.json", "--dry-run")
     assert outcome.code == 2
     assert "the firmware can heat a segment or not, but not keep it warm" in outcome.err
