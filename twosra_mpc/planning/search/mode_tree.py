@@ -19,7 +19,7 @@ from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, resting_s
 
-_MOVING = 0.05  # share of a cost from which on it pays to ask how long plans move
+_MOVING = 0.05  # share of a bound that lacks from which on it is asked how long plans move
 
 Solution = TypeVar("Solution")
 SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
@@ -197,11 +197,13 @@ class ModeTree(Generic[Solution]):
         durations, drives_s = least_durations(leaf, self.task), self.in_the_way.least_drives_s(leaf)
         longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         network = self.timing.network(leaf, self.last, longer)
-        if self._motion_s is None and enough - self._bounds[leaf].cost > _MOVING * enough:
-            self._motion_s = least_motion_s(self.task, self.modes)
         bound = self.bound(node) if self._motion_s else -math.inf
         if bound < enough:
             bound = max(bound, pose_bound(network, self.task, self.weights, longer, enough))
+        far = max(bound, self._bounds[leaf].cost) < (1 - _MOVING) * enough
+        if self._motion_s is None and far and any(map(any, leaf)):
+            self._motion_s = least_motion_s(self.task, self.modes)
+            bound = max(bound, self.bound(node))
         if any(drives_s):
             relaxed = sequence_bound(network, self.task, self.weights, longer)
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
