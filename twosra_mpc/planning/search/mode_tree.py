@@ -184,7 +184,10 @@ class ModeTree(Generic[Solution]):
         self._bounds[leaf] = bound
         if not any(any(mode) for mode in leaf) and self.first == self.last == self.rigid:
             return max(bound.cost, self.rigid_time())
-        return bound.cost
+        pose = self.task.pose
+        if self._motion_s is None and pose is not None and pose.known_s > bound.cost:
+            self._motion_s = least_motion_s(self.task, self.modes)  # driving outlasts the metal
+        return max(bound.cost, self.bound(node)) if self._motion_s else bound.cost
 
     def tighter_bound(self, node: ModeSequence, enough: float) -> float:
         """Raise the leaf bound by the time the change of pose takes, or by what blocks it."""
