@@ -25,7 +25,7 @@ from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, resting_s
 
-_MOVING = 0.05  # share of a cost from which on it pays to ask how long plans move
+_MOVING = 0.05  # share of a bound that lacks from which on it is asked how long plans move
 
 Solution = TypeVar("Solution")
 SequenceSolver = Callable[[TemporalNetwork, SequenceBound], Iterable[tuple[float, Solution] | None]]
@@ -198,7 +198,10 @@ class ModeTree(Generic[Solution]):
         self._bounds[leaf] = bound
         if not any(any(mode) for mode in leaf) and self.first == self.last == self.rigid:
             return max(bound.cost, self.rigid_time())
-        return bound.cost
+        pose = self.task.pose
+        if self._motion_s is None and pose is not None and pose.known_s > bound.cost:
+            self._motion_s = least_motion_s(self.task, self.modes)  # driving outlasts the metal
+        return max(bound.cost, self.bound(node)) if self._motion_s else bound.cost
 
     def tighter_bound(self, node: ModeSequence, enough: float) -> float:
         """Raise the leaf bound by the time the change of pose takes, or by what blocks it."""
@@ -212,13 +215,15 @@ class ModeTree(Generic[Solution]):
         longer = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         network = self.timing.network(leaf, self.last, longer)
         delayed = self.timing.with_delays(network, longer)
-        bound = bound_by_parts(delayed, self.task, self.weights, longer, enough)
-        if self._motion_s is None and enough - self._bounds[leaf].cost > _MOVING * enough:
-            self._motion_s = least_motion_s(self.task, self.modes)
-        if self._motion_s:
-            bound = max(bound, self.bound(node))
+        bound = self.bound(node) if self._motion_s else -math.inf
+        if bound < enough:
+            bound = max(bound, bound_by_parts(delayed, self.task, self.weights, longer, enough))
         if bound < enough:
             bound = max(bound, pose_bound(delayed, self.task, self.weights, longer, enough))
+        far = max(bound, self._bounds[leaf].cost) < (1 - _MOVING) * enough
+        if self._motion_s is None and far and any(map(any, leaf)):
+            self._motion_s = least_motion_s(self.task, self.modes)
+            bound = max(bound, self.bound(node))
         if any(drives_s):
             relaxed = sequence_bound(network, self.task, self.weights, longer)
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
