@@ -77,7 +77,11 @@ class Checker:
         if type(problem.transition_times) not in kinds:
             raise InputError("timing", problem.timing, "one that is thermal, full or none")
         self.problem, self.weights = problem, problem.cost_weights
-        self.fibre, self.first, self.last = Fibre(problem.robot), problem.start_mode, problem.goal.mode
+        self.fibre, self.first, self.last = (
+            Fibre(problem.robot),
+            problem.start_mode,
+            problem.goal.mode,
+        )
         self.rigid, self.segments = rigid_mode(len(self.first)), range(len(self.first))
         sequential = type(problem.transition_times) is SequentialTiming
         self.heats: list[Heat] = [] if sequential else [heat(problem, j) for j in self.segments]
@@ -116,7 +120,11 @@ class Checker:
         self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int] = ()
     ) -> Network:
         """Events that every plan passes that begins with these phases, and melts what is missing."""
-        edges, holds, cost = list[tuple[Event, Event, arb]](), list[tuple[Event, Event, arb]](), arb(0)
+        edges, holds, cost = (
+            list[tuple[Event, Event, arb]](),
+            list[tuple[Event, Event, arb]](),
+            arb(0),
+        )
         if not self.heats:
             return self._waits(sequence, least, missing)
         stiff, made = list(self.first), [0 for _ in self.segments]
@@ -130,7 +138,11 @@ class Checker:
                 if gap == len(sequence) and j in missing:
                     to = [1, 0][: 2 - self.last[j]]
                 for stiff[j] in to:
-                    own, onset, end = self.heats[j], ("onset", gap, j, made[j]), ("done", gap, j, made[j])
+                    own, onset, end = (
+                        self.heats[j],
+                        ("onset", gap, j, made[j]),
+                        ("done", gap, j, made[j]),
+                    )
                     cost += self.weights.transition_s
                     if made[j] == 0:
                         lead, plateau = own.lead, own.first
@@ -205,10 +217,8 @@ class Checker:
     def node_bound(self, node: ModeSequence) -> float:
         """What every plan costs whose sequence begins with these phases [s]."""
         melted = [self.first[j] or any(mode[j] for mode in node) for j in self.segments]
-        missing = [
-            j for j in self.segments if not melted[j] and not self.change[j].contains(0)
-        ]
-        return low(self._cost(self._network(node, [arb(0)] * len(node), missing)))
+        missing = [j for j in self.segments if not melted[j] and not self.change[j].contains(0)]
+        return max(0.0, low(self._cost(self._network(node, [arb(0)] * len(node), missing))))
 
     # Bends: section 2.
 
@@ -217,7 +227,9 @@ class Checker:
         if self._kept(sequence):
             return math.inf
         least = self._least_durations(sequence)
-        return math.inf if least is None else low(self._cost(self._network(sequence, least)))
+        if least is None:
+            return math.inf
+        return max(0.0, low(self._cost(self._network(sequence, least))))
 
     def _kept(self, sequence: ModeSequence) -> bool:
         """Whether what these modes cannot change must change: sums of W with weights -1, 0, 1."""
@@ -233,7 +245,9 @@ class Checker:
         soft = [i for i, mode in enumerate(sequence) if any(mode)]
         if not soft:
             return [arb(0)] * len(sequence)
-        incidence = fmpq_mat([[mode[j] for j in self.segments] for i in soft for mode in [sequence[i]]])
+        incidence = fmpq_mat(
+            [[mode[j] for j in self.segments] for i in soft for mode in [sequence[i]]]
+        )
         gram = incidence * incidence.transpose()
         if gram.rank() < len(soft):
             return None
@@ -267,8 +281,14 @@ class Checker:
         piece = abs(surely) / _PIECES
         for k in range(_PIECES):
             steps = between(arb(k), arb(k + 1)) * surely / _PIECES
-            kappa = [self._shape(j, w, soft, steps) for j, (w, soft) in enumerate(zip(here, mode, strict=True))]
-            at_start = [self._shape(j, w, soft, k * surely / _PIECES) for j, (w, soft) in enumerate(zip(here, mode, strict=True))]
+            kappa = [
+                self._shape(j, w, soft, steps)
+                for j, (w, soft) in enumerate(zip(here, mode, strict=True))
+            ]
+            at_start = [
+                self._shape(j, w, soft, k * surely / _PIECES)
+                for j, (w, soft) in enumerate(zip(here, mode, strict=True))
+            ]
             if self.fibre.overlaps(at_start):
                 return None
             paces = [abs(self.fibre.bend(mode, kappa, unit)[3]).upper() for unit in (0, 1)]
@@ -313,5 +333,7 @@ def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
         if (sequence := checker.leaf(node)) is not None:
             parts.append(Bounded(sequence, True, checker.leaf_bound(sequence)))
     if opened:
-        raise InputError("certificate.opened", sorted(opened)[0], "sequences of the tree, from its root")
+        raise InputError(
+            "certificate.opened", sorted(opened)[0], "sequences of the tree, from its root"
+        )
     return Proof(tuple(parts))

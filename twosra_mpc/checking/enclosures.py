@@ -55,7 +55,7 @@ class Fibre:
         if type(path) is CardioidPath:
             p = arb(path.phi_per_alpha[k])
             return 1 / (2 * p * path.radius_m[k] * (1 + (p * alpha).cos()))
-        return path.angle_ratio[k] / self._radius(k, alpha, arb.sqrt)
+        return path.angle_ratio[k] / self._radius(k, alpha, self._root)
 
     def _radius(self, k: int, alpha: Any, root: Callable[[Any], Any]) -> Any:
         path = self.robot.path
@@ -64,6 +64,9 @@ class Fibre:
         angle = size / path.angle_ratio[k] + (0 if late else arb.pi())
         scale = arb(path.scale[k]) * self.robot.geometry.lengths_m[0]
         return scale * (-path.growth[k] * angle).exp()
+
+    def _root(self, square: arb) -> arb:
+        return square.max(arb(self.robot.path.smoothing_rad) ** 2).sqrt()
 
     def share(self, j: int, kappa: arb) -> arb:
         """The factor g_j: how far segment j bends per W [rad per unit of W]."""
@@ -170,7 +173,7 @@ class Fibre:
             arm = p * 4 * path.radius_m[0] * (p * alpha / 2).cos()
             turn = alpha - p * alpha * 3 / 2
         else:
-            arm = self._radius(0, alpha, arb.sqrt) / path.angle_ratio[0]
+            arm = self._radius(0, alpha, self._root) / path.angle_ratio[0]
             turn = alpha - alpha / path.angle_ratio[0]
         return arm * turn.sin(), arm * turn.cos()
 
@@ -191,7 +194,12 @@ class Fibre:
     def end(self, kappa: Sequence[arb], unit: int) -> tuple[arb, arb, arb]:
         """Pose in b0 of the fibre end of a unit."""
         geometry, side = self.robot.geometry, (-1, 1)[unit]
-        inner, x, y, turn = geometry.inner_link_of_b0, side * arb(geometry.half_link_m), arb(0), arb(0)
+        inner, x, y, turn = (
+            geometry.inner_link_of_b0,
+            side * arb(geometry.half_link_m),
+            arb(0),
+            arb(0),
+        )
         outward = range(inner, len(kappa)) if unit else range(inner - 1, -1, -1)
         for number, j in enumerate(outward):
             link = geometry.middle_link_m if number else 0.0
@@ -269,7 +277,10 @@ def heat(problem: Problem, j: int) -> Heat:
     if type(times) is OverlappedTiming:
         full_W = arb(heater.melt_current_A) ** 2 * heater.resistance_ohm
         hold_W = arb(heater.hold_current_A) ** 2 * heater.resistance_ohm
-        melting_C, melt_lead = arb(heater.melting_point_C), arb(times.melt_s) - times.melt_changing_s
+        melting_C, melt_lead = (
+            arb(heater.melting_point_C),
+            arb(times.melt_s) - times.melt_changing_s,
+        )
         coast = arb(times.freeze_s) - times.freeze_changing_s
         if soft:
             lead = coast * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
@@ -385,7 +396,11 @@ def _two_node(model: TwoNode, setpoint: float, now: float, window: Windows, *, s
         return window.freeze_late * passed(liquid, there, False, solid)
 
     full_W, hold_W = model.core_heat_J_per_K * p, model.core_heat_J_per_K * a * (liquid - hottest)
-    given = (full_W * (lead + first), full_W * melt, hold_W.max(arb(0)) if window == EXACT else arb(0))
+    given = (
+        full_W * (lead + first),
+        full_W * melt,
+        hold_W.max(arb(0)) if window == EXACT else arb(0),
+    )
     if soft:
         plateau = passed(liquid, start.min(settled(liquid)), False, solid)
         total = passed(start, start, False, solid) + (window.freeze_late - 1) * plateau
