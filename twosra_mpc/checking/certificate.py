@@ -32,23 +32,28 @@ _PIECES = 120  # of a bend
 _MOVES = 1e-5  # of W: a phase that bends by less may be left out
 
 Event = tuple[str, int, int, int]
+Edge = tuple[Event, Event, arb]
 _ORIGIN: Event = ("origin", 0, 0, 0)
 
 
 class Network(NamedTuple):
-    """Event times of a sequence: edges (u, v, w) say t[v] - t[u] >= w [s]; heaters hold from u to v.
+    """Events of a sequence, and what they cost.
 
-    Edges are in an order in which what leads to an event comes before what leads from it.
+    Attributes:
+        edges: (u, v, w): t[v] - t[u] >= w [s]; what leads to an event before what leads from it.
+        holds: (u, v, price): a heater holds from u to v, at a price for every second.
+        cost: Of transitions and melts.
+        finish: The end of the plan.
     """
 
-    edges: list[tuple[Event, Event, arb]]
-    holds: list[tuple[Event, Event, arb]]
-    cost: arb  # of transitions and melts
+    edges: list[Edge]
+    holds: list[Edge]
+    cost: arb
     finish: Event
 
 
 class Bounded(NamedTuple):
-    """A set of plans and what they cost at least: those of a sequence, or all that begin with it."""
+    """What the plans of a sequence cost at least, or all that begin with it."""
 
     sequence: ModeSequence
     leaf: bool
@@ -77,12 +82,9 @@ class Checker:
         if type(problem.transition_times) not in kinds:
             raise InputError("timing", problem.timing, "one that is thermal, full or none")
         self.problem, self.weights = problem, problem.cost_weights
-        self.fibre, self.first, self.last = (
-            Fibre(problem.robot),
-            problem.start_mode,
-            problem.goal.mode,
-        )
-        self.rigid, self.segments = rigid_mode(len(self.first)), range(len(self.first))
+        self.fibre, self.first = Fibre(problem.robot), problem.start_mode
+        self.rigid, self.last = rigid_mode(len(self.first)), problem.goal.mode
+        self.segments = range(len(self.first))
         sequential = type(problem.transition_times) is SequentialTiming
         self.heats: list[Heat] = [] if sequential else [heat(problem, j) for j in self.segments]
         start, limit = problem.start.configuration, problem.robot.limits.curvature_per_m
@@ -110,51 +112,42 @@ class Checker:
 
         None at a node that is itself another one closed.
         """
-        if self.last != self.rigid or self.rigid not in self.problem.modes or node == self.root():
+        opening = node == self.root() == (self.rigid,)
+        if opening or self.last != self.rigid or self.rigid not in self.problem.modes:
             return node
-        return None if node[-1] == self.rigid else (*node, self.rigid)
+        return None if node[-1:] == (self.rigid,) else (*node, self.rigid)
 
     # Time and cost: section 4.
 
     def _network(
         self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int] = ()
     ) -> Network:
-        """Events that every plan passes that begins with these phases, and melts what is missing."""
-        edges, holds, cost = (
-            list[tuple[Event, Event, arb]](),
-            list[tuple[Event, Event, arb]](),
-            arb(0),
-        )
+        """What every plan passes that begins with these phases, and melts what is missing."""
         if not self.heats:
             return self._waits(sequence, least, missing)
-        stiff, made = list(self.first), [0 for _ in self.segments]
-        done, held = [_ORIGIN for _ in self.segments], [arb(0) for _ in self.segments]
-        before = _ORIGIN
+        edges, holds, cost = list[Edge](), list[Edge](), arb(0)
+        stiff, made, done = list(self.first), [0] * len(self.first), [_ORIGIN] * len(self.first)
+        before, begin, held = _ORIGIN, _ORIGIN, [arb(0)] * len(self.first)
         for gap, mode in enumerate((*sequence, self.last)):
-            begin: Event = ("start", gap, 0, 0)
+            begin = ("start", gap, 0, 0)
             edges.append((before, begin, arb(0)))
-            for j in self.segments:
+            for j, own in enumerate(self.heats):
                 to = [mode[j]] if mode[j] != stiff[j] else []
                 if gap == len(sequence) and j in missing:
-                    to = [1, 0][: 2 - self.last[j]]
+                    to = [1] if self.last[j] else [1, 0]
                 for stiff[j] in to:
-                    own, onset, end = (
-                        self.heats[j],
-                        ("onset", gap, j, made[j]),
-                        ("done", gap, j, made[j]),
-                    )
+                    onset, end = ("onset", gap, j, made[j]), ("done", gap, j, made[j])
+                    lead, plateau = (own.again, own.melt) if stiff[j] else (arb(0), arb(0))
                     cost += self.weights.transition_s
                     if made[j] == 0:
                         lead, plateau = own.lead, own.first
                         edges.append((_ORIGIN, end, own.total))
-                    elif stiff[j]:
-                        lead, plateau = own.again, own.melt
-                    else:
-                        lead, plateau = arb(0), own.freeze(made[j], held[j])
+                    elif not stiff[j]:
+                        plateau = own.freeze(made[j], held[j])
                         holds.append((done[j], onset, self.weights.energy_s_per_J * own.hold_W))
                     if stiff[j]:
-                        energy = own.melt_J if made[j] else own.first_J
-                        cost, held[j] = cost + self.weights.energy_s_per_J * energy, arb(0)
+                        energy, held[j] = own.melt_J if made[j] else own.first_J, arb(0)
+                        cost += self.weights.energy_s_per_J * energy
                     edges += [(before, onset, arb(0)), (done[j], onset, lead)]
                     edges += [(onset, end, plateau), (end, begin, arb(0))]
                     made[j], done[j] = made[j] + 1, end
@@ -168,14 +161,13 @@ class Checker:
         self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int]
     ) -> Network:
         """The same where everything waits through every change of mode."""
-        edges, cost, before, mode = list[tuple[Event, Event, arb]](), arb(0), _ORIGIN, self.first
+        edges, cost, before, mode = list[Edge](), arb(0), _ORIGIN, self.first
         for i, after in enumerate(sequence):
             wait, price = self._switch(mode, after)
             begin, end = ("start", i, 0, 0), ("end", i, 0, 0)
             edges += [(before, begin, wait), (begin, end, least[i])]
             cost, before, mode = cost + price, end, after
-        edges.append((before, finish := ("start", len(sequence), 0, 0), arb(0)))
-        return Network(edges, [], cost + self._cheapest_way(mode, frozenset(missing)), finish)
+        return Network(edges, [], cost + self._cheapest_way(mode, frozenset(missing)), before)
 
     def _switch(self, mode: Mode, after: Mode) -> tuple[arb, arb]:
         """Wait between two modes, and what its transitions and melts cost besides."""
@@ -193,7 +185,7 @@ class Checker:
         return wait, price + self.weights.transition_s * (sum(mode) + sum(after))
 
     def _cheapest_way(self, mode: Mode, missing: frozenset[int]) -> arb:
-        """Least wait and price from a mode to the end, by way of modes that melt what is missing."""
+        """Least wait and price from a mode to the end, through modes that melt what is missing."""
         queue, seen = [(0.0, mode, missing)], set[tuple[Mode, frozenset[int]]]()
         while queue:
             spent, here, left = heapq.heappop(queue)
@@ -204,21 +196,22 @@ class Checker:
             seen.add((here, left))
             for after in {*self.problem.modes, self.last} - {here}:
                 rest = frozenset(j for j in left if not after[j])
-                heapq.heappush(queue, (spent + low(sum(self._switch(here, after))), after, rest))
+                wait, price = self._switch(here, after)
+                heapq.heappush(queue, (spent + low(wait + price), after, rest))
         return arb.pos_inf()
 
-    def _cost(self, network: Network, held: Sequence[arb] = ()) -> arb:
-        """Cost of the earliest times: longest paths."""
-        times = {_ORIGIN: arb(0)}
-        for u, v, least in network.edges:
-            times[v] = times.get(v, arb(0)).max(times[u] + least)
-        return times[network.finish] + network.cost
+    def _cost(self, network: Network) -> float:
+        """The finish is no earlier than by the longest path to it, no hold is shorter than one."""
+        cost = network.cost + _longest(network.edges, _ORIGIN, network.finish)
+        for u, v, price in network.holds if self.weights.energy_s_per_J else ():
+            cost += price * _longest(network.edges, u, v)
+        return max(0.0, low(cost))
 
     def node_bound(self, node: ModeSequence) -> float:
         """What every plan costs whose sequence begins with these phases [s]."""
         melted = [self.first[j] or any(mode[j] for mode in node) for j in self.segments]
         missing = [j for j in self.segments if not melted[j] and not self.change[j].contains(0)]
-        return max(0.0, low(self._cost(self._network(node, [arb(0)] * len(node), missing))))
+        return self._cost(self._network(node, [arb(0)] * len(node), missing))
 
     # Bends: section 2.
 
@@ -227,16 +220,15 @@ class Checker:
         if self._kept(sequence):
             return math.inf
         least = self._least_durations(sequence)
-        if least is None:
-            return math.inf
-        return max(0.0, low(self._cost(self._network(sequence, least))))
+        return math.inf if least is None else self._cost(self._network(sequence, least))
 
     def _kept(self, sequence: ModeSequence) -> bool:
         """Whether what these modes cannot change must change: sums of W with weights -1, 0, 1."""
         soft = {mode for mode in sequence if any(mode)}
         for kept in itertools.product((-1, 0, 1), repeat=len(self.first)):
             idle = all(sum(c * s for c, s in zip(kept, mode, strict=True)) == 0 for mode in soft)
-            if idle and not sum(c * w for c, w in zip(kept, self.change, strict=True)).contains(0):
+            moved = sum((c * w for c, w in zip(kept, self.change, strict=True)), arb(0))
+            if idle and not moved.contains(0):
                 return True
         return False
 
@@ -245,9 +237,7 @@ class Checker:
         soft = [i for i, mode in enumerate(sequence) if any(mode)]
         if not soft:
             return [arb(0)] * len(sequence)
-        incidence = fmpq_mat(
-            [[mode[j] for j in self.segments] for i in soft for mode in [sequence[i]]]
-        )
+        incidence = fmpq_mat([list(sequence[i]) for i in soft])
         gram = incidence * incidence.transpose()
         if gram.rank() < len(soft):
             return None
@@ -257,7 +247,7 @@ class Checker:
         return bends
 
     def _least_durations(self, sequence: ModeSequence) -> list[arb] | None:
-        """Least durations of the phases, as far as their bends are known; None if one is forbidden."""
+        """Least durations of the phases, where bends are known; None if one is forbidden."""
         bends, here = self._bends(sequence), list(self.origin)
         if bends is None:
             return [arb(0)] * len(sequence)
@@ -280,17 +270,9 @@ class Checker:
         limits, at_speed, turned = self.problem.robot.limits, arb(0), [arb(0)] * len(mode)
         piece = abs(surely) / _PIECES
         for k in range(_PIECES):
-            steps = between(arb(k), arb(k + 1)) * surely / _PIECES
-            kappa = [
-                self._shape(j, w, soft, steps)
-                for j, (w, soft) in enumerate(zip(here, mode, strict=True))
-            ]
-            at_start = [
-                self._shape(j, w, soft, k * surely / _PIECES)
-                for j, (w, soft) in enumerate(zip(here, mode, strict=True))
-            ]
-            if self.fibre.overlaps(at_start):
+            if self.fibre.overlaps(self._shapes(mode, here, surely * k / _PIECES)):
                 return None
+            kappa = self._shapes(mode, here, between(k, k + 1) * surely / _PIECES)
             paces = [abs(self.fibre.bend(mode, kappa, unit)[3]).upper() for unit in (0, 1)]
             if all(pace.is_finite() for pace in paces):
                 at_speed += piece / (sum(paces) * self.fibre.unit_speed)
@@ -307,8 +289,19 @@ class Checker:
             time = max([time, *(t / limits.bend_rate_rad_s for t in turned)], key=low)
         return time.max(arb(limits.phase_s)) if abs(surely) > _MOVES else time
 
-    def _shape(self, j: int, w: arb, soft: int, moved: arb) -> arb:
-        return self.fibre.curvature(j, w + moved if soft else w)
+    def _shapes(self, mode: Mode, here: Sequence[arb], moved: arb) -> list[arb]:
+        """Curvatures where the W of the soft segments have changed by so much."""
+        moves = zip(here, mode, strict=True)
+        return [self.fibre.curvature(j, w + soft * moved) for j, (w, soft) in enumerate(moves)]
+
+
+def _longest(edges: Sequence[Edge], source: Event, target: Event) -> arb:
+    """Length of the longest path between two events; 0 if there is none."""
+    least = {source: arb(0)}
+    for u, v, apart in edges:
+        if u in least:
+            least[v] = least.get(v, arb(0)).max(least[u] + apart)
+    return least.get(target, arb(0))
 
 
 def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
@@ -333,7 +326,6 @@ def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
         if (sequence := checker.leaf(node)) is not None:
             parts.append(Bounded(sequence, True, checker.leaf_bound(sequence)))
     if opened:
-        raise InputError(
-            "certificate.opened", sorted(opened)[0], "sequences of the tree, from its root"
-        )
+        allowed = "sequences of the tree, each with all that it begins with"
+        raise InputError("certificate.opened", next(iter(opened)), allowed)
     return Proof(tuple(parts))

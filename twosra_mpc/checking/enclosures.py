@@ -194,11 +194,11 @@ class Fibre:
     def end(self, kappa: Sequence[arb], unit: int) -> tuple[arb, arb, arb]:
         """Pose in b0 of the fibre end of a unit."""
         geometry, side = self.robot.geometry, (-1, 1)[unit]
-        inner, x, y, turn = (
-            geometry.inner_link_of_b0,
+        x, y, turn, inner = (
             side * arb(geometry.half_link_m),
             arb(0),
             arb(0),
+            geometry.inner_link_of_b0,
         )
         outward = range(inner, len(kappa)) if unit else range(inner - 1, -1, -1)
         for number, j in enumerate(outward):
