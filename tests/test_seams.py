@@ -30,7 +30,7 @@ ALLOWED = {
     "osqp": ("execution/tracking/",),
     "shapely": ("space/", "checking/clearance.py"),
     "serial": ("execution/serial/port.py",),
-    "flint": ("checking/certificate.py", "checking/enclosures.py"),
+    "flint": ("checking/certificate.py", "checking/fibre.py", "checking/melts.py"),
     "foxglove": ("export/",),
     "click": ("cli/",),
     "rich": ("cli/",),
@@ -79,11 +79,11 @@ STAGES = [
 
 # What proves lower bounds anew shares nothing with the planner but the values that say what the
 # problem is, and may ask which kinds they are: it has a second account of each.
-CERTIFICATES = ("checking/certificate.py", "checking/enclosures.py")
+CERTIFICATES = ("checking/certificate.py", "checking/fibre.py", "checking/melts.py")
 OF_CERTIFICATES = (
     *("twosra_mpc.errors", "twosra_mpc.problem.problem", "twosra_mpc.robot."),
     *("twosra_mpc.thermal.lumped", "twosra_mpc.thermal.two_node", "twosra_mpc.thermal.uncertainty"),
-    "twosra_mpc.checking.enclosures",
+    *("twosra_mpc.checking.fibre", "twosra_mpc.checking.melts"),
 )
 
 # What a robot or a scenario chooses among -> where code may ask which one it is. Anywhere else it

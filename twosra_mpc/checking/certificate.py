@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 
 from flint import arb, fmpq_mat
 
-from twosra_mpc.checking.enclosures import Fibre, Heat, between, heat, low
+from twosra_mpc.checking.fibre import Fibre, between, low
+from twosra_mpc.checking.melts import Heat, heat
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
@@ -28,8 +29,7 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode
 from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
 
 GOAL_TOLERANCE = 1e-6  # m, rad, 1/m: by so much verified plans may miss their goal
-_PIECES = 120  # of a bend
-_MOVES = 1e-5  # of W: a phase that bends by less may be left out
+_BOXES = (1, 200, 40, 14, 7)  # of each curvature that is not known, by their number
 
 Event = tuple[str, int, int, int]
 Edge = tuple[Event, Event, arb]
@@ -50,6 +50,13 @@ class Network(NamedTuple):
     holds: list[Edge]
     cost: arb
     finish: Event
+
+
+class Prices(NamedTuple):
+    """Multipliers of a leaf: of what W has changed by after each phase, and of its edges."""
+
+    bends: list[list[float]]
+    edges: list[float]
 
 
 class Bounded(NamedTuple):
@@ -91,7 +98,7 @@ class Checker:
         lower, upper = (end.tolist()[POSE:] for end in problem.goal.box(start))
         self.origin = [self.fibre.coordinate(j, k) for j, k in enumerate(start.tolist()[POSE:])]
         self.room = [self.fibre.coordinate(j, limit + 1e-5) for j in self.segments]
-        self.change = []
+        self.limit, self.change, self._fastest = arb(limit + 1e-5), list[arb](), dict[Any, arb]()
         for j, (a, b) in enumerate(zip(lower, upper, strict=True)):
             a, b = max(a - GOAL_TOLERANCE, -limit), min(b + GOAL_TOLERANCE, limit)
             self.change.append(self.fibre.coordinate(j, between(a, b)) - self.origin[j])
@@ -119,7 +126,7 @@ class Checker:
 
     # Time and cost: section 4.
 
-    def _network(
+    def network(
         self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int] = ()
     ) -> Network:
         """What every plan passes that begins with these phases, and melts what is missing."""
@@ -211,16 +218,96 @@ class Checker:
         """What every plan costs whose sequence begins with these phases [s]."""
         melted = [self.first[j] or any(mode[j] for mode in node) for j in self.segments]
         missing = [j for j in self.segments if not melted[j] and not self.change[j].contains(0)]
-        return self._cost(self._network(node, [arb(0)] * len(node), missing))
+        return self._cost(self.network(node, [arb(0)] * len(node), missing))
 
     # Bends: section 2.
 
-    def leaf_bound(self, sequence: ModeSequence) -> float:
+    def leaf_bound(self, sequence: ModeSequence, prices: Prices | None = None) -> float:
         """What every plan costs whose phases are these [s]; inf if there is none."""
         if self._kept(sequence):
             return math.inf
-        least = self._least_durations(sequence)
-        return math.inf if least is None else self._cost(self._network(sequence, least))
+        least = self.least_durations(sequence)
+        if least is None:
+            return math.inf
+        network = self.network(sequence, least)
+        bound = self._cost(network)
+        return bound if prices is None else max(bound, self._priced(sequence, network, prices))
+
+    def sums(self, sequence: ModeSequence) -> list[list[arb]]:
+        """What W has changed by after each phase, segment by segment, within limits and goal."""
+        room = [between(-r - w, r - w) for r, w in zip(self.room, self.origin, strict=True)]
+        later = [sequence[i + 1 :] for i in range(len(sequence))]
+        return [
+            [room[j] if any(m[j] for m in rest) else self.change[j] for j in self.segments]
+            for rest in later
+        ]
+
+    def _priced(self, sequence: ModeSequence, network: Network, prices: Prices) -> float:
+        """What a price of every change of W, and of every difference of event times, proves."""
+        rows = len(prices.edges), [len(row) for row in prices.bends]
+        if rows != (len(network.edges), [len(self.segments)] * len(sequence)):
+            raise InputError("certificate.priced", rows, "a price for each edge and change of W")
+        need, drawn = arb(0), [arb(0)] * len(sequence)  # price of the bend of each phase
+        for i, (priced, sums) in enumerate(zip(prices.bends, self.sums(sequence), strict=True)):
+            for j, (price, total) in enumerate(zip(priced, sums, strict=True)):
+                need += price * total
+                for k in range(i + 1):
+                    drawn[k] += price * sequence[k][j]
+        most = arb(0)  # what bends within the limits can be worth
+        for drawn_here, mode in zip(drawn, sequence, strict=True):
+            most += abs(drawn_here) * min(
+                (2 * self.room[j] for j in self.segments if mode[j]), default=0
+            )
+        if need.lower() > most:
+            return math.inf
+        value, left = need.lower() + network.cost, dict[Event, arb]()
+
+        def count(event: Event, coefficient: arb) -> None:
+            left[event] = left.get(event, arb(0)) + coefficient
+
+        count(network.finish, arb(1))
+        for u, v, per_s in network.holds:
+            count(v, per_s)
+            count(u, -per_s)
+        for (u, v, apart), given in zip(network.edges, prices.edges, strict=True):
+            value += given * apart
+            count(v, arb(-given))
+            count(u, arb(given))
+        for i in range(len(sequence)):
+            if drawn[i] != 0:
+                worth = abs(drawn[i]) * self.fastest(sequence, i)
+                count(("end", i, 0, 0), -worth)
+                count(("start", i, 0, 0), worth)
+        short = sum((-rest.min(arb(0)) for e, rest in left.items() if e != _ORIGIN), arb(0))
+        return max(0.0, low(value / (1 + short)))
+
+    def fastest(self, sequence: ModeSequence, phase: int) -> arb:
+        """Largest abs(dW/dt) in a soft phase, whatever shapes the segments may have there."""
+        mode, before, after = sequence[phase], sequence[:phase], sequence[phase + 1 :]
+        known: list[arb | None] = [None for _ in self.segments]
+        for j, start in enumerate(self.origin):
+            if not any(m[j] for m in (*before, mode)):
+                known[j] = start
+            elif not any(m[j] for m in (mode, *after)):
+                known[j] = start + self.change[j]
+        key = (
+            mode,
+            *(
+                0 if w is None else 1 + (w is start)
+                for w, start in zip(known, self.origin, strict=True)
+            ),
+        )
+        if key not in self._fastest:
+            boxes, most = _BOXES[known.count(None)], arb(0)
+            for cell in itertools.product(*(range(1 if w is not None else boxes) for w in known)):
+                kappa = [between(2 * k / boxes - 1, 2 * (k + 1) / boxes - 1) for k in cell]
+                kappa = [
+                    share * self.limit if w is None else self.fibre.curvature(j, w)
+                    for j, (w, share) in enumerate(zip(known, kappa, strict=True))
+                ]
+                most = most.max(self.fibre.rate_of_w(mode, kappa)).upper()
+            self._fastest[key] = most
+        return self._fastest[key]
 
     def _kept(self, sequence: ModeSequence) -> bool:
         """Whether what these modes cannot change must change: sums of W with weights -1, 0, 1."""
@@ -246,53 +333,20 @@ class Checker:
             bends[i] = sum((arb(inverse[row, j]) * self.change[j] for j in self.segments), arb(0))
         return bends
 
-    def _least_durations(self, sequence: ModeSequence) -> list[arb] | None:
+    def least_durations(self, sequence: ModeSequence) -> list[arb] | None:
         """Least durations of the phases, where bends are known; None if one is forbidden."""
         bends, here = self._bends(sequence), list(self.origin)
         if bends is None:
             return [arb(0)] * len(sequence)
         least = []
         for mode, bend in zip(sequence, bends, strict=True):
-            time = self._bend_time(mode, here, bend) if any(mode) else arb(0)
+            time = self.fibre.bend_time(mode, here, bend) if any(mode) else arb(0)
             here = [w + bend if soft else w for w, soft in zip(here, mode, strict=True)]
             beyond = any(abs(w) > room for w, room in zip(here, self.room, strict=True))
             if time is None or beyond:
                 return None
             least.append(time)
         return least
-
-    def _bend_time(self, mode: Mode, here: Sequence[arb], bend: arb) -> arb | None:
-        """Least time of a bend, from rest to rest; None if it passes a forbidden shape."""
-        ends = bend.lower(), bend.upper()
-        surely = ends[0] if ends[0] > 0 else ends[1] if ends[1] < 0 else arb(0)
-        if surely == 0:
-            return arb(0)
-        limits, at_speed, turned = self.problem.robot.limits, arb(0), [arb(0)] * len(mode)
-        piece = abs(surely) / _PIECES
-        for k in range(_PIECES):
-            if self.fibre.overlaps(self._shapes(mode, here, surely * k / _PIECES)):
-                return None
-            kappa = self._shapes(mode, here, between(k, k + 1) * surely / _PIECES)
-            paces = [abs(self.fibre.bend(mode, kappa, unit)[3]).upper() for unit in (0, 1)]
-            if all(pace.is_finite() for pace in paces):
-                at_speed += piece / (sum(paces) * self.fibre.unit_speed)
-            turned = [
-                t + piece * self.fibre.share(j, kappa[j]).abs_lower() if mode[j] else t
-                for j, t in enumerate(turned)
-            ]
-        ramp = arb(0)
-        if limits.wheel_acceleration_rad_s2 is not None and self.fibre.rolls_v:
-            radius = self.problem.robot.geometry.wheel_radius_m
-            ramp = self.fibre.unit_speed / (arb(limits.wheel_acceleration_rad_s2) * radius)
-        time = at_speed + ramp if at_speed > ramp else 2 * (at_speed * ramp).sqrt()
-        if limits.bend_rate_rad_s is not None:
-            time = max([time, *(t / limits.bend_rate_rad_s for t in turned)], key=low)
-        return time.max(arb(limits.phase_s)) if abs(surely) > _MOVES else time
-
-    def _shapes(self, mode: Mode, here: Sequence[arb], moved: arb) -> list[arb]:
-        """Curvatures where the W of the soft segments have changed by so much."""
-        moves = zip(here, mode, strict=True)
-        return [self.fibre.curvature(j, w + soft * moved) for j, (w, soft) in enumerate(moves)]
 
 
 def _longest(edges: Sequence[Edge], source: Event, target: Event) -> arb:
@@ -311,10 +365,7 @@ def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
         InputError: If it is no certificate, or the problem is of a kind that has none.
     """
     checker, parts = Checker(problem), list[Bounded]()
-    try:
-        opened = {tuple(map(tuple, sequence)) for sequence in certificate["opened"]}
-    except (KeyError, TypeError) as error:
-        raise InputError("certificate", repr(error), "opened: a list of mode sequences") from None
+    opened, prices = _read(certificate)
     nodes = [checker.root()]
     while nodes:
         node = nodes.pop()
@@ -324,8 +375,30 @@ def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
         opened.remove(node)
         nodes += checker.children(node)
         if (sequence := checker.leaf(node)) is not None:
-            parts.append(Bounded(sequence, True, checker.leaf_bound(sequence)))
-    if opened:
+            bound = checker.leaf_bound(sequence, prices.pop(sequence, None))
+            parts.append(Bounded(sequence, True, bound))
+    if opened or prices:
         allowed = "sequences of the tree, each with all that it begins with"
-        raise InputError("certificate.opened", next(iter(opened)), allowed)
+        raise InputError("certificate.opened", next(iter(opened or prices)), allowed)
     return Proof(tuple(parts))
+
+
+def _read(certificate: dict[str, Any]) -> tuple[set[ModeSequence], dict[ModeSequence, Prices]]:
+    """The sequences that are opened, and the prices of leaves."""
+    try:
+        opened = {_sequence(modes) for modes in certificate["opened"]}
+        prices = {
+            _sequence(leaf["sequence"]): Prices(
+                [[float(price) for price in row] for row in leaf["bends"]],
+                [max(0.0, float(price)) for price in leaf["edges"]],
+            )
+            for leaf in certificate.get("priced", ())
+        }
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+        allowed = "opened: a list of mode sequences; priced: a list of leaves with their prices"
+        raise InputError("certificate", repr(error), allowed) from None
+    return opened, prices
+
+
+def _sequence(modes: Any) -> ModeSequence:
+    return tuple(tuple(int(soft) for soft in mode) for mode in modes)

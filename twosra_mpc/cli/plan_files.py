@@ -38,9 +38,9 @@ def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
 
     The samples are integrated again by SciPy, and every rule is tested for the robot and the
     scenario in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap are
-    worked out again. That the lower bound is one takes planning again, or --proof and a plan that was
-    made with it: its certificate is checked in interval arithmetic, by code that shares nothing with
-    the planner.
+    worked out again. That the lower bound is one takes planning again, or a plan that was made with
+    --proof: then --proof checks its certificate, in interval arithmetic, by code that shares
+    nothing with the planner.
 
     \b
     Is this plan safe to run, and what are its margins?

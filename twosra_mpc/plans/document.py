@@ -53,7 +53,7 @@ class PlanDocument(BaseModel):
     In version 1 inputs hold from a sample to the next: there is no ``samples.a``.
     ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
     limit (an interrupt was written the same way), and otherwise nothing is known of it.
-    ``certificate`` is there only where one was asked for: ``checking.certificate`` proves the bound.
+    ``certificate`` is there where one was asked for; ``checking.certificate`` reads it.
     Missions are of version 3, which is version 2 with ``tasks`` and ``carried``.
     """
 
