@@ -11,7 +11,7 @@ from bisect import bisect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from flint import acb, arb
 
@@ -34,6 +34,16 @@ def low(x: arb) -> float:
 def between(a: Any, b: Any) -> arb:
     """The interval from a to b."""
     return arb(a).union(arb(b))
+
+
+class Least(NamedTuple):
+    """Least duration of a phase [s], and least effort times duration [s2]."""
+
+    time: arb
+    effort: arb
+
+
+NOTHING = Least(arb(0), arb(0))
 
 
 @dataclass(frozen=True)
@@ -230,8 +240,8 @@ class Fibre:
                 return False
         return True
 
-    def bend_time(self, mode: Mode, here: Sequence[arb], bend: arb) -> arb | None:
-        """Least time of a bend, from rest to rest [s]; None if it passes a forbidden shape.
+    def least(self, mode: Mode, here: Sequence[arb], bend: arb) -> Least | None:
+        """What a bend takes at least, from rest to rest; None if it passes a forbidden shape.
 
         Args:
             mode: A soft mode.
@@ -241,14 +251,17 @@ class Fibre:
         ends, limits = (bend.lower(), bend.upper()), self.robot.limits
         surely = ends[0] if ends[0] > 0 else ends[1] if ends[1] < 0 else arb(0)
         if surely == 0:
-            return arb(0)
-        at_speed, turned, piece = arb(0), [arb(0) for _ in mode], abs(surely) / _PIECES
+            return NOTHING
+        at_speed, rolled, turned = arb(0), arb(0), [arb(0) for _ in mode]
+        piece = abs(surely) / _PIECES
+        full_m_s = arb(limits.wheel_speed_rad_s) * self.robot.geometry.wheel_radius_m
         for k in range(_PIECES):
             if self.overlaps(self._shapes(mode, here, surely * k / _PIECES)):
                 return None
             kappa = self._shapes(mode, here, between(k, k + 1) * surely / _PIECES)
-            rate = self.rate_of_w(mode, kappa)
+            rate, pace = self.rate_of_w(mode, kappa)
             at_speed += piece / rate if rate.is_finite() else arb(0)
+            rolled += piece / (pace * full_m_s) if pace.is_finite() and self.rolls_v else arb(0)
             for j, soft in enumerate(mode):
                 turned[j] += soft * piece * self.share(j, kappa[j]).abs_lower()
         ramp = arb(0)
@@ -259,12 +272,13 @@ class Fibre:
         if limits.bend_rate_rad_s is not None:
             for turn in turned:
                 time = time.max(turn / limits.bend_rate_rad_s)
-        return time.max(arb(limits.phase_s)) if abs(surely) > _MOVES else time
+        time = time.max(arb(limits.phase_s)) if abs(surely) > _MOVES else time
+        return Least(time, rolled * rolled)
 
-    def rate_of_w(self, mode: Mode, kappa: Sequence[arb]) -> arb:
-        """Largest abs(dW/dt) in a box of shapes; not finite if that is not known."""
-        paces = [abs(self.bend(mode, kappa, unit)[3]).upper() for unit in (0, 1)]
-        return sum(paces, arb(0)) * self.unit_speed
+    def rate_of_w(self, mode: Mode, kappa: Sequence[arb]) -> tuple[arb, arb]:
+        """Largest abs(dW/dt), and abs(dW) per travel (v1, v2), in a box, if finite."""
+        one, two = (abs(self.bend(mode, kappa, unit)[3]).upper() for unit in (0, 1))
+        return (one + two) * self.unit_speed, (one * one + two * two).sqrt()
 
     def _shapes(self, mode: Mode, here: Sequence[arb], moved: arb) -> list[arb]:
         """Curvatures where the W of the soft segments have changed by so much."""
