@@ -117,7 +117,7 @@ class Checker:
             return math.inf
         network = self.events.network(sequence, [one.time for one in least])
         bound = self.events.cost(network)
-        if prices is None:
+        if prices is None or network.refused:
             return bound
         efforts = [one.effort for one in least]
         return max(bound, self._priced(sequence, network, prices, efforts))

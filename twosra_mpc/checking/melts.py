@@ -13,6 +13,7 @@ from flint import arb
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import segment_model
+from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.two_node import TwoNode
@@ -28,10 +29,13 @@ class Heat(NamedTuple):
         total: From t = 0 to its end.
         again: From the end of a freeze to the onset of the next melt.
         melt: From onset to end of a melt after that.
+        coast: Transitions made before -> end of a melt to the onset of the freeze after it.
         freeze: (transitions made before, least time since the melt) -> onset to end of a freeze.
         first_J: Heater energy of a first melt.
         melt_J: Of any other.
         hold_W: Mean heater power from the end of a melt to the onset of the freeze after it.
+        warm: Heater on to the onset of a first melt, whenever that is.
+        longest: Heater off to the onset of a freeze, at most.
     """
 
     lead: arb
@@ -39,10 +43,13 @@ class Heat(NamedTuple):
     total: arb
     again: arb
     melt: arb
+    coast: Callable[[int], arb]
     freeze: Callable[[int, arb], arb]
     first_J: arb
     melt_J: arb
     hold_W: arb
+    warm: arb
+    longest: arb
 
 
 def heat(problem: Problem, j: int) -> Heat:
@@ -64,8 +71,10 @@ def heat(problem: Problem, j: int) -> Heat:
         melt, freeze = arb(times.melt_changing_s), arb(times.freeze_changing_s)
         share = times.superheat_s / (times.superheat_s + coast)
         return Heat(
-            *(lead, freeze if soft else melt, arb(0), melt_lead, melt, lambda _k, _held: freeze),
+            *(lead, freeze if soft else melt, arb(0), melt_lead, melt),
+            *(lambda _: arb(0), lambda _k, _held: freeze),
             *((lead + melt) * full_W, (melt_lead + melt) * full_W, hold_W.min(share * full_W)),
+            *(lead, coast),
         )
     model, window = segment_model(problem.robot, problem.ambient, j), EXACT
     if problem.transition_quantile is not None:
@@ -73,36 +82,37 @@ def heat(problem: Problem, j: int) -> Heat:
         current, setpoint = heater.melt_current_A, heater.soft_setpoint_C
         window = windows(model, ranges, current, setpoint, problem.transition_quantile)
     if type(model) is Lumped:
-        return _lumped(model, heater.melt_current_A, now, window, soft=soft)
+        return _lumped(model, heater, now, window, soft=soft)
     if type(model) is TwoNode:
         return _two_node(model, heater.soft_setpoint_C, now, window, soft=soft)
     raise InputError("robot.segment.model", type(model).__name__, "lumped or two_node")
 
 
-def _lumped(model: Lumped, current_A: float, now: float, window: Windows, *, soft: bool) -> Heat:
+def _lumped(model: Lumped, heater: Heater, now: float, window: Windows, *, soft: bool) -> Heat:
     """One temperature: what is warmer stays warmer, and full current heats fastest."""
     air, melting, loss = arb(model.ambient_C), arb(model.melting_point_C), arb(model.loss_W_per_K)
-    ohm, alpha = arb(current_A) ** 2 * model.resistance_ohm, model.temperature_coefficient_per_K
+    ohm = arb(heater.melt_current_A) ** 2 * model.resistance_ohm
+    alpha, setpoint = model.temperature_coefficient_per_K, arb(heater.soft_setpoint_C)
 
-    def course(heat_J_per_K: float, since: arb, on: bool) -> tuple[arb, arb]:
-        """Time from a temperature to the plateau, and the heat that is given meanwhile."""
-        slope = (alpha * ohm if on else 0) - loss
+    def rate(at: arb, on: bool) -> arb:
+        return (ohm * (1 + alpha * (at - 25)) if on else 0) - loss * (at - air)
 
-        def rate(at: arb) -> arb:
-            return (ohm * (1 + alpha * (at - 25)) if on else 0) - loss * (at - air)
-
-        first, last, gained = rate(since), rate(melting), heat_J_per_K * (melting - since)
+    def course(heat_J_per_K: float, since: arb, until: arb, on: bool) -> tuple[arb, arb]:
+        """Time between two temperatures beside the plateau, and the heat given meanwhile."""
+        slope, gained = (alpha * ohm if on else 0) - loss, heat_J_per_K * (until - since)
+        first, last = rate(since, on), rate(until, on)
         if slope > 0 or slope < 0:
             time = heat_J_per_K / slope * (last / first).log()
-            return time, gained + loss * (gained - (rate(air)) * time) / slope
+            return time, gained + loss * (gained - rate(air, on) * time) / slope
         return gained / first.max(last), gained
 
     power = ohm * (1 + alpha * (melting - 25))
     frozen, molten = model.latent_J / (loss * (melting - air)), arb(model.latent_J)
     molten = molten / (power - loss * (melting - air))
     capacity = model.heat_liquid_J_per_K if soft else model.heat_solid_J_per_K
-    lead, _ = course(capacity, arb(now), not soft)
-    warm, given = course(model.heat_solid_J_per_K, arb(now).max(air).min(melting), on=True)
+    lead, _ = course(capacity, arb(now), melting, not soft)
+    warmest = arb(now).max(air).min(melting)
+    warm, given = course(model.heat_solid_J_per_K, warmest, melting, on=True)
     late, early = window.melt_late, window.melt_early
     freeze = window.freeze_late * frozen
     if soft:
@@ -111,10 +121,29 @@ def _lumped(model: Lumped, current_A: float, now: float, window: Windows, *, sof
     else:
         first, lead = late * molten + (late - early) * warm, early * lead
         total = lead + first
+
+    def coasting(made: int) -> arb:
+        """Cooling of metal that was heated on until the window of its melt ended."""
+        liquid, heated = (
+            model.heat_liquid_J_per_K,
+            (late - 1) * (molten + (0 if made > 1 else warm)),
+        )
+        slope = alpha * ohm - loss
+        if made == 0 or not heated > 0 or slope.contains(0):
+            return arb(0)
+        peak = melting + rate(melting, True) / slope * ((slope * heated / liquid).exp() - 1)
+        return course(liquid, peak.min(setpoint), melting, on=False)[0]
+
+    def freezing(made: int, _held: arb) -> arb:
+        return freeze + (window.freeze_late - window.freeze_early) * coasting(made)
+
     hold_W = loss * (melting - air) if window == EXACT else arb(0)
+    hottest = setpoint.max(arb(now))
     return Heat(
-        *(lead, first, total, arb(0), late * molten, lambda _k, _held: freeze),
+        *(lead, first, total, arb(0), late * molten),
+        *(lambda made: window.freeze_early * coasting(made), freezing),
         *(given + power * molten, power * molten, hold_W),
+        *(early * warm, course(model.heat_liquid_J_per_K, hottest, melting, on=False)[0]),
     )
 
 
@@ -164,11 +193,24 @@ def _two_node(model: TwoNode, setpoint: float, now: float, window: Windows, *, s
     melt = passed(solid, body, True, liquid)
     shortest = passed(warm, warm, True, liquid), melt
 
+    def coasting(made: int) -> arb:
+        """Cooling of a core that was heated on until the window of its melt ended."""
+        if made == 0 or late == 1:
+            return arb(0)
+        there = course(cold, cold, True, shortest[made > 1])[1].min(liquid)
+        heated = ((late - 1) * shortest[made > 1]).min(passed(liquid, there, True, arb(setpoint)))
+        core, there, _ = course(liquid, there, True, heated)
+        return passed(core, there, False, liquid)
+
     def freeze(made: int, held: arb) -> arb:
-        there = course(cold, cold, True, shortest[made > 1])[1]
-        rest = settled(liquid)
+        there, rest = course(cold, cold, True, shortest[made > 1])[1], settled(liquid)
         there = (rest + (there - rest) * (-(leave + b) * held).exp()).min(rest)
-        return window.freeze_late * passed(liquid, there, False, solid)
+        window_s = (window.freeze_late - window.freeze_early) * coasting(made)
+        return window.freeze_late * passed(liquid, there, False, solid) + window_s
+
+    top, longest = arb(setpoint).max(start), arb(1e-3)  # by when the hottest surely is at liquid
+    while not course(top, hottest, False, longest)[0] < liquid and longest < 1e6:
+        longest = longest * 1.02
 
     full_W, hold_W = model.core_heat_J_per_K * p, model.core_heat_J_per_K * a * (liquid - hottest)
     given = (
@@ -185,4 +227,8 @@ def _two_node(model: TwoNode, setpoint: float, now: float, window: Windows, *, s
         first = late * first + (late - early) * lead
         lead = early * passed(start, start, True, solid)
         total = passed(start, start, True, liquid)
-    return Heat(lead, first, total, arb(0), late * melt, freeze, *given)
+    return Heat(
+        *(lead, first, total, arb(0), late * melt),
+        *(lambda made: window.freeze_early * coasting(made), freeze, *given),
+        *(early * passed(warm, warm, True, solid), longest),
+    )
