@@ -162,7 +162,7 @@ def test_certificates_are_checked_without_the_planner(module: str) -> None:
     loaded = "print(*(n for n in sys.modules if n.startswith(('twosra_mpc', 'casadi', 'scipy'))))"
     run = [sys.executable, "-c", f"{code}; {loaded}"]
     names = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
-    assert "twosra_mpc.problem.problem" in names
+    assert "twosra_mpc.robot.description" in names
     strange = ("casadi", "scipy", "twosra_mpc.planning", "twosra_mpc.model", "twosra_mpc.timing")
     assert not [n for n in names if n.startswith((*strange, "twosra_mpc.thermal.least_times"))]
 
