@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ import pytest
 from conftest import Run, Solved
 
 from twosra_mpc import load_problem, load_robot, plan
+from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
 
 ROOT = Path(__file__).parent.parent
@@ -64,10 +66,13 @@ TITLED = [
 
 @pytest.fixture
 def folder(solved: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a plan, in which the reader is."""
+    """A folder with a plan that carries its proof, in which the reader is."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
-    solved("paper-1").save(tmp_path / "plan.json")
+    result, bound = solved("paper-1"), solved("paper-1").require().lower_bound
+    assert bound is not None
+    proof = Prover(result.problem).certificate(bound)
+    replace(result, certificate=proof).save(tmp_path / "plan.json")
     return tmp_path
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import functools
 import graphlib
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +14,18 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "twosra_mpc"
 MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py"))
+
+# What proves lower bounds anew shares nothing with the planner but the values that say what the
+# problem is, and may ask which kinds they are: it has a second account of each.
+CERTIFICATES = (
+    *("checking/certificate.py", "checking/events.py"),
+    *("checking/fibre.py", "checking/melts.py"),
+)
+OF_CERTIFICATES = (
+    *("twosra_mpc.errors", "twosra_mpc.problem.problem", "twosra_mpc.robot."),
+    *("twosra_mpc.thermal.lumped", "twosra_mpc.thermal.two_node", "twosra_mpc.thermal.uncertainty"),
+    *(f"twosra_mpc.{module[:-3].replace('/', '.')}" for module in CERTIFICATES),
+)
 
 # Library -> where in the package it may be imported.
 ALLOWED = {
@@ -29,6 +43,7 @@ ALLOWED = {
     "osqp": ("execution/tracking/",),
     "shapely": ("space/", "checking/clearance.py"),
     "serial": ("execution/serial/port.py",),
+    "flint": CERTIFICATES,
     "foxglove": ("export/",),
     "click": ("cli/",),
     "rich": ("cli/",),
@@ -78,9 +93,9 @@ STAGES = [
 # What a robot or a scenario chooses among -> where code may ask which one it is. Anywhere else it
 # asks the record's model, so that another one can be added without a change there.
 OPEN_RECORDS = {
-    "robot/paths.py": ("robot/", "model/", "identification/"),
-    "robot/segment.py": ("robot/", "identification/"),
-    "robot/timing.py": ("robot/", "timing/"),
+    "robot/paths.py": ("robot/", "model/", "identification/", *CERTIFICATES),
+    "robot/segment.py": ("robot/", "identification/", *CERTIFICATES),
+    "robot/timing.py": ("robot/", "timing/", *CERTIFICATES),
     "problem/goals.py": ("problem/",),
 }
 TOP_LEVEL_MODULES = 12  # at most
@@ -137,6 +152,20 @@ def test_the_flow_has_one_direction(module: str) -> None:
             path = name.removeprefix("twosra_mpc.").replace(".", "/")
             target = f"{path}.py" if (PACKAGE / f"{path}.py").exists() else f"{path}/"
             assert stage(target) <= stage(module), f"{module} imports {name}"
+
+
+@pytest.mark.parametrize("module", CERTIFICATES)
+def test_certificates_are_checked_without_the_planner(module: str) -> None:
+    own = {name for name in imports(module) if name.startswith("twosra_mpc.")}
+    assert own
+    assert all(name.startswith(OF_CERTIFICATES) for name in own), own
+    code = f"import sys, {'twosra_mpc/' + module[:-3]}".replace("/", ".")
+    loaded = "print(*(n for n in sys.modules if n.startswith(('twosra_mpc', 'casadi', 'scipy'))))"
+    run = [sys.executable, "-c", f"{code}; {loaded}"]
+    names = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
+    assert "twosra_mpc.robot.description" in names
+    strange = ("casadi", "scipy", "twosra_mpc.planning", "twosra_mpc.model", "twosra_mpc.timing")
+    assert not [n for n in names if n.startswith((*strange, "twosra_mpc.thermal.least_times"))]
 
 
 def test_search_and_nlp_meet_only_in_the_bounds_interface() -> None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import shlex
 from importlib.metadata import distribution
+from importlib.util import find_spec
 from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
+
+from twosra_mpc.errors import InputError
 
 DISTRIBUTION = "twosra-mpc"
 
@@ -37,3 +40,14 @@ def _source(direct_url: str | None, extra: str) -> str:
     if "vcs_info" in origin:
         url = f"{origin['vcs_info']['vcs']}+{url}@{origin['vcs_info']['commit_id']}"
     return shlex.quote(f"{named} @ {url}")
+
+
+def require_flint() -> None:
+    """Check that the interval arithmetic of proofs is installed.
+
+    Raises:
+        InputError: If it is not; says how to install it.
+    """
+    if find_spec("flint") is None:
+        allowed = f"what is installed, or the package python-flint: {install_command('proof')}"
+        raise InputError("--proof", "python-flint is missing", allowed)

@@ -41,6 +41,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "ambient_C": "temperature of the air",
     "angle_ratio": "turns of spirals I, II, III per bending angle",
     "body_ratio": "heat capacity of the body over that of the core",
+    "certificate": "what proves a lower bound anew (twosra verify --proof); only where asked for",
     "clearance_m": "kept to all obstacles; in a verification, what is left of it",
     "coil": "the heating wire",
     "cost": "what the plan costs, and what that is made of; null without a plan",

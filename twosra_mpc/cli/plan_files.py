@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from twosra_mpc.checking.plan_file import PlanCheck, check_plan
+from twosra_mpc.checking.plan_file import Check, PlanCheck, check_plan
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import (
     FILE,
@@ -23,7 +24,7 @@ from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Ou
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
-from twosra_mpc.installation import install_command
+from twosra_mpc.installation import install_command, require_flint
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import save_setpoints
@@ -31,12 +32,15 @@ from twosra_mpc.plans.setpoints import save_setpoints
 
 @command("verify")
 @click.argument("plans", metavar="PLAN...", nargs=-1, required=True, type=click.Path())
-def verify_command(plans: tuple[str, ...], output: Output) -> int:
+@click.option("--proof", is_flag=True, help="Prove the lower bound anew by the certificates.")
+def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
     """Check PLAN files independently of what they say of themselves.
 
     The samples are integrated again by SciPy, and every rule is tested for the robot and the
     scenario in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap are
-    worked out again. That the lower bound is one takes planning again: a plan does not show it.
+    worked out again. That the lower bound is one takes planning again, or a plan that was made with
+    --proof: then --proof checks its certificate, in interval arithmetic, by code that shares
+    nothing with the planner.
 
     \b
     Is this plan safe to run, and what are its margins?
@@ -45,6 +49,8 @@ def verify_command(plans: tuple[str, ...], output: Output) -> int:
       twosra verify --quiet plan.json && echo go
     Several plans, for a program to read:
       twosra verify plan.json other.json --json
+    And does its certificate prove that no plan costs less?
+      twosra verify plan.json --proof
     """
     code = EXIT_PLANNED
     checked: dict[str, PlanCheck] = {}
@@ -52,7 +58,7 @@ def verify_command(plans: tuple[str, ...], output: Output) -> int:
         for path in plans:
             tell(f"verifying {path}")
             try:
-                checked[path] = check_plan(path)
+                checked[path] = _with_proof(check_plan(path)) if proof else check_plan(path)
             except InputError as error:
                 click.echo(f"twosra: {error}", err=True)
                 code = EXIT_BAD_INPUT
@@ -62,6 +68,24 @@ def verify_command(plans: tuple[str, ...], output: Output) -> int:
             lambda: _print_verdicts(checked),
         )
     return code if all(check.ok for check in checked.values()) else EXIT_NO_PLAN
+
+
+def _with_proof(found: PlanCheck) -> PlanCheck:
+    """What was found, and whether the certificate proves what it says."""
+    require_flint()
+    from twosra_mpc.checking.certificate import check
+
+    result = found.result
+    if result.certificate is None:
+        raise InputError("certificate", "missing", "a plan that was made with --proof")
+    proof, claimed = check(result.problem, result.certificate), result.certificate.get("bound_s")
+    reported = math.inf if result.lower_bound is None else result.lower_bound
+    ok = isinstance(claimed, int | float) and proof.bound >= claimed * (1 - 1e-9)
+    text = f"proves {proof.bound:.3f} s in {len(proof.parts)} parts; {reported:.3f} s are reported"
+    text += "" if ok else f", {claimed!r} s claimed by the certificate"
+    one = Check("certificate", text, ok, proof.bound - reported, "s")
+    problems = found.problems if ok else (*found.problems, f"{one.name}: {one.found}")
+    return replace(found, checks=(*found.checks, one), problems=problems)
 
 
 def _verdict(path: str, found: PlanCheck) -> dict[str, Any]:

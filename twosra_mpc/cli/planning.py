@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
+from twosra_mpc.installation import require_flint
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.planning.single_goal.conclusion import Progress
 from twosra_mpc.plans.plan import Plan, Status
@@ -25,6 +29,7 @@ from twosra_mpc.robot.modes import mode_name
 @options.file_option("--csv", "Write the set-points as CSV.")
 @options.rate_option("Rows per second of --csv; default: the plan's grid.")
 @options.plot_option("Draw the plan")
+@click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
 @options.scenario_options(
     "planner", "robot", "path_model", "timing", "gap", "time_limit_s", "max_phases", "exact"
 )
@@ -34,6 +39,7 @@ def plan_command(
     csv: Path | None,
     rate_Hz: float | None,
     plot: Path | None,
+    proof: bool,
     load: options.Load,
     output: Output,
 ) -> int:
@@ -46,13 +52,20 @@ def plan_command(
       twosra plan paper-1 --planner greedy
     Another robot, and how good the plan is proved to be, for a program to read:
       twosra plan shape-change --robot 2sra-v1-paper --json
+    A plan that carries its proof, for "twosra verify --proof":
+      twosra plan paper-1 --proof --out plan.json
 
     Ctrl-C and --time-limit end the search; the best plan so far is written, with its true gap.
     """
     if rate_Hz is not None and csv is None:
         raise click.UsageError("--rate is the rate of --csv, which is not given")
     problem = load(scenario)
+    prove = _prover(problem) if proof else None
     result = plan_with_progress(problem, output, f"planning ({problem.planner})")
+    if prove is not None and result.lower_bound is not None:
+        with output.progress("proving"):
+            made = prove(result.lower_bound)
+        result = replace(result, certificate=made)
     with output.progress("writing"):
         if out is not None:
             result.save(out)
@@ -65,8 +78,18 @@ def plan_command(
     if result.plan is None and (csv or plot):
         unwritten = " and ".join(str(target) for target in (csv, plot) if target is not None)
         click.echo(f"twosra: there is no plan to write to {unwritten}", err=True)
+    if prove is not None and result.certificate is None:
+        click.echo("twosra: there is no lower bound to prove", err=True)
     output.report(result.to_dict, lambda: _print_summary(result))
     return exit_code(result)
+
+
+def _prover(problem: Problem) -> Callable[[float], dict[str, Any]]:
+    """What makes certificates of a problem, if it can have one and the arithmetic is installed."""
+    require_flint()
+    from twosra_mpc.planning.proof import Prover
+
+    return Prover(problem).certificate
 
 
 def plan_with_progress(problem: Problem, output: Output, words: str) -> Result:
@@ -84,6 +107,9 @@ def _print_summary(result: Result) -> None:
     rows = [("status", str(result.status)), ("outcome", result.message)]
     if result.plan is not None:
         rows += _summary(result.plan)
+    if (proof := result.certificate) is not None:
+        size = f"{len(json.dumps(proof)) / 1e3:.1f} kB, {len(proof['opened'])} sequences opened"
+        rows.append(("certificate", f"proves {proof['bound_s']:.2f} s anew ({size})"))
     print_table((result.problem.robot.name, result.planner), rows)
 
 

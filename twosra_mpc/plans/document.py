@@ -53,6 +53,7 @@ class PlanDocument(BaseModel):
     In version 1 inputs hold from a sample to the next: there is no ``samples.a``.
     ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
     limit (an interrupt was written the same way), and otherwise nothing is known of it.
+    ``certificate`` is there where one was asked for; ``checking.certificate`` reads it.
     Missions are of version 3, which is version 2 with ``tasks`` and ``carried``.
     """
 
@@ -77,6 +78,7 @@ class PlanDocument(BaseModel):
     stats: Stats
     stopped_early: bool
     ending: Ending | None = None
+    certificate: dict[str, Any] | None = None
     tasks: tuple[TaskDone, ...] = ()
     carried: tuple[CarriedObject, ...] = ()
 
@@ -139,6 +141,7 @@ def _result(data: PlanDocument, source: str) -> Result:
         lower_bound=data.lower_bound_s,
         ending=data.ending or early,
         stats=data.stats,
+        certificate=data.certificate,
         plan=None if data.samples is None else _plan(data, problem, data.samples),
     )
 

@@ -48,6 +48,7 @@ class Result:
         stats: Effort spent.
         plan: The best plan; None if there is none. Failed planning by the greedy rule may have one
             that does not verify, to be looked at.
+        certificate: What ``checking.certificate`` proves a bound with, as plain data; None without.
     """
 
     problem: Problem
@@ -58,6 +59,7 @@ class Result:
     ending: Ending | None
     stats: Stats
     plan: Plan | None
+    certificate: dict[str, Any] | None = None
 
     @property
     def found(self) -> bool:
@@ -109,6 +111,7 @@ class Result:
             "stats": vars(self.stats).copy(),
             "stopped_early": self.stopped_early,
             "ending": self.ending,
+            **({} if self.certificate is None else {"certificate": self.certificate}),
         }
 
     def save(self, path: str | Path) -> None:

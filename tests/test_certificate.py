@@ -1,0 +1,253 @@
+"""Certificates: what is proved is below every cost, near the bound reported, whatever is edited."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Run
+from flint import arb
+from problems import exactly, random_problem
+
+from twosra_mpc import InputError, Problem, Result, load_problem, load_robot, plan
+from twosra_mpc import installation as installed
+from twosra_mpc.checking.certificate import Checker, check
+from twosra_mpc.checking.fibre import Fibre, between, low
+from twosra_mpc.checking.melts import heat
+from twosra_mpc.identification.path_choice import with_path_model
+from twosra_mpc.model.bending import bending
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.proof import Prover
+from twosra_mpc.plans.document import load_plan
+from twosra_mpc.problem.limits import shape_margins
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import all_modes
+from twosra_mpc.timing import transition_model
+
+SHORTFALL = 5e-4  # of the bound that is reported
+
+
+def proved(problem: Problem) -> tuple[Result, dict[str, Any], float]:
+    """A plan, its certificate, and what that proves."""
+    result = plan(problem)
+    assert result.lower_bound is not None
+    certificate = Prover(problem).certificate(result.lower_bound)
+    certificate = json.loads(json.dumps(certificate))  # as a file has it
+    bound = check(problem, certificate).bound
+    assert bound == certificate["bound_s"]
+    assert bound <= result.require().cost.total * (1 + 1e-9)
+    return result, certificate, bound
+
+
+def warmer(problem: Problem, *temperature_C: float) -> Problem:
+    return problem.with_values(start=problem.start.with_values(temperature_C=temperature_C))
+
+
+def freed(problem: Problem) -> Problem:
+    goal = problem.goal.with_values(kappa_per_m=(20.0, "free"), x_m=None)
+    return problem.with_values(goal=goal)
+
+
+V1, V2 = load_robot("2sra-v1"), load_robot("2sr-v2")
+NARROW = {"x_m": 0.05, "y_m": 0.1, "phi_rad": 0.3}
+PROBLEMS = {
+    **{f"paper-{n}": load_problem(f"paper-{n}") for n in range(1, 6)},
+    **{f"paper-{n}, spirals": load_problem(f"paper-{n}", robot="2sra-v1-paper") for n in (1, 2)},
+    "three segments": load_problem("three-segments"),
+    "exact arcs": exactly(random_problem(1, V1)),
+    "cardioids": Problem(
+        robot=V2,
+        start={"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (3.0, -8.0)},
+        goal={**NARROW, "kappa_per_m": (9.0, 4.0), "tolerance": "exact"},
+    ),
+    "corrected spirals": random_problem(
+        2, with_path_model(load_robot("2sra-v1-paper"), "log_spiral_corrected")
+    ),
+    "constant times": random_problem(3, timing="constant"),
+    "waits": random_problem(4, timing="paper"),
+    "waits and weights": random_problem(
+        4, timing="paper", weights={"energy_s_per_J": 0.1, "transition_s": 45.0}
+    ),
+    "weights": random_problem(5, weights={"energy_s_per_J": 0.1, "transition_s": 4.0}),
+    "warm": warmer(random_problem(6), 50.0, 35.0),
+    "soft": warmer(random_problem(0, gap=0.02), 70.0, 25.0),
+    "both soft": warmer(
+        exactly(random_problem(6, V1)), 70.0, 70.0
+    ),  # a leaf that only prices exclude
+    "free": freed(random_problem(8)),
+    "few modes": random_problem(9, modes=[[0, 0], [1, 0], [0, 1]]),
+    "soft in the end": random_problem(10).with_values(
+        goal=random_problem(10).goal.with_values(mode=(0, 1))
+    ),
+    "no drives": freed(random_problem(11, modes=[[1, 0], [1, 1]])).with_values(
+        goal={"kappa_per_m": (10.0, 15.0)}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_nearly_all_of_the_bound_is_proved(name: str) -> None:
+    result, certificate, bound = proved(PROBLEMS[name])
+    assert result.lower_bound is not None
+    assert bound >= (1 - SHORTFALL) * result.lower_bound
+    assert len(json.dumps(certificate)) < 4000
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        random_problem(0, V1, heaters_at_once=1),
+        random_problem(1, V1, transition_quantile=0.9),
+        random_problem(3, V1, weights={"effort": 10.0}),
+        load_problem("rigid-move"),
+    ],
+)
+def test_where_less_is_proved_it_is_below_the_cost(problem: Problem) -> None:
+    result, _, bound = proved(problem)
+    assert result.lower_bound is not None
+    assert 0 <= bound <= (1 + SHORTFALL) * result.lower_bound
+
+
+def test_sequences_longer_than_any_plan_are_covered() -> None:
+    problem = random_problem(1)
+    least = check(problem, {"opened": []}).bound
+    _, certificate, bound = proved(problem)
+    assert 0 < least < bound
+    assert check(problem.with_values(max_phases=12), certificate).bound == bound
+
+
+@pytest.mark.parametrize(("name", "edits"), [("paper-1", 160), ("both soft", 30)])
+def test_no_edit_proves_more(name: str, edits: int) -> None:
+    """Rejected, or a bound that is true: no plan costs less than the best one known."""
+    result, certificate, bound = proved(PROBLEMS[name])
+    cost, rng = result.require().cost.total, np.random.default_rng(0)
+    checked = [edited_bound(PROBLEMS[name], certificate, rng) for _ in range(edits)]
+    assert max(checked) <= cost * (1 + 1e-9)
+    assert min(checked) < bound - 1  # that of one that opens too little, or is refused
+    assert any(value > 0 for value in checked)
+
+
+def edited_bound(problem: Problem, certificate: dict[str, Any], rng: np.random.Generator) -> float:
+    edited = copy.deepcopy(certificate)
+    for _ in range(rng.integers(1, 4)):
+        edit(edited, rng)
+    try:
+        return check(problem, edited).bound
+    except InputError:
+        return -math.inf
+
+
+def edit(document: Any, rng: np.random.Generator) -> None:
+    """Change one random place of a document: drop it, repeat it, or put something else there."""
+    place = document
+    while isinstance(place, dict | list) and len(place):
+        keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+        key = keys[rng.integers(len(keys))]
+        if isinstance(place[key], dict | list) and len(place[key]) and rng.random() < 0.8:
+            place = place[key]
+            continue
+        number = place[key] if isinstance(place[key], int | float) else 1
+        others: list[Any] = [0, 1, 2, -1, None, "1", [], {}, 1e308, math.nan, number * 1.5, -number]
+        if rng.random() < 0.3:
+            del place[key]
+        elif rng.random() < 0.3 and isinstance(place, list):
+            place.insert(key, copy.deepcopy(place[key]))
+        else:
+            place[key] = others[rng.integers(len(others))]
+        return
+
+
+ROBOTS = {name: load_robot(name) for name in ("2sra-v1", "2sra-v1-paper", "2sr-v2", "3sra")}
+ROBOTS["fibre end"] = V1.with_values(path=V1.path.with_values(speed_reference="fibre_end"))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_both_accounts_of_bending_agree(name: str) -> None:
+    robot, rng = ROBOTS[name], np.random.default_rng(0)
+    fibre, facts, segments = Fibre(robot), bending(robot), robot.geometry.segments
+    limit, jacobian = robot.limits.curvature_per_m, kinematics(robot).jacobian
+    for kappa in [np.zeros(segments), *rng.uniform(-limit, limit, (8, segments))]:
+        shape, boxed = [arb(k) for k in kappa], [between(k - 0.3, k + 0.2) for k in kappa]
+        for mode, unit in itertools.product(all_modes(segments)[1:], (0, 1)):
+            moved = fibre.bend(mode, shape, unit)
+            column = jacobian(np.concatenate([np.zeros(POSE), kappa]), mode).full()[:POSE, unit]
+            np.testing.assert_allclose([float(x) for x in moved[:POSE]], column, atol=1e-12)
+            around = fibre.bend(mode, boxed, unit)
+            assert all((a - b).contains(0) for a, b in zip(around, moved, strict=True))
+        for j, k in enumerate(kappa.tolist()):
+            assert float(fibre.coordinate(j, k)) == pytest.approx(facts.coordinate(k, j), abs=1e-12)
+            assert abs(fibre.curvature(j, fibre.coordinate(j, k)) - k) < 1e-2
+        gap = shape_margins(robot, kappa)["unit_gap_m"][0]
+        assert fibre.overlaps(shape) == (gap < -1e-6)
+
+
+@pytest.mark.parametrize("robot", ["2sra-v1", "2sr-v2"])
+@pytest.mark.parametrize("warm", [(22.0, 45.0), (10.0, 70.0)])
+def test_both_accounts_of_melting_agree(robot: str, warm: tuple[float, float]) -> None:
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+    for quantile in (None, 0.9):
+        problem = Problem(
+            robot=load_robot(robot),
+            start={**start, "temperature_C": warm},
+            goal={"kappa_per_m": (5.0, 5.0)},
+            transition_quantile=quantile,
+        )
+        for j, least in enumerate(transition_model(problem).least):  # type: ignore[attr-defined]
+            own, soft = heat(problem, j), problem.start_mode[j]
+            first = least.first_coasting_s if soft else least.first_lead_s
+            assert float(own.lead) == pytest.approx(first, abs=1e-5)
+            assert float(own.melt) == pytest.approx(least.melting_s, abs=1e-5)
+            if not soft:
+                assert low(own.first) <= least.first_melting_s + 1e-5
+                frozen = float(own.freeze(1, arb(5)))
+                assert frozen <= least.freezing_s(1, 5.0) + 1e-5
+                assert quantile or frozen == pytest.approx(least.freezing_s(1, 5.0), abs=1e-5)
+
+
+def test_leaves_and_nodes_are_in_order() -> None:
+    """A node is bounded no higher than what is below it."""
+    checker = Checker(random_problem(1))
+    nodes = [checker.root()]
+    for _ in range(2):
+        for node in nodes:
+            leaf, bound = checker.leaf(node), checker.node_bound(node)
+            assert leaf is None or bound <= checker.leaf_bound(leaf) + 1e-9
+            assert all(bound <= checker.node_bound(c) + 1e-9 for c in checker.children(node))
+        nodes = [child for node in nodes for child in checker.children(node)]
+
+
+def test_a_plan_file_carries_its_proof(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "plan.json"
+    assert run("plan", "paper-2", "--proof", "--out", str(file))[0] == 0
+    code, text, _ = run("verify", str(file), "--proof")
+    assert code == 0
+    assert "certificate" in text
+    result, document = load_plan(file), json.loads(file.read_text())
+    assert result.certificate == document["certificate"] == result.to_dict()["certificate"]
+    document["certificate"]["bound_s"] += 1.0
+    file.write_text(json.dumps(document))
+    assert run("verify", str(file), "--proof")[0] == 4
+    assert run("verify", str(file))[0] == 0  # not asked for
+    del document["certificate"]
+    file.write_text(json.dumps(document))
+    code, _, error = run("verify", str(file), "--proof")
+    assert code == 2
+    assert "made with --proof" in error
+    assert "certificate" not in load_plan(file).to_dict()
+
+
+def test_what_has_no_proof_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="mission"):
+        Prover(load_problem("three-shapes"))
+    for wrong in ({}, {"opened": 3}, {"opened": [[[1, 1]]]}, {"opened": [], "priced": [{}]}):
+        with pytest.raises(InputError, match="certificate"):
+            check(random_problem(0), wrong)
+    monkeypatch.setattr(installed, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="python-flint"):
+        installed.require_flint()

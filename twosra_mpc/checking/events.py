@@ -1,0 +1,199 @@
+"""The events of a mode sequence and what they cost, in intervals: section 4 of the certificate.
+
+A second account of ``timing`` for ``checking.certificate``.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from flint import arb
+
+from twosra_mpc.checking.fibre import low
+from twosra_mpc.checking.melts import Heat, heat
+from twosra_mpc.errors import InputError
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
+from twosra_mpc.robot.timing import OverlappedTiming, SequentialTiming, ThermalTiming
+
+Event = tuple[str, int, int, int]
+Edge = tuple[Event, Event, arb]
+ORIGIN: Event = ("origin", 0, 0, 0)
+
+
+class Network(NamedTuple):
+    """Events of a sequence, and what they cost.
+
+    Attributes:
+        edges: (u, v, w): t[v] - t[u] >= w [s]; what leads to an event before what leads from it.
+        holds: (u, v, price): a heater holds from u to v, at a price for every second.
+        cost: Of transitions and melts.
+        finish: The end of the plan.
+        refused: Whether one heater cannot do it.
+    """
+
+    edges: list[Edge]
+    holds: list[Edge]
+    cost: arb
+    finish: Event
+    refused: bool = False
+
+
+class Dwell(NamedTuple):
+    """A soft period of a segment: the gaps in which it melts and freezes, and their events.
+
+    ``lead`` and ``heating`` are from heater on to onset and end of its melt, at least.
+    """
+
+    segment: int
+    since: int
+    until: int
+    melt: tuple[Event, Event] | None
+    freeze: Event | None
+    lead: arb
+    heating: arb
+
+
+class Events:
+    """The events of mode sequences of a problem."""
+
+    def __init__(self, problem: Problem) -> None:
+        kinds = (ThermalTiming, OverlappedTiming, SequentialTiming)
+        if type(problem.transition_times) not in kinds:
+            raise InputError("timing", problem.timing, "one that is thermal, full or none")
+        self.problem, self.weights = problem, problem.cost_weights
+        self.first, self.last = problem.start_mode, problem.goal.mode
+        waits, segments = type(problem.transition_times) is SequentialTiming, range(len(self.first))
+        self.heats: list[Heat] = [] if waits else [heat(problem, j) for j in segments]
+
+    def network(
+        self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int] = ()
+    ) -> Network:
+        """What every plan passes that begins with these phases, and melts what is missing."""
+        if not self.heats:
+            return self._waits(sequence, least, missing)
+        edges, holds, cost = list[Edge](), list[Edge](), arb(0)
+        stiff, made, done = list(self.first), [0] * len(self.first), [ORIGIN] * len(self.first)
+        before, begin, held = ORIGIN, ORIGIN, [arb(0)] * len(self.first)
+        never = len(sequence) + 1
+        open_at_start = Dwell(0, -1, never, None, None, arb(0), arb(0))
+        dwells = [[open_at_start._replace(segment=j)] * soft for j, soft in enumerate(self.first)]
+        for gap, mode in enumerate((*sequence, self.last)):
+            begin = ("start", gap, 0, 0)
+            edges.append((before, begin, arb(0)))
+            for j, own in enumerate(self.heats):
+                to = [mode[j]] if mode[j] != stiff[j] else []
+                if gap == len(sequence) and j in missing:
+                    to = [1] if self.last[j] else [1, 0]
+                for stiff[j] in to:
+                    onset, end = ("onset", gap, j, made[j]), ("done", gap, j, made[j])
+                    lead, plateau = own.again, own.melt
+                    cost += self.weights.transition_s
+                    if made[j] == 0:
+                        lead, plateau = own.lead, own.first
+                        edges.append((ORIGIN, end, own.total))
+                    elif not stiff[j]:
+                        lead, plateau = own.coast(made[j]), own.freeze(made[j], held[j])
+                        holds.append((done[j], onset, self.weights.energy_s_per_J * own.hold_W))
+                    if stiff[j]:
+                        energy, held[j] = own.melt_J if made[j] else own.first_J, arb(0)
+                        cost += self.weights.energy_s_per_J * energy
+                        warm = own.again if made[j] else own.warm
+                        one = Dwell(j, gap, never, (onset, end), None, warm, warm + plateau)
+                        dwells[j].append(one)
+                    else:
+                        dwells[j][-1] = dwells[j][-1]._replace(until=gap, freeze=onset)
+                    edges += [(before, onset, arb(0)), (done[j], onset, lead)]
+                    edges += [(onset, end, plateau), (end, begin, arb(0))]
+                    made[j], done[j] = made[j] + 1, end
+            if gap < len(sequence):
+                before = ("end", gap, 0, 0)
+                edges.append((begin, before, least[gap]))
+                held = [one + least[gap] for one in held]
+        refused = self.problem.heaters_at_once == 1 and self._one_heater(dwells, never - 1, edges)
+        return Network(edges, holds, cost, begin, refused)
+
+    def _one_heater(self, dwells: list[list[Dwell]], end: int, edges: list[Edge]) -> bool:
+        """Add edges between dwells that follow each other; tell whether two cannot overlap."""
+        for a, b in itertools.permutations(itertools.chain(*dwells), 2):
+            if a.segment == b.segment:
+                continue
+            if a.until <= b.since and a.until < end and b.melt and a.freeze:
+                late = b.lead - self.heats[a.segment].longest
+                edges += [(a.melt[1], b.melt[0], b.lead)] if a.melt else []
+                edges.append((a.freeze, b.melt[0], late))
+            both = max(a.since, b.since) < min(a.until, b.until, end)
+            if both and not self._coasts(a, b) and not self._coasts(b, a):
+                return True
+        return False
+
+    def _coasts(self, a: Dwell, b: Dwell) -> bool:
+        """Whether a may stay liquid without heat while b melts."""
+        return b.melt is not None and not self.heats[a.segment].longest < b.heating
+
+    def _waits(
+        self, sequence: ModeSequence, least: Sequence[arb], missing: Sequence[int]
+    ) -> Network:
+        """The same where everything waits through every change of mode."""
+        edges, cost, before, mode = list[Edge](), arb(0), ORIGIN, self.first
+        for i, after in enumerate(sequence):
+            wait, price = self._switch(mode, after)
+            begin, end = ("start", i, 0, 0), ("end", i, 0, 0)
+            edges += [(before, begin, wait), (begin, end, least[i])]
+            cost, before, mode = cost + price, end, after
+        cost += self._cheapest_way(mode, frozenset(missing))
+        refused = self.problem.heaters_at_once == 1 and max(map(sum, (*sequence, self.last))) > 1
+        return Network(edges, [], cost, before, refused)
+
+    def _switch(self, mode: Mode, after: Mode) -> tuple[arb, arb]:
+        """Wait between two modes, and what its transitions and melts cost besides."""
+        times, heater = self.problem.transition_times, self.problem.robot.heater
+        assert isinstance(times, SequentialTiming)
+        if mode == after:
+            return arb(0), arb(0)
+        wait, heated = arb(times.reconfigure_s), arb(times.reconfigure_s) - times.reconfigure_cool_s
+        if is_rigid(mode):
+            wait = heated = arb(times.heat_s)
+        elif is_rigid(after):
+            wait = arb(times.freeze_s)
+        energy_J = heated * sum(after) * arb(heater.melt_current_A) ** 2 * heater.resistance_ohm
+        price = self.weights.energy_s_per_J * energy_J
+        return wait, price + self.weights.transition_s * (sum(mode) + sum(after))
+
+    def _cheapest_way(self, mode: Mode, missing: frozenset[int]) -> arb:
+        """Least wait and price from a mode to the end, through modes that melt what is missing."""
+        queue, seen = [(0.0, mode, missing)], set[tuple[Mode, frozenset[int]]]()
+        while queue:
+            spent, here, left = heapq.heappop(queue)
+            if here == self.last and not left:
+                return arb(spent) * (1 - arb(1e-12))  # more than the sums are rounded
+            if (here, left) in seen:
+                continue
+            seen.add((here, left))
+            for after in {*self.problem.modes, self.last} - {here}:
+                rest = frozenset(j for j in left if not after[j])
+                wait, price = self._switch(here, after)
+                heapq.heappush(queue, (spent + low(wait + price), after, rest))
+        return arb.pos_inf()
+
+    def cost(self, network: Network) -> float:
+        """The finish is no earlier than by the longest path to it, no hold is shorter than one."""
+        if network.refused:
+            return math.inf
+        cost = network.cost + _longest(network.edges, ORIGIN, network.finish)
+        for u, v, price in network.holds if self.weights.energy_s_per_J else ():
+            cost += price * _longest(network.edges, u, v)
+        return max(0.0, low(cost))
+
+
+def _longest(edges: Sequence[Edge], source: Event, target: Event) -> arb:
+    """Length of the longest path between two events; 0 if there is none."""
+    least = {source: arb(0)}
+    for u, v, apart in (*edges, *edges):  # what follows one heater's turn comes too early once
+        if u in least:
+            least[v] = least.get(v, arb(0)).max(least[u] + apart)
+    return least.get(target, arb(0))
