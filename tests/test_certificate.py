@@ -114,6 +114,18 @@ def test_where_less_is_proved_it_is_below_the_cost(problem: Problem) -> None:
     assert 0 <= bound <= (1 + SHORTFALL) * result.lower_bound
 
 
+@pytest.mark.parametrize(
+    ("overrides", "known_s"),
+    [({"weights": {"transition_s": 45.0}}, 981.1), ({"modes": [[0, 0], [1, 0], [0, 1]]}, 801.1)],
+)
+def test_to_freeze_and_melt_anew_may_be_quicker_than_to_go_on(
+    overrides: dict[str, Any], known_s: float
+) -> None:
+    """Plans that cost this are known: with waits, the way round another mode is the cheaper one."""
+    problem = load_problem("paper-1", robot="2sra-v1-paper", timing="paper", **overrides)
+    assert 0.999 * known_s < Prover(problem).certificate(2 * known_s)["bound_s"] <= known_s
+
+
 def test_sequences_longer_than_any_plan_are_covered() -> None:
     problem = random_problem(1)
     least = check(problem, {"opened": []}).bound
