@@ -48,6 +48,7 @@ _COMMANDS = {
         "check-robot": ("robots", "Check a robot file and its wheels."),
         "fit-paths": ("robots", "Fit spirals and cardioids to a fibre's lengths."),
         "fit-thermal": ("thermal_fit", "Identify a segment from a heating log."),
+        "estimate-curvature": ("curvature", "Measure how segments bend in thermal photographs."),
         "import-map": ("world", "Turn a map of ROS into obstacles."),
         "schema": ("schema", "Print JSON Schemas of the files, for editors."),
     },

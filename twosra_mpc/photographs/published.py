@@ -95,7 +95,7 @@ def _thinned(bright: Mask, seed: int) -> Mask:
     bright = ndimage.binary_dilation(bright, _BRUSH)
     bright = ndimage.binary_erosion(bright, _BRUSH, border_value=1)
     bright = ndimage.binary_dilation(bright, _BRUSH)
-    bright = ndimage.median_filter(bright.astype(np.uint8), _MEDIAN) > 0
+    bright = ndimage.uniform_filter(bright.astype(float), _MEDIAN) > 0.5  # median of 0 and 1
     thin: Mask = medial_axis(bright, rng=seed)
     return thin
 
