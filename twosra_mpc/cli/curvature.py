@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -190,12 +191,12 @@ def _print(found: list[list[Estimate]]) -> None:
             if not each.refused
         ]
         print_table(("picture", "published [1/m]", "arc [1/m]", "standard error"), rows)
-    all_of = _summary(every)
+    of = _summary(every)
     click.echo(
-        f"{all_of['pictures'] - all_of['refused']} pictures measured, {all_of['refused']} refused."
-        f" Published: mean spread along the segment {all_of['published_mean_spread_per_m']:.2f} 1/m."
-        f"\nArc: {all_of['share_compatible_with_an_arc']:.0%} of the segments are compatible with one"
-        f" arc; medial lines are {1e3 * all_of['median_scatter_m']:.2f} mm off theirs (median)."
+        f"{of['pictures'] - of['refused']} pictures measured, {of['refused']} refused. Published:"
+        f" mean spread along the segment {of['published_mean_spread_per_m']:.2f} 1/m.\n"
+        f"Arc: {of['share_compatible_with_an_arc']:.0%} of the segments are compatible with one arc;"
+        f" medial lines are {1e3 * of['median_scatter_m']:.2f} mm off theirs (median)."
     )
 
 
@@ -211,7 +212,7 @@ def _print_deviations(found: list[list[Estimate]], every: list[Estimate]) -> Non
 
 
 def _pairs() -> list[tuple[float, float]]:
-    return list(zip(_BANDS, _BANDS[1:], strict=False))
+    return list(itertools.pairwise(_BANDS))
 
 
 def _mean_square(every: list[Estimate], field: str, low: float, high: float) -> str:

@@ -1,7 +1,8 @@
 """Curvature of a segment by one arc: least squares to its medial line, below the pixel.
 
-The medial line is the middle of what shines, across the segment, at stations one pixel apart where
-it is brighter than the threshold. A lens draws the middle of a bent line inwards, its ends outwards:
+The medial line is the middle of what shines, across the segment, at stations one pixel apart.
+They span the segment's own length, in the middle of what is brighter than the threshold: heat
+spreads beyond the ends, to what does not bend. A lens draws the middle of a bent line inwards, its ends outwards:
 so the arc is drawn as a line as wide and as bright, its middle measured in the same way, and only
 what the photograph differs from this drawing is fitted.
 
@@ -97,6 +98,7 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
         InputError: If what is bright is much shorter or longer than the segment.
     """
     grey, first = _cut(photograph.grey, region)
+    check_length(photograph, float(np.hypot(*np.ptp(np.argwhere(region), axis=0))), camera)
     noise = _noise(photograph.grey, region)
     dark = float(np.median(photograph.grey[~region]))
     guess = _first_guess(photograph.grey, region, camera).shifted(-first[1], -first[0])
@@ -104,8 +106,8 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
     for _ in range(_STEPS):
         back, forth = _bright(spline, guess, camera)
         check_length(photograph, forth - back, camera)
-        count = max(int(forth - back), _LEAST)
-        s = (back + forth) / 2 + np.arange(count) - (count - 1) / 2
+        count = max(int(min(forth - back, camera.length_px)), _LEAST)
+        s: Array = (back + forth) / 2 + np.arange(count, dtype=float) - (count - 1) / 2
         seen = _across(spline, guess, s, camera)
         drawn = _drawn(grey.shape, guess, (back, forth), seen, camera, dark)
         expected = _across(ndimage.spline_filter(drawn, order=3, mode="nearest"), guess, s, camera)
@@ -217,7 +219,12 @@ def _across(spline: Array, guess: _Guess, s: Array, camera: Camera) -> _Across:
 
 
 def _drawn(
-    shape: tuple[int, ...], guess: _Guess, ends: tuple[float, float], seen: _Across, camera: Camera, dark: float
+    shape: tuple[int, ...],
+    guess: _Guess,
+    ends: tuple[float, float],
+    seen: _Across,
+    camera: Camera,
+    dark: float,
 ) -> Array:
     """Picture of the arc as a line blurred to the width and brightness that are seen."""
     peak = float(np.median(seen.peak))
@@ -229,7 +236,9 @@ def _drawn(
     u = np.exp(-0.5 * ((np.arange(shape[1])[:, None] - x) / blur) ** 2)
     v = np.exp(-0.5 * ((np.arange(shape[0])[:, None] - y) / blur) ** 2)
     drawn = v @ u.T
-    picture: Array = dark + (peak - dark) * drawn * (along[1] - along[0]) / (np.sqrt(2 * np.pi) * blur)
+    picture: Array = dark + (peak - dark) * drawn * (along[1] - along[0]) / (
+        np.sqrt(2 * np.pi) * blur
+    )
     return picture
 
 

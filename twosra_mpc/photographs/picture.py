@@ -140,9 +140,7 @@ def check_length(photograph: Photograph, seen_px: float, camera: Camera) -> None
         raise InputError("picture", photograph.path.name, allowed, str(photograph.path))
 
 
-def upsampled(
-    photograph: Photograph, region: Mask, factor: int
-) -> tuple[Array, tuple[int, int]]:
+def upsampled(photograph: Photograph, region: Mask, factor: int) -> tuple[Array, tuple[int, int]]:
     """Cut out the segment, three pixels wider, and make its pixels smaller.
 
     By cubic convolution (Keys 1981, a = -0.75, as in OpenCV), rounded to whole grey values.

@@ -7,6 +7,7 @@ they are; without one, a picture's number (``picture-017.png``: 17) is its row, 
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -101,13 +102,13 @@ def _curvature(table: list[list[str]], row: int, at: int, column: str, source: s
 
 
 def load_cycles(reference: Array) -> list[slice]:
-    """Cut a series of curvatures (n,) at its least bends between the tops of load and unload."""
+    """Cut a series of curvatures (n,) after its least bends between the tops of load and unload."""
     bend = np.abs(reference)
     smooth = gaussian_filter1d(bend, _SMOOTHED, mode="nearest")
     high = smooth > smooth.max() / 2
     edges = np.flatnonzero(np.diff(np.concatenate([[False], high, [False]]).astype(int)))
     tops = [a + int(np.argmax(smooth[a:b])) for a, b in edges.reshape(-1, 2)]
-    cuts = [a + int(np.argmin(bend[a:b])) for a, b in zip(tops, tops[1:], strict=False)]
+    cuts = [a + int(np.argmin(bend[a:b])) + 1 for a, b in itertools.pairwise(tops)]
     return [slice(a, b) for a, b in zip([0, *cuts], [*cuts, len(bend)], strict=True)]
 
 

@@ -73,9 +73,9 @@ class Estimate:
         """
         if self.measured is None:
             return math.nan
-        has_reference = math.isfinite(self.reference_per_m)
-        sign = np.sign(self.reference_per_m if has_reference else self.arc_per_m)
-        return float(sign * self.measured.published.mean_per_m)
+        known = math.isfinite(self.reference_per_m)
+        signed = self.reference_per_m if known else self.arc_per_m
+        return math.copysign(self.measured.published.mean_per_m, signed)
 
 
 def estimate_folder(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from twosra_mpc.photographs.picture import WHITE, Camera, upsampled
 from twosra_mpc.photographs.study import Estimate, Measured
@@ -53,9 +53,9 @@ def plot_curvature(
     compared = len(estimates) > 1 and any(math.isfinite(e.reference_per_m) for e in estimates)
     height = 2.3 * len(shown) + 0.7
     with figures.styled_figure((9.2 + 4.6 * compared, height), path) as figure:
-        pictures: Any = figure
+        pictures: Figure | SubFigure = figure
         if compared:
-            pictures, beside = figure.subfigures(1, 2, width_ratios=(2, 1))
+            pictures, beside = figure.subfigures(1, 2, width_ratios=(2, 1), squeeze=False)[0]
             top, bottom = beside.subplots(2, 1, sharex=True, height_ratios=(2, 1))
             draw_estimates(top, bottom, estimates)
         grid = pictures.subplots(len(shown), 4, squeeze=False)
