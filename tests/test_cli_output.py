@@ -384,8 +384,8 @@ def test_every_example_runs(
     for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
         write_rows(rows, tmp_path / file)
     write_map(tmp_path, [[0, 255], [255, 255]])
-    write_folder(tmp_path / "photographs", [-30.0, 20.0])
-    (tmp_path / "camera.csv").write_text("k1\n-30\n20\n")
+    write_folder(tmp_path / "shots", [-30.0, 20.0])
+    (tmp_path / "k.csv").write_text("kappa_per_m\n-30\n20\n")
     (tmp_path / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
     poses, _ = wheel_log(tmp_path, Drift(), seconds=1)
     for log in ("s1_v1_6.csv", "poses.csv"):

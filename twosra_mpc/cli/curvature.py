@@ -63,12 +63,10 @@ def estimate_curvature_command(
     segment, with two, or with one that is cut off are refused, by name.
 
     \b
-    A row a picture, and a figure:
-      twosra estimate-curvature photographs --scale 0.00476 --length 0.04 --towards 37,34 \\
-        --csv curvature.csv --plot curvature.png
-    Beside references, here in the column k1 of a CSV file:
-      twosra estimate-curvature photographs --scale 0.00476 --length 0.04 --towards 37,34 \\
-        --reference camera.csv --column k1
+    A row a picture (a pixel is 5 mm, the segment 40 mm long and held near pixel 39, 35):
+      twosra estimate-curvature shots --scale .005 --length .04 --towards 39,35 --csv found.csv
+    Beside references, of the column kappa_per_m of a CSV file:
+      twosra estimate-curvature shots --scale .005 --length .04 --towards 39,35 --reference k.csv
     """
     if references and len(references) != len(folders):
         raise InputError("reference", len(references), f"one for each of {len(folders)} folders")
@@ -195,8 +193,8 @@ def _print(found: list[list[Estimate]]) -> None:
     click.echo(
         f"{of['pictures'] - of['refused']} pictures measured, {of['refused']} refused. Published:"
         f" mean spread along the segment {of['published_mean_spread_per_m']:.2f} 1/m.\n"
-        f"Arc: {of['share_compatible_with_an_arc']:.0%} of the segments are compatible with one arc;"
-        f" medial lines are {1e3 * of['median_scatter_m']:.2f} mm off theirs (median)."
+        f"Arc: {of['share_compatible_with_an_arc']:.0%} of the segments are compatible with one"
+        f" arc; medial lines are {1e3 * of['median_scatter_m']:.2f} mm off theirs (median)."
     )
 
 

@@ -2,9 +2,9 @@
 
 The medial line is the middle of what shines, across the segment, at stations one pixel apart.
 They span the segment's own length, in the middle of what is brighter than the threshold: heat
-spreads beyond the ends, to what does not bend. A lens draws the middle of a bent line inwards, its ends outwards:
-so the arc is drawn as a line as wide and as bright, its middle measured in the same way, and only
-what the photograph differs from this drawing is fitted.
+spreads beyond the ends, to what does not bend. A lens draws the middle of a bent line inwards, its
+ends outwards: so the arc is drawn as a line as wide and as bright, its middle measured in the same
+way, and only what the photograph differs from this drawing is fitted.
 
 An arc of curvature kappa that is moved by a, turned by b and bent by c moves across itself by
 a cos(kappa s) + b sin(kappa s) / kappa + c (1 - cos(kappa s)) / kappa^2 at arc length s: linear in
@@ -27,8 +27,8 @@ COMPATIBLE = 0.05  # least chance, if the segment were an arc, of a line at leas
 _STEPS = 30
 _ENOUGH = 1e-9  # px
 _FINE_PX = 0.1  # between samples
-_SHARE = 0.015  # of the curvature: what the drawn line does not know of the segment's own profile
-_FLOOR_PX = 0.012  # what pixels and rounded grey values leave of the line's place
+_SHARE = 0.012  # of the curvature: what the drawn line does not know of the segment's own profile
+_FLOOR_PX = 0.008  # what pixels and rounded grey values leave of the line's place
 _REACH = 0.25  # of the length: half a profile across the segment
 _TO_CENTRE = 0.8  # of the radius: the same, where the segment is bent much
 _STRAIGHT = 1e-9  # 1/px

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
-from pydantic import Field
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
@@ -45,7 +43,7 @@ class Camera(Value):
     scale_m: Positive
     length_m: Positive
     towards_px: Pair
-    threshold: Annotated[float, Field(gt=0.0, lt=WHITE)] = 120.0
+    threshold: Positive = 120.0
 
     @property
     def length_px(self) -> float:
