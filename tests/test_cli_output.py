@@ -307,11 +307,12 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
 
 
 def test_the_help_lists_every_command_in_one_line(run: Run) -> None:
+    width = max(map(len, COMMANDS))
     out = run("--help").out
     for title, section in cli._COMMANDS.items():
         assert f"\n{title}:\n" in out
         for name, (_, words) in section.items():
-            assert f"\n  {name.ljust(15)}  {words}\n" in out
+            assert f"\n  {name.ljust(width)}  {words}\n" in out
 
 
 def test_the_help_tells_exit_codes_and_completion(run: Run) -> None:

@@ -22,7 +22,7 @@ from twosra_mpc.version import __version__
 _COMMANDS = {
     "Plan": {
         "plan": ("planning", "Plan a scenario, with a proved gap."),
-        "explain": ("comparisons", "Say why a plan is what it is, and what others would cost."),
+        "explain": ("comparisons", "Say why a plan is what it is, and what others cost."),
         "check-passage": ("world", "Say in which shapes the robot can drive to the goal."),
         "compare": ("comparisons", "Plan scenarios by both planners, side by side."),
         "compare-models": ("comparisons", "Plan under each path model, and run under the others."),

@@ -35,6 +35,7 @@ _STRAIGHT = 1e-9  # 1/px
 _SHARPEST_PX = 0.4
 _MARGIN = 4  # px
 _LEAST = 4  # stations
+_DRAWN = 60  # points of an arc for figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Arc:
         scatter_m: Root mean square distance of the line from the arc [m].
         seen_m: Length of the segment that is brighter than the threshold [m].
         line_px: The medial line (stations, 2).
-        arc_px: The arc at the same stations (stations, 2).
+        arc_px: The arc, from the first of them to the last (points, 2).
     """
 
     curvature_per_m: float
@@ -117,7 +118,8 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
         guess = guess.moved(*step.tolist())
         if np.abs(step).max() < _ENOUGH:
             break
-    points, normals = guess.shifted(first[1], first[0]).at(s)
+    guess = guess.shifted(first[1], first[0])
+    points, normals = guess.at(s)
     residual = offset - design @ step
     variance = (noise * seen.lever) ** 2 + _FLOOR_PX**2
     chi2, free = float(np.sum(residual**2 / variance)), len(s) - 3
@@ -131,7 +133,7 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
         scatter_m=float(np.sqrt(np.mean(residual**2))) * camera.scale_m,
         seen_m=(forth - back) * camera.scale_m,
         line_px=points + residual[:, None] * normals,
-        arc_px=points,
+        arc_px=guess.at(np.linspace(s[0], s[-1], _DRAWN))[0],
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
 
 from twosra_mpc.photographs.picture import WHITE, Camera, upsampled
 from twosra_mpc.photographs.study import Estimate, Measured
@@ -67,7 +68,7 @@ def plot_curvature(
         entries = {
             "thinned line": plane.line(_THIN["c"], _THIN["lw"]),
             "its polynomial (published)": plane.line(_SMOOTH["c"], 1.4, "--"),
-            "middle across": plane.line(_LINE["c"], 3.0, ":"),
+            "middle across": Line2D([], [], **_LINE),
             "arc": plane.line(_ARC["c"], 1.6),
         }
         plane.legend_below(pictures, entries, ncols=4)
