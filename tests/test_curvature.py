@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,13 @@ def test_the_published_steps_are_near_and_repeat_to_the_bit() -> None:
         assert one.known > 0.8
 
 
+def test_without_scikit_image_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "skimage.morphology", None)
+    seen, how = photograph(ONE), camera((40.0, 35.0))
+    with pytest.raises(InputError, match="vision"):
+        published_curvature(seen, find_segment(seen, how), how)
+
+
 def test_half_the_pixels_are_half_the_scale() -> None:
     grey, (x, y) = draw(np.random.default_rng(6), 40.0, noise=0.0)
     twice = np.kron(grey, np.ones((2, 2)))
@@ -132,6 +140,7 @@ EMPTY, (ONE, _) = np.full((70, 70), 12.0), draw(np.random.default_rng(0), 10.0)
         (np.roll(ONE, 32, axis=1), "cut off at the border"),
         (np.kron(ONE, np.ones((3, 3))), "mm long"),
         (np.where(ONE > 250, ONE, 12.0), "mm long"),
+        (12.0 + 240.0 * (np.hypot(*(np.mgrid[:70, :70] - 35)) < 3.5), "as wide as long"),
     ],
 )
 def test_pictures_without_one_whole_segment_are_refused(grey: Array, words: str) -> None:

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage, stats
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.photographs.picture import Camera, Mask, Photograph, check_length
 from twosra_mpc.robot.coordinates import Array
 
@@ -35,6 +36,8 @@ _STRAIGHT = 1e-9  # 1/px
 _SHARPEST_PX = 0.4
 _MARGIN = 4  # px
 _LEAST = 4  # stations
+_SLENDER = 2.0  # times as long as wide, at least
+_SOLVABLE = 1e12
 _DRAWN = 60  # points of an arc for figures
 
 
@@ -96,7 +99,7 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
     """Fit an arc to the medial line of a segment.
 
     Raises:
-        InputError: If what is bright is much shorter or longer than the segment.
+        InputError: If what is bright is much shorter or longer than the segment, or round.
     """
     grey, first = _cut(photograph.grey, region)
     check_length(photograph, float(np.hypot(*np.ptp(np.argwhere(region), axis=0))), camera)
@@ -114,7 +117,13 @@ def fit_arc(photograph: Photograph, region: Mask, camera: Camera) -> Arc:
         expected = _across(ndimage.spline_filter(drawn, order=3, mode="nearest"), guess, s, camera)
         offset = seen.middle - expected.middle
         design = _design(guess.kappa, s)
-        step = np.linalg.lstsq(design, offset, rcond=None)[0]
+        wide = 2 * float(np.median(seen.half))
+        normal = design.T @ design
+        solvable = np.isfinite(normal).all() and np.linalg.cond(normal) < _SOLVABLE
+        if not (solvable and forth - back >= _SLENDER * wide):
+            allowed = "a segment; what is bright is as wide as long"
+            raise InputError("picture", photograph.path.name, allowed, str(photograph.path))
+        step = np.linalg.solve(normal, design.T @ offset)
         guess = guess.moved(*step.tolist())
         if np.abs(step).max() < _ENOUGH:
             break
