@@ -113,6 +113,15 @@ def test_the_published_steps_are_near_and_repeat_to_the_bit() -> None:
         assert one.known > 0.8
 
 
+def test_along_a_row_the_published_steps_know_little_and_the_arc_all() -> None:
+    row = np.full((70, 70), 12.0)
+    row[34:37, 30:39] = 250.0
+    seen, how = photograph(row), camera((39.0, 35.0))
+    found = published_curvature(seen, find_segment(seen, how), how)
+    assert found.known < 0.5
+    assert abs(fit(row, (39.0, 35.0)).curvature_per_m) < 0.5
+
+
 def test_without_scikit_image_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "skimage.morphology", None)
     seen, how = photograph(ONE), camera((40.0, 35.0))

@@ -135,10 +135,10 @@ def _beside(at: tuple[int, ...], direction: int) -> tuple[int, ...]:
 
 def _curvature(x: Array, y: Array) -> tuple[Array, Array]:
     """Polynomial x over y, (n,) [m], and its unsigned curvature along the line, NaN if unknown."""
+    if len(x) <= 3 * _WINDOW or not np.ptp(y):
+        return x, np.full(len(x), np.nan)
     with warnings.catch_warnings(action="ignore"):  # a line along a row: ill-conditioned
         smooth = np.polyval(np.polyfit(y - y.min(), x, _DEGREE), y - y.min())
-    if len(x) <= 3 * _WINDOW:
-        return smooth, np.full(len(x), np.nan)
     x1, y1 = (_rolling(np.gradient(each)) for each in (smooth, y))
     x2, y2 = (_rolling(np.gradient(each)) for each in (x1, y1))
     with np.errstate(divide="ignore", invalid="ignore"):
