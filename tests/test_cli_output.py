@@ -23,6 +23,7 @@ from heating import true_history, write_log
 from matplotlib.figure import Figure
 from melts import made_up
 from melts import write as write_rows
+from photographs import write_folder
 from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
 from test_occupancy_map import write_map
@@ -306,11 +307,12 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
 
 
 def test_the_help_lists_every_command_in_one_line(run: Run) -> None:
+    width = max(map(len, COMMANDS))
     out = run("--help").out
     for title, section in cli._COMMANDS.items():
         assert f"\n{title}:\n" in out
         for name, (_, words) in section.items():
-            assert f"\n  {name.ljust(15)}  {words}\n" in out
+            assert f"\n  {name.ljust(width)}  {words}\n" in out
 
 
 def test_the_help_tells_exit_codes_and_completion(run: Run) -> None:
@@ -383,6 +385,8 @@ def test_every_example_runs(
     for rows, file in zip(made_up(), ("melts.csv", "readings.csv"), strict=True):
         write_rows(rows, tmp_path / file)
     write_map(tmp_path, [[0, 255], [255, 255]])
+    write_folder(tmp_path / "shots", [-30.0, 20.0])
+    (tmp_path / "k.csv").write_text("kappa_per_m\n-30\n20\n")
     (tmp_path / "exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
     poses, _ = wheel_log(tmp_path, Drift(), seconds=1)
     for log in ("s1_v1_6.csv", "poses.csv"):

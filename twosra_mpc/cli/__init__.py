@@ -30,7 +30,7 @@ from twosra_mpc.version import __version__
 _COMMANDS = {
     "Plan": {
         "plan": ("planning", "Plan a scenario, with a proved gap."),
-        "explain": ("comparisons", "Say why a plan is what it is, and what others would cost."),
+        "explain": ("comparisons", "Say why a plan is what it is, and what others cost."),
         "check-passage": ("world", "Say in which shapes the robot can drive to the goal."),
         "compare": ("comparisons", "Plan scenarios by both planners, side by side."),
         "compare-models": ("comparisons", "Plan under each path model, and run under the others."),
@@ -56,6 +56,7 @@ _COMMANDS = {
         "check-robot": ("robots", "Check a robot file and its wheels."),
         "fit-paths": ("robots", "Fit spirals and cardioids to a fibre's lengths."),
         "fit-thermal": ("thermal_fit", "Identify a segment from a heating log."),
+        "estimate-curvature": ("curvature", "Measure how segments bend in thermal photographs."),
         "import-map": ("world", "Turn a map of ROS into obstacles."),
         "schema": ("schema", "Print JSON Schemas of the files, for editors."),
     },
