@@ -146,13 +146,10 @@ class _TrackedPhase:
 
     def _unseen(self) -> Abort | None:
         """Stand while nothing sees the robot, but not for long."""
-        session, limit_s = self.session, self.patience.unseen_s
-        until_s = session.now_s + limit_s
-        while session.unseen_s > limit_s:
-            if session.now_s >= until_s:
-                return Abort("camera", f"no camera frame for {limit_s:g} s and more")
-            session.rest(self.run.setpoint_C, session.period_s, self.run.planned)
-        return None
+        session = self.session
+        if session.seen(self.run.setpoint_C, self.run.planned):
+            return None
+        return Abort("camera", session.unseen)
 
     def _look(self) -> None:
         """Average camera frames at rest, where the end of the phase matters for the goal."""

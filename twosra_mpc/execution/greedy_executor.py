@@ -16,11 +16,14 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import Pulses
+from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import TooNearError, guard_of
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict
+from twosra_mpc.execution.segment_watch import SegmentTrouble
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
+from twosra_mpc.execution.stopping import stopped_at_the_end
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
@@ -40,9 +43,10 @@ class GreedyExecutor:
     settings: ExecutorSettings = field(default_factory=ExecutorSettings)
 
     def run(self, problem: Problem) -> Run:
-        """Drive to the goal; the robot must be where the problem starts.
+        """Drive to the goal; the robot must be where the problem starts. At the end it is off.
 
         Raises:
+            RobotError: If the robot cannot be driven any more.
             InputError: If the robot has more or fewer segments than the rule knows, or there are
                 tasks.
         """
@@ -50,13 +54,13 @@ class GreedyExecutor:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows two segments")
         if problem.tasks:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows no tasks")
-        session = Session(self.robot, problem, guard=guard_of(problem, self.settings.patience))
-        try:
+        patience = self.settings.patience
+        with stopped_at_the_end(self.robot):
+            session = Session(
+                self.robot, problem, guard=guard_of(problem, patience), patience=patience
+            )
             ending, reason = _GreedyRun(session, self.settings).run()
-        except TooNearError as near:
-            where = session.accuracy.describe(session.error)
-            ending, reason = Ending.TOO_NEAR, f"{near}; {where}"
-        return session.finish(Verdict("greedy", ending, reason))
+            return session.finish(Verdict("greedy", ending, reason))
 
 
 class _GreedyRun:
@@ -77,14 +81,35 @@ class _GreedyRun:
         self.expected_s = {"soft": max(melts), "rigid": max(freezes)}
 
     def run(self) -> tuple[Ending, str]:
+        """Drive until there is an ending, without segments that cannot be heated."""
+        while True:
+            try:
+                return self._driven()
+            except SegmentTrouble as trouble:
+                if trouble.cause != "heater":
+                    return trouble.ending, str(trouble)
+                self._lost(trouble.segment, "soft")
+            except DoubtError as doubt:
+                return Ending.SENSOR_FAILED if doubt.bends else Ending.NOT_MOVING, str(doubt)
+            except TooNearError as near:
+                where = self.accuracy.describe(self.session.error)
+                return Ending.TOO_NEAR, f"{near}; {where}"
+
+    def _driven(self) -> tuple[Ending, str]:
         """Choose modes and drive in them until there is an ending."""
         session, settings = self.session, self.settings
         while session.now_s < settings.longest_s:
             certain, look_s = settings.patience.certain, settings.patience.look_s
             session.average(session.setpoint_C, certain * self.scale, look_s)
-            if session.unseen_s > settings.patience.unseen_s:
-                return Ending.CAMERA_LOST, "nothing sees the robot"
             where = self.accuracy.describe(session.error)
+            if not session.sure(self.scale):
+                if self.accuracy.surely(session.error):
+                    known = f"not seen, or badly, for {session.unseen_s:.1f} s"
+                    return Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
+                return Ending.CAMERA_LOST, f"{session.unseen}; {where} as believed"
+            failed = [j for j in self.broken if self.problem.goal.mode[j - 1]]
+            if failed:
+                return Ending.HEATER_FAILED, f"{where}; heater {failed[0]} failed, and is needed"
             if self.accuracy.surely(session.error) and self._ended():
                 return Ending.REACHED, f"the goal is reached: {where}"
             mode = self._choice()
@@ -122,6 +147,8 @@ class _GreedyRun:
         """Move in a mode until it no longer moves the robot, or is lost."""
         session, robot = self.session, self.problem.robot
         while session.mode == mode and session.now_s < self.settings.longest_s:
+            if not session.seen(session.setpoint_C):
+                return
             step, moved = self._proposal(mode, self._error(LEFT))
             if self._stagnated(GAIN * moved):
                 return

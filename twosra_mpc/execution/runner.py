@@ -30,7 +30,7 @@ class Abort(NamedTuple):
 
     Attributes:
         kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
-            segment did not become what it should; "camera": nothing sees the robot; "near": it was
+            segment did not become what it should; "camera": nothing sees the robot; "doubt": it does not move as commanded; "near": it was
             stopped near something; "task": a task is not done where it should be; "lost": an object
             is not where it was held or put; "time": the run takes too long.
         text: The same in words.
@@ -39,7 +39,7 @@ class Abort(NamedTuple):
         stiff: Whether a segment that is reported soft seems to need more time.
     """
 
-    kind: Literal["corridor", "heater", "camera", "near", "task", "lost", "time"]
+    kind: Literal["corridor", "heater", "camera", "doubt", "near", "task", "lost", "time"]
     text: str
     segment: int = 0
     to: Stiffness = "soft"

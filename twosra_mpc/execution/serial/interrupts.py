@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
-# Every signal by which a person or the system ends or suspends a program; SIGKILL cannot be caught.
-_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")  # Windows knows the first two
+# By which a person or the system ends or suspends a program.
+_USUAL = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")  # Windows knows the first two
+_SUSPENDING = ("SIGTSTP", "SIGTTIN", "SIGTTOU")
+# Nobody can catch the first two; the next four mean that the program itself is broken; the rest
+# does nothing to a program that does not ask for it.
+_LEFT_ALONE = (
+    *("SIGKILL", "SIGSTOP", "SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"),
+    *("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"),
+)
 
 
 class Interrupts:
@@ -36,16 +44,41 @@ class Interrupts:
 def deferred_interrupts() -> Iterator[Interrupts]:
     """Collect interrupts for the length of a block instead of raising them anywhere in it.
 
+    So are all signals that would end or suspend the program, if nobody else has a use for them.
     Outside of the main thread, where Python delivers none, nothing changes.
     """
     interrupts = Interrupts()
+    with _handled(_numbers(_USUAL) | _ending() | _numbers(_SUSPENDING), interrupts.request):
+        yield interrupts
+
+
+@contextmanager
+def ending_signals_raised() -> Iterator[None]:
+    """Have signals that would end the program raise KeyboardInterrupt for the length of a block."""
+    with _handled(_ending(), signal.default_int_handler):
+        yield
+
+
+@contextmanager
+def _handled(
+    numbers: set[signal.Signals | int], handler: Callable[[int, FrameType | None], object]
+) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
-        yield interrupts
+        yield
         return
-    numbers = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
-    before = {number: signal.signal(number, interrupts.request) for number in numbers}
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
-        yield interrupts
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, handled_by in before.items():
+            signal.signal(number, handled_by)
+
+
+def _ending() -> set[signal.Signals | int]:
+    """Signals that would end the program, for nobody handles them."""
+    known = signal.valid_signals() - _numbers((*_LEFT_ALONE, *_SUSPENDING))
+    return {number for number in known if signal.getsignal(number) is signal.SIG_DFL}
+
+
+def _numbers(names: tuple[str, ...]) -> set[signal.Signals | int]:
+    return {getattr(signal, name) for name in names if hasattr(signal, name)}
