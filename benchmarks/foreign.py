@@ -29,8 +29,32 @@ _LAG_S, _CAUGHT_UP_S, _HELD_C = 5.0, 30.0, 65.0
 _WILD = 0.01  # of the frames
 _SIZE = 5
 
+# Fault: how a run may end because of it, besides truly at the goal; an exception by its name.
+FAULTS: dict[str, tuple[str, ...]] = {
+    "none": (),
+    "dead camera": ("camera lost", "arrived unseen"),
+    "stale camera": ("camera lost", "arrived unseen"),
+    "frozen camera": ("does not move", "camera lost"),
+    "NaN frames": (),
+    "wild frames": (),
+    "thermistor -127": ("sensor failed",),
+    "thermistor NaN": ("sensor failed",),
+    "thermistor garbage": ("sensor failed",),
+    "thermistor rare": ("sensor failed",),
+    "thermistor high": ("sensor failed",),
+    "dead heater": ("heater failed",),
+    "welded relay": ("heater stuck on", "too hot"),
+    "slow cooling": ("cools too slowly",),
+    "runaway": ("too hot",),
+    "read raises": ("BrokenError",),
+    "send raises": ("BrokenError",),
+    "interrupt": ("KeyboardInterrupt",),
+    "planner raises": ("BrokenError",),
+}
+FROM_THE_START = ("none", "dead heater", "welded relay", "slow cooling", "runaway")
 
-class Broken(Exception):
+
+class BrokenError(Exception):
     """What a robot's own driver may raise: nothing this package knows."""
 
 
@@ -38,20 +62,30 @@ class Segment:
     """Metal of one enthalpy, a thermistor that lags, and the firmware's opinion."""
 
     def __init__(self, air_C: float, strength: float) -> None:
+        """Begin as cold as the air, with a heater of this strength."""
         self.air_C, self.strength, self.enthalpy_J = air_C, strength, 0.0
         self.enthalpy_J = (air_C - _MELTING_C) * _HEAT_J_PER_K
-        self.read_C, self.off_s, self.told, self.on, self.was_on = air_C, math.inf, "rigid", 0, False
+        self.read_C, self.off_s, self.told, self.on, self.was_on = (
+            air_C,
+            math.inf,
+            "rigid",
+            0,
+            False,
+        )
         self.fault = ""
 
     @property
     def metal_C(self) -> float:
+        """Of the metal."""
         return _MELTING_C + (min(self.enthalpy_J, 0) + max(self.enthalpy_J - _LATENT_J, 0)) / 3.3
 
     @property
     def soft(self) -> bool:
+        """Whether all of it is liquid."""
         return self.enthalpy_J >= _LATENT_J
 
     def advance(self, asked: bool, dt_s: float) -> None:
+        """Let time pass, asked to be soft or not."""
         self.was_on |= asked
         self.on = int(asked and (self.shown_C < _HELD_C or self.fault == "runaway"))
         if self.fault == "dead heater":
@@ -87,9 +121,20 @@ class Segment:
 
 
 class ForeignRobot:
-    """The robot; ``fault`` is one of `FAULTS`, and begins at ``fault_s``."""
+    """The robot; ``fault`` is one of `FAULTS`, or none, and begins at ``fault_s``.
 
-    def __init__(self, problem: Problem, seed: int = 0, fault: str = "", fault_s: float = 0) -> None:
+    Attributes:
+        q: Where it truly is, (5,).
+        forced_m: How far it drove while solid metal was reported as soft.
+        blind_m: How far it drove while its camera was dead.
+        planning_m: How far it drove while somebody planned.
+        hottest_C: Of its metal.
+    """
+
+    def __init__(
+        self, problem: Problem, seed: int = 0, fault: str = "", fault_s: float = 0
+    ) -> None:
+        """Stand where the problem starts; all that is drawn is from the seed."""
         self.problem, self.fault, self.fault_s = problem, fault, fault_s
         rng = self._rng = np.random.default_rng([seed, 17])
         self.q = problem.start.configuration.copy()
@@ -104,10 +149,12 @@ class ForeignRobot:
 
     @property
     def robot(self) -> Robot:
+        """As described."""
         return self.problem.robot
 
     @property
     def camera(self) -> Camera:
+        """As described."""
         return _CAMERA
 
     @property
@@ -116,8 +163,9 @@ class ForeignRobot:
         return bool(self.fault) and self.time_s >= self.fault_s
 
     def read(self) -> Reading:
+        """Return what is known."""
         if self.ails and self.fault == "read raises":
-            raise Broken("no answer")
+            raise BrokenError("no answer")
         frames, self._frames = self._frames, []
         told = [segment.told for segment in self.segments]
         shown_C = [self._shown_C(j) for j in range(2)]
@@ -131,11 +179,13 @@ class ForeignRobot:
         )
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        """Take a command."""
         if self.fault == "send raises" and self.ails and wheel_rad_s.any():
-            raise Broken("the bus is off")
+            raise BrokenError("the bus is off")
         self.wheels, self.setpoint_C = wheel_rad_s.copy(), heater_setpoint_C.copy()
 
     def wait(self, at_most_s: float) -> None:
+        """Let time pass, until a segment reports another stiffness."""
         if self.ails and self.fault == "interrupt" and self.wheels.any():
             raise KeyboardInterrupt
         before = [segment.told for segment in self.segments]
@@ -148,7 +198,7 @@ class ForeignRobot:
         """Plan at once, while the clock goes on under the last command."""
         del rest
         if self.fault == "planner raises":
-            raise Broken("the planner is gone")
+            raise BrokenError("the planner is gone")
         before, made = self.q.copy(), work()
         for _ in range(round(PLANNING_S / TICK_S)):
             self._tick()
@@ -235,7 +285,11 @@ def wheels_at(robot: Robot, q: Array) -> tuple[Array, Array]:
     """Directions in which the wheels drive, (4, 2), and where they are, (4, 2) [m]."""
     geometry, directions, places = robot.geometry, [], []
     for unit, sense in ((0, -1.0), (1, 1.0)):
-        half, length, kappa = sense * geometry.half_link_m, sense * geometry.lengths_m[unit], q[3 + unit]
+        half, length, kappa = (
+            sense * geometry.half_link_m,
+            sense * geometry.lengths_m[unit],
+            q[3 + unit],
+        )
         heading = q[2] + kappa * length
         chord = length * np.sinc(kappa * length / (2 * math.pi))
         middle = q[2] + kappa * length / 2

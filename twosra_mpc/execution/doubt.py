@@ -7,7 +7,6 @@ ever shows a robot that stands. Wheels slip and units drag, so only next to noth
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +18,7 @@ SHARE = 0.05  # of what is commanded; soft segments at `hard` bend by a tenth an
 BEND_PER_M = 8.0  # commanded, before it is asked for: eight times the noise of a frame
 DRIVE_M = 0.04  # the same for a rigid drive; turning counts at `ARM_M`
 ARM_M = 0.1
+STANDS = 0.25  # of the way that bending makes: a solid robot that is bent drives
 
 
 class DoubtError(TwosraError):
@@ -29,21 +29,14 @@ class DoubtError(TwosraError):
         super().__init__(text)
 
 
-@dataclass
-class _Account:
-    """What was commanded since it was last seen to be done, and what was seen of it."""
-
-    commanded: Array
-    seen: Array
-
-
 class Doubt:
     """Accounts of each segment's bends, and of rigid drives."""
 
-    def __init__(self, segments: int) -> None:
-        """Nothing has been commanded yet."""
-        self._bends = [_Account(np.zeros(1), np.zeros(1)) for _ in range(segments)]
-        self._drive = _Account(np.zeros(POSE), np.zeros(POSE))
+    def __init__(self, lengths_m: tuple[float, ...]) -> None:
+        """Nothing has been commanded yet to a robot with segments of these lengths."""
+        self._lengths_m = lengths_m
+        self._bends = [_Account() for _ in lengths_m]
+        self._drive = _Account()
 
     def take(self, mode: Mode, commanded: Array, seen: Array, known: str) -> None:
         """Take in a period of driving.
@@ -57,30 +50,49 @@ class Doubt:
         Raises:
             DoubtError: If next to nothing is seen of what is commanded.
         """
+        turned = [1.0, 1.0, ARM_M] * np.array([*seen[:2], math.remainder(seen[2], math.tau)])
         if is_rigid(mode):
-            scale = np.array([1.0, 1.0, ARM_M])
-            turned = np.array([*seen[:2], math.remainder(float(seen[2]), math.tau)])
-            told_m, seen_m = _added(self._drive, scale * commanded[:POSE], scale * turned, DRIVE_M)
-            if seen_m < SHARE * told_m:
-                words = f"{1e3 * told_m:.0f} mm are commanded, {1e3 * seen_m:.0f} mm are seen"
-                raise DoubtError(f"{words}: do its wheels turn, is its camera alive?", bends=False)
-            return
+            told_m = self._drive.add([1.0, 1.0, ARM_M] * commanded[:POSE], turned, DRIVE_M)
+            if told_m and self._drive.seen_share < SHARE:
+                raise DoubtError(_still(told_m, self._drive.moved_m), bends=False)
         for segment in soft_segments(mode):
-            at = slice(POSE + segment, POSE + segment + 1)
-            account = self._bends[segment]
-            told, found = _added(account, commanded[at], seen[at], BEND_PER_M)
-            if found < SHARE * told:
-                words = f"segment {segment + 1} does not bend: {told:.0f} 1/m are commanded"
-                why = f"{found:.1f} 1/m are seen; {known}: is its thermistor right, do wheels turn?"
-                raise DoubtError(f"{words}, {why}", bends=True)
+            at, account = POSE + segment, self._bends[segment]
+            told = account.add(commanded[at : at + 1], seen[at : at + 1], BEND_PER_M, turned)
+            if not told or account.seen_share >= SHARE:
+                continue
+            would_m = told * self._lengths_m[segment] * ARM_M
+            if account.moved_m < STANDS * would_m:
+                raise DoubtError(_still(would_m, account.moved_m), bends=False)
+            words = f"segment {segment + 1} does not bend: {told:.0f} 1/m are commanded"
+            why = f"{account.seen_share * told:.1f} 1/m are seen; {known}: is its thermistor right?"
+            raise DoubtError(f"{words}, {why}", bends=True)
 
 
-def _added(account: _Account, commanded: Array, seen: Array, enough: float) -> tuple[float, float]:
-    """Add a period; what was commanded and seen in all, or zeros while it is too early to say."""
-    account.commanded, account.seen = account.commanded + commanded, account.seen + seen
-    told, found = (float(np.linalg.norm(each)) for each in (account.commanded, account.seen))
-    if told < enough:
-        return 0.0, 0.0
-    if found < SHARE * told or told >= 2 * enough:
-        account.commanded, account.seen = np.zeros_like(commanded), np.zeros_like(seen)
-    return told, found
+class _Account:
+    """What was commanded since it was last seen to be done, and what was seen of it."""
+
+    def __init__(self) -> None:
+        self._commanded, self._seen, self._moved = np.zeros(1), np.zeros(1), np.zeros(POSE)
+        self.seen_share, self.moved_m = 1.0, 0.0
+
+    def add(
+        self, commanded: Array, seen: Array, enough: float, moved: Array | None = None
+    ) -> float:
+        """Add a period; what was commanded in all, or 0 while it is too early to say.
+
+        ``moved`` is how the pose has changed meanwhile, (3,) [m], if that is not what is ``seen``.
+        """
+        self._commanded, self._seen = self._commanded + commanded, self._seen + seen
+        self._moved = self._moved + (seen if moved is None else moved)
+        told, found = (float(np.linalg.norm(each)) for each in (self._commanded, self._seen))
+        if told < enough:
+            return 0.0
+        self.seen_share, self.moved_m = found / told, float(np.linalg.norm(self._moved))
+        if self.seen_share < SHARE or told >= 2 * enough:
+            self._commanded, self._seen, self._moved = np.zeros(1), np.zeros(1), np.zeros(POSE)
+        return told
+
+
+def _still(told_m: float, seen_m: float) -> str:
+    words = f"{1e3 * told_m:.0f} mm are commanded, {1e3 * seen_m:.0f} mm are seen"
+    return f"{words}: do its wheels turn, is its camera alive?"

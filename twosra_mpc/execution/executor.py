@@ -16,7 +16,7 @@ from twosra_mpc.execution.remaining import remaining_problem, tasks_left
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
-from twosra_mpc.execution.segment_watch import SegmentTrouble
+from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.stopping import stopped_at_the_end
@@ -77,9 +77,7 @@ class _Execution:
         self.tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
         guard = guard_of(plan.problem, self.settings.patience)
         patience = self.settings.patience
-        self.session = Session(
-            robot, plan.problem, executor.on_command, guard, patience=patience
-        )
+        self.session = Session(robot, plan.problem, executor.on_command, guard, patience=patience)
         self.mission: Mission | None = None
         if plan.problem.is_mission:
             self.mission = Mission(self.session, self.settings.patience, plan)
@@ -98,7 +96,7 @@ class _Execution:
             try:
                 ending = step()
                 step = self._follow_and_plan
-            except SegmentTrouble as trouble:  # wherever it was noticed
+            except SegmentError as trouble:  # wherever it was noticed
                 ending, step = self._troubled(trouble), self._plan_again
             if ending is not None:
                 account = ((), 0) if self.mission is None else self.mission.account
@@ -112,7 +110,7 @@ class _Execution:
         ending = self._arrived() if left is None else self._left(left)
         return ending or self._plan_again()
 
-    def _troubled(self, trouble: SegmentTrouble) -> tuple[Ending, str] | None:
+    def _troubled(self, trouble: SegmentError) -> tuple[Ending, str] | None:
         """End for what is wrong with a segment; one that cannot be heated may not be needed."""
         if trouble.cause != "heater":
             return trouble.ending, str(trouble)

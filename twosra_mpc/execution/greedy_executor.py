@@ -20,7 +20,7 @@ from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import TooNearError, guard_of
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict
-from twosra_mpc.execution.segment_watch import SegmentTrouble
+from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
 from twosra_mpc.execution.stopping import stopped_at_the_end
@@ -85,7 +85,7 @@ class _GreedyRun:
         while True:
             try:
                 return self._driven()
-            except SegmentTrouble as trouble:
+            except SegmentError as trouble:
                 if trouble.cause != "heater":
                     return trouble.ending, str(trouble)
                 self._lost(trouble.segment, "soft")

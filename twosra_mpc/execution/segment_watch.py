@@ -1,7 +1,7 @@
 """What a segment's readings say that cannot be: a dead sensor or heater, a relay that is welded.
 
 Every reading is compared with what the segment was asked to be and with its model's times. All that
-is wrong is a `SegmentTrouble` with the name of its cause.
+is wrong is a `SegmentError` with the name of its cause.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ ENDINGS: dict[Cause, Ending] = {
 
 _READABLE_C = NtcDivider().range_C
 _TWICE = 2  # readings: single ones can be far off
+_SAME_K = 0.5  # metal that freezes shows more between its set-point and its melting point
 _WARMED_K, _SURELY_SOLID_K = 2.0, 5.0  # as the stiffness controller has it
 _CAUGHT_UP_S = 30.0  # after which the sensor shows what the heater does
 _LAGGED_S = 10.0  # what is hotter then was not hot before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
 
 
-class SegmentTrouble(RobotError):
+class SegmentError(RobotError):
     """A segment that must not, or cannot, be heated any more.
 
     Attributes:
@@ -70,6 +71,7 @@ class SegmentWatch:
         self._unread_s = self._changed_s = self._fault_s = math.nan
         self._asked: Stiffness | Literal["warm"] = "rigid"
         self._hot, self._lowest_C, self._first_C = 0, math.inf, math.nan
+        self._shown_C = (math.inf, -math.inf)
 
     def take(
         self,
@@ -82,12 +84,13 @@ class SegmentWatch:
         """Look at a reading, and at the set-point in force before it.
 
         Raises:
-            SegmentTrouble: If something is wrong.
+            SegmentError: If something is wrong.
         """
         asked = self._asked_by(setpoint_C)
         if asked != self._asked or math.isnan(self._changed_s):
             self._asked, self._changed_s = asked, time_s
             self._lowest_C, self._first_C = math.inf, math.nan
+            self._shown_C = (math.inf, -math.inf)
         if not self._readable(time_s, temperature_C, stiffness):
             return
         since_s = time_s - self._changed_s
@@ -95,6 +98,8 @@ class SegmentWatch:
             self._lowest_C = min(self._lowest_C, temperature_C)
         if math.isnan(self._first_C):
             self._first_C = temperature_C
+        coldest_C, hottest_C = self._shown_C
+        self._shown_C = min(coldest_C, temperature_C), max(hottest_C, temperature_C)
         self._check_heat(since_s, temperature_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         self._check_progress(since_s, temperature_C, stiffness)
@@ -131,12 +136,15 @@ class SegmentWatch:
         self._hot = self._hot + 1 if hot else 0
         if self._asked == "rigid":
             risen_K = here_C - self._lowest_C  # since the sensor shows that it is off
-            if risen_K >= _RISEN_K or (self._hot >= _TWICE and since_s >= _LAGGED_S):
+            if self._hot and since_s < _LAGGED_S:
+                return  # it is off already, and the sensor lags
+            if risen_K >= _RISEN_K or self._hot >= _TWICE:
                 known = f"{here_C:.1f} C and rising, its heater off for {since_s:.0f} s"
                 self._raise("relay", f"{known}: the heater does not go off (a welded relay?)")
         if self._hot >= _TWICE:
             limit_C = self._heater.temperature_max_C
-            self._raise("hot", f"too hot, {here_C:.1f} C: at most temperature_max_C = {limit_C:g}")
+            words = f"too hot, {here_C:.1f} C: at most temperature_max_C = {limit_C:g}"
+            self._raise("hot", f"{words}; its heater does not go off at the set-point")
 
     def _check_fault(
         self, time_s: float, here_C: float, stiffness: KnownStiffness | None, faulty: bool
@@ -167,12 +175,14 @@ class SegmentWatch:
         known = f"{stiffness} at {here_C:.1f} C, not {self._asked} after {since_s:.0f} s"
         if self._asked == "soft":
             self._raise("heater", f"{known}: the heater is too weak")
+        if self._shown_C[1] - self._shown_C[0] < _SAME_K:
+            self._raise("sensor", f"{known}: its sensor shows the same all the time")
         if here_C >= self._lowest_C + _WARMED_K or risen_K >= 0:
             self._raise("relay", f"{known}, and not cooling: the heater does not go off")
         self._raise("cooling", f"{known}, {-risen_K:.1f} K down: it cools too slowly")
 
     def _raise(self, cause: Cause, text: str) -> None:
-        raise SegmentTrouble(cause, self._segment, text)
+        raise SegmentError(cause, self._segment, text)
 
 
 def _longest_times_s(

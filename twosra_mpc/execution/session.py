@@ -76,7 +76,7 @@ class Session:
             RobotError: If the robot cannot be driven any more.
         """
         self._patience, self._newest_s = patience or Patience(), -np.inf
-        self._doubt = Doubt(problem.robot.coordinates.segments) if sighted else None
+        self._doubt = Doubt(problem.robot.geometry.lengths_m) if sighted else None
         self.guard = guard
         self.robot, self.problem, self.during = robot, problem, "before the plan begins"
         self.accuracy = problem.robot.ends_within

@@ -223,8 +223,14 @@ class _Stream:
 
     def _played(self, robot: SerialRobot) -> Run:
         """Send the plan as it is."""
-        known = {"patience": robot.patience, "sighted": False, "reports": robot.reports}
-        session = Session(robot, self.plan.problem, self._tell, **known)
+        session = Session(
+            robot,
+            self.plan.problem,
+            self._tell,
+            patience=robot.patience,
+            sighted=False,
+            reports=robot.reports,
+        )
         feedback = ByReports() if robot.reports else ByClock()
         runner = PlanRunner(session, self.plan, feedback, robot.patience)
         if (left := runner.follow()) is not None:
