@@ -60,7 +60,7 @@ class Faults(Study):
 
     def run(self, case: Case) -> dict[str, Any]:
         """Run one case; how it ended, whether that is true, and what the robot did."""
-        made = _planned(case.problem)
+        made = _planned(self.problems, case.problem)
         begins = 0.0
         if case.fault not in FROM_THE_START:
             rng = np.random.default_rng([case.seed, 3])
@@ -89,8 +89,8 @@ _FINE = ("reached", "right cause")
 
 
 @cache
-def _planned(label: str) -> Plan:
-    return plan(labelled((label,))[label]).require()
+def _planned(problems: tuple[str, ...], label: str) -> Plan:
+    return plan(labelled(problems)[label]).require()
 
 
 def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) -> dict[str, Any]:

@@ -16,8 +16,9 @@ from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 SHARE = 0.05  # of what is commanded; soft segments at `hard` bend by a tenth and more
 BEND_PER_M = 8.0  # commanded, before it is asked for: eight times the noise of a frame
-DRIVE_M = 0.04  # the same for a rigid drive; turning counts at `ARM_M`
+DRIVE_M = 0.03  # the same for a rigid drive; turning counts at `ARM_M`
 ARM_M = 0.1
+_BENT = (BEND_PER_M, 2 * BEND_PER_M)
 STANDS = 0.25  # of the way that bending makes: a solid robot that is bent drives
 
 
@@ -52,12 +53,14 @@ class Doubt:
         """
         turned = [1.0, 1.0, ARM_M] * np.array([*seen[:2], math.remainder(seen[2], math.tau)])
         if is_rigid(mode):
-            told_m = self._drive.add([1.0, 1.0, ARM_M] * commanded[:POSE], turned, DRIVE_M)
+            told_m = self._drive.add(
+                [1.0, 1.0, ARM_M] * commanded[:POSE], turned, (DRIVE_M, DRIVE_M)
+            )
             if told_m and self._drive.seen_share < SHARE:
                 raise DoubtError(_still(told_m, self._drive.moved_m), bends=False)
         for segment in soft_segments(mode):
             at, account = POSE + segment, self._bends[segment]
-            told = account.add(commanded[at : at + 1], seen[at : at + 1], BEND_PER_M, turned)
+            told = account.add(commanded[at : at + 1], seen[at : at + 1], _BENT, turned)
             if not told or account.seen_share >= SHARE:
                 continue
             would_m = told * self._lengths_m[segment] * ARM_M
@@ -76,19 +79,24 @@ class _Account:
         self.seen_share, self.moved_m = 1.0, 0.0
 
     def add(
-        self, commanded: Array, seen: Array, enough: float, moved: Array | None = None
+        self,
+        commanded: Array,
+        seen: Array,
+        enough: tuple[float, float],
+        moved: Array | None = None,
     ) -> float:
         """Add a period; what was commanded in all, or 0 while it is too early to say.
 
-        ``moved`` is how the pose has changed meanwhile, (3,) [m], if that is not what is ``seen``.
+        It is asked for from the first of ``enough`` on, and begun anew at the second. ``moved`` is
+        how the pose has changed meanwhile, (3,) [m], if that is not what is ``seen``.
         """
         self._commanded, self._seen = self._commanded + commanded, self._seen + seen
         self._moved = self._moved + (seen if moved is None else moved)
         told, found = (float(np.linalg.norm(each)) for each in (self._commanded, self._seen))
-        if told < enough:
+        if told < enough[0]:
             return 0.0
         self.seen_share, self.moved_m = found / told, float(np.linalg.norm(self._moved))
-        if self.seen_share < SHARE or told >= 2 * enough:
+        if self.seen_share < SHARE or told >= enough[1]:
             self._commanded, self._seen, self._moved = np.zeros(1), np.zeros(1), np.zeros(POSE)
         return told
 

@@ -138,13 +138,12 @@ class _Execution:
         scale = patience.certain * accuracy.scale(self.problem.robot.coordinates)
         session.average(session.setpoint_C, scale, patience.look_s)
         if session.unseen_s > patience.unseen_s:
-            return self._unseen(session.unseen)
+            return session.ending_unseen(left=bool(self._tasks_left()))
         where = accuracy.describe(session.error)
         left = self._tasks_left()
         if accuracy.surely(session.error) and not left:
             if not session.sure(accuracy.scale(self.problem.robot.coordinates)):
-                off = accuracy.describe(session.deviation)
-                return Ending.UNSEEN, f"arrived, but seen too badly to say so: give or take {off}"
+                return session.ending_unseen(left=False)
             if np.isnan(self.session.goal.configuration).all():  # a mission without a goal
                 return Ending.REACHED, f"all {len(self.problem.tasks)} tasks are done"
             return Ending.REACHED, f"the goal is reached: {where}"
@@ -158,7 +157,7 @@ class _Execution:
             case "time":
                 return Ending.TIME_LIMIT, left.text
             case "camera":
-                return self._unseen(left.text)
+                return self.session.ending_unseen(left=bool(self._tasks_left()))
             case "doubt":
                 return self._doubted(left)
             case "heater" if left.to == "rigid":
@@ -177,14 +176,6 @@ class _Execution:
             case "lost":
                 return self._lost(left.text)
         return None
-
-    def _unseen(self, text: str) -> tuple[Ending, str]:
-        """Nothing sees the robot: it is believed to be at the goal, or it is not."""
-        session = self.session
-        if session.accuracy.surely(session.error) and not self._tasks_left():
-            known = f"not seen for {session.unseen_s:.1f} s"
-            return Ending.UNSEEN, f"arrived by dead reckoning, {known}; {self._where()} as believed"
-        return Ending.CAMERA_LOST, f"{text}; {self._where()} as believed"
 
     def _doubted(self, left: Abort) -> tuple[Ending, str] | None:
         """Heat on and try again, once: a segment may be soft later than its sensor says."""

@@ -102,20 +102,17 @@ class _GreedyRun:
             certain, look_s = settings.patience.certain, settings.patience.look_s
             session.average(session.setpoint_C, certain * self.scale, look_s)
             where = self.accuracy.describe(session.error)
-            if not session.sure(self.scale):
-                if self.accuracy.surely(session.error):
-                    known = f"not seen, or badly, for {session.unseen_s:.1f} s"
-                    return Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
-                return Ending.CAMERA_LOST, f"{session.unseen}; {where} as believed"
+            if session.unseen_s > settings.patience.unseen_s:
+                return session.ending_unseen(left=False)
             failed = [j for j in self.broken if self.problem.goal.mode[j - 1]]
             if failed:
                 return Ending.HEATER_FAILED, f"{where}; heater {failed[0]} failed, and is needed"
             if self.accuracy.surely(session.error) and self._ended():
-                return Ending.REACHED, f"the goal is reached: {where}"
+                return self._reached(f"the goal is reached: {where}")
             mode = self._choice()
             if mode is None and self.accuracy.of(session.error) <= 1.0:
                 if self._ended():
-                    return Ending.REACHED, f"no mode comes nearer, which is near enough: {where}"
+                    return self._reached(f"no mode comes nearer, which is near enough: {where}")
                 continue
             if mode is None:
                 lost = f"; heater {', '.join(map(str, self.broken))} failed" if self.broken else ""
@@ -125,6 +122,11 @@ class _GreedyRun:
                 session.tell("drive", f"driven in mode {mode_name(mode)}")
                 self._drive(mode)
         return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:.0f} s"
+
+    def _reached(self, text: str) -> tuple[Ending, str]:
+        if self.session.sure(self.scale):
+            return Ending.REACHED, text
+        return self.session.ending_unseen(left=False)
 
     def _ended(self) -> bool:
         """Whether the robot is still at the goal once it is as stiff as it should be."""
@@ -196,6 +198,10 @@ class _GreedyRun:
     def _lost(self, segment: int, to: str) -> bool:
         """Go on without the modes in which this segment is soft."""
         self.session.tell("failure", f"segment {segment + 1} does not become {to}")
-        self.broken.append(segment + 1)
+        if segment + 1 not in self.broken:
+            self.broken.append(segment + 1)
+        setpoint_C = self.session.setpoint_C.copy()
+        setpoint_C[segment] = self.problem.robot.heater.rigid_setpoint_C
+        self.session.rest(setpoint_C, self.session.period_s)
         self.modes = [mode for mode in self.modes if not mode[segment]]
         return False

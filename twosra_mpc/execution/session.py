@@ -166,7 +166,11 @@ class Session:
         self.events.append(run.RunEvent(self.now_s, kind, text))
 
     def rest(self, setpoint_C: Array, at_most_s: float, planned: Array | None = None) -> None:
-        """Stand still until time is up or the robot has news; ``planned`` as in ``drive``."""
+        """Stand still until time is up or the robot has news; ``planned`` as in ``drive``.
+
+        Raises:
+            SegmentError: If something is wrong with a segment.
+        """
         self._pass(_STILL, setpoint_C, at_most_s, planned, self._no_mode)
         self._believe(np.zeros_like(self.q))
 
@@ -184,6 +188,7 @@ class Session:
         Raises:
             TooNearError: If the robot would come too near to something; it stands then.
             DoubtError: If it does not move as it is commanded; it stands then.
+            SegmentError: If something is wrong with a segment.
         """
         self._keep_clear(mode, wheel_rad_s)
         begun_s, before = self.now_s, self.q.copy()
@@ -222,6 +227,20 @@ class Session:
         patience = self._patience
         lately = self.unseen_s <= patience.unseen_s
         return lately and bool((self.deviation <= patience.known * scale).all())
+
+    def ending_unseen(self, left: bool) -> tuple[run.Ending, str]:
+        """How a run ends whose robot is not seen, or badly: at the goal as believed, or not.
+
+        Args:
+            left: Whether there is something left to do.
+        """
+        where = f"{self.accuracy.describe(self.error)} as believed"
+        if left or not self.accuracy.surely(self.error):
+            return run.Ending.CAMERA_LOST, f"{self.unseen}; {where}"
+        known = f"not seen for {self.unseen_s:.1f} s"
+        if self.unseen_s <= self._patience.unseen_s:
+            known = f"seen too badly, give or take {self.accuracy.describe(self.deviation)}"
+        return run.Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
 
     def _goes_on(self, mode: Mode, time_s: float) -> bool:
         """Whether a drive at this time continues the last one."""
@@ -308,14 +327,15 @@ class Session:
         self.robot.wait(at_most_s)
         self.reading = usable(self.robot.read(), self._newest_s)
         self._note_changes()
-        reading = self.reading
-        known = zip(reading.temperature_C, reading.stiffness, reading.faulty, strict=True)
-        for watch, asked_C, of_segment in zip(self._watches, setpoint_C, known, strict=True):
-            watch.take(self.now_s, float(asked_C), *of_segment)
 
     def _believe(self, moved: Array) -> None:
+        """Take in how the robot should have moved, and what was read."""
         self._filter.predict(self.now_s, moved, self.problem.robot.geometry.lengths_m)
         self._look()
+        reading = self.reading
+        known = zip(reading.temperature_C, reading.stiffness, reading.faulty, strict=True)
+        for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, known, strict=True):
+            watch.take(self.now_s, float(asked_C), *of_segment)
 
     def _look(self) -> None:
         """Take in the frames of the last reading; from now on it has those that are believed."""
