@@ -76,6 +76,7 @@ Exit codes:
   2  bad input, or a file that cannot be read or written
   3  proved infeasible
   4  no plan, not verified, or not reached (the best so far is written, if any)
+  5  arrived, but by dead reckoning: the camera had not seen the robot lately
 
 Completion of commands, options, scenarios and robots: put
 eval "$(_TWOSRA_COMPLETE=bash_source twosra)" into ~/.bashrc (zsh_source into ~/.zshrc, or

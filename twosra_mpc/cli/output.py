@@ -16,6 +16,7 @@ import click
 from twosra_mpc.errors import InputError
 
 EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4
+EXIT_UNSEEN = 5  # at the goal by dead reckoning: nobody has seen it
 EXIT_BROKEN_PIPE = 1  # whoever read the output has gone; click's code for it
 
 Tell = Callable[[str], None]
