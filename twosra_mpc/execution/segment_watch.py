@@ -71,7 +71,7 @@ class SegmentWatch:
         self._unread_s = self._changed_s = self._fault_s = math.nan
         self._asked: Stiffness | Literal["warm"] = "rigid"
         self._hot, self._lowest_C, self._first_C = 0, math.inf, math.nan
-        self._shown_C = (math.inf, -math.inf)
+        self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
 
     def take(
         self,
@@ -90,7 +90,7 @@ class SegmentWatch:
         if asked != self._asked or math.isnan(self._changed_s):
             self._asked, self._changed_s = asked, time_s
             self._lowest_C, self._first_C = math.inf, math.nan
-            self._shown_C = (math.inf, -math.inf)
+            self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
         if not self._readable(time_s, temperature_C, stiffness):
             return
         since_s = time_s - self._changed_s
@@ -102,6 +102,7 @@ class SegmentWatch:
         self._shown_C = min(coldest_C, temperature_C), max(hottest_C, temperature_C)
         self._check_heat(since_s, temperature_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
+        self._check_warming(time_s, temperature_C)
         self._check_progress(since_s, temperature_C, stiffness)
 
     def _asked_by(self, setpoint_C: float) -> Stiffness | Literal["warm"]:
@@ -159,17 +160,25 @@ class SegmentWatch:
             words = "its controller keeps reporting a fault with its heater off"
             self._raise("fault", f"{words}, at {here_C:.1f} C: heater or sensor?")
 
+    def _check_warming(self, time_s: float, here_C: float) -> None:
+        """Heating that does not warm."""
+        if self._asked != "soft" or here_C >= self._heater.melting_point_C - _SURELY_SOLID_K:
+            self._cold = (math.nan, math.nan)
+            return
+        since_s, cold_C = self._cold
+        if math.isnan(since_s) or here_C >= cold_C + _WARMED_K:
+            self._cold = (time_s, here_C)
+        elif time_s - since_s > self._dead_s:
+            words = f"heating does not warm it, {here_C:.1f} C after {time_s - since_s:.0f} s"
+            self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
+
     def _check_progress(
         self, since_s: float, here_C: float, stiffness: KnownStiffness | None
     ) -> None:
-        """Heating that does not warm, and changes that take longer than the model's times allow."""
+        """Changes that take longer than the model's times allow."""
         if self._asked == "warm" or stiffness == self._asked:
             return
         risen_K = here_C - self._first_C
-        cold = here_C < self._heater.melting_point_C - _SURELY_SOLID_K
-        if self._asked == "soft" and since_s > self._dead_s and risen_K < _WARMED_K and cold:
-            words = f"heating does not warm it, {here_C:.1f} C after {since_s:.0f} s"
-            self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
         if since_s <= self._longest_s[self._asked]:
             return
         known = f"{stiffness} at {here_C:.1f} C, not {self._asked} after {since_s:.0f} s"

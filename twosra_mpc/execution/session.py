@@ -126,7 +126,7 @@ class Session:
     @property
     def unseen(self) -> str:
         """For how long no frame has come in, in words."""
-        since = f"for {self.unseen_s:.1f} s" if np.isfinite(self.unseen_s) else "at all"
+        since = f"for {self.unseen_s:.0f} s" if np.isfinite(self.unseen_s) else "at all"
         return f"no camera frame {since}"
 
     @property

@@ -42,7 +42,7 @@ class Patience(Value):
         stop_deviations: So many standard deviations of its outline it stays farther away.
         narrow_m: Corridor of the outline of rigid drives where something is around.
         listen_s: How long a robot is listened to for its first temperature reports.
-        silent_s: A segment that has not reported for so long is an error.
+        silent_s: A segment that has not reported for so long, or not readably, is an error.
         held_up_s: A command that turns the wheels and lasts so much too long is an error.
     """
 
