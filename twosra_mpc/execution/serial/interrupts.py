@@ -48,7 +48,8 @@ def deferred_interrupts() -> Iterator[Interrupts]:
     Outside of the main thread, where Python delivers none, nothing changes.
     """
     interrupts = Interrupts()
-    with _handled(_numbers(_USUAL) | _ending() | _numbers(_SUSPENDING), interrupts.request):
+    numbers = _numbers((*_USUAL, *_SUSPENDING)) | _ending()
+    with _handled(numbers | _deferred(), interrupts.request):
         yield interrupts
 
 
@@ -78,6 +79,16 @@ def _ending() -> set[signal.Signals | int]:
     """Signals that would end the program, for nobody handles them."""
     known = signal.valid_signals() - _numbers((*_LEFT_ALONE, *_SUSPENDING))
     return {number for number in known if signal.getsignal(number) is signal.SIG_DFL}
+
+
+def _deferred() -> set[signal.Signals | int]:
+    """Signals that a block around this one collects."""
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    return {
+        number
+        for number, handled_by in handlers.items()
+        if isinstance(getattr(handled_by, "__self__", None), Interrupts)
+    }
 
 
 def _numbers(names: tuple[str, ...]) -> set[signal.Signals | int]:
