@@ -7,6 +7,7 @@ ever shows a robot that stands. Wheels slip and units drag, so only next to noth
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 SHARE = 0.05  # of what is commanded; soft segments at `hard` bend by a tenth and more
-BEND_PER_M = 8.0  # commanded, before it is asked for: eight times the noise of a frame
+BEND_PER_M = 10.0  # commanded, before it is asked for: ten times the noise of a frame
 DRIVE_M = 0.03  # the same for a rigid drive; turning counts at `ARM_M`
 ARM_M = 0.1
 _BENT = (BEND_PER_M, 2 * BEND_PER_M)
@@ -31,12 +32,12 @@ class DoubtError(TwosraError):
 
 
 class Doubt:
-    """Accounts of each segment's bends, and of rigid drives."""
+    """Accounts of each segment's bends in each mode, which has its own share, and of rigid drives."""
 
     def __init__(self, lengths_m: tuple[float, ...]) -> None:
         """Nothing has been commanded yet to a robot with segments of these lengths."""
         self._lengths_m = lengths_m
-        self._bends = [_Account() for _ in lengths_m]
+        self._bends: defaultdict[tuple[Mode, int], _Account] = defaultdict(_Account)
         self._drive = _Account()
 
     def take(self, mode: Mode, commanded: Array, seen: Array, known: str) -> None:
@@ -59,7 +60,7 @@ class Doubt:
             if told_m and self._drive.seen_share < SHARE:
                 raise DoubtError(_still(told_m, self._drive.moved_m), bends=False)
         for segment in soft_segments(mode):
-            at, account = POSE + segment, self._bends[segment]
+            at, account = POSE + segment, self._bends[mode, segment]
             told = account.add(commanded[at : at + 1], seen[at : at + 1], _BENT, turned)
             if not told or account.seen_share >= SHARE:
                 continue

@@ -96,6 +96,7 @@ class Session:
         self.events: list[run.RunEvent] = []
         self.changes: list[run.Change] = []
         self.drives: list[run.Drive] = []
+        self._compared: tuple[Mode | None, Array] = None, self.q
         self._turns = False
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
@@ -203,13 +204,21 @@ class Session:
             self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
         else:
             self.drives.append(run.Drive(mode, begun_s, self.now_s))
-        if self._doubt is not None:
-            known = ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
-            try:
-                self._doubt.take(mode, after - before, self.q - before, known)
-            except DoubtError:
-                self.rest(self.setpoint_C, self.period_s)
-                raise
+        self._compare(mode, before, after)
+
+    def _compare(self, mode: Mode, before: Array, after: Array) -> None:
+        """Doubt a robot that does not do what it is told; frames are late, so rests count too."""
+        if self._doubt is None:
+            return
+        told_in, seen_at = self._compared
+        seen = self.q - (seen_at if told_in == mode else before)
+        self._compared = mode, self.q.copy()
+        known = ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
+        try:
+            self._doubt.take(mode, after - before, seen, known)
+        except DoubtError:
+            self.rest(self.setpoint_C, self.period_s)
+            raise
 
     def seen(self, setpoint_C: Array, planned: Array | None = None) -> bool:
         """Stand while no frames come in; False if they stay away. ``planned`` as in ``drive``."""
