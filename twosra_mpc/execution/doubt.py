@@ -32,7 +32,7 @@ class DoubtError(TwosraError):
 
 
 class Doubt:
-    """Accounts of each segment's bends in each mode, which has its own share, and of rigid drives."""
+    """Accounts of the bends of each segment and mode, which has its own share, and of drives."""
 
     def __init__(self, lengths_m: tuple[float, ...]) -> None:
         """Nothing has been commanded yet to a robot with segments of these lengths."""
