@@ -52,11 +52,10 @@ class Doubt:
         Raises:
             DoubtError: If next to nothing is seen of what is commanded.
         """
-        turned = [1.0, 1.0, ARM_M] * np.array([*seen[:2], math.remainder(seen[2], math.tau)])
+        lever_m = np.array([1.0, 1.0, ARM_M])
+        turned = lever_m * [*seen[:2], math.remainder(seen[2], math.tau)]
         if is_rigid(mode):
-            told_m = self._drive.add(
-                [1.0, 1.0, ARM_M] * commanded[:POSE], turned, (DRIVE_M, DRIVE_M)
-            )
+            told_m = self._drive.add(lever_m * commanded[:POSE], turned, (DRIVE_M, DRIVE_M))
             if told_m and self._drive.seen_share < SHARE:
                 raise DoubtError(_still(told_m, self._drive.moved_m), bends=False)
         for segment in soft_segments(mode):
