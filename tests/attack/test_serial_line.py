@@ -46,7 +46,7 @@ def test_a_report_every_seven_seconds_is_not_none(planned: Planned) -> None:
         return b"%c%.2f\n" % (65 + segment, temperature_C) if told else b""
 
     firmware = SimulatedFirmware(plan, reports=rare, regulates=False)
-    with pytest.raises(StreamError, match=r"it reports .* C, but too rarely"):
+    with pytest.raises(StreamError, match=r"it reports .* C, but is heated by its model"):
         stream(plan, firmware.port, firmware, confirm=Confirm.NEVER)
     firmware.receive()
     assert firmware.now_s() < 10.0

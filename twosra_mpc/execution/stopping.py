@@ -11,6 +11,7 @@ from twosra_mpc.execution.robot_interface import RobotError, RobotInterface
 from twosra_mpc.execution.serial.interrupts import deferred_interrupts, ending_signals_raised
 from twosra_mpc.robot.coordinates import WHEELS
 
+_UNTOLD = "the robot could NOT be told to stop: switch it off"
 _TRIES = 5  # a line can fail once, and a driver too
 
 
@@ -20,28 +21,31 @@ def stopped_at_the_end(robot: RobotInterface) -> Iterator[None]:
 
     Signals that would end the program raise KeyboardInterrupt in the block, as Ctrl-C does.
 
+    What could not be told to stop is said in a note to the error that ended the block.
+
     Raises:
-        RobotError: If the robot could not be told.
+        RobotError: If nothing else went wrong but the stop.
     """
     with ending_signals_raised():
         try:
             yield
-        finally:
-            with deferred_interrupts():
-                untold = _stop(robot)
-            if untold is not None:
-                words = "the robot could NOT be told to stop: switch it off"
-                raise RobotError(f"{untold}; {words}") from untold
+        except BaseException as error:
+            if (untold := _stop(robot)) is not None:
+                error.add_note(f"{untold}; {_UNTOLD}")
+            raise
+        if (untold := _stop(robot)) is not None:
+            raise RobotError(f"{untold}; {_UNTOLD}") from untold
 
 
 def _stop(robot: RobotInterface) -> Exception | None:
     """Send wheels zero and heaters off until that goes through; the last error if it never does."""
     failure: Exception | None = None
     off_C = np.full(robot.robot.coordinates.segments, robot.robot.heater.rigid_setpoint_C)
-    for _ in range(_TRIES):
-        try:
-            robot.send(np.zeros(WHEELS), off_C)
-            return None
-        except Exception as error:  # whatever it is, the next try may get through
-            failure = error
+    with deferred_interrupts():
+        for _ in range(_TRIES):
+            try:
+                robot.send(np.zeros(WHEELS), off_C)
+                return None
+            except Exception as error:  # whatever it is, the next try may get through
+                failure = error
     return failure

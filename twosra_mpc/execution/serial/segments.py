@@ -32,7 +32,7 @@ class ModelledSegment:
     """
 
     temperature_C, stiffness, faulty = math.nan, None, False
-    _told = ""
+    _told, _asked = "", False
 
     def __init__(
         self, robot: Robot, air_C: float, segment: int, start_C: float, now_s: float
@@ -69,9 +69,11 @@ class ModelledSegment:
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
         """Nothing should be reported: what is, is remembered."""
+        self._asked = asked
         for reading_C in readings_C:
             if math.isfinite(reading_C):
-                self._told = f"it reports {reading_C:.1f} C, but too rarely to be heated by that"
+                words = "drive it by its reports, one at least every 5 s"
+                self._told = f"it reports {reading_C:.1f} C, but is heated by its model: {words}"
             else:
                 self._unreadable += 1
         if self._unreadable >= MEDIAN_OF:
@@ -79,7 +81,7 @@ class ModelledSegment:
 
     def trouble(self, time_s: float, silent_s: float) -> str | None:
         """A segment that reports after all must not be heated by trust in its model."""
-        return self._told or None
+        return self._told if self._told and self._asked else None
 
 
 class ColdSegment:
