@@ -108,6 +108,28 @@ def test_a_signal_that_ends_the_program_stops_the_robot_first(name: str, planned
     assert signal.getsignal(number) == before
 
 
+@pytest.mark.parametrize("swallowed", [True, False])
+def test_an_interrupt_that_a_library_swallows_stops_the_robot_all_the_same(
+    swallowed: bool, planned: Planned
+) -> None:
+    """CasADi makes other errors of it, or none."""
+    made = planned("rigid-move", robot=ARC)
+    robot = Hooked(made.problem)
+
+    def swallow() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            if not swallowed:
+                raise AttributeError("no attribute 'full'") from None
+
+    robot.hook = swallow  # type: ignore[assignment]
+    with pytest.raises(KeyboardInterrupt):
+        Executor(robot).run(made)
+    assert robot.off
+    assert robot.time_s < robot.camera.period_s + 2.5
+
+
 class Deaf(ForeignRobot):
     """A robot whose line fails so often once the wheels have turned."""
 

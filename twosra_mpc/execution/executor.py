@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -64,8 +64,13 @@ class Executor:
         if plan.robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
-        with stopped_at_the_end(self.robot):
-            return _Execution(self, plan).run()
+        with stopped_at_the_end(self.robot) as interrupts:
+
+            def told(session: Session) -> None:
+                interrupts.check()
+                self.on_command(session)
+
+            return _Execution(replace(self, on_command=told), plan).run()
 
 
 class _Execution:

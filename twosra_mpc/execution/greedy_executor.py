@@ -55,9 +55,10 @@ class GreedyExecutor:
         if problem.tasks:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows no tasks")
         patience = self.settings.patience
-        with stopped_at_the_end(self.robot):
+        with stopped_at_the_end(self.robot) as interrupts:
+            guard = guard_of(problem, patience)
             session = Session(
-                self.robot, problem, guard=guard_of(problem, patience), patience=patience
+                self.robot, problem, lambda _: interrupts.check(), guard, patience=patience
             )
             ending, reason = _GreedyRun(session, self.settings).run()
             return session.finish(Verdict("greedy", ending, reason))

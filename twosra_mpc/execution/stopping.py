@@ -8,7 +8,11 @@ from contextlib import contextmanager
 import numpy as np
 
 from twosra_mpc.execution.robot_interface import RobotError, RobotInterface
-from twosra_mpc.execution.serial.interrupts import deferred_interrupts, ending_signals_raised
+from twosra_mpc.execution.serial.interrupts import (
+    Interrupts,
+    deferred_interrupts,
+    raised_interrupts,
+)
 from twosra_mpc.robot.coordinates import WHEELS
 
 _UNTOLD = "the robot could NOT be told to stop: switch it off"
@@ -16,22 +20,23 @@ _TRIES = 5  # a line can fail once, and a driver too
 
 
 @contextmanager
-def stopped_at_the_end(robot: RobotInterface) -> Iterator[None]:
+def stopped_at_the_end(robot: RobotInterface) -> Iterator[Interrupts]:
     """Stop a robot at the end of a block, however it ends; no interrupt cuts that short.
 
-    Signals that would end the program raise KeyboardInterrupt in the block, as Ctrl-C does.
-
-    What could not be told to stop is said in a note to the error that ended the block.
+    Signals that would end the program raise KeyboardInterrupt in the block, as Ctrl-C does; check
+    what is yielded from time to time, for libraries swallow that, or make another error of it.
+    That the robot could not be told to stop is a note to the error that ended the block.
 
     Raises:
         RobotError: If nothing else went wrong but the stop.
     """
-    with ending_signals_raised():
+    with raised_interrupts() as interrupts:
         try:
-            yield
+            yield interrupts
         except BaseException as error:
             if (untold := _stop(robot)) is not None:
                 error.add_note(f"{untold}; {_UNTOLD}")
+            interrupts.check()
             raise
         if (untold := _stop(robot)) is not None:
             raise RobotError(f"{untold}; {_UNTOLD}") from untold

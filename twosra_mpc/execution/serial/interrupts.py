@@ -30,6 +30,15 @@ class Interrupts:
         """Ask for one; usable as a signal handler."""
         self._requested = True
 
+    def interrupt(self, *_signal: object) -> None:
+        """Ask for one and interrupt at once; a library that swallows that is found out later.
+
+        Raises:
+            KeyboardInterrupt: Always.
+        """
+        self._requested = True
+        raise KeyboardInterrupt
+
     def check(self) -> None:
         """Interrupt here, if that was asked for.
 
@@ -54,10 +63,13 @@ def deferred_interrupts() -> Iterator[Interrupts]:
 
 
 @contextmanager
-def ending_signals_raised() -> Iterator[None]:
-    """Have signals that would end the program raise KeyboardInterrupt for the length of a block."""
-    with _handled(_ending(), signal.default_int_handler):
-        yield
+def raised_interrupts() -> Iterator[Interrupts]:
+    """Have Ctrl-C and signals that would end the program interrupt a block wherever it is."""
+    interrupts, numbers = Interrupts(), _ending()
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        numbers.add(signal.SIGINT)
+    with _handled(numbers, interrupts.interrupt):
+        yield interrupts
 
 
 @contextmanager
