@@ -7,7 +7,6 @@ ever shows a robot that stands. Wheels slip and units drag, so only next to noth
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 
 import numpy as np
 
@@ -19,7 +18,8 @@ SHARE = 0.05  # of what is commanded; soft segments at `hard` bend by a tenth an
 BEND_PER_M = 10.0  # commanded, before it is asked for: ten times the noise of a frame
 DRIVE_M = 0.03  # the same for a rigid drive; turning counts at `ARM_M`
 ARM_M = 0.1
-_BENT = (BEND_PER_M, 2 * BEND_PER_M)
+BENT_PER_M = 3.0  # seen: a segment that has bent so far is soft; beyond the noise of the belief
+_BENT = (BEND_PER_M, math.inf)
 STANDS = 0.25  # of the way that bending makes: a solid robot that is bent drives
 
 
@@ -32,12 +32,16 @@ class DoubtError(TwosraError):
 
 
 class Doubt:
-    """Accounts of the bends of each segment and mode, which has its own share, and of drives."""
+    """Accounts of rigid drives, and of each segment's bends until it was seen to bend once.
+
+    Later ones prove nothing: what slip adds to a bend has to be commanded away.
+    """
 
     def __init__(self, lengths_m: tuple[float, ...]) -> None:
         """Nothing has been commanded yet to a robot with segments of these lengths."""
         self._lengths_m = lengths_m
-        self._bends: defaultdict[tuple[Mode, int], _Account] = defaultdict(_Account)
+        self._bends = [_Account() for _ in lengths_m]
+        self._bent: set[int] = set()
         self._drive = _Account()
 
     def take(self, mode: Mode, commanded: Array, seen: Array, known: str) -> None:
@@ -58,9 +62,16 @@ class Doubt:
             told_m = self._drive.add(lever_m * commanded[:POSE], turned, (DRIVE_M, DRIVE_M))
             if told_m and self._drive.seen_share < SHARE:
                 raise DoubtError(_still(told_m, self._drive.moved_m), bends=False)
-        for segment in soft_segments(mode):
-            at, account = POSE + segment, self._bends[mode, segment]
+        for segment in range(len(mode)):
+            if not mode[segment]:  # next time it has to melt again
+                self._bends[segment] = _Account()
+                self._bent.discard(segment)
+        for segment in set(soft_segments(mode)) - self._bent:
+            at, account = POSE + segment, self._bends[segment]
             told = account.add(commanded[at : at + 1], seen[at : at + 1], _BENT, turned)
+            if account.seen_share * told >= BENT_PER_M:
+                self._bent.add(segment)
+                continue
             if not told or account.seen_share >= SHARE:
                 continue
             would_m = told * self._lengths_m[segment] * ARM_M
