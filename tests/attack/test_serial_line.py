@@ -11,7 +11,7 @@ import pytest
 from conftest import Planned
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc.execution.serial.interrupts import deferred_interrupts
+from twosra_mpc.execution.interrupts import deferred_interrupts
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream
 
 Reports = Callable[[float, int, float], bytes]

@@ -18,10 +18,10 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.execution.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial import firmware_lines
 from twosra_mpc.execution.serial.clock import Clock
-from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.serial.port import Port, PortError
 from twosra_mpc.execution.serial.segments import (
     MEDIAN_OF,
