@@ -279,7 +279,7 @@ class Cold:
 
 def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time() -> None:
     robot = Cold(problem())
-    run = Executor(robot).run(plan(robot.made).require())
+    run = Executor(robot, ExecutorSettings(doubts=99)).run(plan(robot.made).require())
     assert run.ending is Ending.HEATER_FAILED
     failure = next(event for event in run.events if event.kind == "failure")
     assert "segment 1" in failure.text

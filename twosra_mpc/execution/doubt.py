@@ -15,9 +15,10 @@ from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 SHARE = 0.05  # of what is commanded; soft segments at `hard` bend by a tenth and more
-BEND_PER_M = 10.0  # commanded, before it is asked for: ten times the noise of a frame
+BEND_PER_M = 12.0  # commanded, before it is asked for: ten times the noise of a frame
 DRIVE_M = 0.03  # the same for a rigid drive; turning counts at `ARM_M`
 ARM_M = 0.1
+BENT_SHARE = 0.03  # the paper's wheel map makes 0.17 of a bend, and slip 0.3 of that
 BENT_PER_M = 3.0  # seen: a segment that has bent so far is soft; beyond the noise of the belief
 _BENT = (BEND_PER_M, math.inf)
 STANDS = 0.25  # of the way that bending makes: a solid robot that is bent drives
@@ -72,7 +73,7 @@ class Doubt:
             if account.seen_share * told >= BENT_PER_M:
                 self._bent.add(segment)
                 continue
-            if not told or account.seen_share >= SHARE:
+            if not told or account.seen_share >= BENT_SHARE:
                 continue
             would_m = told * self._lengths_m[segment] * ARM_M
             if account.moved_m < STANDS * would_m:

@@ -96,7 +96,7 @@ class ExecutorSettings:
     patience: Patience = field(default_factory=Patience)
     replans: int = 8
     corrections: int = 6
-    doubts: int = 1
+    doubts: int = 2
     grasps: int = 3
     stops: int = 4
     longest_s: float = 7200.0
