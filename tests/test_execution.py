@@ -277,9 +277,12 @@ class Cold:
         self.warmed_s += at_most_s * self.heated
 
 
-def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time() -> None:
+def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("twosra_mpc.execution.doubt.DRIVE_M", np.inf)  # it stands, and is seen to
     robot = Cold(problem())
-    run = Executor(robot, ExecutorSettings(doubts=99)).run(plan(robot.made).require())
+    run = Executor(robot).run(plan(robot.made).require())
     assert run.ending is Ending.HEATER_FAILED
     failure = next(event for event in run.events if event.kind == "failure")
     assert "segment 1" in failure.text

@@ -30,6 +30,7 @@ DRIFT = 0.15  # of the travel: of the pose, besides its response
 ARM_M = 0.1  # at which turning and bending count as travel
 COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
 CREEP = 0.01  # of a frame's standard deviation, per square root of a second
+_RESPONSES = (-2.0, 4.0)  # what a push would teach beyond that would run away
 GATE = 6.0
 WILD = (0.01, 0.1, 5.0)  # [m, rad, 1/m]: models are off by 3 mm and 0.05 rad more at `hard`
 AGAIN = 5  # frames that agree: a third of a second
@@ -158,7 +159,7 @@ class CameraFilter:
         total = here - moved * there + variance
         gain, response = here / total, there / total
         self.q = self.q + gain * surprise
-        self._response = self._response + response * surprise
+        self._response = np.clip(self._response + response * surprise, *_RESPONSES)
         self.variance = np.maximum(self.variance - gain * here, 0.0)
         self._shared = self._shared - gain * there
         self._doubt = np.maximum(self._doubt - response * there, 0.0)
