@@ -270,7 +270,7 @@ def test_a_plan_file_becomes_an_animation(run: Run, tmp_path: Path) -> None:
     ("arguments", "said"),
     [
         (("plan.json", "plan.avi"), "a file ending in .gif or .mp4"),
-        (("plan.json", "nowhere/plan.gif"), "a folder that can be written"),
+        (("plan.json", "nowhere/plan.gif"), "a folder that exists and can be written"),
         (("absent.json", "plan.gif"), "file = 'absent.json' is not acceptable"),
         (("plan.json", "plan.gif", "--seconds", "0"), "'--seconds'"),
     ],

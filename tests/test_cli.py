@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -17,7 +18,7 @@ from conftest import Outcome, Run
 from test_problem import ROBOT, SCENARIO, changed, write
 
 from twosra_mpc import __version__, load_plan, load_robot, robot_names, scenario_names
-from twosra_mpc.cli import output, planning
+from twosra_mpc.cli import planning
 from twosra_mpc.planning import planner
 from twosra_mpc.planning.single_goal import sequence_solver
 from twosra_mpc.problem.problem import Problem, load_problem
@@ -284,13 +285,14 @@ def test_an_output_that_cannot_be_written_is_refused_before_planning(
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setattr(planning, "plan", lambda *_, **__: pytest.fail("planned in vain"))
     outcome = run("plan", "rigid-move", option, target)
-    assert_bad_input(outcome, f"twosra: output = '{target}'", "a folder that can be written")
+    allowed = "of a file, not of a folder" if target == "." else "that exists and can be written"
+    assert_bad_input(outcome, f"twosra: output = '{target}'", allowed)
 
 
 def test_a_folder_without_permission_is_refused_before_planning(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(output.os, "access", lambda *_: False)
+    monkeypatch.setattr(os, "access", lambda *_: False)
     monkeypatch.setattr(planning, "plan", lambda *_, **__: pytest.fail("planned in vain"))
     assert_bad_input(run("plan", "rigid-move", "--out", "a.json"), "output = 'a.json'")
 

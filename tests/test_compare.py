@@ -82,7 +82,7 @@ def test_what_has_no_plan_is_a_row_without_numbers(run: Run) -> None:
         (("paper-1", "paper-9"), "scenario = 'paper-9' is not acceptable"),
         (("paper-1", "--gap", "-1"), "gap"),
         (("paper-1", "--plot", "a.docx"), "a file ending in"),
-        (("paper-1", "--plot", "nowhere/a.png"), "a folder that can be written"),
+        (("paper-1", "--plot", "nowhere/a.png"), "a folder that exists and can be written"),
     ],
 )
 def test_bad_input_is_named_before_any_work(

@@ -84,9 +84,9 @@ def test_a_robot_that_nothing_sees_is_not_tracked(
         robot.listen()
         run = Executor(robot).run(plan)
     assert run.ending is Ending.CAMERA_LOST
-    assert "no camera frame for 2 s" in run.reason
+    assert "no camera frame" in run.reason
     driven = [item.time_s for item in made[0].moves]
-    assert max(driven, default=-1.0) <= seen_until_s + 2.1
+    assert max(driven, default=-1.0) <= seen_until_s + 0.6
     assert bool(driven) == (poses is not None)
 
 

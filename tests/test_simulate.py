@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from matplotlib import rcParams
 from PIL import Image
 
 from twosra_mpc import load_problem
+from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.simulate import Simulation, simulate
 from twosra_mpc.plotting import film
 from twosra_mpc.plotting.run_figures import (
@@ -88,6 +91,19 @@ def test_a_run_that_does_not_reach_its_goal_says_why_and_has_its_code(run: Run) 
     assert code == 4
     assert "ending heater failed" in out
     assert "without heater 1: proved infeasible" in out
+
+
+def test_a_robot_that_arrived_unseen_has_a_code_of_its_own(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unseen(*given: Any, **asked: Any) -> Simulation:
+        done = simulate(*given, **asked)
+        return replace(done, run=replace(done.run, ending=Ending.UNSEEN))
+
+    monkeypatch.setattr("twosra_mpc.cli.simulate.simulate", unseen)
+    code, out, _ = run("rigid-move", "--robot", ARC)
+    assert code == 5
+    assert "ending arrived unseen" in out
 
 
 def test_the_greedy_rule_can_be_run(run: Run) -> None:

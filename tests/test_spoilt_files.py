@@ -26,7 +26,7 @@ SPOILT = {
     "digits": ("x_m", "9" * 5000, "valid TOML"),
     "nested": ("x_m", "[" * 5000, "valid TOML"),
     "far": ("x_m", "150", "less than or equal to 100"),
-    "tiny": ("time_limit_s", "1e-300", "at least 1e-09"),
+    "tiny": ("time_limit_s", "1e-300", "at least 1e-12"),
     "control": ('"\\u001b[31m"', "1", r"\\x1b"),
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import os
 import select
 import signal
@@ -60,6 +61,8 @@ def terminal() -> Iterator[Terminal]:
     os.close(theirs)
 
 
+UNREADABLE = Report(0, math.nan)
+
 # --- lines ---------------------------------------------------------------------------------------
 
 
@@ -81,12 +84,14 @@ def test_a_command_is_written_as_the_firmware_reads_it() -> None:
         (b" B-3 ", Report(1, -3.0)),
         (b"C24.9", None),
         (b"58.25", None),
-        (b"A", None),
+        (b"A", UNREADABLE),
         (b"", None),
-        (b"Anan", None),
-        (b"Ainf", None),
-        (b"A126", None),
-        (b"B\xff4", None),
+        (b"Anan", UNREADABLE),
+        (b"Ainf", UNREADABLE),
+        (b"A-127.00", UNREADABLE),
+        (b"A126", UNREADABLE),
+        (b"B\xff4", Report(1, math.nan)),
+        (b"Booting firmware 1.2", None),
     ],
 )
 def test_reports_are_read_and_other_lines_are_not(line: bytes, report: Report | None) -> None:

@@ -179,7 +179,7 @@ def test_solvers_that_give_up_cost_a_bound_or_an_attempt(monkeypatch: pytest.Mon
     def does_not_converge(*_: object, **__: object) -> None:
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr(bounds, "minimise", gives_up)
+    monkeypatch.setattr(bounds, "proved_minimum", gives_up)
     after = bound_of(problem, sequence)
     assert before is not None
     assert after is not None

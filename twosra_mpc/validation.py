@@ -48,7 +48,7 @@ Item = TypeVar("Item")
 
 # Ranges of what a file may say: wide enough for any robot, and nothing overflows within them.
 Number = Annotated[float, Field(ge=-1e6, le=1e6), BeforeValidator(plain)]
-Positive = Annotated[float, Field(gt=0.0, le=1e9), _at_least(1e-9), BeforeValidator(plain)]
+Positive = Annotated[float, Field(gt=0.0, le=1e9), _at_least(1e-12), BeforeValidator(plain)]
 NonNegative = Annotated[float, Field(ge=0.0, le=1e9), BeforeValidator(plain)]
 Metres = Annotated[float, Field(ge=-100.0, le=100.0), BeforeValidator(plain)]  # of a position
 Radians = Annotated[float, Field(ge=-1e3, le=1e3), BeforeValidator(plain)]

@@ -10,6 +10,7 @@ from benchmarks.studies.closed_loop_missions import ClosedLoopMissions
 from benchmarks.studies.cold_start import ColdStart
 from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.departure import Departure
+from benchmarks.studies.faults import Faults
 from benchmarks.studies.growth import Growth
 from benchmarks.studies.missions import Missions
 from benchmarks.studies.passages import Passages
@@ -56,6 +57,7 @@ STUDIES: dict[str, Study] = {
     ),
     "closed-loop-missions": ClosedLoopMissions(),
     "departure": Departure(),
+    "faults": Faults(),
     "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
     "missions": Missions(),
     "passages": Passages(),

@@ -85,6 +85,7 @@ Exit codes:
   2  bad input, or a file that cannot be read or written
   3  proved infeasible
   4  no plan, not verified, or not reached (the best so far is written, if any)
+  5  arrived, but by dead reckoning: the camera had not seen the robot lately
   70 a bug of this program: please report it; --debug shows where it is
   130 interrupted before there was a result
 

@@ -10,9 +10,16 @@ import click
 import numpy as np
 
 from twosra_mpc.cli import options
-from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
+from twosra_mpc.cli.output import (
+    EXIT_NO_PLAN,
+    EXIT_PLANNED,
+    EXIT_UNSEEN,
+    Output,
+    Tell,
+    print_table,
+)
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.execution.run import times
+from twosra_mpc.execution.run import Ending, times
 from twosra_mpc.execution.simulation.disturbance import CLEARANCE_M, LEVELS, disturbance_level
 from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import (
@@ -100,7 +107,10 @@ def simulate_command(
     else:
         document = {"plan": result.to_dict(), "first_seed": seed, "runs": found}
         output.report(lambda: document, lambda: _print_runs(problem, result, found))
-    return EXIT_PLANNED if all(each.reached for each in found) else EXIT_NO_PLAN
+    missed = {each.ending for each in found if not each.reached}
+    if missed == {Ending.UNSEEN}:
+        return EXIT_UNSEEN
+    return EXIT_NO_PLAN if missed else EXIT_PLANNED
 
 
 def _film(simulation: Simulation, path: Path, tell: Tell) -> None:

@@ -10,7 +10,14 @@ import click
 
 from twosra_mpc.cli import robot_line
 from twosra_mpc.cli.options import command, ending, file_option, plan_to_drive
-from twosra_mpc.cli.output import EXIT_NO_PLAN, EXIT_PLANNED, Output, Tell, print_table
+from twosra_mpc.cli.output import (
+    EXIT_NO_PLAN,
+    EXIT_PLANNED,
+    EXIT_UNSEEN,
+    Output,
+    Tell,
+    print_table,
+)
 from twosra_mpc.execution.run import Ending, Run
 from twosra_mpc.execution.serial.clock import SystemClock
 from twosra_mpc.execution.serial.pose_lines import pose_lines
@@ -45,9 +52,10 @@ writes lines, on standard input or to a UDP port of this computer: Unix time [s]
 Plans with the paper's wheel map are refused: without slip they bend the robot by 17 to 48 % of what
 is planned. Plan with 2sra-v1.
 
-Ctrl-C, SIGTERM, Ctrl-Z, a closed terminal and every error stop the wheels and switch the heaters
-off. Keep a hand at the switch all the same: the robot goes on with its last command if the line
-breaks, unless its firmware has the watchdog of docs/hardware.md.
+Ctrl-C, Ctrl-\\, Ctrl-Z, SIGTERM, a closed terminal, every other signal that a program can catch
+and every error stop the wheels and switch the heaters off. Keep a hand at the switch all the same:
+after kill -9, or if the line breaks, the robot goes on with its last command until its firmware's
+watchdog ends it, which may take 2 s; without one (docs/hardware.md) it goes on for ever.
 
 Needs pyserial: {install_command("serial")}
 
@@ -136,7 +144,7 @@ def _told(plan: Plan, run: Run, output: Output) -> int:
     if run.ending in (Ending.LOGGED, Ending.REACHED):
         return EXIT_PLANNED
     click.echo(f"twosra: {run.ending}: {run.reason}", err=True)
-    return EXIT_NO_PLAN
+    return EXIT_UNSEEN if run.ending is Ending.UNSEEN else EXIT_NO_PLAN
 
 
 class _Progress:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.mission import Mission
 from twosra_mpc.execution.runner import Abort, ByReports, PlanRunner
 from twosra_mpc.execution.tracking.setup import outputs_of
@@ -136,7 +137,12 @@ class _TrackedPhase:
             time_s = run.clock_s + (session.period_s if over else 0.0)  # then the path rests
             command = self.by.tracker.step(Measurement(time_s, self.index, self._seen))
             wheels = self.by.pulses.shape(command.wheel_rad_s)
-            session.drive(phase.mode, wheels, run.setpoint_C, planned)
+            try:
+                session.drive(phase.mode, wheels, run.setpoint_C, planned)
+            except DoubtError:
+                if self.mission is None or self.rigid or not self.mission.closes:
+                    raise
+                return None  # what it closes round may keep it from bending
             if not over:
                 pace = min(1.0, self.patience.tube / off) if off else 1.0
                 run.clock_s = min(run.clock_s + pace * session.period_s, phase.end_s)
@@ -146,13 +152,10 @@ class _TrackedPhase:
 
     def _unseen(self) -> Abort | None:
         """Stand while nothing sees the robot, but not for long."""
-        session, limit_s = self.session, self.patience.unseen_s
-        until_s = session.now_s + limit_s
-        while session.unseen_s > limit_s:
-            if session.now_s >= until_s:
-                return Abort("camera", f"no camera frame for {limit_s:g} s and more")
-            session.rest(self.run.setpoint_C, session.period_s, self.run.planned)
-        return None
+        session = self.session
+        if session.seen(self.run.setpoint_C, self.run.planned):
+            return None
+        return Abort("camera", session.unseen)
 
     def _look(self) -> None:
         """Average camera frames at rest, where the end of the phase matters for the goal."""

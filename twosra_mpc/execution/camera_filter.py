@@ -8,6 +8,9 @@ of the commands which really happens: wheels slip, and path models differ by fac
 where M is what the model has moved since the frame z was taken, for frames arrive late. While the
 robot moves the camera is followed; while it rests m = 0, and the filter is the mean of all frames,
 down to a fraction of what they are rounded to.
+
+A frame whose innovation z - (q - g M) is beyond `GATE` of its standard deviations, and more than
+`WILD` besides, is not believed. If the next ones agree with it, the robot was moved: then they are.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import math
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.execution.robot_interface import Camera
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
@@ -26,6 +30,10 @@ DRIFT = 0.15  # of the travel: of the pose, besides its response
 ARM_M = 0.1  # at which turning and bending count as travel
 COASTING = 1.5  # of the last period's motion: motors that lag by 0.1 s at commands of 15 Hz
 CREEP = 0.01  # of a frame's standard deviation, per square root of a second
+_RESPONSES = (-2.0, 4.0)  # what a push would teach beyond that would run away
+GATE = 6.0
+WILD = (0.01, 0.1, 5.0)  # [m, rad, 1/m]: models are off by 3 mm and 0.05 rad more at `hard`
+AGAIN = 5  # frames that agree: a third of a second
 REMEMBERED_S = 2.0  # no frame arrives later than this
 _NO_NOISE = 1e-18  # variance of a perfect camera, so that it is believed at once
 
@@ -46,6 +54,7 @@ class CameraFilter:
         self._time_s, self._moved = time_s, np.zeros(len(q))
         self._lately = self._moved
         self._past: deque[tuple[float, Array]] = deque([(time_s, self._moved)])
+        self._wild, self._apart = self._coordinates.each(*WILD), list[Array]()
         self.forget_response()
 
     @property
@@ -86,32 +95,71 @@ class CameraFilter:
         while self._past[0][0] < time_s - REMEMBERED_S and len(self._past) > 1:
             self._past.popleft()
 
-    def correct(self, taken_s: Array, frames: Array) -> None:
-        """Take in frames (k, 3 + n) that were taken at these times (k,)."""
+    def correct(self, taken_s: Array, frames: Array) -> NDArray[np.bool_]:
+        """Take in frames (k, 3 + n) that were taken at these times (k,).
+
+        Returns:
+            Which of them were believed, (k,).
+        """
         if not len(frames):
-            return
+            return np.zeros(0, dtype=bool)
         times = [time for time, _ in self._past]
         path = np.array([moved for _, moved in self._past])
         since = self._moved - np.column_stack([np.interp(taken_s, times, m) for m in path.T])
-        late = since.any(axis=1)
-        for frame, moved in zip(frames[late], since[late], strict=True):
-            self._take(frame, moved, self._frame)
-        if not late.all():
-            turn = frames[~late, 2] - self.q[2]
-            mean = frames[~late].mean(axis=0)
+        late, believed = since.any(axis=1), np.zeros(len(frames), dtype=bool)
+        for k in np.flatnonzero(late):
+            if self._believable(frames[k], since[k]):
+                self._take(frames[k], since[k], self._frame)
+                believed[k] = True
+        for k in np.flatnonzero(~late):
+            believed[k] = self._believable(frames[k], since[k])
+        resting = frames[believed & ~late]
+        if len(resting):
+            turn = resting[:, 2] - self.q[2]
+            mean = resting.mean(axis=0)
             mean[2] = self.q[2] + (np.remainder(turn + math.pi, math.tau) - math.pi).mean()
-            self._take(mean, np.zeros(len(mean)), self._frame / np.count_nonzero(~late))
+            self._take(mean, np.zeros(len(mean)), self._frame / len(resting))
+        return believed
+
+    def _believable(self, frame: Array, moved: Array) -> bool:
+        """Whether a frame is where the robot can be; or agrees with others, where it then is."""
+        surprise = self._surprise(frame, moved)
+        total = self._spread(moved) + self._frame
+        if (np.abs(surprise) <= GATE * np.sqrt(total) + self._wild).all():
+            self._apart.clear()
+            return True
+        there = self.q + surprise
+        apart = there - self._apart[-1] if self._apart else np.zeros_like(there)
+        if (np.abs(apart) > GATE * np.sqrt(2 * self._frame) + self._wild).any():
+            self._apart.clear()
+        self._apart.append(there)
+        if len(self._apart) < AGAIN:
+            return False
+        self.q, self.variance = np.mean(self._apart, axis=0), self._frame.copy()
+        self._apart.clear()
+        self.forget_response()
+        return True
+
+    def _surprise(self, frame: Array, moved: Array) -> Array:
+        surprise: Array = frame - (self.q - self._response * moved)
+        surprise[2] = math.remainder(surprise[2], math.tau)
+        return surprise
+
+    def _spread(self, moved: Array) -> Array:
+        """Variance of where the robot was before it has ``moved``."""
+        there = self._shared - moved * self._doubt
+        spread: Array = self.variance - moved * self._shared - moved * there
+        return spread
 
     def _take(self, frame: Array, moved: Array, variance: Array) -> None:
         """Correct by one frame, or the mean of several, since which the model has ``moved``."""
-        surprise = frame - (self.q - self._response * moved)
-        surprise[2] = math.remainder(surprise[2], math.tau)
+        surprise = self._surprise(frame, moved)
         here = self.variance - moved * self._shared
         there = self._shared - moved * self._doubt
         total = here - moved * there + variance
         gain, response = here / total, there / total
         self.q = self.q + gain * surprise
-        self._response = self._response + response * surprise
+        self._response = np.clip(self._response + response * surprise, *_RESPONSES)
         self.variance = np.maximum(self.variance - gain * here, 0.0)
         self._shared = self._shared - gain * there
         self._doubt = np.maximum(self._doubt - response * there, 0.0)

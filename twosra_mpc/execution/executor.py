@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
+from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import TooNearError, guard_of
 from twosra_mpc.execution.mission import Mission
+from twosra_mpc.execution.remaining import remaining_problem, tasks_left
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
+from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
+from twosra_mpc.execution.stopping import stopped_at_the_end
 from twosra_mpc.execution.tracking.tracker import Tracker
-from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.problem import Problem, Start
-from twosra_mpc.problem.tasks import Pass, Task
-from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
-from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import Mode, sequence_name
+from twosra_mpc.problem.tasks import Task
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import sequence_name
 
-_ROUNDING = 1e-9
 Meanwhile = Callable[[Callable[[], Result], Callable[[], None]], Result]
-
-_CLEARLY_K = 0.5  # a reported stiffness overrules a temperature on the wrong side by this
 
 
 def at_once(work: Callable[[], Result], _rest: Callable[[], None]) -> Result:
@@ -56,7 +53,9 @@ class Executor:
     meanwhile: Meanwhile = at_once
 
     def run(self, plan: Plan) -> Run:
-        """Run a plan; the robot must be where it starts.
+        """Run a plan; the robot must be where it starts. It stands at the end, heaters off.
+
+        So it does whatever ends the run: an error, Ctrl-C, or a signal that ends the program.
 
         Raises:
             InputError: If the plan is for another robot.
@@ -65,7 +64,13 @@ class Executor:
         if plan.robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
-        return _Execution(self, plan).run()
+        with stopped_at_the_end(self.robot) as interrupts:
+
+            def told(session: Session) -> None:
+                interrupts.check()
+                self.on_command(session)
+
+            return _Execution(replace(self, on_command=told), plan).run()
 
 
 class _Execution:
@@ -76,7 +81,8 @@ class _Execution:
         self.meanwhile = executor.meanwhile
         self.tracker = Tracker(robot.robot, rate_Hz=robot.camera.rate_Hz)
         guard = guard_of(plan.problem, self.settings.patience)
-        self.session = Session(robot, plan.problem, executor.on_command, guard)
+        patience = self.settings.patience
+        self.session = Session(robot, plan.problem, executor.on_command, guard, patience=patience)
         self.mission: Mission | None = None
         if plan.problem.is_mission:
             self.mission = Mission(self.session, self.settings.patience, plan)
@@ -84,21 +90,36 @@ class _Execution:
         self.broken: set[int] = set()
         self.cooled: set[int] = set()
         self.replans = self.corrections = self.melted_on = self.stops = 0
+        self.doubted = 0
         self.near = ""
         self.session.tell("plan", _summary(plan))
 
     def run(self) -> Run:
         """Follow plan after plan until there is an ending."""
+        step = self._follow_and_plan
         while True:
-            left = self._follow(self.plans[-1])
-            ending = self._arrived() if left is None else self._left(left)
-            ending = ending or self._plan_again()
+            try:
+                ending = step()
+                step = self._follow_and_plan
+            except SegmentError as trouble:  # wherever it was noticed
+                ending, step = self._troubled(trouble), self._plan_again
             if ending is not None:
                 account = ((), 0) if self.mission is None else self.mission.account
                 verdict = Verdict(
                     "optimal", *ending, tuple(self.plans), tuple(self.begun), *account
                 )
                 return self.session.finish(verdict)
+
+    def _follow_and_plan(self) -> tuple[Ending, str] | None:
+        left = self._follow(self.plans[-1])
+        ending = self._arrived() if left is None else self._left(left)
+        return ending or self._plan_again()
+
+    def _troubled(self, trouble: SegmentError) -> tuple[Ending, str] | None:
+        """End for what is wrong with a segment; one that cannot be heated may not be needed."""
+        if trouble.cause != "heater":
+            return trouble.ending, str(trouble)
+        return self._left(Abort("heater", str(trouble), trouble.segment))
 
     def _follow(self, plan: Plan) -> Abort | None:
         settings = self.settings
@@ -109,7 +130,10 @@ class _Execution:
             left = runner.follow()
         except TooNearError as near:
             left = Abort("near", str(near))
-        self.begun[-1] = runner.schedule.begun(runner.progress)
+        except DoubtError as doubt:
+            left = Abort("doubt", str(doubt), stiff=doubt.bends)
+        finally:
+            self.begun[-1] = runner.schedule.begun(runner.progress)
         return left
 
     def _arrived(self) -> tuple[Ending, str] | None:
@@ -119,10 +143,12 @@ class _Execution:
         scale = patience.certain * accuracy.scale(self.problem.robot.coordinates)
         session.average(session.setpoint_C, scale, patience.look_s)
         if session.unseen_s > patience.unseen_s:
-            return Ending.CAMERA_LOST, f"no camera frame for {patience.unseen_s:g} s and more"
+            return session.ending_unseen(left=bool(self._tasks_left()))
         where = accuracy.describe(session.error)
         left = self._tasks_left()
         if accuracy.surely(session.error) and not left:
+            if not session.sure(accuracy.scale(self.problem.robot.coordinates)):
+                return session.ending_unseen(left=False)
             if np.isnan(self.session.goal.configuration).all():  # a mission without a goal
                 return Ending.REACHED, f"all {len(self.problem.tasks)} tasks are done"
             return Ending.REACHED, f"the goal is reached: {where}"
@@ -136,7 +162,9 @@ class _Execution:
             case "time":
                 return Ending.TIME_LIMIT, left.text
             case "camera":
-                return Ending.CAMERA_LOST, left.text
+                return self.session.ending_unseen(left=bool(self._tasks_left()))
+            case "doubt":
+                return self._doubted(left)
             case "heater" if left.to == "rigid":
                 return Ending.HEATER_FAILED, f"{left.text}; it cannot be cooled"
             case "heater":
@@ -152,6 +180,16 @@ class _Execution:
                 self.session.tell("look", left.text)
             case "lost":
                 return self._lost(left.text)
+        return None
+
+    def _doubted(self, left: Abort) -> tuple[Ending, str] | None:
+        """Heat on and try again, once: a segment may be soft later than its sensor says."""
+        self.session.tell("failure", left.text)
+        self.doubted += 1
+        if self.doubted > self.settings.doubts:
+            return Ending.SENSOR_FAILED if left.stiff else Ending.NOT_MOVING, left.text
+        if left.stiff:
+            self._melt_on()
         return None
 
     def _lost(self, text: str) -> tuple[Ending, str] | None:
@@ -269,9 +307,8 @@ class _Execution:
         """Wait until no segment is changing; each goes on to what it was becoming."""
         session, settings = self.session, self.settings
         while session.mode is None or any(session.mode[j] for j in self.broken | self.cooled):
-            slow = max(map(session.asked_for_s, range(len(session.setpoint_C))))
-            if slow > settings.patience.longest_change_s or session.now_s > settings.longest_s:
-                return Ending.HEATER_FAILED, f"a segment has been changing for {slow:.0f} s"
+            if session.now_s > settings.longest_s:  # a segment that is slow: see `SegmentWatch`
+                return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:.0f} s"
             session.rest(self._as_they_become(), settings.patience.rest_s)
         return None
 
@@ -289,78 +326,3 @@ class _Execution:
 def _summary(plan: Plan) -> str:
     sequence = sequence_name([phase.mode for phase in plan.phases])
     return f"{sequence} in {plan.duration_s:.1f} s"
-
-
-def remaining_problem(
-    problem: Problem,
-    q: Array,
-    temperature_C: tuple[float, ...],
-    mode: Mode,
-    broken: Collection[int] = (),
-) -> Problem:
-    """State what is left of a problem.
-
-    Curvatures that are near enough need not change, so the segment need not melt again; only those
-    that are not are asked for.
-
-    Args:
-        problem: What was asked in the beginning.
-        q: Configuration now, (3 + n,).
-        temperature_C: Measured temperatures.
-        mode: Stiffness now, as reported; no segment may be changing.
-        broken: Segments (from 0) that cannot be melted any more.
-
-    Raises:
-        InputError: If no mode is left.
-    """
-    limit = problem.robot.limits.curvature_per_m
-    kappa = np.clip(q[POSE:], -limit, limit)
-    start = Start(
-        x_m=q[0],
-        y_m=q[1],
-        phi_rad=q[2],
-        kappa_per_m=tuple(kappa.tolist()),
-        temperature_C=_temperatures(problem, temperature_C, mode),
-        holding=problem.start.holding,
-    )
-    modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
-    goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken)
-    workspace = problem.workspace
-    if workspace is not None:  # who is out of it already needs so much more room
-        shape = robot_shape(problem.robot.geometry, start.configuration)
-        thick = problem.robot.geometry.fibre_radius_m
-        fibre = (part + end for part in (shape.segments, shape.links) for end in (-thick, thick))
-        outline = (shape.units, shape.wheels, *fibre)
-        workspace = workspace.holding(np.concatenate([part.reshape(-1, 2) for part in outline]))
-    return problem.with_values(start=start, goal=goal, modes=modes, workspace=workspace)
-
-
-def tasks_left(tasks: tuple[Pass, ...], path: Array) -> tuple[Pass, ...]:
-    """Tasks that a path (m, 3 + n) has not done yet, in their order."""
-    for done, task in enumerate(tasks):
-        met = task.met(path[:, :POSE])
-        if not met.any():
-            return tasks[done:]
-        path = path[met.argmax() :]
-    return ()
-
-
-def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -> tuple[float, ...]:
-    """Temperatures that agree with the reported stiffness and the heater's range."""
-    solid, liquid = problem.stiffness_thresholds_C
-    soft = np.maximum(measured_C, liquid + _CLEARLY_K)
-    rigid = np.minimum(measured_C, solid - _CLEARLY_K)
-    heater = problem.robot.heater
-    agreed = np.where(mode, soft, rigid).clip(heater.temperature_min_C, heater.temperature_max_C)
-    return tuple(agreed.tolist())
-
-
-def _goal(problem: Problem, q: Array, broken: Collection[int]) -> GoalSet:
-    """The middle of the goal, with curvature tolerances within which nothing needs to melt."""
-    scale = problem.robot.ends_within.scale(problem.robot.coordinates)
-    goal = problem.judged_goal
-    off = np.abs(goal.error(q.copy())) / scale
-    kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off) - POSE)]
-    bends = off[POSE:]
-    wider = np.where(bends <= kept, bends + _ROUNDING, PLANNED)
-    return goal.loosened(scale * [0.0, 0.0, 0.0, *wider])

@@ -16,11 +16,14 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import Pulses
+from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import TooNearError, guard_of
 from twosra_mpc.execution.robot_interface import RobotInterface
 from twosra_mpc.execution.run import Ending, Run, Verdict
+from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
+from twosra_mpc.execution.stopping import stopped_at_the_end
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
@@ -40,9 +43,10 @@ class GreedyExecutor:
     settings: ExecutorSettings = field(default_factory=ExecutorSettings)
 
     def run(self, problem: Problem) -> Run:
-        """Drive to the goal; the robot must be where the problem starts.
+        """Drive to the goal; the robot must be where the problem starts. At the end it is off.
 
         Raises:
+            RobotError: If the robot cannot be driven any more.
             InputError: If the robot has more or fewer segments than the rule knows, or there are
                 tasks.
         """
@@ -50,13 +54,14 @@ class GreedyExecutor:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows two segments")
         if problem.tasks:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows no tasks")
-        session = Session(self.robot, problem, guard=guard_of(problem, self.settings.patience))
-        try:
+        patience = self.settings.patience
+        with stopped_at_the_end(self.robot) as interrupts:
+            guard = guard_of(problem, patience)
+            session = Session(
+                self.robot, problem, lambda _: interrupts.check(), guard, patience=patience
+            )
             ending, reason = _GreedyRun(session, self.settings).run()
-        except TooNearError as near:
-            where = session.accuracy.describe(session.error)
-            ending, reason = Ending.TOO_NEAR, f"{near}; {where}"
-        return session.finish(Verdict("greedy", ending, reason))
+            return session.finish(Verdict("greedy", ending, reason))
 
 
 class _GreedyRun:
@@ -77,20 +82,38 @@ class _GreedyRun:
         self.expected_s = {"soft": max(melts), "rigid": max(freezes)}
 
     def run(self) -> tuple[Ending, str]:
+        """Drive until there is an ending, without segments that cannot be heated."""
+        while True:
+            try:
+                return self._driven()
+            except SegmentError as trouble:
+                if trouble.cause != "heater":
+                    return trouble.ending, str(trouble)
+                self._lost(trouble.segment, "soft")
+            except DoubtError as doubt:
+                return Ending.SENSOR_FAILED if doubt.bends else Ending.NOT_MOVING, str(doubt)
+            except TooNearError as near:
+                where = self.accuracy.describe(self.session.error)
+                return Ending.TOO_NEAR, f"{near}; {where}"
+
+    def _driven(self) -> tuple[Ending, str]:
         """Choose modes and drive in them until there is an ending."""
         session, settings = self.session, self.settings
         while session.now_s < settings.longest_s:
             certain, look_s = settings.patience.certain, settings.patience.look_s
             session.average(session.setpoint_C, certain * self.scale, look_s)
-            if session.unseen_s > settings.patience.unseen_s:
-                return Ending.CAMERA_LOST, "nothing sees the robot"
             where = self.accuracy.describe(session.error)
+            if session.unseen_s > settings.patience.unseen_s:
+                return session.ending_unseen(left=False)
+            failed = [j for j in self.broken if self.problem.goal.mode[j - 1]]
+            if failed:
+                return Ending.HEATER_FAILED, f"{where}; heater {failed[0]} failed, and is needed"
             if self.accuracy.surely(session.error) and self._ended():
-                return Ending.REACHED, f"the goal is reached: {where}"
+                return self._reached(f"the goal is reached: {where}")
             mode = self._choice()
             if mode is None and self.accuracy.of(session.error) <= 1.0:
                 if self._ended():
-                    return Ending.REACHED, f"no mode comes nearer, which is near enough: {where}"
+                    return self._reached(f"no mode comes nearer, which is near enough: {where}")
                 continue
             if mode is None:
                 lost = f"; heater {', '.join(map(str, self.broken))} failed" if self.broken else ""
@@ -100,6 +123,11 @@ class _GreedyRun:
                 session.tell("drive", f"driven in mode {mode_name(mode)}")
                 self._drive(mode)
         return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:.0f} s"
+
+    def _reached(self, text: str) -> tuple[Ending, str]:
+        if self.session.sure(self.scale):
+            return Ending.REACHED, text
+        return self.session.ending_unseen(left=False)
 
     def _ended(self) -> bool:
         """Whether the robot is still at the goal once it is as stiff as it should be."""
@@ -122,6 +150,8 @@ class _GreedyRun:
         """Move in a mode until it no longer moves the robot, or is lost."""
         session, robot = self.session, self.problem.robot
         while session.mode == mode and session.now_s < self.settings.longest_s:
+            if not session.seen(session.setpoint_C):
+                return
             step, moved = self._proposal(mode, self._error(LEFT))
             if self._stagnated(GAIN * moved):
                 return
@@ -169,6 +199,10 @@ class _GreedyRun:
     def _lost(self, segment: int, to: str) -> bool:
         """Go on without the modes in which this segment is soft."""
         self.session.tell("failure", f"segment {segment + 1} does not become {to}")
-        self.broken.append(segment + 1)
+        if segment + 1 not in self.broken:
+            self.broken.append(segment + 1)
+        setpoint_C = self.session.setpoint_C.copy()
+        setpoint_C[segment] = self.problem.robot.heater.rigid_setpoint_C
+        self.session.rest(setpoint_C, self.session.period_s)
         self.modes = [mode for mode in self.modes if not mode[segment]]
         return False

@@ -181,6 +181,8 @@ class Mission:
             met = task.met(session.path[self._rows :, :POSE]).any()
             return None if met else Abort("task", f"{name} is not done: the box was not entered")
         self._look()
+        if session.unseen_s > self._patience.unseen_s:
+            return Abort("camera", session.unseen)
         if (dropped := self.dropped()) is not None:
             return dropped
         match task:

@@ -46,4 +46,4 @@ class ObjectsSeen:
 def _towards(poses: Array, seen: Array, gain: float) -> Array:
     away = seen - poses
     away[..., 2] = wrapped(away[..., 2])
-    return poses + gain * away
+    return poses + gain * np.where(np.isfinite(away).all(axis=-1, keepdims=True), away, 0.0)

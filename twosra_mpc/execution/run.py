@@ -30,9 +30,15 @@ class Ending(enum.StrEnum):
     """How a run ended; ``Run.reason`` says it in words."""
 
     REACHED = "reached"  # within the accuracy of the goal, as measured
+    UNSEEN = "arrived unseen"  # by dead reckoning: nobody has seen lately, or well, where it is
     NO_PLAN = "no plan"  # the rest of the problem has no plan, or none was found
     CAMERA_LOST = "camera lost"  # nothing sees the robot any more
     HEATER_FAILED = "heater failed"  # and what is left without it has no plan
+    HEATER_STUCK = "heater stuck on"  # it is warm and told to be off: switch the power off
+    COOLS_SLOWLY = "cools too slowly"  # a segment that is not heated does not become rigid
+    TOO_HOT = "too hot"  # a segment is at temperature_max_C
+    SENSOR_FAILED = "sensor failed"  # a temperature that cannot be, or nobody can read
+    NOT_MOVING = "does not move"  # what is commanded is not what the camera sees
     OBJECT_LOST = "object lost"  # and it could not be grasped again
     TOO_NEAR = "too near"  # stopped before it touched something
     GAVE_UP = "gave up"  # replanned or corrected too often, or no mode comes nearer

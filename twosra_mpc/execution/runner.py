@@ -30,16 +30,17 @@ class Abort(NamedTuple):
 
     Attributes:
         kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
-            segment did not become what it should; "camera": nothing sees the robot; "near": it was
-            stopped near something; "task": a task is not done where it should be; "lost": an object
-            is not where it was held or put; "time": the run takes too long.
+            segment did not become what it should; "camera": nothing sees the robot; "doubt": it
+            does not move as commanded; "near": it was stopped near something; "task": a task is not
+            done where it should be; "lost": an object is not where it was held or put; "time": the
+            run takes too long.
         text: The same in words.
         segment: The segment (from 0) whose heater it is.
         to: What it should have become.
         stiff: Whether a segment that is reported soft seems to need more time.
     """
 
-    kind: Literal["corridor", "heater", "camera", "near", "task", "lost", "time"]
+    kind: Literal["corridor", "heater", "camera", "doubt", "near", "task", "lost", "time"]
     text: str
     segment: int = 0
     to: Stiffness = "soft"
@@ -155,6 +156,8 @@ class PlanRunner:
             return Abort("time", f"the run has taken more than {self.longest_s:.0f} s")
         for segment, (soft, now) in enumerate(zip(mode, session.reading.stiffness, strict=True)):
             to: Stiffness = "soft" if soft else "rigid"
+            if to == "rigid":  # by its model's time, and with its cause: see `SegmentWatch`
+                continue
             planned_s = self.schedule.expected_s(segment, to)
             latest_s = self.patience.late * max(planned_s, self.patience.least_transition_s)
             asked_s = min(waited_s, session.asked_for_s(segment))

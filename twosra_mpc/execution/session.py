@@ -10,9 +10,13 @@ import numpy as np
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution import run
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter
+from twosra_mpc.execution.doubt import Doubt, DoubtError
+from twosra_mpc.execution.frames import only, usable
 from twosra_mpc.execution.guard import Guard, TooNearError
 from twosra_mpc.execution.objects_seen import ObjectsSeen
 from twosra_mpc.execution.robot_interface import Reading, RobotInterface
+from twosra_mpc.execution.segment_watch import SegmentWatch
+from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
@@ -20,6 +24,7 @@ from twosra_mpc.robot.modes import Mode
 
 _STILL = np.zeros(WHEELS)
 _LATELY = 3  # periods whose motion the guard expects to go on
+_BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
 _CODES: dict[KnownStiffness | None, float] = {
     **{"rigid": 0.0, "changing": run.CHANGING, "soft": 1.0},
@@ -51,6 +56,10 @@ class Session:
         problem: Problem,
         on_command: Callable[[Session], None] = lambda session: None,
         guard: Guard | None = None,
+        *,
+        patience: Patience | None = None,
+        sighted: bool = True,
+        reports: bool = True,
     ) -> None:
         """Read the robot for the first time; it is where the problem starts.
 
@@ -59,24 +68,35 @@ class Session:
             problem: What is asked.
             on_command: Called after every command.
             guard: What keeps it clear of what is around it.
+            patience: How long it waits for frames and reports.
+            sighted: Whether it is driven by what a camera sees.
+            reports: Whether temperatures must be reported.
+
+        Raises:
+            RobotError: If the robot cannot be driven any more.
         """
+        self._patience, self._newest_s = patience or Patience(), -np.inf
+        self._doubt = Doubt(problem.robot.geometry.lengths_m) if sighted else None
         self.guard = guard
         self.robot, self.problem, self.during = robot, problem, "before the plan begins"
         self.accuracy = problem.robot.ends_within
         self.goal = problem.judged_goal
         self._on_command, segments = on_command, problem.robot.coordinates.segments
-        self.reading: Reading = robot.read()
+        self.reading: Reading = usable(robot.read(), -np.inf)
         self._filter = CameraFilter(robot.camera, problem.start.configuration, self.reading.time_s)
-        self._filter.correct(self.reading.taken_s, self.reading.frames)
         self.objects = ObjectsSeen(problem) if problem.objects else None
-        if self.objects is not None:
-            self.objects.take(self.reading.frames, self.reading.objects)
-        self._seen_s = self.now_s if len(self.reading.frames) else -np.inf
+        self._seen_s = -np.inf
+        self._look()
+        self._watches = [
+            SegmentWatch(problem.robot, problem.ambient, j, self._patience, reports=reports)
+            for j in range(segments)
+        ]
         self.setpoint_C = np.full(segments, problem.robot.heater.rigid_setpoint_C)
         self._since = [self.reading.time_s] * segments
         self.events: list[run.RunEvent] = []
         self.changes: list[run.Change] = []
         self.drives: list[run.Drive] = []
+        self._compared: tuple[Mode | None, Array] = None, self.q
         self._turns = False
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
@@ -103,6 +123,12 @@ class Session:
     def unseen_s(self) -> float:
         """Time since the last camera frame came in; infinite before the first."""
         return self.now_s - self._seen_s
+
+    @property
+    def unseen(self) -> str:
+        """For how long no frame has come in, in words."""
+        since = f"for {self.unseen_s:.0f} s" if np.isfinite(self.unseen_s) else "at all"
+        return f"no camera frame {since}"
 
     @property
     def q(self) -> Array:
@@ -141,7 +167,11 @@ class Session:
         self.events.append(run.RunEvent(self.now_s, kind, text))
 
     def rest(self, setpoint_C: Array, at_most_s: float, planned: Array | None = None) -> None:
-        """Stand still until time is up or the robot has news; ``planned`` as in ``drive``."""
+        """Stand still until time is up or the robot has news; ``planned`` as in ``drive``.
+
+        Raises:
+            SegmentError: If something is wrong with a segment.
+        """
         self._pass(_STILL, setpoint_C, at_most_s, planned, self._no_mode)
         self._believe(np.zeros_like(self.q))
 
@@ -158,6 +188,8 @@ class Session:
 
         Raises:
             TooNearError: If the robot would come too near to something; it stands then.
+            DoubtError: If it does not move as it is commanded; it stands then.
+            SegmentError: If something is wrong with a segment.
         """
         self._keep_clear(mode, wheel_rad_s)
         begun_s, before = self.now_s, self.q.copy()
@@ -172,6 +204,52 @@ class Session:
             self.drives[-1] = self.drives[-1]._replace(end_s=self.now_s)
         else:
             self.drives.append(run.Drive(mode, begun_s, self.now_s))
+        self._compare(mode, before, after)
+
+    def _compare(self, mode: Mode, before: Array, after: Array) -> None:
+        """Doubt a robot that does not do what it is told; frames are late, so rests count too."""
+        if self._doubt is None:
+            return
+        told_in, seen_at = self._compared
+        seen = self.q - (seen_at if told_in == mode else before)
+        self._compared = mode, self.q.copy()
+        known = ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
+        try:
+            self._doubt.take(mode, after - before, seen, known)
+        except DoubtError:
+            self.rest(self.setpoint_C, self.period_s)
+            raise
+
+    def seen(self, setpoint_C: Array, planned: Array | None = None) -> bool:
+        """Stand while no frames come in; False if they stay away. ``planned`` as in ``drive``."""
+        patience = self._patience
+        blind_s = max(patience.blind_s, _BLIND_PERIODS * self.period_s)
+        until_s = self.now_s + 2 * patience.unseen_s - blind_s
+        while self.unseen_s > blind_s:
+            if self.now_s >= until_s:
+                return False
+            self.rest(setpoint_C, self.period_s, planned)
+        return True
+
+    def sure(self, scale: Array) -> bool:
+        """Whether it has been seen lately where the robot is, to a part of these (3 + n,)."""
+        patience = self._patience
+        lately = self.unseen_s <= patience.unseen_s
+        return lately and bool((self.deviation <= patience.known * scale).all())
+
+    def ending_unseen(self, left: bool) -> tuple[run.Ending, str]:
+        """How a run ends whose robot is not seen, or badly: at the goal as believed, or not.
+
+        Args:
+            left: Whether there is something left to do.
+        """
+        where = f"{self.accuracy.describe(self.error)} as believed"
+        if left or not self.accuracy.surely(self.error):
+            return run.Ending.CAMERA_LOST, f"{self.unseen}; {where}"
+        known = f"not seen for {self.unseen_s:.1f} s"
+        if self.unseen_s <= self._patience.unseen_s:
+            known = f"seen too badly, give or take {self.accuracy.describe(self.deviation)}"
+        return run.Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
 
     def _goes_on(self, mode: Mode, time_s: float) -> bool:
         """Whether a drive at this time continues the last one."""
@@ -216,11 +294,9 @@ class Session:
             self.rest(setpoint_C, 3 * self.period_s, planned)
 
     def finish(self, verdict: run.Verdict) -> run.Run:
-        """Stop the wheels, switch off the heaters that need not stay on, and return the run."""
+        """Stop the wheels, switch off the heaters, and return the run."""
         heater = self.problem.robot.heater
         self.setpoint_C = np.full_like(self.setpoint_C, heater.rigid_setpoint_C)
-        if verdict.ending is run.Ending.REACHED:
-            self.setpoint_C[np.array(self.problem.goal.mode) == 1] = heater.soft_setpoint_C
         self.robot.send(_STILL, self.setpoint_C)
         self.tell("end", verdict.reason)
         self._note(_STILL, self.setpoint_C, self._unknown, self._no_mode)
@@ -258,15 +334,29 @@ class Session:
         self.robot.send(wheels, setpoint_C)
         self._on_command(self)
         self.robot.wait(at_most_s)
-        self.reading = self.robot.read()
+        self.reading = usable(self.robot.read(), self._newest_s)
         self._note_changes()
 
     def _believe(self, moved: Array) -> None:
+        """Take in how the robot should have moved, and what was read."""
         self._filter.predict(self.now_s, moved, self.problem.robot.geometry.lengths_m)
-        self._filter.correct(self.reading.taken_s, self.reading.frames)
+        self._look()
+        reading = self.reading
+        known = zip(reading.temperature_C, reading.stiffness, reading.faulty, strict=True)
+        for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, known, strict=True):
+            watch.take(self.now_s, float(asked_C), *of_segment)
+
+    def _look(self) -> None:
+        """Take in the frames of the last reading; from now on it has those that are believed."""
+        taken_s = self.reading.taken_s
+        if not len(taken_s):
+            return
+        self._newest_s = float(taken_s[-1])
+        believed = self._filter.correct(taken_s, self.reading.frames)
+        self.reading = only(self.reading, believed)
         if self.objects is not None:
             self.objects.take(self.reading.frames, self.reading.objects)
-        if len(self.reading.frames):
+        if believed.any():
             self._seen_s = self.now_s
 
     def _note_changes(self) -> None:

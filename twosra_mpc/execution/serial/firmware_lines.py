@@ -16,6 +16,7 @@ four segments are none that were built: for them the same is written on, ``C`` a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -27,11 +28,12 @@ BAUD = 115200
 HIGHEST_RATE_HZ = 200.0  # 45 to 49 bytes a command are 80 to 85 % of what the line carries
 
 _SEGMENTS = "ABCD"
+_LONGEST_REPORT = 12  # characters; longer lines are words, such as a greeting
 _PLAUSIBLE_C = NtcDivider().range_C
 
 
 class Report(NamedTuple):
-    """Raw sensor reading [C] of a segment (from 0)."""
+    """Raw sensor reading [C] of a segment (from 0); NaN where nobody can read it."""
 
     segment: int
     temperature_C: float
@@ -56,18 +58,18 @@ def stop_command(segments: int, robot_id: int | None = None) -> bytes:
 
 
 def parse_report(line: bytes, segments: int) -> Report | None:
-    """Read a report of one of so many segments.
+    """Read a report of one of so many segments; None for any other line.
 
-    None for any other line, and for a temperature no thermistor can have.
+    The temperature is NaN if it is garbled, or one that no thermistor can have.
     """
     text = line.decode("ascii", errors="replace").strip()
-    if not text or text[0] not in _SEGMENTS[:segments]:
+    if not text or text[0] not in _SEGMENTS[:segments] or len(text) > _LONGEST_REPORT:
         return None
+    coldest, hottest = _PLAUSIBLE_C
     try:
         temperature_C = float(text[1:])
     except ValueError:
-        return None
-    coldest, hottest = _PLAUSIBLE_C
+        temperature_C = math.nan
     if not coldest <= temperature_C <= hottest:
-        return None
+        temperature_C = math.nan
     return Report(_SEGMENTS.index(text[0]), temperature_C)

@@ -18,10 +18,10 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.execution.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial import firmware_lines
 from twosra_mpc.execution.serial.clock import Clock
-from twosra_mpc.execution.serial.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.serial.port import Port, PortError
 from twosra_mpc.execution.serial.segments import (
     MEDIAN_OF,
@@ -156,15 +156,22 @@ class SerialRobot:
         """Wait at rest for reports of all segments; afterwards it is known whether there are any.
 
         Raises:
-            RobotError: If only some segments report, or the line does not work any more.
+            RobotError: If only some segments report, or what nobody can read, or the line does not
+                work any more.
         """
         heard: list[list[float]] = [[] for _ in range(self._count)]
+        unreadable = [0] * self._count
         until_s = self.clock.now_s() + self.patience.listen_s
         off_C = np.full(self._count, self.robot.heater.rigid_setpoint_C)
         while self.clock.now_s() < until_s - _SAME_TIME_S and min(map(len, heard)) < MEDIAN_OF:
             self.send(_STILL, off_C)
             self.wait(self.camera.period_s)
-            heard = [before + new for before, new in zip(heard, self._heard(), strict=True)]
+            for j, new in enumerate(self._heard()):
+                heard[j] += [reading_C for reading_C in new if math.isfinite(reading_C)]
+                unreadable[j] += sum(map(math.isnan, new))
+        for j, lines in enumerate(unreadable):
+            if lines >= MEDIAN_OF and len(heard[j]) < MEDIAN_OF:
+                raise RobotError(f"segment {j + 1}: nobody can read the temperatures it reports")
         if any(heard) and not all(heard):
             raise RobotError(f"segment {heard.index([]) + 1} does not report its temperature")
         if all(heard):

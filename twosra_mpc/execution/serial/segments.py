@@ -32,11 +32,13 @@ class ModelledSegment:
     """
 
     temperature_C, stiffness, faulty = math.nan, None, False
+    _told, _asked = "", False
 
     def __init__(
         self, robot: Robot, air_C: float, segment: int, start_C: float, now_s: float
     ) -> None:
         """Start with a segment that has rested at this temperature."""
+        self._unreadable = 0
         self.model, self._heater = segment_model(robot, air_C, segment), robot.heater
         self.state, self._last_s = self.model.initial(start_C), now_s
         self._on, self._held, self._owed_s = False, False, 0.0
@@ -66,11 +68,20 @@ class ModelledSegment:
         return 0.0 if above_K > MOST_K else self._heater.duty_of_hold
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
-        """Nothing is reported."""
+        """Nothing should be reported: what is, is remembered."""
+        self._asked = asked
+        for reading_C in readings_C:
+            if math.isfinite(reading_C):
+                words = "drive it by its reports, one at least every 5 s"
+                self._told = f"it reports {reading_C:.1f} C, but is heated by its model: {words}"
+            else:
+                self._unreadable += 1
+        if self._unreadable >= MEDIAN_OF:
+            self._told = "nobody can read the temperatures it reports"
 
     def trouble(self, time_s: float, silent_s: float) -> str | None:
-        """Nothing is known of any."""
-        return None
+        """A segment that reports after all must not be heated by trust in its model."""
+        return self._told if self._told and self._asked else None
 
 
 class ColdSegment:
@@ -140,6 +151,7 @@ class ReportedSegment:
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
         """Take in the reports since the last time, during which it was asked to be soft or not."""
+        readings_C = [reading_C for reading_C in readings_C if math.isfinite(reading_C)]
         self._recent_C = [*self._recent_C, *readings_C][-MEDIAN_OF:]
         if readings_C and (duration_s := time_s - self._last_s) > 0:
             setpoint: Stiffness = "soft" if asked else "rigid"

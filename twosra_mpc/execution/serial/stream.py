@@ -16,12 +16,12 @@ from typing import NamedTuple
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.executor import Executor
+from twosra_mpc.execution.interrupts import deferred_interrupts
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending, Executed, Run, Verdict
 from twosra_mpc.execution.run_log import RunFile
 from twosra_mpc.execution.runner import ByClock, ByReports, PlanRunner
 from twosra_mpc.execution.serial.clock import Clock, SteppedClock
-from twosra_mpc.execution.serial.interrupts import deferred_interrupts
 from twosra_mpc.execution.serial.port import Port
 from twosra_mpc.execution.serial.pose_lines import PoseLines
 from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected, while_standing
@@ -223,7 +223,14 @@ class _Stream:
 
     def _played(self, robot: SerialRobot) -> Run:
         """Send the plan as it is."""
-        session = Session(robot, self.plan.problem, self._tell)
+        session = Session(
+            robot,
+            self.plan.problem,
+            self._tell,
+            patience=robot.patience,
+            sighted=False,
+            reports=robot.reports,
+        )
         feedback = ByReports() if robot.reports else ByClock()
         runner = PlanRunner(session, self.plan, feedback, robot.patience)
         if (left := runner.follow()) is not None:

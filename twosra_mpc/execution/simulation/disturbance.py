@@ -34,6 +34,7 @@ class Disturbance:
         thermistor: Relative errors of the thermistor and its resistor.
         camera: Noise and rounding of the frames.
         delay_frames: Least and largest delay of the frames.
+        planning_s: How long the rest is planned when it is; the last command stays in force.
     """
 
     slip: float = 0.0
@@ -50,6 +51,7 @@ class Disturbance:
     thermistor: float = 0.0
     camera: Camera = field(default_factory=Camera)
     delay_frames: tuple[int, int] = (0, 0)
+    planning_s: float = 0.0
 
 
 _ROUNDING: OfKind = (1e-3, 0.02, 1.0)  # of the camera in the logs
@@ -80,6 +82,7 @@ _SIZES: dict[str, tuple[Any, Any, Any]] = {
     "thermistor": (0.005, 0.01, 0.02),  # parts of 1 % are the ones that are sold
     "camera": (_camera(0.5), _camera(1.0), _camera(2.0)),  # once: as between phases of the logs
     "delay_frames": ((1, 1), (1, 2), (2, 2)),  # assumed, of 15 Hz
+    "planning_s": (1.0, 2.0, 5.0),  # half of them take less than 0.5 s, among obstacles some 5 s
 }
 
 LEVELS: dict[str, Disturbance] = {

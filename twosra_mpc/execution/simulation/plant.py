@@ -7,7 +7,7 @@ of camera, sensors and wheels comes from another stream of the same seed.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
 from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.rolling import Drift, rolling
+from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
@@ -35,6 +36,7 @@ if TYPE_CHECKING:  # loaded where there are objects
 AS_PLANNED = "as-planned"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
 _AT_REST_RAD_S = 1e-3  # a motor that runs down to this stands
+_INSTANT_S = 1e-6
 _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
 
 
@@ -184,6 +186,14 @@ class SimulatedRobot:
             left -= ticks
             self._photograph(ticks)
         self._note()
+
+    def meanwhile(self, work: Callable[[], Result], rest: Callable[[], None]) -> Result:
+        """Plan, while time passes for the robot; the last command stays in force."""
+        del rest
+        result, end_s = work(), self.time_s + self._disturbance.planning_s
+        while (left_s := end_s - self.time_s) > _INSTANT_S:
+            self.wait(left_s)
+        return result
 
     def truth(self) -> Truth:
         """What has really happened so far."""

@@ -175,7 +175,8 @@ def simulate(
     if executor == "greedy":
         run = GreedyExecutor(robot, chosen).run(problem)
     else:
-        run = Executor(robot, chosen).run(plan or find_plan(problem).require())
+        made = plan or find_plan(problem).require()
+        run = Executor(robot, chosen, meanwhile=robot.meanwhile).run(made)
     truth = robot.truth()
     near = closest_approach(problem.world, robot.geometry, truth)
     return Simulation(plant, disturbance, seed, run, truth, near)

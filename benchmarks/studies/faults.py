@@ -1,0 +1,124 @@
+"""Runs on a foreign robot with a fault: does every run end truly, and leave the robot off?
+
+The robot shares nothing with this package but its interface: see `benchmarks.foreign`. A claim is
+false if a run says that the goal is reached and the robot is in truth not within the accuracy.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import BeforeValidator, TypeAdapter
+
+from benchmarks.foreign import FAULTS, FROM_THE_START, BrokenError, ForeignRobot
+from benchmarks.problems import Choices, labelled
+from benchmarks.study import Count, Measured, Study
+from twosra_mpc import Plan, plan
+from twosra_mpc.execution import Executor
+from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.validation import plain
+
+Executors = Annotated[tuple[Literal["optimal", "greedy"], ...], BeforeValidator(plain)]
+
+
+class Case(NamedTuple):
+    """One run."""
+
+    executor: str
+    fault: str
+    problem: str
+    seed: int
+
+
+class Faults(Study):
+    """Runs with each fault.
+
+    Attributes:
+        problems: Problem sets; runs take their problems in turns.
+        count: Runs of each fault by each executor.
+        executors: What drives.
+    """
+
+    record: ClassVar = TypeAdapter(dict[str, Any])
+    question: ClassVar = "Does every run with a fault end truly, and leave the robot off?"
+
+    problems: Choices = ("random-100:20",)
+    count: Count = 10
+    executors: Executors = ("optimal", "greedy")
+
+    def cases(self) -> Iterator[Case]:
+        """Yield the runs."""
+        problems = list(labelled(self.problems))
+        for drives, fault, seed in itertools.product(self.executors, FAULTS, range(self.count)):
+            if (drives, fault) != ("greedy", "planner raises"):
+                yield Case(drives, fault, problems[seed % len(problems)], seed)
+
+    def run(self, case: Case) -> dict[str, Any]:
+        """Run one case; how it ended, whether that is true, and what the robot did."""
+        made = _planned(self.problems, case.problem)
+        begins = 0.0
+        if case.fault not in FROM_THE_START:
+            rng = np.random.default_rng([case.seed, 3])
+            begins = float(rng.uniform(0.0, made.duration_s))
+        if case.fault == "thermistor high":
+            begins = 0.0
+        return attacked(made, case.executor, case.fault, case.seed, begins)
+
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Sum up by fault; list the runs that ended as they should not."""
+        del folder
+        found = {
+            (drives, fault): [
+                made for case, made in results if (case.executor, case.fault) == (drives, fault)
+            ]
+            for drives in self.executors
+            for fault in FAULTS
+        }
+        return {
+            "rows": {key: made for key, made in found.items() if made},
+            "odd": [(case, made) for case, made in results if made["came_to"] not in _FINE],
+        }
+
+
+_FINE = ("reached", "right cause")
+
+
+@cache
+def _planned(problems: tuple[str, ...], label: str) -> Plan:
+    return plan(labelled(problems)[label]).require()
+
+
+def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) -> dict[str, Any]:
+    """Run a plan, or to its goal by the greedy rule, on a foreign robot with a fault."""
+    robot = ForeignRobot(made.problem, seed, "" if fault == "none" else fault, begins_s)
+    try:
+        if executor == "greedy":
+            run = GreedyExecutor(robot).run(made.problem)
+        else:
+            run = Executor(robot, meanwhile=robot.meanwhile).run(made)
+        ending, reason = str(run.ending), run.reason
+    except (BrokenError, KeyboardInterrupt) as error:
+        ending, reason = type(error).__name__, str(error)
+    off = made.robot.ends_within.of(made.problem.judged_goal.error(robot.q.copy()))
+    came_to = "wrong cause"
+    if ending == "reached":
+        came_to = "reached" if off <= 1.0 else "false claim"
+    elif ending in FAULTS[fault]:
+        came_to = "right cause"
+    return {
+        "came_to": came_to,
+        "ending": ending,
+        "reason": reason,
+        "off_goal": off,
+        "off": robot.off,
+        "time_s": robot.time_s,
+        "forced_m": robot.forced_m,
+        "blind_m": robot.blind_m,
+        "planning_m": robot.planning_m,
+        "hottest_C": robot.hottest_C,
+    }

@@ -1,0 +1,283 @@
+"""Runs on a robot that shares nothing with this package, each with one fault.
+
+The large version: ``python -m benchmarks faults --set count=100``.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Planned
+from numpy.typing import NDArray
+
+from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot, rolled
+from benchmarks.studies.faults import attacked
+from twosra_mpc.execution import Executor, Reading, RobotError
+from twosra_mpc.execution.camera_filter import AGAIN, CameraFilter
+from twosra_mpc.execution.doubt import BEND_PER_M, DRIVE_M, Doubt, DoubtError
+from twosra_mpc.execution.frames import usable
+from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.robot_interface import Camera
+from twosra_mpc.execution.run import Ending
+from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.robot.description import load_robot
+
+Array = NDArray[np.float64]
+ARC = "2sra-v1"
+MELTS = "paper-2"  # segment 1 melts for its second phase
+
+ENDS = [  # executor, fault, scenario, when it begins [s], and how the run ends then
+    ("optimal", "dead camera", "rigid-move", 2.0, "right cause"),
+    ("optimal", "stale camera", "rigid-move", 2.0, "right cause"),
+    ("optimal", "frozen camera", "rigid-move", 2.0, "right cause"),
+    ("optimal", "NaN frames", "rigid-move", 0.0, "reached"),
+    ("optimal", "wild frames", "rigid-move", 0.0, "reached"),
+    ("optimal", "thermistor -127", MELTS, 40.0, "right cause"),
+    ("optimal", "thermistor NaN", MELTS, 40.0, "right cause"),
+    ("optimal", "thermistor garbage", MELTS, 40.0, "right cause"),
+    ("optimal", "thermistor rare", MELTS, 40.0, "right cause"),
+    ("optimal", "thermistor high", MELTS, 0.0, "right cause"),
+    ("optimal", "dead heater", MELTS, 0.0, "right cause"),
+    ("optimal", "welded relay", MELTS, 0.0, "right cause"),
+    ("optimal", "slow cooling", MELTS, 0.0, "right cause"),
+    ("optimal", "read raises", "rigid-move", 2.0, "right cause"),
+    ("optimal", "send raises", "rigid-move", 2.0, "right cause"),
+    ("optimal", "interrupt", "rigid-move", 2.0, "right cause"),
+    ("greedy", "dead camera", "rigid-move", 2.0, "right cause"),
+    ("greedy", "frozen camera", "rigid-move", 2.0, "right cause"),
+    ("greedy", "thermistor -127", MELTS, 1.0, "right cause"),
+    ("greedy", "dead heater", MELTS, 0.0, "right cause"),
+    ("greedy", "read raises", "rigid-move", 2.0, "right cause"),
+    ("greedy", "interrupt", "rigid-move", 2.0, "right cause"),
+]
+
+
+@pytest.mark.parametrize(("executor", "fault", "scenario", "begins_s", "came_to"), ENDS)
+def test_every_ending_is_true_and_leaves_the_robot_off(
+    executor: str, fault: str, scenario: str, begins_s: float, came_to: str, planned: Planned
+) -> None:
+    found = attacked(planned(scenario, robot=ARC), executor, fault, 1, begins_s)
+    assert found["came_to"] == came_to, found
+    assert found["off"]
+    assert found["blind_m"] < 0.3
+    assert found["forced_m"] < 0.1
+    assert found["hottest_C"] < 100.0
+
+
+def test_every_fault_is_known_to_end_somehow() -> None:
+    assert {fault for _, fault, *_ in ENDS} >= FAULTS.keys() - {"none", "runaway", "planner raises"}
+
+
+@pytest.mark.parametrize("mode", [(0, 0), (1, 0), (0, 1), (1, 1)])
+def test_its_arcs_are_those_of_the_model(mode: tuple[int, int]) -> None:
+    robot, rng = load_robot(ARC), np.random.default_rng(1)
+    soft = [j for j in range(2) if mode[j]]
+    q, v = np.array([0.1, 0.2, 0.3, *rng.uniform(-20, 20, 2)]), np.zeros(5)
+    v[slice(0, 2) if soft else slice(2, 5)] = rng.uniform(-0.02, 0.02, 2 if soft else 3)
+    wheels = kinematics(robot).wheel_matrix(q, mode).full() @ v
+    known = kinematics(robot).jacobian(q, mode).full() @ v
+    assert rolled(robot, q, wheels, soft) == pytest.approx(known, abs=1e-3)
+
+
+class Hooked(ForeignRobot):
+    """Something happens at a time."""
+
+    at_s, hook = 2.0, staticmethod(lambda: None)
+
+    def wait(self, at_most_s: float) -> None:
+        super().wait(at_most_s)
+        if self.time_s >= self.at_s:
+            self.at_s = np.inf
+            self.hook()
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGUSR1", "SIGALRM"])
+def test_a_signal_that_ends_the_program_stops_the_robot_first(name: str, planned: Planned) -> None:
+    made, number = planned("rigid-move", robot=ARC), getattr(signal, name)
+    robot, before = Hooked(made.problem), signal.getsignal(number)
+    robot.hook = partial(os.kill, os.getpid(), number)
+    with pytest.raises(KeyboardInterrupt):
+        Executor(robot).run(made)
+    assert robot.off
+    assert signal.getsignal(number) == before
+
+
+@pytest.mark.parametrize("swallowed", [True, False])
+def test_an_interrupt_that_a_library_swallows_stops_the_robot_all_the_same(
+    swallowed: bool, planned: Planned
+) -> None:
+    """CasADi makes other errors of it, or none."""
+    made = planned("rigid-move", robot=ARC)
+    robot = Hooked(made.problem)
+
+    def swallow() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            if not swallowed:
+                raise AttributeError("no attribute 'full'") from None
+
+    robot.hook = swallow  # type: ignore[assignment]
+    with pytest.raises(KeyboardInterrupt):
+        Executor(robot).run(made)
+    assert robot.off
+    assert robot.time_s < robot.camera.period_s + 2.5
+
+
+class Deaf(ForeignRobot):
+    """A robot whose line fails so often once the wheels have turned."""
+
+    fails = 3
+
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
+        if self.wheels.any() and self.time_s > 1.0 and self.fails:
+            self.fails -= 1
+            raise OSError("busy")
+        super().send(wheel_rad_s, heater_setpoint_C)
+
+
+@pytest.mark.parametrize("fails", [3, 50])
+def test_a_stop_is_tried_again_and_one_that_never_gets_through_is_told(
+    fails: int, planned: Planned
+) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Deaf(made.problem)
+    robot.fails = fails
+    with pytest.raises(OSError, match="busy") as caught:
+        Executor(robot).run(made)
+    told = getattr(caught.value, "__notes__", [])
+    assert robot.off == (fails == 3) == (not told)
+    assert all("could NOT be told to stop" in note for note in told)
+
+
+@pytest.mark.parametrize("executor", ["optimal", "greedy"])
+def test_a_caller_that_raises_stops_the_robot(executor: str, planned: Planned) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Hooked(made.problem)
+
+    def fail() -> None:
+        raise BrokenError("of the caller")
+
+    robot.hook = fail  # type: ignore[assignment]
+    drive: Callable[[], Any] = partial(Executor(robot).run, made)
+    if executor == "greedy":
+        drive = partial(GreedyExecutor(robot).run, made.problem)
+    with pytest.raises(BrokenError):
+        drive()
+    assert robot.off
+
+
+class Moved(Hooked):
+    """A robot that somebody moves."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.hook = self.push  # type: ignore[assignment]
+
+    def push(self) -> None:
+        self.q = self.q + np.array([0.15, 0.1, 0.2, 0.0, 0.0])
+
+
+def test_a_robot_that_was_moved_is_found_again_and_stands_while_somebody_plans(
+    planned: Planned,
+) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Moved(made.problem)
+    run = Executor(robot, meanwhile=robot.meanwhile).run(made)
+    assert run.ending is Ending.REACHED
+    assert made.robot.ends_within.of(made.problem.judged_goal.error(robot.q.copy())) <= 1.0
+    assert run.corrections + run.replans >= 1
+    assert robot.planning_m == 0.0
+
+
+def test_a_planner_that_raises_leaves_the_robot_off(planned: Planned) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Moved(made.problem)
+
+    def meanwhile(work: Callable[[], Any], rest: Callable[[], None]) -> Any:
+        raise BrokenError("the planner is gone")
+
+    with pytest.raises(BrokenError):
+        Executor(robot, meanwhile=meanwhile).run(made)
+    assert robot.off
+
+
+def test_a_goal_that_was_reached_unseen_is_not_called_reached(planned: Planned) -> None:
+    """The camera dies while the robot looks where it has come to."""
+    made = planned("rigid-move", robot=ARC)
+    robot = ForeignRobot(made.problem, 0, "dead camera", made.duration_s + 1.0)
+    run = Executor(robot).run(made)
+    assert run.ending is Ending.UNSEEN
+    assert "arrived by dead reckoning, not seen for" in run.reason
+    assert not run.reached
+
+
+# --- frames --------------------------------------------------------------------------------------
+
+Q = np.array([0.1, 0.2, 0.3, 5.0, -5.0])
+CAMERA = Camera(noise=(1e-3, 0.02, 1.0))
+
+
+def read(time_s: float, *taken: tuple[float, Array]) -> Reading:
+    known = (25.0, 25.0), ("rigid", "rigid"), (False, False)
+    times, frames = [time_s for time_s, _ in taken], [frame for _, frame in taken]
+    return Reading(time_s, np.array(times), np.array(frames).reshape(-1, 5), *known)
+
+
+def test_only_new_finite_frames_of_now_are_of_use() -> None:
+    nan = Q * [1, 1, 1, np.nan, 1]
+    reading = read(
+        10.0, (9.0, Q), (9.5, Q), (9.5, Q), (9.6, nan), (np.nan, Q), (7.0, Q), (12.0, Q), (9.9, Q)
+    )
+    assert usable(reading, 9.0).taken_s.tolist() == [9.5, 9.9]
+    assert usable(reading, 10.0).taken_s.tolist() == []
+    with pytest.raises(RobotError, match="clock"):
+        usable(read(np.nan), 0.0)
+
+
+def test_a_wild_frame_is_not_believed_and_many_that_agree_are() -> None:
+    belief = CameraFilter(CAMERA, Q, 0.0)
+    wild = Q + np.array([0.5, -0.3, 1.0, 30.0, 0.0])
+    there = Q + np.array([0.2, 0.0, 0.0, 0.0, 0.0])
+    assert belief.correct(np.zeros(3), np.array([Q, wild, Q])).tolist() == [True, False, True]
+    assert belief.q == pytest.approx(Q)
+    for k in range(AGAIN):
+        assert belief.q == pytest.approx(Q)
+        believed = belief.correct(np.zeros(1), there[None] + 1e-3 * k)
+        assert believed[0] == (k == AGAIN - 1)
+    assert belief.q == pytest.approx(there, abs=5e-3)
+
+
+# --- motion --------------------------------------------------------------------------------------
+
+LENGTHS_M = (0.04, 0.04)
+
+
+def moved(share: float, bends: bool, slides_m: float = 0.0) -> None:
+    """Drive for long, of which a share is seen to happen."""
+    doubt, period = Doubt(LENGTHS_M), np.array([1e-3, 0.0, 0.0, 0.0, 0.0])
+    if bends:
+        period = np.array([0.0, 0.0, 0.0, 0.2, 0.0])
+    for _ in range(200):
+        seen = share * period + [slides_m, 0.0, 0.0, 0.0, 0.0]
+        doubt.take((1, 0) if bends else (0, 0), period, seen, "segment 1 soft at 66.0 C")
+
+
+def test_motion_that_does_not_happen_is_doubted_and_a_tenth_of_it_is_not() -> None:
+    for share in (0.1, 0.3, 1.0):
+        moved(share, bends=True)
+        moved(share, bends=False)
+    with pytest.raises(DoubtError, match=f"{1e3 * DRIVE_M:.0f} mm are commanded, 0 mm are seen"):
+        moved(0.0, bends=False)
+    with pytest.raises(DoubtError, match=f"does not bend: {BEND_PER_M:.0f} 1/m") as caught:
+        moved(0.01, bends=True, slides_m=1e-3)
+    assert caught.value.bends
+    with pytest.raises(DoubtError, match="is its camera alive") as caught:
+        moved(0.01, bends=True)
+    assert not caught.value.bends

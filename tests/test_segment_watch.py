@@ -1,0 +1,93 @@
+"""What is wrong with a segment is told by name, and nothing is wrong with one that is sound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from twosra_mpc import load_problem, load_robot
+from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
+from twosra_mpc.execution.settings import Patience
+from twosra_mpc.execution.simulation.disturbance import LEVELS
+from twosra_mpc.execution.simulation.plant import SimulatedRobot
+
+ROBOT = load_robot("2sra-v1")
+SOFT_C, OFF_C, STEP_S = 65.0, 25.0, 1.0
+
+Row = tuple[float, float, Any, bool]  # set-point, temperature, stiffness, faulty
+
+
+def rows(
+    setpoint_C: float, temperature_C: Callable[[float], float], stiffness: Any, until_s: float
+) -> Iterator[Row]:
+    for time_s in np.arange(0.0, until_s, STEP_S).tolist():
+        yield setpoint_C, temperature_C(time_s), stiffness, False
+
+
+def trouble(watched: Iterator[Row], *, reports: bool = True) -> tuple[str, float] | None:
+    """Cause of the first trouble, and when."""
+    watch = SegmentWatch(ROBOT, 25.0, 0, Patience(), reports=reports)
+    for k, (setpoint_C, *known) in enumerate(watched):
+        try:
+            watch.take(k * STEP_S, setpoint_C, *known)
+        except SegmentError as error:
+            return error.cause, k * STEP_S
+    return None
+
+
+CASES: list[tuple[str, Iterator[Row], str, float]] = [
+    ("-127", rows(SOFT_C, lambda t: 30 + t if t < 9 else -127.0, "rigid", 60), "sensor", 15),
+    ("NaN", rows(OFF_C, lambda t: math.nan, "rigid", 60), "sensor", 6),
+    (
+        "every 7 s",
+        rows(OFF_C, lambda t: 25.0 if t % 7 == 0 else math.nan, "rigid", 60),
+        "sensor",
+        7,
+    ),
+    ("no stiffness", rows(OFF_C, lambda t: 25.0, None, 60), "sensor", 6),
+    ("stays", rows(OFF_C, lambda t: 66.0, "soft", 2000), "sensor", 800),
+    ("dead", rows(SOFT_C, lambda t: 25 + 0.01 * t, "rigid", 200), "heater", 40),
+    ("hot", rows(SOFT_C, lambda t: 65 + t, "soft", 100), "hot", 22),
+    ("welded", rows(OFF_C, lambda t: 40 + 0.5 * t, "changing", 200), "relay", 52),
+    ("slow", rows(OFF_C, lambda t: 65 - 0.005 * t, "changing", 2000), "cooling", 800),
+    ("weak", rows(SOFT_C, lambda t: min(25 + t, 60.0), "changing", 2000), "heater", 250),
+    (
+        "latched",
+        ((OFF_C, 40.0 - 0.01 * k, "changing", True) for k in range(2000)),
+        "fault",
+        6,
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "watched", "cause", "at_most_s"), CASES)
+def test_each_trouble_has_its_name_and_comes_in_time(
+    name: str, watched: Iterator[Row], cause: str, at_most_s: float
+) -> None:
+    found = trouble(watched)
+    assert found is not None, name
+    assert found[0] == cause
+    assert found[1] <= at_most_s
+
+
+def test_single_readings_that_are_far_off_and_lags_are_no_trouble() -> None:
+    odd = {7.0: -127.0, 20.0: 99.0, 50.0: math.nan}
+    assert trouble(rows(OFF_C, lambda t: odd.get(t, 25.0), "rigid", 100)) is None
+    coasting = rows(OFF_C, lambda t: 55 + 12 * (1 - math.exp(-t / 8)) - 0.1 * t, "changing", 200)
+    assert trouble(coasting) is None
+    assert trouble(rows(OFF_C, lambda t: math.nan, None, 100), reports=False) is None
+
+
+def test_time_passes_for_a_simulated_robot_while_somebody_plans() -> None:
+    problem = load_problem("rigid-move", robot=ROBOT.name)
+    robot = SimulatedRobot(problem, "arc", LEVELS["moderate"])
+    robot.send(np.ones(4), np.full(2, SOFT_C))
+    before, made = robot.q.copy(), object()
+    assert robot.meanwhile(lambda: made, lambda: None) is made  # type: ignore[arg-type, return-value]
+    assert robot.time_s == pytest.approx(LEVELS["moderate"].planning_s)
+    assert np.abs(robot.q - before).max() > 1e-3  # the last command was in force
+    assert robot.segments[0].temperature_C > 26.0

@@ -1,0 +1,107 @@
+"""Ctrl-C and its relatives as a request, so that no second one can cut a stop short."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+# By which a person or the system ends or suspends a program.
+_USUAL = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")  # Windows knows the first two
+_SUSPENDING = ("SIGTSTP", "SIGTTIN", "SIGTTOU")
+# Nobody can catch the first two; the next four mean that the program itself is broken; the rest
+# does nothing to a program that does not ask for it.
+_LEFT_ALONE = (
+    *("SIGKILL", "SIGSTOP", "SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"),
+    *("SIGCHLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"),
+)
+
+
+class Interrupts:
+    """Whether an interrupt has been asked for."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self._requested = False
+
+    def request(self, *_signal: object) -> None:
+        """Ask for one; usable as a signal handler."""
+        self._requested = True
+
+    def interrupt(self, *_signal: object) -> None:
+        """Ask for one and interrupt at once; a library that swallows that is found out later.
+
+        Raises:
+            KeyboardInterrupt: Always.
+        """
+        self._requested = True
+        raise KeyboardInterrupt
+
+    def check(self) -> None:
+        """Interrupt here, if that was asked for.
+
+        Raises:
+            KeyboardInterrupt: If so.
+        """
+        if self._requested:
+            raise KeyboardInterrupt
+
+
+@contextmanager
+def deferred_interrupts() -> Iterator[Interrupts]:
+    """Collect interrupts for the length of a block instead of raising them anywhere in it.
+
+    So are all signals that would end or suspend the program, if nobody else has a use for them.
+    Outside of the main thread, where Python delivers none, nothing changes.
+    """
+    interrupts = Interrupts()
+    numbers = _numbers((*_USUAL, *_SUSPENDING)) | _ending()
+    with _handled(numbers | _deferred(), interrupts.request):
+        yield interrupts
+
+
+@contextmanager
+def raised_interrupts() -> Iterator[Interrupts]:
+    """Have Ctrl-C and signals that would end the program interrupt a block wherever it is."""
+    interrupts, numbers = Interrupts(), _ending()
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        numbers.add(signal.SIGINT)
+    with _handled(numbers, interrupts.interrupt):
+        yield interrupts
+
+
+@contextmanager
+def _handled(
+    numbers: set[signal.Signals | int], handler: Callable[[int, FrameType | None], object]
+) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handled_by in before.items():
+            signal.signal(number, handled_by)
+
+
+def _ending() -> set[signal.Signals | int]:
+    """Signals that would end the program, for nobody handles them."""
+    known = signal.valid_signals() - _numbers((*_LEFT_ALONE, *_SUSPENDING))
+    return {number for number in known if signal.getsignal(number) is signal.SIG_DFL}
+
+
+def _deferred() -> set[signal.Signals | int]:
+    """Signals that a block around this one collects."""
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    return {
+        number
+        for number, handled_by in handlers.items()
+        if isinstance(getattr(handled_by, "__self__", None), Interrupts)
+    }
+
+
+def _numbers(names: tuple[str, ...]) -> set[signal.Signals | int]:
+    return {getattr(signal, name) for name in names if hasattr(signal, name)}

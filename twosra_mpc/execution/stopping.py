@@ -1,0 +1,56 @@
+"""A stop that always happens: whatever ends a run, the last command is wheels zero, heaters off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from twosra_mpc.execution.interrupts import (
+    Interrupts,
+    deferred_interrupts,
+    raised_interrupts,
+)
+from twosra_mpc.execution.robot_interface import RobotError, RobotInterface
+from twosra_mpc.robot.coordinates import WHEELS
+
+_UNTOLD = "the robot could NOT be told to stop: switch it off"
+_TRIES = 5  # a line can fail once, and a driver too
+
+
+@contextmanager
+def stopped_at_the_end(robot: RobotInterface) -> Iterator[Interrupts]:
+    """Stop a robot at the end of a block, however it ends; no interrupt cuts that short.
+
+    Signals that would end the program raise KeyboardInterrupt in the block, as Ctrl-C does; check
+    what is yielded from time to time, for libraries swallow that, or make another error of it.
+    That the robot could not be told to stop is a note to the error that ended the block.
+
+    Raises:
+        RobotError: If nothing else went wrong but the stop.
+    """
+    with raised_interrupts() as interrupts:
+        try:
+            yield interrupts
+        except BaseException as error:
+            if (untold := _stop(robot)) is not None:
+                error.add_note(f"{untold}; {_UNTOLD}")
+            interrupts.check()
+            raise
+        if (untold := _stop(robot)) is not None:
+            raise RobotError(f"{untold}; {_UNTOLD}") from untold
+
+
+def _stop(robot: RobotInterface) -> Exception | None:
+    """Send wheels zero and heaters off until that goes through; the last error if it never does."""
+    failure: Exception | None = None
+    off_C = np.full(robot.robot.coordinates.segments, robot.robot.heater.rigid_setpoint_C)
+    with deferred_interrupts():
+        for _ in range(_TRIES):
+            try:
+                robot.send(np.zeros(WHEELS), off_C)
+                return None
+            except Exception as error:  # whatever it is, the next try may get through
+                failure = error
+    return failure
