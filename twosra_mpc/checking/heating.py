@@ -237,13 +237,22 @@ def _window_problems(
     else:
         current, (end, begin) = 0.0, levels
         early, late = window.freeze_early, window.freeze_late
-    onset = item.heater_s + early * model.time_until(state, current, begin)
+    onset = item.heater_s + early * _until(model, state, current, begin)
     done = item.heater_s + late * model.time_until(state, current, end)
     name = f"segment {item.segment} to {item.to} at {item.heater_s:.3f} s"
     if abs(item.onset_s - onset) > _EVENT_TOLERANCE_S:
         yield f"{name}: begins to change at {onset:.3f} s{_than(item.onset_s, onset)}"
     if abs(item.done_s - done) > _EVENT_TOLERANCE_S:
         yield f"{name}: has changed at {done:.3f} s{_than(item.done_s, done)}"
+
+
+def _until(model: SegmentModel, state: State, current_A: float, level: float) -> float:
+    """Time to a level [s]; none where the state is there but for rounding."""
+    found = model.time_until(state, current_A, level)
+    there = abs(model.level(state) - level) <= _LEVEL_TOLERANCE * (
+        model.liquid_level - model.solid_level
+    )
+    return 0.0 if there and math.isinf(found) else found
 
 
 def _than(said: float, true: float) -> str:
