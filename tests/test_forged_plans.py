@@ -187,7 +187,7 @@ def test_nothing_bends_while_a_fixed_wait_freezes(planned: Planned) -> None:
 
 
 def test_segments_do_not_change_one_by_one_where_waits_are_fixed(planned: Planned) -> None:
-    made = planned("paper-1", timing="paper")  # [1,1], then [1,0]
+    made = planned("paper-1", timing="paper", robot="2sra-v1-paper")  # [1,1], then [1,0]
     first = [item for item in made.transitions if item.segment == 1]
     gone = first[1:3]  # it just stays soft while the other one freezes
     left = tuple(item for item in made.transitions if item not in gone)

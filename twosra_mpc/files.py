@@ -148,8 +148,9 @@ def check_writable(target: str | Path) -> None:
     real = Path(target).resolve()  # what a link points to is written
     if real.is_dir():
         raise InputError("output", str(target), "the path of a file, not of a folder")
-    written = real if real.exists() and not real.is_file() else real.parent
-    if not (written.exists() and os.access(written, os.W_OK)):
+    special = real.exists() and not real.is_file()
+    written = real if special else real.parent
+    if not ((special or written.is_dir()) and os.access(written, os.W_OK)):
         raise InputError("output", str(target), "a path in a folder that exists and can be written")
 
 
