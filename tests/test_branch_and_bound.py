@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -196,6 +198,41 @@ def test_the_search_reports_progress_with_a_bound_that_never_falls() -> None:
     lows = [low for _, low in seen]
     assert lows == sorted(lows)
     assert all(low <= 7.0 for low in lows)
+
+
+@pytest.mark.parametrize("error", [None, AttributeError("'SX' has no attribute 'full'")])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_that_a_library_swallows_is_one(
+    error: Exception | None, number: signal.Signals
+) -> None:
+    """CasADi does: an NLP then only fails, or raises something else."""
+
+    class Swallowing(RandomTree):
+        def solve(self, node: Path) -> Iterator[tuple[float, Path] | None]:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(number)
+            if error is not None:
+                raise error
+            return iter([None])
+
+    tree = Swallowing({(0,): 10.0}, {(): 1.0}, {(0,): None}, 3)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        result = search(tree)
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        signal.signal(number, before)
+    assert result.ending is Ending.INTERRUPTED
+    assert result.lower_bound == 10.0
+
+
+def test_what_fails_without_an_interrupt_is_raised() -> None:
+    class Failing(RandomTree):
+        def solve(self, node: Path) -> Iterator[tuple[float, Path] | None]:
+            raise AttributeError(f"nothing at {node}")
+
+    with pytest.raises(AttributeError, match="nothing at"):
+        search(Failing({(0,): 10.0}, {(): 1.0}, {(0,): None}, 3))
 
 
 def test_an_interrupt_while_branching_loses_no_bound() -> None:

@@ -11,8 +11,8 @@ import pytest
 from conftest import Planned
 from simulated_firmware import SimulatedFirmware
 
-from twosra_mpc.execution.interrupts import deferred_interrupts
 from twosra_mpc.execution.serial.stream import Confirm, StreamError, stream
+from twosra_mpc.interrupts import deferred_interrupts
 
 Reports = Callable[[float, int, float], bytes]
 

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from twosra_mpc.execution.interrupts import (
+from twosra_mpc.execution.robot_interface import RobotError, RobotInterface
+from twosra_mpc.interrupts import (
     Interrupts,
     deferred_interrupts,
     raised_interrupts,
 )
-from twosra_mpc.execution.robot_interface import RobotError, RobotInterface
 from twosra_mpc.robot.coordinates import WHEELS
 
 _UNTOLD = "the robot could NOT be told to stop: switch it off"

@@ -18,7 +18,6 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError
 from twosra_mpc.execution.serial import firmware_lines
 from twosra_mpc.execution.serial.clock import Clock
@@ -30,6 +29,7 @@ from twosra_mpc.execution.serial.segments import (
     ReportedSegment,
 )
 from twosra_mpc.execution.settings import Patience
+from twosra_mpc.interrupts import Interrupts, deferred_interrupts
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot

@@ -16,7 +16,6 @@ from typing import NamedTuple
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError, NoPlanError, TwosraError
 from twosra_mpc.execution.executor import Executor
-from twosra_mpc.execution.interrupts import deferred_interrupts
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending, Executed, Run, Verdict
 from twosra_mpc.execution.run_log import RunFile
@@ -27,6 +26,7 @@ from twosra_mpc.execution.serial.pose_lines import PoseLines
 from twosra_mpc.execution.serial.robot import RATE_HZ, SerialRobot, connected, while_standing
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings, Patience
+from twosra_mpc.interrupts import deferred_interrupts
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array
 

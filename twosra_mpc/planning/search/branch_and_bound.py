@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
 from twosra_mpc.errors import ContradictionError
+from twosra_mpc.interrupts import noted_interrupts
 from twosra_mpc.plans.ending import Ending
 
 Node = TypeVar("Node")
@@ -111,17 +112,23 @@ def branch_and_bound(
         ContradictionError: If a leaf costs less than its bound: the tree's bounds are wrong.
     """
     search = _Search(tree, gap)
-    try:
-        if (found := first_look()) is not None:
-            search.cost, search.solution = found
-        while search.open:
-            on_progress(search.cost, search.lower_bound)
-            if search.closed:
-                return search.result(Ending.CLOSED)
-            if out_of_time():
-                return search.result(Ending.LIMIT)
-            search.step()
-    except KeyboardInterrupt:
+    with noted_interrupts() as interrupts:
+        try:
+            if (found := first_look()) is not None:
+                search.cost, search.solution = found
+            while search.open and not interrupts.requested:
+                on_progress(search.cost, search.lower_bound)
+                if search.closed:
+                    break
+                if out_of_time():
+                    return search.result(Ending.LIMIT)
+                search.step()
+        except KeyboardInterrupt:
+            interrupts.request()
+        except Exception:  # of which some are interrupts that a library made something else of
+            if not interrupts.requested:
+                raise
+    if interrupts.requested:
         return search.result(Ending.INTERRUPTED)
     return search.result(Ending.CLOSED if search.closed else Ending.EXHAUSTED)
 

@@ -20,15 +20,15 @@ _LEFT_ALONE = (
 
 
 class Interrupts:
-    """Whether an interrupt has been asked for."""
+    """Whether an interrupt has been asked for: ``requested``."""
 
     def __init__(self) -> None:
         """None yet."""
-        self._requested = False
+        self.requested = False
 
     def request(self, *_signal: object) -> None:
         """Ask for one; usable as a signal handler."""
-        self._requested = True
+        self.requested = True
 
     def interrupt(self, *_signal: object) -> None:
         """Ask for one and interrupt at once; a library that swallows that is found out later.
@@ -36,7 +36,7 @@ class Interrupts:
         Raises:
             KeyboardInterrupt: Always.
         """
-        self._requested = True
+        self.requested = True
         raise KeyboardInterrupt
 
     def check(self) -> None:
@@ -45,7 +45,7 @@ class Interrupts:
         Raises:
             KeyboardInterrupt: If so.
         """
-        if self._requested:
+        if self.requested:
             raise KeyboardInterrupt
 
 
@@ -59,6 +59,18 @@ def deferred_interrupts() -> Iterator[Interrupts]:
     interrupts = Interrupts()
     numbers = _numbers((*_USUAL, *_SUSPENDING)) | _ending()
     with _handled(numbers | _deferred(), interrupts.request):
+        yield interrupts
+
+
+@contextmanager
+def noted_interrupts() -> Iterator[Interrupts]:
+    """Have Ctrl-C interrupt a block as ever, and know of it where a library swallows it.
+
+    So are other signals that do as Ctrl-C does.
+    """
+    interrupts, numbers = Interrupts(), _numbers(_USUAL)
+    usual = {n for n in numbers if signal.getsignal(n) is signal.default_int_handler}
+    with _handled(usual, interrupts.interrupt):
         yield interrupts
 
 
