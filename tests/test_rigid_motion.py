@@ -11,12 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import ROBOT
 
-from twosra_mpc import Goal, Problem, Start
+from twosra_mpc import Goal, Problem, Start, plan
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.nlp.guess import guess_motion, turned_to_go
 from twosra_mpc.planning.search import rigid_motion
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.planning.search.rigid_motion import headings_visited, least_time
 from twosra_mpc.planning.single_goal.relaxed import rigid_time
+from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID
 
 LIMIT = ROBOT.limits.wheel_speed_rad_s
@@ -63,7 +65,53 @@ def test_no_admissible_motion_is_faster_than_the_bound(
             continue
         pose = drive(pose, twist * LIMIT / size, seconds)
         duration += seconds
-    assert rigid_time(problem_between(start, pose, kappa)) <= duration + 1e-6
+    problem = problem_between(start, pose, kappa)
+    assert rigid_time(problem) <= duration + 1e-6
+    boxed = problem.with_values(
+        goal=problem.goal.with_values(
+            x_m=float(pose[0]) + 0.01,
+            phi_rad=float(pose[2]) - 0.2,
+            tolerance={"x_m": 0.011, "phi_rad": 0.21},
+        )
+    )
+    free = problem.with_values(goal=Goal(x_m=pose[0], phi_rad=pose[2], kappa_per_m=kappa))
+    whole = problem.with_values(goal=problem.goal.with_values(phi_modulo=False))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rigid_motion, "_FAR_RAD", 0.0)  # as if it were far: headings once around
+        for asked in (problem, boxed, free, whole):
+            assert rigid_time(asked) <= duration + 1e-6
+
+
+@pytest.mark.parametrize("phi_modulo", [True, False])
+def test_far_goals_are_bounded_and_met_as_near_ones_are(phi_modulo: bool) -> None:
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(20.0, -10.0))
+    goal = Goal(x_m=12.0, y_m=-16.0, phi_rad=1.0, kappa_per_m=(20.0, -10.0), phi_modulo=phi_modulo)
+    problem = Problem(robot=ROBOT, start=start, goal=goal, gap=0.01)
+    made = plan(problem).require()
+    rows = wheel_matrix((20.0, -10.0))[:, :2] / LIMIT
+    around = np.linspace(0, math.tau, 721)
+    straight_s = 20.0 * np.abs(rows @ [np.cos(around), np.sin(around)]).max(axis=0).min()
+    assert made.lower_bound is not None
+    assert 0.98 * straight_s <= made.lower_bound <= made.duration_s < 1.02 * straight_s
+
+
+def test_what_may_be_quicker_does_not_keep_a_far_drive_from_being_tried() -> None:
+    """In 80 m it would pay to bend first, and many sequences are bounded below the drive."""
+    shape = (20.0, -10.0)
+    problem = problem_between(np.zeros(3), np.array([60.0, -80.0, 1.0]), shape)
+    made = plan(problem.with_values(time_limit_s=2.0)).require()
+    assert made.duration_s < 850.0
+
+
+def test_a_drive_may_be_a_turn_a_straight_way_and_a_turn() -> None:
+    problem = problem_between(np.zeros(3), np.array([2.0, 1.0, -2.0]), (20.0, -10.0))
+    screw = guess_motion(
+        ROBOT, problem.start.configuration, problem.goal, (RIGID,), np.zeros(1), 10
+    )
+    going = turned_to_go(screw)
+    np.testing.assert_allclose(going.states[0, -1], screw.states[0, -1], atol=1e-9)
+    assert np.ptp(going.states[0, 2:-2, 2]) < 1e-9
+    assert interval_durations(going).sum() < interval_durations(screw).sum()
 
 
 def test_pure_rotation_is_bounded_exactly() -> None:

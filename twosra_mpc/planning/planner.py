@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -92,6 +93,7 @@ def plan_without(
         gap=problem.gap,
         out_of_time=lambda: time.perf_counter() - started > problem.time_limit_s,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
+        first_look=lambda: _drive(tree) if isinstance(solver, SequenceSolver) else None,
     )
     result = as_asked(problem, result)
     stats = Stats(
@@ -101,6 +103,15 @@ def plan_without(
         nlp_iterations=solver.iterations,
     )
     return _conclude(problem, result, tree, stats)
+
+
+def _drive(tree: ModeTree[Solved]) -> tuple[float, Solved] | None:
+    """Only to drive, if that leads to the goal; many sequences may be bounded below it."""
+    node = tree.root()
+    if not node or tree.leaf_bound(node) == math.inf:
+        return None
+    guesses = itertools.islice(tree.solve(node), 2)
+    return min(filter(None, guesses), key=lambda found: found[0], default=None)
 
 
 def _rest(problem: Problem) -> Result | None:

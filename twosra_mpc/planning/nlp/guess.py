@@ -18,7 +18,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, bending_chain, roll_out
 from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import broken_by_shapes, workspace_margins
+from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -28,6 +28,7 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 _STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
 _MOST_STEPS = 64
 _STRAYING_M = 2e-3  # out of a workspace between nodes
+_ASIDES = 360  # directions of a straight way
 _NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
 _TRIED, _LOOKS = 41, 41  # amounts of bending to and fro, and shapes on the way of each bend
 _INSIDE = 0.9999  # of the curvature limits
@@ -112,6 +113,34 @@ def swerved(motion: Motion, turn_rad: float) -> Motion:
         move = np.linalg.solve(_matrix(here), _matrix(end))
         inputs[first, k, 2:] = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
     return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
+
+
+def turned_to_go(motion: Motion) -> Motion:
+    """Return the drive as a turn, a straight way and a turn, the quickest of these.
+
+    Far goals are worth a turn to the heading in which wheels push hardest.
+
+    Args:
+        motion: One rigid phase.
+    """
+    robot, start, end = motion.robot, motion.states[0, 0], motion.states[0, -1]
+    rows = rigid_rows(robot, start[POSE:])
+    (east, north), whole = (end - start)[:2], float((end - start)[2])
+    far = math.hypot(east, north)
+    aside = np.linspace(-math.pi, math.pi, _ASIDES, endpoint=False)  # of the way, from the body's x
+    ways = np.array([np.cos(aside), np.sin(aside)])
+    turn = np.remainder(math.atan2(north, east) - aside - start[2] + math.pi, math.tau) - math.pi
+    turn = np.stack([turn - math.tau, turn, turn + math.tau])
+    turned = np.abs(turn) + np.abs(whole - turn)
+    pace = np.abs(rows[:, :2] @ ways).max(axis=0)
+    cost = far * pace + turned * np.abs(rows[:, 2]).max()
+    first, way = turn.flat[cost.argmin()], ways[:, cost.argmin() % _ASIDES]
+    inputs = np.zeros_like(motion.inputs)
+    count = inputs.shape[1] // 5
+    inputs[0, :count, 4] = first / count
+    inputs[0, count:-count, 2:4] = far * way / (inputs.shape[1] - 2 * count)
+    inputs[0, -count:, 4] = (whole - first) / count
+    return roll_out(robot, start, motion.sequence, inputs)
 
 
 def spared_corners(problem: Problem, workspace: Workspace) -> Array:

@@ -27,6 +27,7 @@ from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.robot.coordinates import Array
 
 _PANEL_RAD = 0.06
+_FAR_RAD = 3 * math.tau  # turns in a drive from which on headings are covered once, not once a turn
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
 
 
@@ -57,6 +58,10 @@ def least_time(
     if not (math.isfinite(low) and math.isfinite(high)):
         bound = _bound_to(vertices, shift, shift_box, (-reach, reach), reach)
         return min(bound, known_s) * (1 - _ROUNDING)
+    if reach > _FAR_RAD:
+        return min(_bound_around(vertices, shift, shift_box, turns, modulo), known_s) * (
+            1 - _ROUNDING
+        )
     best = known_s
     first = math.ceil((-reach - high) / math.tau) if modulo else 0
     last = math.floor((reach - low) / math.tau) if modulo else 0
@@ -116,6 +121,56 @@ def _bound_to(
         return 0.0
     s = np.clip(optimum[1], *ends.T)
     return float(gain @ s) / float((rows @ s).max(initial=1.0))  # S, made to grow as it may
+
+
+def _bound_around(
+    vertices: Array,
+    shift: Array,
+    shift_box: Array,
+    turns: tuple[float, float],
+    modulo: bool,
+) -> float:
+    """Best bound with C(phi) = a phi + what has a period of 2 pi; a = 0 if full turns are equal.
+
+    The goal's headings lie in panels in which the periodic part does not change.
+    """
+    low, high = turns
+    here, wide = low % math.tau, min(high - low, math.tau)
+    marks = {0.0, here, (here + wide) % math.tau, math.tau}
+    edges = _panels(sorted(marks))
+    middle, half, count = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2, len(edges) - 1
+    level = np.eye(count)  # C where panels begin
+    slopes = (np.roll(level, -1, axis=0) - level) / (2 * half)[:, None]
+    flat = slopes[(middle - here) % math.tau < wide]
+    blocks = []
+    for angle, size in (
+        (edges[:-1], np.ones(count)),
+        (edges[1:], np.ones(count)),
+        (middle, 1 / np.cos(half)),
+    ):
+        c, s = np.cos(angle) * size, np.sin(angle) * size
+        for u, v, r in vertices:
+            drive = np.column_stack([c * u - s * v, s * u + c * v])
+            turn = np.full((count, 1), r)
+            blocks.append(np.hstack([drive, -drive, turn, -turn, slopes * r]))
+    asked = np.isfinite(shift)
+    along, box = np.where(asked, shift, 0.0), np.where(asked, shift_box, 0.0)
+    reached = level[int(np.argmin(np.abs(edges[:-1] - here)))]
+    gain = np.concatenate([along - box, -along - box, [low, -high], reached - level[0]])
+    ends = np.tile([-np.inf, np.inf], (len(gain), 1))
+    ends[:6, 0], ends[:4][~np.tile(asked, 2), 1] = 0.0, 0.0
+    ends[4:6, 1] = 0.0 if modulo else np.inf
+    ends[6] = 0.0  # C at the start's heading
+    growth = np.vstack(blocks)
+    level_rows = np.pad(np.vstack([flat, -flat]), ((0, 0), (6, 0)))
+    limits = np.concatenate([np.ones(len(growth)), np.zeros(len(level_rows))])
+    rows = np.vstack([growth, level_rows])
+    optimum = minimise(-gain, rows, limits, [(a, b) for a, b in ends.tolist()])
+    if optimum is None:
+        return 0.0
+    s = np.clip(optimum[1], *ends.T)
+    fall = float(np.abs(flat @ s[6:]).sum()) * 2 * float(half.max())  # within the goal's headings
+    return max(0.0, float(gain @ s) - fall) / float((growth @ s).max(initial=1.0))
 
 
 def headings_visited(goal: tuple[float, float], reach: float) -> tuple[float, float]:

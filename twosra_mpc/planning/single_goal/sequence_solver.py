@@ -19,6 +19,7 @@ from twosra_mpc.planning.nlp.guess import (
     inner_goal,
     moved_inside,
     swerved,
+    turned_to_go,
 )
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.single_goal.gentle import cheapest
@@ -63,9 +64,12 @@ class SequenceSolver:
         problem, (guess, first) = self.problem, self._cheapest_guess(network, bound)
         yield first
         starts = [guess]
-        jumps = problem.robot.limits.wheel_acceleration_rad_s2 is None  # else bends of a way cost
-        if jumps and not any(map(any, network.sequence)):  # all there is to do is to drive
-            starts.append(swerved(guess, _ASIDE_RAD))
+        if not any(map(any, network.sequence)):
+            going = turned_to_go(guess)  # all there is to do is to drive
+            yield checked(problem, scheduled(going, network, problem, iterations=0), network)
+            starts.append(going)
+            if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
+                starts.append(swerved(guess, _ASIDE_RAD))
         for start in starts:
             if time.perf_counter() > self.deadline:
                 return
