@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -35,6 +36,7 @@ from twosra_mpc.cli import jog, options, output, planning, robot_line, simulate,
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.model.rolling import Drift
+from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film, paper_figures
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
@@ -377,8 +379,10 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 def test_every_example_runs(
     name: str, run: Run, solved: Solved, connect: Callable[[int], None], tmp_path: Path
 ) -> None:
+    found = solved("shape-change")
+    proof = Prover(found.problem).certificate(found.lower_bound or 0.0)
     for target in ("plan.json", "other.json"):
-        solved("shape-change").save(tmp_path / target)
+        replace(found, certificate=proof).save(tmp_path / target)
     robot = files("twosra_mpc").joinpath("robots", "2sra-v1.toml").read_text(encoding="utf-8")
     (tmp_path / "my-robot.toml").write_text(robot, encoding="utf-8")
     write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")

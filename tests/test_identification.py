@@ -486,7 +486,13 @@ def test_bad_input_is_told_before_anything_is_fitted(run: Run, path: Path) -> No
     for arguments, told in (
         ((path, "--robot", "2sra-v1"), "segment.model = 'lumped'"),
         ((path, "--robot", "2sr-v2", "--plot", "a.docx"), "ending in"),
-        ((path, "--robot", "2sr-v2", "--out", "none/a.toml"), "folder that can be written"),
+        (
+            (path, "--robot", "2sr-v2", "--out", "none/a.toml"),
+            (
+                (path, "--robot", "2sr-v2", "--out", "none/a.toml"),
+                "folder that exists and can be written",
+            ),
+        ),
         ((path, "--robot", "2sr-v2", "--held-out", "none.csv"), "none.csv"),
         ((path, "--robot", "2sr-v2", "--ambient", "99"), "ambient_C = 99"),
         ((path,), "--robot"),

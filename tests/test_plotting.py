@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 from collections.abc import Callable
@@ -364,8 +365,8 @@ def test_the_ending_chooses_the_format(tmp_path: Path) -> None:
 def test_a_failed_write_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def half_written(_: Figure, path: Path, **__: object) -> None:
-        path.write_text("half")
+    def half_written(_: Figure, file: io.BytesIO, **__: object) -> None:
+        file.write(b"half")
         raise OSError(28, "No space left on device")
 
     target = tmp_path / "plan.png"

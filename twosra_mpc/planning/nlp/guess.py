@@ -211,7 +211,7 @@ def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Arra
     here = np.array(facts.coordinates(problem.start.kappa_per_m))
     share = np.linspace(0.0, 1.0, _LOOKS)[:, None]
     found = []
-    for direction in np.unique(free[np.abs(free).max(axis=1) > _NO_CHOICE], axis=0):
+    for direction in np.unique(free[np.abs(free).max(axis=1, initial=0.0) > _NO_CHOICE], axis=0):
         along = np.zeros(len(bends))
         along[modes.any(axis=1)] = direction / np.abs(direction).max()
         grows, at = (np.cumsum(each[:, None] * modes, axis=0) for each in (along, bends))
