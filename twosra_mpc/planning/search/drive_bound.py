@@ -168,7 +168,7 @@ class _Drive:
         near = abs(min(max(0.0, self.goal[0]), self.goal[1]))
         width = near / max(round(near / width), 1) if near > width / 2 else width
         first, last = math.floor(low / width) - 1, math.ceil(high / width) + 1
-        grid: Array = np.arange(first, last + 1) * width
+        grid: Array = np.arange(first, last + 1, dtype=float) * float(width)
         return grid, -first
 
 
