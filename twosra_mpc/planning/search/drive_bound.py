@@ -22,6 +22,10 @@ bounds V at all headings, not only these: a pair of headings (begin, end) lies i
 pairs of the grid, none of which turns by more than m h. C_k is linear on it, as are the shares of
 the slices. Halfway differs there by at most h / 2 on average, and a heading on the way differs from
 halfway by m h / 4 on average; R by no more than that.
+
+Where turning left is as good as turning right no p proves much, as points between the ends of two
+motions count as reached. So motions are split by their heading at a fixed time before the end
+(C_k is -inf at all others there), each part with a p of its own, the least bound first.
 """
 
 from __future__ import annotations
@@ -40,10 +44,11 @@ from twosra_mpc.planning.search.rigid_motion import (
 )
 from twosra_mpc.robot.coordinates import Array
 
-_COARSE, _FINE = 100, 800  # headings, to look for p and to prove with it
-_SPLITS = 7
+_COARSE, _FINE = 100, 1400  # headings, to look for p and to prove with it
+_SPLITS = 7  # of the headings midway
+_GAIN = 1e-3  # what the first split must gain for another
 _DIRECTIONS = 12  # golden sections
-_FINEST_SLICES = 16
+_FINEST_SLICES = 32
 _STEEP = 10.0  # slope of C_0 outside the goal, times what the fastest turn may gain meanwhile
 _ROUNDING = 1e-9
 
@@ -73,8 +78,9 @@ def least_drive_time(
     order = itertools.count()
     queue = [(each.disproved(each.headings), next(order), each, each.headings) for each in drives]
     heapq.heapify(queue)
-    for _ in range(_SPLITS):
-        if not queue or queue[0][0] >= until_s:
+    first = queue[0][0] if queue else until_s
+    for k in range(_SPLITS):
+        if not queue or queue[0][0] >= until_s or (k and queue[0][0] <= first * (1 + _GAIN)):
             break
         least, _, drive, (low, high) = heapq.heappop(queue)
         for half in ((low, (low + high) / 2), ((low + high) / 2, high)):
@@ -99,10 +105,7 @@ class _Drive:
         self.until_s = until_s
         self.fastest_turn = float(vertices[:, 2].max())
         self.headings = headings_visited(goal, self.fastest_turn * until_s)
-        found = [_slices(rows, vertices, m) for m in range(1, _FINEST_SLICES + 1)]
-        width = (self.headings[1] - self.headings[0]) / _FINE
-        costs = [over + (m + 2) / 4 * width for m, (_, over) in enumerate(found, start=1)]
-        self.slices = found[int(np.argmin(costs))][0]
+        self.slices = _best_slices(rows, vertices, (self.headings[1] - self.headings[0]) / _FINE)
         self.fastest = float(np.hypot(*np.vstack(self.slices).T).max())
 
     def disproved(self, midway: tuple[float, float]) -> float:
@@ -189,6 +192,18 @@ def _largest(value: Callable[[float], float], low: float, high: float) -> float:
     return a if at_a >= at_b else b
 
 
+def _best_slices(rows: Array, vertices: Array, width: float) -> list[Array]:
+    """The slices with which least is lost: few are coarse, many take steps of many headings."""
+    best, least = list[Array](), math.inf
+    for m in range(1, _FINEST_SLICES + 1):
+        if (m + 2) / 4 * width >= least:
+            break
+        found, over = _slices(rows, vertices, m)
+        if over + (m + 2) / 4 * width < least:
+            best, least = found, over + (m + 2) / 4 * width
+    return best
+
+
 def _slices(rows: Array, vertices: Array, count: int) -> tuple[list[Array], float]:
     """Points (u, v) at 2 count + 1 even rates of turn whose hulls in 3-D hold P; how far they go.
 
@@ -202,7 +217,7 @@ def _slices(rows: Array, vertices: Array, count: int) -> tuple[list[Array], floa
         low, high = turns <= j + 1e-12, turns >= j - 1e-12
         between = turns[high] - turns[low][:, None]
         share = np.divide(
-            j - turns[low][:, None], between, where=between > 1e-9, out=np.zeros_like(between)
+            j - turns[low][:, None], between, where=between > 1e-12, out=np.zeros_like(between)
         ).clip(0.0, 1.0)[..., None]
         met = twists[low][:, None] * (1 - share) + twists[high] * share
         points[j + count] += list(met.reshape(-1, 2))
