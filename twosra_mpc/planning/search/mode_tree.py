@@ -56,7 +56,8 @@ class ModeTree(Generic[Solution]):
         timing: The transition model.
         task: What the bending coordinates must do.
         weights: Weights of the cost.
-        rigid_time: Proved least duration of a plan that never melts anything [s].
+        rigid_time: Proved least duration of a plan that never melts anything [s]; more work is put
+            into it where it is less than the argument, what is enough.
         solver: Yields attempts at a plan of one sequence, given its network and bound.
         excluded: Complete sequences that are not to be used.
         in_the_way: What is in the way; asked again and again, as more may be known the next time.
@@ -70,7 +71,7 @@ class ModeTree(Generic[Solution]):
     timing: TransitionModel
     task: BendingTask
     weights: Weights
-    rigid_time: Callable[[], float]
+    rigid_time: Callable[[float], float]
     solver: SequenceSolver[Solution]
     excluded: frozenset[ModeSequence] = frozenset()
     in_the_way: InTheWay = field(default_factory=InTheWay)
@@ -196,12 +197,16 @@ class ModeTree(Generic[Solution]):
             )
             return math.inf
         self._bounds[leaf] = bound
-        if not any(any(mode) for mode in leaf) and self.first == self.last == self.rigid:
-            return max(bound.cost, self.rigid_time())
+        if self._only_drives(leaf):
+            return max(bound.cost, self.rigid_time(0.0))
         pose = self.task.pose
         if self._motion_s is None and pose is not None and pose.known_s > bound.cost:
             self._motion_s = least_motion_s(self.task, self.modes)  # driving outlasts the metal
         return max(bound.cost, self.bound(node)) if self._motion_s else bound.cost
+
+    def _only_drives(self, leaf: ModeSequence) -> bool:
+        """Whether plans of this sequence never melt anything."""
+        return self.first == self.last == self.rigid and not any(map(any, leaf))
 
     def tighter_bound(self, node: ModeSequence, enough: float) -> float:
         """Raise the leaf bound by the time the change of pose takes, or by what blocks it."""
@@ -216,6 +221,8 @@ class ModeTree(Generic[Solution]):
         network = self.timing.network(leaf, self.last, longer)
         delayed = self.timing.with_delays(network, longer)
         bound = self.bound(node) if self._motion_s else -math.inf
+        if self._only_drives(leaf):
+            bound = max(bound, self.rigid_time(enough))
         if bound < enough:
             bound = max(bound, bound_by_parts(delayed, self.task, self.weights, longer, enough))
         if bound < enough:

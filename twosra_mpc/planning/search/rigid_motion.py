@@ -27,7 +27,7 @@ from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.robot.coordinates import Array
 
 _PANEL_RAD = 0.06
-_FAR_RAD = 3 * math.tau  # turns in a drive from which on headings are covered once, not once a turn
+FAR_RAD = 3 * math.tau  # turns in a drive from which on headings are covered once, not once a turn
 _ROUNDING = 1e-9  # relative allowance for rounding in the vertices and the linear program
 
 
@@ -54,21 +54,27 @@ def least_time(
         return 0.0
     fastest_turn = float(vertices[:, 2].max())
     reach = fastest_turn * known_s
-    low, high = turns
-    if not (math.isfinite(low) and math.isfinite(high)):
-        bound = _bound_to(vertices, shift, shift_box, (-reach, reach), reach)
-        return min(bound, known_s) * (1 - _ROUNDING)
-    if reach > _FAR_RAD:
-        return min(_bound_around(vertices, shift, shift_box, turns, modulo), known_s) * (
-            1 - _ROUNDING
-        )
+    if reach > FAR_RAD:
+        free = not all(map(math.isfinite, turns))
+        around = ((-math.pi, math.pi), True) if free else (turns, modulo)
+        found = _bound_around(vertices, shift, shift_box, *around)
+        return min(found, known_s) * (1 - _ROUNDING)
     best = known_s
-    first = math.ceil((-reach - high) / math.tau) if modulo else 0
-    last = math.floor((reach - low) / math.tau) if modulo else 0
-    for k in range(first, last + 1):
-        goal = (low + k * math.tau, high + k * math.tau)
+    for goal in goal_headings(turns, modulo, reach):
         best = min(best, _bound_to(vertices, shift, shift_box, goal, reach))
     return best * (1 - _ROUNDING)
+
+
+def goal_headings(
+    turns: tuple[float, float], modulo: bool, reach: float
+) -> list[tuple[float, float]]:
+    """Intervals of goal headings, relative to the start's, that can be turned to by ``reach``."""
+    low, high = turns
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return [(-reach, reach)]
+    first = math.ceil((-reach - high) / math.tau) if modulo else 0
+    last = math.floor((reach - low) / math.tau) if modulo else 0
+    return [(low + k * math.tau, high + k * math.tau) for k in range(first, last + 1)]
 
 
 def twist_vertices(speed_rows: Array) -> Array | None:

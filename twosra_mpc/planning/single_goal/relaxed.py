@@ -15,6 +15,7 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.nlp.guess import bend_changes, guess_motion
 from twosra_mpc.planning.search.bends import BendingTask, Conserved
 from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.search.drive_bound import least_drive_time
 from twosra_mpc.planning.search.mode_tree import InTheWay, ModeTree
 from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
@@ -51,7 +52,7 @@ def mode_tree(
         timing=transition_model(problem),
         task=bending_task(problem),
         weights=problem.cost_weights,
-        rigid_time=lambda: rigid_time(problem),
+        rigid_time=partial(rigid_time, problem),
         solver=solver,
         excluded=excluded,
         in_the_way=in_the_way or InTheWay(),
@@ -131,8 +132,11 @@ def pose_task(problem: Problem) -> PoseTask | None:
     )
 
 
-def rigid_time(problem: Problem) -> float:
-    """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s]."""
+def rigid_time(problem: Problem, enough: float = 0.0) -> float:
+    """Proved lower bound on the duration of a plan that drives rigidly from start to goal [s].
+
+    Where the quick bound is less than ``enough`` [s], takes up to a third of a second more.
+    """
     start = problem.start.configuration
     low, high = (end[:POSE] - start[:POSE] for end in problem.goal.box_met(start))
     guess = guess_motion(problem.robot, start, problem.goal, (problem.robot.rigid,), np.zeros(1), 1)
@@ -146,17 +150,14 @@ def rigid_time(problem: Problem) -> float:
         shift = np.array([c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]])
     else:  # boxes and free coordinates are aligned with the world: turn the wheels instead
         rows = rows @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    at_speed = least_time(
-        speed_rows=rows,
-        shift=shift,
-        shift_box=box[:2],
-        turns=(float(low[2]), float(high[2])),
-        modulo=problem.goal.phi_modulo,
-        known_s=_known_s(guess),
-    )
+    asked = rows, shift, box[:2], (float(low[2]), float(high[2])), problem.goal.phi_modulo
+    known_s, ramp_s = _known_s(guess), rigid_ramp_s(problem.robot, start[POSE:])
+    at_speed = least_time(*asked, known_s)
+    if from_rest_to_rest(at_speed, ramp_s) < enough:
+        until_s = enough - ramp_s if enough >= 2 * ramp_s else enough**2 / (4 * ramp_s)
+        at_speed = max(at_speed, least_drive_time(*asked, min(until_s * (1 + 1e-6), known_s)))
     shortest = 0.0 if problem.goal.met_at(start) else problem.robot.limits.phase_s
-    in_motion = from_rest_to_rest(at_speed, rigid_ramp_s(problem.robot, start[POSE:]))
-    return max(in_motion, shortest - TIME_TOLERANCE_S)
+    return max(from_rest_to_rest(at_speed, ramp_s), shortest - TIME_TOLERANCE_S)
 
 
 def _known_s(guess: Motion) -> float:
