@@ -45,7 +45,7 @@ from twosra_mpc.planning.search.rigid_motion import (
 )
 from twosra_mpc.robot.coordinates import Array
 
-_COARSE, _FINE = 100, 1400  # headings, to look for p and to prove with it
+_COARSE, _FINE = 100, 1200  # headings, to look for p and to prove with it
 _SPLITS = 7  # of the headings midway
 _GAIN = 1e-3  # what the first split must gain for another
 _DIRECTIONS = 12  # golden sections
