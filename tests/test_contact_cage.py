@@ -126,6 +126,13 @@ def test_where_nothing_overlaps_is_among_what_may_be_free(seed: int) -> None:
         caged(V1.geometry, kappa, thing, pose)  # refuses none
 
 
+@pytest.mark.parametrize("thing", [disc(0.02), cube(0.03)])
+def test_what_is_far_away_is_free(thing: Object) -> None:
+    found = caged(V1.geometry, [-18.4, -36.9], thing, [0.5, 0.5, 2.5])
+    assert not found.proved
+    assert found.room_m == np.inf
+
+
 def test_an_object_in_the_robot_is_refused() -> None:
     for thing in (disc(0.03), cube(0.03)):
         with pytest.raises(InputError, match="pose_in_b0"):

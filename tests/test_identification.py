@@ -488,10 +488,7 @@ def test_bad_input_is_told_before_anything_is_fitted(run: Run, path: Path) -> No
         ((path, "--robot", "2sr-v2", "--plot", "a.docx"), "ending in"),
         (
             (path, "--robot", "2sr-v2", "--out", "none/a.toml"),
-            (
-                (path, "--robot", "2sr-v2", "--out", "none/a.toml"),
-                "folder that exists and can be written",
-            ),
+            "folder that exists and can be written",
         ),
         ((path, "--robot", "2sr-v2", "--held-out", "none.csv"), "none.csv"),
         ((path, "--robot", "2sr-v2", "--ambient", "99"), "ambient_C = 99"),

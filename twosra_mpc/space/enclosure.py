@@ -42,6 +42,8 @@ def disc_enclosed(around: Array, radius_m: float, at: Array) -> Enclosure | None
     body = shapely.union_all(shapely.polygons(around))
     blocked = shapely.buffer(body, radius_m - UNSEEN_M, quad_segs=_QUADRANT)  # inscribed
     box = np.reshape(shapely.bounds(blocked), (2, 2)) + np.array([[-_AROUND_M], [_AROUND_M]])
+    if _outside(at, box):
+        return Enclosure(False, 0, np.inf)
     parts: Any = shapely.get_parts(shapely.difference(shapely.box(*box[0], *box[1]), blocked))
     held = parts[shapely.intersects(parts, shapely.Point(at))]
     return _enclosure(held, box, 0, at) if len(held) else None
@@ -59,6 +61,8 @@ def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | No
     for headings in (1, *HEADINGS):  # with one it does not turn
         thinner = _kept(pieces, 0.0 if headings == 1 else np.pi / headings)
         free = free_slices(thinner, list(around), headings)
+        if _outside(at, free.box_m):
+            return Enclosure(False, headings, np.inf)
         component = free.component(pose)
         if component is None:
             return None
@@ -67,6 +71,11 @@ def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | No
         if found.proved != (headings == 1):
             return found
     return found
+
+
+def _outside(at: Array, box_m: Array) -> bool:
+    """Whether a place is farther away than anything that could hold it."""
+    return bool((at <= box_m[0]).any() or (at >= box_m[1]).any())
 
 
 def _enclosure(parts: Any, box_m: Array, headings: int, at: Array) -> Enclosure:
