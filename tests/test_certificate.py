@@ -246,6 +246,14 @@ def test_a_plan_file_carries_its_proof(run: Run, tmp_path: Path) -> None:
     file.write_text(json.dumps(document))
     assert run("verify", str(file), "--proof")[0] == 4
     assert run("verify", str(file))[0] == 0  # not asked for
+    document["certificate"]["bound_s"] -= 1.0
+    document["lower_bound_s"] += 1.0  # as if the plan were better than is proved
+    document["gap"] = 1 - document["lower_bound_s"] / document["cost"]["total"]
+    file.write_text(json.dumps(document))
+    assert run("verify", str(file))[0] == 0
+    code, text, _ = run("verify", str(file), "--proof")
+    assert code == 4
+    assert "s are reported" in text
     del document["certificate"]
     file.write_text(json.dumps(document))
     code, _, error = run("verify", str(file), "--proof")
