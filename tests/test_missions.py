@@ -16,6 +16,7 @@ from problems import faster_robot, random_problem
 
 from twosra_mpc import Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
+from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.missions.free_space import StageSolver
 from twosra_mpc.planning.missions.mission import mission_tree
 from twosra_mpc.planning.missions.relaxed import stage_tasks
@@ -403,3 +404,26 @@ def test_a_mission_whose_ways_are_not_all_known_in_time_has_no_bound() -> None:
     assert result.status is Status.FAILED
     assert result.lower_bound is None
     assert "before all ways were known): raise time_limit_s" in result.message
+
+
+@pytest.mark.parametrize("off", [(9e-7, 0.0), (0.0, 1.5e-6)])
+def test_goals_of_missions_may_be_missed_by_the_tolerance_and_bounds_know(
+    off: tuple[float, float],
+) -> None:
+    """One shape serves goals that differ by less than what both may be missed by."""
+
+    def asked(first: float, second: float) -> Problem:
+        start = {**START, "kappa_per_m": (30.0 + sum(off) / 2, -5.0)}
+        goals = [
+            reach(0.1 * k, 0.1, 0.0, (30.0 + by, -5.0), tolerance="exact")
+            for k, by in enumerate((first, second))
+        ]
+        return mission(*goals, robot="2sra-v1-paper", start=start)
+
+    midway = sum(off) / 2
+    one_shape, problem = plan(asked(midway, midway)).require(), asked(*off)
+    trajectory = replace(one_shape.trajectory, problem=problem)
+    assert verify(trajectory).ok
+    bound = plan(problem).lower_bound
+    assert bound is not None
+    assert bound <= one_shape.cost.total

@@ -62,8 +62,8 @@ class Stage:
         return _TOUCHING_SAGITTA_M if self.touches else SAGITTA_M
 
     def box(self, near: Array) -> tuple[Array, Array]:
-        """(low, high) of a box that holds every end of the stage next to ``near``, (3 + n,)."""
-        low, high = (end.copy() for end in self.goal.box(near))
+        """(low, high) of a box that holds every end that counts, next to ``near``, (3 + n,)."""
+        low, high = self.goal.box_met(near)
         if self.ends is not None:
             low[:POSE], high[:POSE] = self.ends.min(axis=0), self.ends.max(axis=0)
             low[:2], high[:2] = low[:2] - self.within_m, high[:2] + self.within_m

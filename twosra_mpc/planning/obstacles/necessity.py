@@ -107,7 +107,7 @@ class Necessity(InTheWay):
         from twosra_mpc.space.slices import possible_slices
 
         kept, world = kept_m(problem.world, geometry), problem.world
-        low, high = (end[:POSE] for end in problem.goal.box(start))
+        low, high = (end[:POSE] for end in problem.goal.box_met(start))
         shape = footprint(geometry, start[POSE:])
         near = Separation(shape, world, kept).kept_from_m(start[None, :POSE]) < kept
         same, held = same_shape(problem), last_shape(problem)
@@ -136,7 +136,7 @@ class Necessity(InTheWay):
 def same_shape(problem: Problem) -> bool:
     """Whether the goal may be reached in the shape of the start."""
     kappa = problem.start.configuration[POSE:]
-    low, high = (end[POSE:] for end in problem.goal.box(problem.start.configuration))
+    low, high = (end[POSE:] for end in problem.goal.box_met(problem.start.configuration))
     return bool(((low <= kappa) & (kappa <= high)).all())
 
 
