@@ -19,6 +19,8 @@ from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.two_node import TwoNode
 from twosra_mpc.thermal.uncertainty import EXACT, Windows, windows
 
+_LONGEST_S, _HALVINGS = 1e5, 60  # looked for a level, and steps to find it
+
 
 class Heat(NamedTuple):
     """What no heating of a segment can undercut; times in s.
@@ -54,181 +56,248 @@ class Heat(NamedTuple):
 
 def heat(problem: Problem, j: int) -> Heat:
     """Work out the least times of segment j (from 0)."""
-    times, heater = problem.transition_times, problem.robot.heater
-    soft, now = bool(problem.start_mode[j]), problem.temperatures[j]
-    if type(times) is OverlappedTiming:
-        full_W = arb(heater.melt_current_A) ** 2 * heater.resistance_ohm
-        hold_W = arb(heater.hold_current_A) ** 2 * heater.resistance_ohm
-        melting_C, melt_lead = (
-            arb(heater.melting_point_C),
-            arb(times.melt_s) - times.melt_changing_s,
-        )
-        coast = arb(times.freeze_s) - times.freeze_changing_s
-        if soft:
-            lead = coast * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
-        else:
-            lead = melt_lead * (melting_C - now) / (melting_C - problem.ambient)
-        melt, freeze = arb(times.melt_changing_s), arb(times.freeze_changing_s)
-        share = times.superheat_s / (times.superheat_s + coast)
-        return Heat(
-            *(lead, freeze if soft else melt, arb(0), melt_lead, melt),
-            *(lambda _: arb(0), lambda _k, _held: freeze),
-            *((lead + melt) * full_W, (melt_lead + melt) * full_W, hold_W.min(share * full_W)),
-            *(lead, coast),
-        )
-    model, window = segment_model(problem.robot, problem.ambient, j), EXACT
+    heater, window = problem.robot.heater, EXACT
+    soft, now = bool(problem.start_mode[j]), arb(problem.temperatures[j])
+    if type(problem.transition_times) is OverlappedTiming:
+        return _constant(problem.transition_times, heater, now, problem.ambient, soft=soft)
+    model = segment_model(problem.robot, problem.ambient, j)
     if problem.transition_quantile is not None:
         ranges = tuple(problem.robot.thermal_segment(j).ranges.items())
         current, setpoint = heater.melt_current_A, heater.soft_setpoint_C
         window = windows(model, ranges, current, setpoint, problem.transition_quantile)
     if type(model) is Lumped:
-        return _lumped(model, heater, now, window, soft=soft)
+        return _OneNode(model, heater, now, window).heat(soft=soft)
     if type(model) is TwoNode:
-        return _two_node(model, heater.soft_setpoint_C, now, window, soft=soft)
+        return _TwoNodes(model, heater, now, window).heat(soft=soft)
     raise InputError("robot.segment.model", type(model).__name__, "lumped or two_node")
 
 
-def _lumped(model: Lumped, heater: Heater, now: float, window: Windows, *, soft: bool) -> Heat:
+def _constant(
+    times: OverlappedTiming, heater: Heater, now: arb, ambient_C: float, *, soft: bool
+) -> Heat:
+    """Constant times; the first lead is shorter by as much as the metal is warm."""
+    full_W = arb(heater.melt_current_A) ** 2 * heater.resistance_ohm
+    hold_W = arb(heater.hold_current_A) ** 2 * heater.resistance_ohm
+    melting_C = arb(heater.melting_point_C)
+    melt_lead = arb(times.melt_s) - times.melt_changing_s
+    coast = arb(times.freeze_s) - times.freeze_changing_s
+    if soft:
+        lead = coast * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
+    else:
+        lead = melt_lead * (melting_C - now) / (melting_C - ambient_C)
+    melt, freeze = arb(times.melt_changing_s), arb(times.freeze_changing_s)
+    share = times.superheat_s / (times.superheat_s + coast)
+    return Heat(
+        lead=lead,
+        first=freeze if soft else melt,
+        total=arb(0),
+        again=melt_lead,
+        melt=melt,
+        coast=lambda _: arb(0),
+        freeze=lambda _made, _held: freeze,
+        first_J=(lead + melt) * full_W,
+        melt_J=(melt_lead + melt) * full_W,
+        hold_W=hold_W.min(share * full_W),
+        warm=lead,
+        longest=coast,
+    )
+
+
+class _OneNode:
     """One temperature: what is warmer stays warmer, and full current heats fastest."""
-    air, melting, loss = arb(model.ambient_C), arb(model.melting_point_C), arb(model.loss_W_per_K)
-    ohm = arb(heater.melt_current_A) ** 2 * model.resistance_ohm
-    alpha, setpoint = model.temperature_coefficient_per_K, arb(heater.soft_setpoint_C)
 
-    def rate(at: arb, on: bool) -> arb:
-        return (ohm * (1 + alpha * (at - 25)) if on else 0) - loss * (at - air)
+    def __init__(self, model: Lumped, heater: Heater, now: arb, window: Windows) -> None:
+        self.now, self.window, self.model = now, window, model
+        self.air, self.melting = arb(model.ambient_C), arb(model.melting_point_C)
+        self.loss, self.setpoint = arb(model.loss_W_per_K), arb(heater.soft_setpoint_C)
+        self.ohm = arb(heater.melt_current_A) ** 2 * model.resistance_ohm
+        self.alpha = model.temperature_coefficient_per_K
+        self.power = self.ohm * (1 + self.alpha * (self.melting - 25))
+        self.hold = self.loss * (self.melting - self.air)
+        self.frozen = model.latent_J / self.hold
+        self.molten = arb(model.latent_J) / (self.power - self.hold)
+        warmest = now.max(self.air).min(self.melting)
+        self.warm, self.warm_J = self.course(
+            model.heat_solid_J_per_K, warmest, self.melting, on=True
+        )
 
-    def course(heat_J_per_K: float, since: arb, until: arb, on: bool) -> tuple[arb, arb]:
+    def rate(self, at: arb, *, on: bool) -> arb:
+        """Power that warms the segment at a temperature [W]."""
+        given = self.ohm * (1 + self.alpha * (at - 25)) if on else 0
+        return given - self.loss * (at - self.air)
+
+    def course(self, heat_J_per_K: float, since: arb, until: arb, *, on: bool) -> tuple[arb, arb]:
         """Time between two temperatures beside the plateau, and the heat given meanwhile."""
-        slope, gained = (alpha * ohm if on else 0) - loss, heat_J_per_K * (until - since)
-        first, last = rate(since, on), rate(until, on)
+        slope = (self.alpha * self.ohm if on else 0) - self.loss
+        gained = heat_J_per_K * (until - since)
+        first, last = self.rate(since, on=on), self.rate(until, on=on)
         if slope > 0 or slope < 0:
             time = heat_J_per_K / slope * (last / first).log()
-            return time, gained + loss * (gained - rate(air, on) * time) / slope
+            lost = gained - self.rate(self.air, on=on) * time
+            return time, gained + self.loss * lost / slope
         return gained / first.max(last), gained
 
-    power = ohm * (1 + alpha * (melting - 25))
-    frozen, molten = model.latent_J / (loss * (melting - air)), arb(model.latent_J)
-    molten = molten / (power - loss * (melting - air))
-    capacity = model.heat_liquid_J_per_K if soft else model.heat_solid_J_per_K
-    lead, _ = course(capacity, arb(now), melting, not soft)
-    warmest = arb(now).max(air).min(melting)
-    warm, given = course(model.heat_solid_J_per_K, warmest, melting, on=True)
-    late, early = window.melt_late, window.melt_early
-    freeze = window.freeze_late * frozen
-    if soft:
-        lead, first = window.freeze_early * lead, freeze
-        total = lead / window.freeze_early + freeze
-    else:
-        first, lead = late * molten + (late - early) * warm, early * lead
-        total = lead + first
-
-    def coasting(made: int) -> arb:
+    def coasting(self, made: int) -> arb:
         """Cooling of metal that was heated on until the window of its melt ended."""
-        liquid, heated = (
-            model.heat_liquid_J_per_K,
-            (late - 1) * (molten + (0 if made > 1 else warm)),
-        )
-        slope = alpha * ohm - loss
+        late, liquid = self.window.melt_late, self.model.heat_liquid_J_per_K
+        heated = (late - 1) * (self.molten + (0 if made > 1 else self.warm))
+        slope = self.alpha * self.ohm - self.loss
         if made == 0 or not heated > 0 or slope.contains(0):
             return arb(0)
-        peak = melting + rate(melting, True) / slope * ((slope * heated / liquid).exp() - 1)
-        return course(liquid, peak.min(setpoint), melting, on=False)[0]
+        gained = self.rate(self.melting, on=True) / slope * ((slope * heated / liquid).exp() - 1)
+        peak = (self.melting + gained).min(self.setpoint)
+        return self.course(liquid, peak, self.melting, on=False)[0]
 
-    def freezing(made: int, _held: arb) -> arb:
-        return freeze + (window.freeze_late - window.freeze_early) * coasting(made)
+    def freeze(self, made: int, _held: arb) -> arb:
+        """Onset to end of a freeze."""
+        window = self.window
+        spread = (window.freeze_late - window.freeze_early) * self.coasting(made)
+        return window.freeze_late * self.frozen + spread
 
-    hold_W = loss * (melting - air) if window == EXACT else arb(0)
-    hottest = setpoint.max(arb(now))
-    return Heat(
-        *(lead, first, total, arb(0), late * molten),
-        *(lambda made: window.freeze_early * coasting(made), freezing),
-        *(given + power * molten, power * molten, hold_W),
-        *(early * warm, course(model.heat_liquid_J_per_K, hottest, melting, on=False)[0]),
-    )
+    def heat(self, *, soft: bool) -> Heat:
+        """All of it, for a segment that is soft at t = 0 or solid."""
+        model, window = self.model, self.window
+        capacity = model.heat_liquid_J_per_K if soft else model.heat_solid_J_per_K
+        lead, _ = self.course(capacity, self.now, self.melting, on=not soft)
+        early, late = window.melt_early, window.melt_late
+        if soft:
+            first = window.freeze_late * self.frozen
+            total, lead = lead + first, window.freeze_early * lead
+        else:
+            first, lead = late * self.molten + (late - early) * self.warm, early * lead
+            total = lead + first
+        hottest = self.setpoint.max(self.now)
+        return Heat(
+            lead=lead,
+            first=first,
+            total=total,
+            again=arb(0),
+            melt=late * self.molten,
+            coast=lambda made: window.freeze_early * self.coasting(made),
+            freeze=self.freeze,
+            first_J=self.warm_J + self.power * self.molten,
+            melt_J=self.power * self.molten,
+            hold_W=self.hold if window == EXACT else arb(0),
+            warm=early * self.warm,
+            longest=self.course(model.heat_liquid_J_per_K, hottest, self.melting, on=False)[0],
+        )
 
 
-def _two_node(model: TwoNode, setpoint: float, now: float, window: Windows, *, soft: bool) -> Heat:
+class _TwoNodes:
     """A core and a body: of two states the one that is nowhere colder stays so."""
-    a, beta, b = arb(model.coupling_per_s), arb(model.body_ratio), arb(model.body_loss_per_s)
-    air, p, solid, liquid = (
-        arb(value)
-        for value in (model.ambient_C, model.power_K_per_s, model.solid_level, model.liquid_level)
-    )
-    middle = -(a + a / beta + b) / 2
-    root = (middle**2 - a * b).sqrt()
-    fast, slow, leave = middle - root, middle + root, a / beta
 
-    def course(core: arb, body: arb, on: bool, t: Any) -> tuple[arb, arb, arb]:
+    def __init__(self, model: TwoNode, heater: Heater, now: arb, window: Windows) -> None:
+        self.model, self.window, self.start = model, window, now
+        self.air, self.p = arb(model.ambient_C), arb(model.power_K_per_s)
+        self.solid, self.liquid = arb(model.solid_level), arb(model.liquid_level)
+        self.a, self.b = arb(model.coupling_per_s), arb(model.body_loss_per_s)
+        self.leave = self.a / arb(model.body_ratio)
+        middle = -(self.a + self.leave + self.b) / 2
+        root = (middle**2 - self.a * self.b).sqrt()
+        self.fast, self.slow = middle - root, middle + root
+        self.setpoint = arb(heater.soft_setpoint_C)
+        self.cold, self.warm = now.min(self.air), now.max(self.air).min(self.solid)
+        self.hottest = now.max(self.settled(self.setpoint.max(now).max(self.liquid)))
+        self.lead = self.passed(self.warm, self.warm, self.solid, on=True)
+        self.melt = self.passed(self.solid, self.hottest.min(self.solid), self.liquid, on=True)
+        self.shortest = self.passed(self.warm, self.warm, self.liquid, on=True), self.melt
+
+    def course(self, core: arb, body: arb, t: Any, *, on: bool) -> tuple[arb, arb, arb]:
         """Core, body and the rate of the core after a time at full power, or without."""
-        body_end = air + (p / (beta * b) if on else 0)
-        core_end = body_end + (p / a if on else 0)
-        c, rate = core - core_end, (p if on else 0) - a * (core - body)
+        a, fast, slow, p = self.a, self.fast, self.slow, self.p if on else arb(0)
+        body_end = self.air + p * self.leave / (a * self.b)
+        core_end = body_end + p / a
+        c, rate = core - core_end, p - a * (core - body)
         c_fast, c_slow = (rate - slow * c) / (fast - slow), (fast * c - rate) / (fast - slow)
         f, s = c_fast * (fast * t).exp(), c_slow * (slow * t).exp()
         body_t = body_end + f * (1 + fast / a) + s * (1 + slow / a)
         return core_end + f + s, body_t, fast * f + slow * s
 
-    def passed(core: arb, body: arb, on: bool, level: arb) -> arb:
+    def passed(self, core: arb, body: arb, level: arb, *, on: bool) -> arb:
         """A time before which the core does not pass a level: its rate changes sign but once."""
         sign, before, after = 1 if on else -1, 0.0, 1.0
-        while after < 1e5 and sign * (level - course(core, body, on, after)[0]) > 0:
+        while after < _LONGEST_S and self._short(core, body, level, after, on=on):
             before, after = after, 2 * after
-        for _ in range(60):
+        for _ in range(_HALVINGS):
             half = (before + after) / 2
-            short = sign * (level - course(core, body, on, half)[0]) > 0
+            short = self._short(core, body, level, half, on=on)
             before, after = (half, after) if short else (before, half)
-        return arb(before if sign * course(core, body, on, before)[2] >= 0 else 0.0)
+        return arb(before if sign * self.course(core, body, before, on=on)[2] >= 0 else 0.0)
 
-    def settled(core: arb) -> arb:
-        return (leave * core + b * air) / (leave + b)
+    def _short(self, core: arb, body: arb, level: arb, t: float, *, on: bool) -> bool:
+        """Whether the core surely is on this side of a level."""
+        left = level - self.course(core, body, t, on=on)[0]
+        return bool(left > 0 if on else left < 0)
 
-    start, cold, warm = arb(now), arb(now).min(air), arb(now).max(air).min(solid)
-    hottest = start.max(settled(arb(setpoint).max(start).max(liquid)))
-    body = hottest.min(solid)
-    late, early = window.melt_late, window.melt_early
-    lead, slowest = passed(warm, warm, True, solid), passed(cold, cold, True, solid) + 1e-6
-    ends = [course(warm, warm, True, t)[1] for t in (lead, slowest)]
-    sure = course(cold, cold, True, slowest)[0] >= solid
-    first = passed(solid, ends[0].max(ends[1]).min(solid) if sure else solid, True, liquid)
-    melt = passed(solid, body, True, liquid)
-    shortest = passed(warm, warm, True, liquid), melt
+    def settled(self, core: arb) -> arb:
+        """The body beside a core that is held."""
+        return (self.leave * core + self.b * self.air) / (self.leave + self.b)
 
-    def coasting(made: int) -> arb:
+    def first_melt(self) -> arb:
+        """Least time through the plateau of a first melt."""
+        slowest = self.passed(self.cold, self.cold, self.solid, on=True) + 1e-6
+        if not self.course(self.cold, self.cold, slowest, on=True)[0] >= self.solid:
+            return self.passed(self.solid, self.solid, self.liquid, on=True)
+        ends = [self.course(self.warm, self.warm, t, on=True)[1] for t in (self.lead, slowest)]
+        return self.passed(self.solid, ends[0].max(ends[1]).min(self.solid), self.liquid, on=True)
+
+    def coasting(self, made: int) -> arb:
         """Cooling of a core that was heated on until the window of its melt ended."""
+        late, liquid = self.window.melt_late, self.liquid
         if made == 0 or late == 1:
             return arb(0)
-        there = course(cold, cold, True, shortest[made > 1])[1].min(liquid)
-        heated = ((late - 1) * shortest[made > 1]).min(passed(liquid, there, True, arb(setpoint)))
-        core, there, _ = course(liquid, there, True, heated)
-        return passed(core, there, False, liquid)
+        melted = self.shortest[made > 1]
+        there = self.course(self.cold, self.cold, melted, on=True)[1].min(liquid)
+        to_setpoint = self.passed(liquid, there, self.setpoint, on=True)
+        core, there, _ = self.course(liquid, there, ((late - 1) * melted).min(to_setpoint), on=True)
+        return self.passed(core, there, liquid, on=False)
 
-    def freeze(made: int, held: arb) -> arb:
-        there, rest = course(cold, cold, True, shortest[made > 1])[1], settled(liquid)
-        there = (rest + (there - rest) * (-(leave + b) * held).exp()).min(rest)
-        window_s = (window.freeze_late - window.freeze_early) * coasting(made)
-        return window.freeze_late * passed(liquid, there, False, solid) + window_s
+    def freeze(self, made: int, held: arb) -> arb:
+        """Onset to end of a freeze: the body is no warmer than the shortest melt leaves it."""
+        window, rest = self.window, self.settled(self.liquid)
+        there = self.course(self.cold, self.cold, self.shortest[made > 1], on=True)[1]
+        there = (rest + (there - rest) * (-(self.leave + self.b) * held).exp()).min(rest)
+        spread = (window.freeze_late - window.freeze_early) * self.coasting(made)
+        return window.freeze_late * self.passed(self.liquid, there, self.solid, on=False) + spread
 
-    top, longest = arb(setpoint).max(start), arb(1e-3)  # by when the hottest surely is at liquid
-    while not course(top, hottest, False, longest)[0] < liquid and longest < 1e6:
-        longest = longest * 1.02
+    def longest_coasting(self) -> arb:
+        """By when the hottest core surely has cooled to the plateau."""
+        top, longest = self.setpoint.max(self.start), arb(1e-3)
+        while longest < 10 * _LONGEST_S:
+            if self.course(top, self.hottest, longest, on=False)[0] < self.liquid:
+                break
+            longest = longest * 1.02
+        return longest
 
-    full_W, hold_W = model.core_heat_J_per_K * p, model.core_heat_J_per_K * a * (liquid - hottest)
-    given = (
-        full_W * (lead + first),
-        full_W * melt,
-        hold_W.max(arb(0)) if window == EXACT else arb(0),
-    )
-    if soft:
-        plateau = passed(liquid, start.min(settled(liquid)), False, solid)
-        total = passed(start, start, False, solid) + (window.freeze_late - 1) * plateau
-        lead = window.freeze_early * passed(start, start, False, liquid)
-        first = window.freeze_late * plateau
-    else:
-        first = late * first + (late - early) * lead
-        lead = early * passed(start, start, True, solid)
-        total = passed(start, start, True, liquid)
-    return Heat(
-        *(lead, first, total, arb(0), late * melt),
-        *(lambda made: window.freeze_early * coasting(made), freeze, *given),
-        *(early * passed(warm, warm, True, solid), longest),
-    )
+    def heat(self, *, soft: bool) -> Heat:
+        """All of it, for a segment that is soft at t = 0 or solid."""
+        window, start, first = self.window, self.start, self.first_melt()
+        early, late = window.melt_early, window.melt_late
+        full_W = self.model.core_heat_J_per_K * self.p
+        hold_W = self.model.core_heat_J_per_K * self.a * (self.liquid - self.hottest)
+        first_J = full_W * (self.lead + first)
+        if soft:
+            body = start.min(self.settled(self.liquid))
+            plateau = self.passed(self.liquid, body, self.solid, on=False)
+            total = self.passed(start, start, self.solid, on=False)
+            total += (window.freeze_late - 1) * plateau
+            lead = window.freeze_early * self.passed(start, start, self.liquid, on=False)
+            first = window.freeze_late * plateau
+        else:
+            first = late * first + (late - early) * self.lead
+            lead = early * self.passed(start, start, self.solid, on=True)
+            total = self.passed(start, start, self.liquid, on=True)
+        return Heat(
+            lead=lead,
+            first=first,
+            total=total,
+            again=arb(0),
+            melt=late * self.melt,
+            coast=lambda made: window.freeze_early * self.coasting(made),
+            freeze=self.freeze,
+            first_J=first_J,
+            melt_J=full_W * self.melt,
+            hold_W=hold_W.max(arb(0)) if window == EXACT else arb(0),
+            warm=early * self.lead,
+            longest=self.longest_coasting(),
+        )
