@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from benchmarks.scenes import scenes
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot
-from twosra_mpc.problem.limits import check_shapes
+from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.validation import FrozenDict, plain
 
 FOLDER = Path(__file__).parent / "sets"

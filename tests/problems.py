@@ -11,7 +11,7 @@ from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
 from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
 from twosra_mpc.planning.single_goal.relaxed import bending_task
-from twosra_mpc.problem.limits import check_shapes
+from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing import TemporalNetwork, transition_model

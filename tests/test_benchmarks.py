@@ -46,7 +46,7 @@ from benchmarks.studies.scenes import blocks
 from benchmarks.study import Study
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import InputError, Robot, load_problem, load_robot, robot_shape
-from twosra_mpc.problem.limits import check_shapes
+from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import RIGID, SOFT_1
 

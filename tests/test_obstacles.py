@@ -24,7 +24,7 @@ from twosra_mpc.planning.obstacles.placement import Placer
 from twosra_mpc.planning.obstacles.stations import Stations, shortest_chain
 from twosra_mpc.planning.single_goal.sequence_solver import checked
 from twosra_mpc.plans.ending import Ending
-from twosra_mpc.problem.limits import check_shapes, check_workspace
+from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.space.drives import Drives

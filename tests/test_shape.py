@@ -14,7 +14,8 @@ from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, lo
 from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.problem.limits import check_shapes, may_drive, shape_margins
+from twosra_mpc.problem.ends import check_shapes, may_drive
+from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.robot.geometry import Wheel
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_BOTH
 

@@ -20,7 +20,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried
 from twosra_mpc.plans.trajectory import Trajectory
-from twosra_mpc.problem.limits import ends_to_check
+from twosra_mpc.problem.ends import ends_to_check
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.workspace import Workspace

@@ -24,10 +24,7 @@ from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver, Solv
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
-from twosra_mpc.problem.limits import (
-    check_shapes,
-    check_workspace,
-)
+from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence, mode_name

@@ -7,7 +7,6 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -15,18 +14,16 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twosra_mpc.errors import InputError
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
-from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
-from twosra_mpc.robot.modes import ModeSequence, is_rigid
+from twosra_mpc.robot.modes import is_rigid
 
 TOUCHING_M = 1e-9  # rounding allowed in a gap
 RELATIVE_ROUNDING = 1e-7  # of a limit
@@ -34,8 +31,6 @@ _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
-# Half-widths: boxes as small are as good as their corners.
-_NARROW_M, _NARROW_RAD, _NARROW_PER_M = 0.01, 0.05, 1.0
 _CERTAIN = 1e-3  # of a limit's scale: beyond what interpolating a shape can feign
 
 
@@ -251,36 +246,6 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     return allowed
 
 
-def exact(goal: GoalSet) -> bool:
-    """Whether a goal leaves no choice of a curvature that it asks for."""
-    return not goal.half_width[POSE:].any()
-
-
-def check_shapes(problem: Problem) -> None:
-    """Refuse a start or goal shape that a limit forbids, and goals with nothing else near it.
-
-    Raises:
-        InputError: Naming the curvatures, the limit and what is missing.
-    """
-    robot = problem.robot
-    for name, q in (("start", problem.start.configuration), ("goal", problem.goal.configuration)):
-        width = problem.goal.half_width[POSE:] if name == "goal" else np.zeros_like(q[POSE:])
-        if np.isnan(q[POSE:]).any() or width.max() > _NARROW_PER_M:
-            continue
-        corners = q[POSE:] + width * _corners(width)
-        limit = broken_by_shapes(robot, q[POSE:])
-        if limit is not None and (shape_margins(robot, corners)[limit.name] < 0).all():
-            short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
-            amount = f"{1e3 * short:.1f} mm" if limit.unit == "m" else f"{short:.3g} {limit.unit}"
-            allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
-            raise InputError(f"{name}.kappa_per_m", tuple(q[POSE:].tolist()), allowed)
-
-
-def _corners(width: Array) -> Array:
-    """Signs of the corners of a box of these half-widths, (corners, n)."""
-    return np.array([*itertools.product(*([-1.0, 1.0] if w else [0.0] for w in width))])
-
-
 def workspace_margins(problem: Problem, q: Array) -> Array:
     """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
 
@@ -297,56 +262,6 @@ def workspace_margins(problem: Problem, q: Array) -> Array:
     within[:, -own:] -= arc[:, None]
     margins: Array = within.min(axis=1)
     return np.where(np.abs(margins) <= TOUCHING_M, 0.0, margins)
-
-
-def check_workspace(problem: Problem) -> None:
-    """Refuse a start outside of the workspace, and narrow goals with nothing inside near them.
-
-    Raises:
-        InputError: Naming the end, and by how much it is outside.
-    """
-    if problem.workspace is None:
-        return
-    for name, q in ends_to_check(problem):
-        margins = workspace_margins(problem, q)
-        if margins.max() < 0:
-            allowed = f"a robot inside the workspace; here it is {-1e3 * margins[0]:.1f} mm outside"
-            raise InputError(name, tuple(q[0].tolist()), allowed)
-
-
-def ends_to_check(problem: Problem) -> Iterator[tuple[str, Array]]:
-    """Name and configurations (m, 3 + n) of the start, and of a goal that leaves little choice.
-
-    Of the goal these are its middle and its corners; one that leaves more is not given.
-    """
-    goal, start = problem.goal, problem.start.configuration
-    width = goal.half_width
-    ends = goal.configuration + width * np.vstack([np.zeros_like(width), _corners(width)])
-    narrow = problem.robot.coordinates.each(_NARROW_M, _NARROW_RAD, _NARROW_PER_M)
-    yield "start", start[None]
-    if np.isfinite(ends).all() and (width <= narrow).all():
-        yield "goal", ends
-
-
-def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
-    """For each phase, whether its inputs may be used: in some shapes rigid driving may not.
-
-    The shape of the first rigid phase is the start's, of the last one the goal's; in between it is
-    not known beforehand, and the answer is True.
-    """
-
-    def allowed(phase: int) -> bool:
-        if not is_rigid(sequence[phase]):
-            return True
-        before = all(map(is_rigid, sequence[:phase]))
-        after = all(map(is_rigid, sequence[phase:]))
-        shape = (problem.start if before else problem.goal).configuration[POSE:]
-        loose = not before and not exact(problem.goal)
-        if not (before or after) or loose or np.isnan(shape).any():
-            return True
-        return bool(may_drive_in(problem.robot, shape).all())
-
-    return tuple(allowed(phase) for phase in range(len(sequence)))
 
 
 # Motions.

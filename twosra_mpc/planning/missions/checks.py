@@ -8,8 +8,8 @@ import numpy as np
 
 from twosra_mpc.checking.clearance import check_apart, check_obstacles
 from twosra_mpc.errors import InputError
+from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.goals import Anywhere
-from twosra_mpc.problem.limits import check_shapes, check_workspace
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Carry, Reach
 from twosra_mpc.robot.coordinates import POSE

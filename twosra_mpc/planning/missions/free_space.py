@@ -15,8 +15,8 @@ from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.mission_tree import Node
 from twosra_mpc.planning.single_goal.sequence_solver import Solved, checked
+from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.goals import GoalSet
-from twosra_mpc.problem.limits import may_drive
 from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import ModeSequence

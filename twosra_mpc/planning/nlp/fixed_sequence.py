@@ -14,12 +14,9 @@ from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription,
 from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correct_end
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
+from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.goals import GOAL_TOLERANCE
-from twosra_mpc.problem.limits import (
-    interval_durations,
-    may_drive,
-    shapes_allowed,
-)
+from twosra_mpc.problem.limits import interval_durations, shapes_allowed
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid

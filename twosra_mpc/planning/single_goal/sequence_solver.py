@@ -25,7 +25,7 @@ from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.single_goal.gentle import cheapest
 from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.problem.limits import may_drive
+from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid

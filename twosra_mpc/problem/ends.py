@@ -1,0 +1,103 @@
+"""Where problems begin and end: whether shapes, workspace and rigid drives allow it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.limits import (
+    broken_by_shapes,
+    may_drive_in,
+    shape_margins,
+    workspace_margins,
+)
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
+
+# Half-widths: boxes as small are as good as their corners.
+_NARROW_M, _NARROW_RAD, _NARROW_PER_M = 0.01, 0.05, 1.0
+
+
+def exact(goal: GoalSet) -> bool:
+    """Whether a goal leaves no choice of a curvature that it asks for."""
+    return not goal.half_width[POSE:].any()
+
+
+def check_shapes(problem: Problem) -> None:
+    """Refuse a start or goal shape that a limit forbids, and goals with nothing else near it.
+
+    Raises:
+        InputError: Naming the curvatures, the limit and what is missing.
+    """
+    robot = problem.robot
+    for name, q in (("start", problem.start.configuration), ("goal", problem.goal.configuration)):
+        width = problem.goal.half_width[POSE:] if name == "goal" else np.zeros_like(q[POSE:])
+        if np.isnan(q[POSE:]).any() or width.max() > _NARROW_PER_M:
+            continue
+        corners = q[POSE:] + width * _corners(width)
+        limit = broken_by_shapes(robot, q[POSE:])
+        if limit is not None and (shape_margins(robot, corners)[limit.name] < 0).all():
+            short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
+            amount = f"{1e3 * short:.1f} mm" if limit.unit == "m" else f"{short:.3g} {limit.unit}"
+            allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
+            raise InputError(f"{name}.kappa_per_m", tuple(q[POSE:].tolist()), allowed)
+
+
+def _corners(width: Array) -> Array:
+    """Signs of the corners of a box of these half-widths, (corners, n)."""
+    return np.array([*itertools.product(*([-1.0, 1.0] if w else [0.0] for w in width))])
+
+
+def check_workspace(problem: Problem) -> None:
+    """Refuse a start outside of the workspace, and narrow goals with nothing inside near them.
+
+    Raises:
+        InputError: Naming the end, and by how much it is outside.
+    """
+    if problem.workspace is None:
+        return
+    for name, q in ends_to_check(problem):
+        margins = workspace_margins(problem, q)
+        if margins.max() < 0:
+            allowed = f"a robot inside the workspace; here it is {-1e3 * margins[0]:.1f} mm outside"
+            raise InputError(name, tuple(q[0].tolist()), allowed)
+
+
+def ends_to_check(problem: Problem) -> Iterator[tuple[str, Array]]:
+    """Name and configurations (m, 3 + n) of the start, and of a goal that leaves little choice.
+
+    Of the goal these are its middle and its corners; one that leaves more is not given.
+    """
+    goal, start = problem.goal, problem.start.configuration
+    width = goal.half_width
+    ends = goal.configuration + width * np.vstack([np.zeros_like(width), _corners(width)])
+    narrow = problem.robot.coordinates.each(_NARROW_M, _NARROW_RAD, _NARROW_PER_M)
+    yield "start", start[None]
+    if np.isfinite(ends).all() and (width <= narrow).all():
+        yield "goal", ends
+
+
+def may_drive(problem: Problem, sequence: ModeSequence) -> tuple[bool, ...]:
+    """For each phase, whether its inputs may be used: in some shapes rigid driving may not.
+
+    The shape of the first rigid phase is the start's, of the last one the goal's; in between it is
+    not known beforehand, and the answer is True.
+    """
+
+    def allowed(phase: int) -> bool:
+        if not is_rigid(sequence[phase]):
+            return True
+        before = all(map(is_rigid, sequence[:phase]))
+        after = all(map(is_rigid, sequence[phase:]))
+        shape = (problem.start if before else problem.goal).configuration[POSE:]
+        loose = not before and not exact(problem.goal)
+        if not (before or after) or loose or np.isnan(shape).any():
+            return True
+        return bool(may_drive_in(problem.robot, shape).all())
+
+    return tuple(allowed(phase) for phase in range(len(sequence)))
