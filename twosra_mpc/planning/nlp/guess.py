@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import Motion, bending_chain, roll_out
+from twosra_mpc.model.flow import Motion, bending_step, passed, roll_out
 from twosra_mpc.model.outline import outline_points, outline_radii_m
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
@@ -23,10 +23,8 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
-_STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
-_MOST_STEPS = 64
 _STRAYING_M = 2e-3  # out of a workspace between nodes
 _ASIDES = 360  # directions of a straight way
 _NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
@@ -247,17 +245,11 @@ def bent(
         q at the nodes, (intervals + 1, 3 + n), and the travel of each locomotion unit in each
         interval, (intervals, 2) [m].
     """
-    facts, turned = bending(robot), 0.0
-    for j in soft_segments(mode):
-        passed = facts.coordinate(float(q[3 + j]), j) + bend * np.linspace(0, 1, intervals + 1)
-        steps = np.abs(np.diff(facts.curvature(passed, j))) * robot.geometry.lengths_m[j]
-        turned = max(turned, float(steps.max()))
-    doublings = math.ceil(math.log2(max(turned / _STEP_RAD, 1.0)))
-    chain = bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
-    modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
-    each = np.repeat(np.array([shares]), intervals, axis=0)
-    states, travel = chain(q, np.full((1, intervals), bend / intervals), modes.T, each.T)
-    return np.vstack([q, states.full().T]), travel.full().T * each
+    changes, given = np.full((intervals, 1), bend / intervals), np.array(mode, dtype=float)
+    states = passed(bending_step(robot), np.append(q, 0.0), changes, given, np.array(shares))
+    with np.errstate(invalid="ignore"):  # where it bends farther than anything can
+        travel = np.diff(states[:, -1])[:, None] * shares
+    return states[:, :-1], travel
 
 
 def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
