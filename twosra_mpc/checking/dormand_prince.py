@@ -70,7 +70,8 @@ def step_of_order_8(body: Body) -> ca.Function:
     """
     segments = body.geometry.segments
     q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
-    sigma, jacobian, slopes = ca.SX.sym("sigma", segments), kinematics(body).jacobian, []
+    sigma, jacobian = ca.SX.sym("sigma", segments), kinematics(body).jacobian
+    slopes: list[ca.SX] = []
     for stage in _STAGES:
         slopes.append(jacobian(q + _weighted(stage, slopes), sigma) @ s)
     off_third = [a - b for a, b in zip(_EIGHTH, _THIRD, strict=True)]

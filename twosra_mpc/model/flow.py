@@ -19,6 +19,7 @@ import numpy as np
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.path_models import path_model
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
@@ -144,12 +145,12 @@ def flown(robot: Robot | Body, q: Array, s: Array, mode: Array) -> Array:
     """Where soft input displacements (m, 5) lead from q (m, 3 + n), row by row, in modes (m, n)."""
     step, parts = interval_step(robot), 1
     while True:
-        at, worst = q.T, 0.0
+        at, worst = q, 0.0
         for _ in range(parts):
-            after, error = step(at, s.T / parts, mode.T)
-            at, worst = after.full(), max(worst, float(error.full().max()))
+            at, error = by_rows(step, at, s / parts, mode)
+            worst = max(worst, float(error.max(initial=0.0)))
         if worst <= _STEP_ERROR or parts == FINE_STEPS:
-            return at.T
+            return at
         parts *= 2
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import SAME_TIME_S, flown, wheel_speeds
 from twosra_mpc.problem.goals import GOAL_TOLERANCE
-from twosra_mpc.problem.limits import interval_durations, least_times
+from twosra_mpc.problem.limits import interval_durations, least_times_and_turns
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
@@ -145,8 +145,8 @@ def _smooth_parts(
     """Runs of intervals between which the wheels' turn per length does not jump."""
     states, inputs = motion.states[phase], _directions(motion.inputs[phase][moving])
     mode = np.array([motion.sequence[phase]] * len(moving))
-    begin = wheel_speeds(motion.robot, states[moving], inputs, mode)
-    end = wheel_speeds(motion.robot, states[moving + 1], inputs, mode)
+    rows = np.concatenate([states[moving], states[moving + 1]]), np.tile(inputs, (2, 1))
+    begin, end = np.split(wheel_speeds(motion.robot, *rows, np.tile(mode, (2, 1))), 2)
     jump = np.abs(begin[1:] - end[:-1]).max(axis=1) > _CORNER * np.abs(begin[1:]).max(axis=1)
     yield from np.split(moving, np.flatnonzero(jump | (np.diff(moving) > 1)) + 1)
 
@@ -172,9 +172,7 @@ def _between_corners(
         share = (path - nodes[k]) / lengths[k]
         modes, s = np.tile(np.array(mode), (len(path), 1)), inputs[part[k]]
         q = flown(robot, states[part[k]], s * share[:, None], modes)
-        unit = _directions(s)
-        r = least_times(robot, q, unit, modes)
-        return part[k] + share, q, r, wheel_speeds(robot, q, unit, modes)
+        return part[k] + share, q, *least_times_and_turns(robot, q, _directions(s), modes)
 
     pieces = len(part) * (1 if is_rigid(mode) else _PIECES)
     path = np.interp(np.linspace(0, len(part), pieces + 1), np.arange(len(nodes)), nodes)

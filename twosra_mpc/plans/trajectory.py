@@ -14,6 +14,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.model import flow
 from twosra_mpc.model.flow import screws
 from twosra_mpc.model.kinematics import wheel_travel
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -286,6 +287,6 @@ def wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> A
     speeds = np.zeros((len(q), WHEELS))
     moving = v.any(axis=1)
     if moving.any():
-        roll = wheel_travel(robot)
-        speeds[moving] = roll(q[moving].T, v[moving].T, mode[moving].T).full().T
+        rows = q[moving], v[moving], mode[moving]
+        (speeds[moving],) = by_rows(wheel_travel(robot), *rows)
     return speeds

@@ -7,11 +7,9 @@ from typing import NamedTuple
 
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.single_goal.gentle import ROUNDING, gentle
-from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.planning.single_goal.sequence_solver import Solved
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
 
 
