@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import subprocess
 import sys
 
@@ -9,7 +10,10 @@ import pytest
 
 import twosra_mpc
 
-SLOW = ("matplotlib", "jinja2", "osqp", "scipy.signal", "twosra_mpc.identification.thermal")
+SLOW = (
+    *("numpy", "scipy", "casadi", "pydantic", "matplotlib", "jinja2", "osqp", "rich"),
+    *("importlib.metadata", "urllib.request", "twosra_mpc.identification.thermal"),
+)
 
 
 @pytest.mark.parametrize("name", twosra_mpc.__all__)
@@ -38,8 +42,8 @@ print("twosra_mpc.identification.thermal" in sys.modules)
 @pytest.mark.parametrize(
     ("arguments", "without"),
     [
-        (["--version"], ("numpy", "pydantic", "rich")),
-        (["--help"], ("numpy", "pydantic", "rich")),
+        (["--version"], ("numpy", "pydantic", "rich", "importlib.metadata")),
+        (["--help"], ("numpy", "pydantic", "rich", "importlib.metadata")),
         (["scenarios"], ()),
         (["robots", "--json"], ()),
     ],
@@ -48,7 +52,18 @@ print("twosra_mpc.identification.thermal" in sys.modules)
 def test_commands_that_plan_nothing_load_no_solver(
     arguments: list[str], without: tuple[str, ...]
 ) -> None:
-    heavy = ("casadi", "scipy", "matplotlib", "osqp", "tomlkit", *without)
+    done = loads(arguments, ("casadi", "scipy", "matplotlib", "osqp", "tomlkit", *without))
+    assert done.stdout
+    assert done.stderr == "[]\n"
+
+
+def test_planning_loads_nothing_that_a_plan_does_not_need() -> None:
+    unused = ("matplotlib", "PIL", "jinja2", "tomlkit", "osqp", "shapely", "rich", "urllib.request")
+    assert loads(["plan", "paper-2", "--quiet"], unused).stderr == "[]\n"
+
+
+def loads(arguments: list[str], names: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
+    """Run a command in a process of its own; which of these modules it loads is in ``stderr``."""
     code = f"""
 import sys
 from twosra_mpc import cli
@@ -56,8 +71,10 @@ try:
     cli.main({arguments!r})
 except SystemExit as end:
     assert end.code == 0
-print([name for name in {heavy!r} if name in sys.modules], file=sys.stderr)
+print([name for name in {names!r} if name in sys.modules], file=sys.stderr)
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout
-    assert done.stderr == "[]\n"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+
+def test_the_version_is_that_of_the_installed_package() -> None:
+    assert twosra_mpc.__version__ == importlib.metadata.version("twosra-mpc")

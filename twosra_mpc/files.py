@@ -10,19 +10,19 @@ import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from twosra_mpc.errors import InputError
 
+_PACKAGE = Path(__file__).parent
 MOST_BYTES = 200_000_000  # of a file that is read
 LARGEST = 1e12  # number in a table
 
 
 def built_in_names(folder: str) -> list[str]:
     """Names of the TOML files in a data folder of the package."""
-    names = [entry.name for entry in files("twosra_mpc").joinpath(folder).iterdir()]
+    names = [entry.name for entry in (_PACKAGE / folder).iterdir()]
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
@@ -34,7 +34,7 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
     """
     names = built_in_names(folder)
     if str(source) in names:
-        return Path(str(files("twosra_mpc").joinpath(folder, f"{source}.toml")))
+        return _PACKAGE / folder / f"{source}.toml"
     path = Path(source)
     if path.is_file():
         return path

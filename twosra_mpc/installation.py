@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
-from importlib.metadata import distribution
 from importlib.util import find_spec
 from typing import Any
-from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from twosra_mpc.errors import InputError
 
@@ -24,11 +21,16 @@ def install_command(extra: str) -> str:
     Args:
         extra: Name of the extra, such as ``mcap``.
     """
+    from importlib.metadata import distribution  # it and urllib take as long as a plan
+
     return f"pip install {_source(distribution(DISTRIBUTION).read_text('direct_url.json'), extra)}"
 
 
 def _source(direct_url: str | None, extra: str) -> str:
     """What to give to pip: the name alone if it came from an index, else where it came from."""
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
     named = f"{DISTRIBUTION}[{extra}]"
     if direct_url is None:
         return shlex.quote(named)

@@ -78,7 +78,9 @@ class Value(BaseModel):
             or not in its range.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
+    )
 
     if not TYPE_CHECKING:  # the generated signature is what editors should complete
 

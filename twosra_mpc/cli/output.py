@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
@@ -46,14 +47,13 @@ class Output:
     @contextmanager
     def progress(self, words: str) -> Iterator[Tell]:
         """Show a line of progress on standard error where that is a terminal; yields its update."""
+        if self.quiet or not sys.stderr.isatty():
+            yield lambda _: None
+            return
         from rich.console import Console
         from rich.status import Status as Spinner
 
-        console = Console(stderr=True)
-        if self.quiet or not console.is_terminal:
-            yield lambda _: None
-            return
-        with Spinner(words, console=console) as spinner:
+        with Spinner(words, console=Console(stderr=True)) as spinner:
             yield lambda text: spinner.update(text)
 
 

@@ -6,6 +6,8 @@ b0 sits in the middle of a link, ``geometry.inner_link_of_b0``, its x axis towar
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import casadi as ca
 
 from twosra_mpc.model.series import sinc, versine_ratio
@@ -57,6 +59,12 @@ def fibre_end_pose(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
 
 def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
     """Poses in b0 of the four wheels, their angle that of the drive direction, 3x4, eq. q_bC."""
-    placement = ca.DM(geometry.wheel_placement).T
-    ends = (fibre_end_pose(geometry, q, unit) for unit in (0, 0, 1, 1))
-    return ca.horzcat(*(composed(end, placement[:, i]) for i, end in enumerate(ends)))
+    return wheel_poses(geometry)(q)
+
+
+@lru_cache(maxsize=32)
+def wheel_poses(geometry: Geometry) -> ca.Function:
+    """Q -> ``wheel_pose_matrix``: called as a function, it is written down only once."""
+    q, placement = ca.SX.sym("q", POSE + geometry.segments), ca.DM(geometry.wheel_placement).T
+    units = [composed(fibre_end_pose(geometry, q, i), placement[:, 2 * i : 2 * i + 2]) for i in (0, 1)]
+    return ca.Function("wheel_poses", [q], [ca.horzcat(*units)])

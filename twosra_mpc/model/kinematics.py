@@ -19,7 +19,7 @@ from typing import Any
 import casadi as ca
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.chain import fibre_end_pose, wheel_pose_matrix
+from twosra_mpc.model.chain import fibre_end_pose, wheel_pose_matrix, wheel_poses
 from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Body
@@ -35,11 +35,13 @@ class Kinematics:
     Attributes:
         jacobian: (q, sigma) -> J, (3 + n) x 5.
         wheel_matrix: (q, sigma) -> V, 4x5, paper eq. config_matrix.
+        shared: (q, sigma) -> both; where both are needed, what they share is written once.
         wheel_poses: q -> 3x4, columns (x, y, psi) of the wheels in b0 (m, m, rad).
     """
 
     jacobian: ca.Function
     wheel_matrix: ca.Function
+    shared: ca.Function
     wheel_poses: ca.Function
 
 
@@ -68,14 +70,18 @@ def kinematics(body: Body) -> Kinematics:
     q, sigma = ca.SX.sym("q", POSE + segments), ca.SX.sym("sigma", segments)
     path = path_model(body)
     jacobian = hybrid_jacobian(body.geometry, path, q, sigma)
-    wheels = wheel_configuration(body.geometry, q, sigma)
     if path.wheel_map == "exact":
         wheels = exact_wheel_map(body.geometry, q) @ _body_rates(q, jacobian)
-    poses = wheel_pose_matrix(body.geometry, q)
+    else:
+        wheels = wheel_configuration(body.geometry, q, sigma)
+    both = [ca.densify(jacobian), ca.densify(wheels)]
+    shared = ca.Function("kinematics", [q, sigma], both, {"cse": True})
+    jacobian, wheels = shared(q, sigma)
     return Kinematics(
-        jacobian=ca.Function("J", [q, sigma], [ca.densify(jacobian)]),
-        wheel_matrix=ca.Function("V", [q, sigma], [ca.densify(wheels)], {"cse": True}),
-        wheel_poses=ca.Function("wheel_poses", [q], [poses]),
+        jacobian=ca.Function("J", [q, sigma], [jacobian]),
+        wheel_matrix=ca.Function("V", [q, sigma], [wheels]),
+        shared=shared,
+        wheel_poses=wheel_poses(body.geometry),
     )
 
 
@@ -94,10 +100,10 @@ def wheel_accelerations(body: Body) -> ca.Function:
     """(q, v, a, sigma) -> d/dt V(q, sigma) v [rad/s2] with v' = a, (4,)."""
     segments = body.geometry.segments
     q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
-    sigma, turn = ca.SX.sym("sigma", segments), wheel_travel(body)
-    shape_rate = kinematics(body).jacobian(q, sigma) @ v
-    rate = ca.densify(turn(q, a, sigma) + ca.jtimes(turn(q, v, sigma), q, shape_rate))
-    return ca.Function("wheel_acceleration", [q, v, a, sigma], [rate], {"cse": True})
+    sigma = ca.SX.sym("sigma", segments)
+    jacobian, matrix = kinematics(body).shared(q, sigma)
+    rate = ca.densify(matrix @ a + ca.jtimes(matrix @ v, q, jacobian @ v))
+    return ca.Function("wheel_acceleration", [q, v, a, sigma], [rate])
 
 
 def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +90,8 @@ class Result:
 
     def _repr_html_(self) -> str:
         """The message and the plan's figure, for notebooks."""
+        from html import escape  # its tables take longer to load than to use
+
         words = f"<p>{self.status}: {escape(self.message)}</p>"
         return words + self.plan._repr_html_() if self.plan else words
 

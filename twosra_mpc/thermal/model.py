@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 State = tuple[float, ...]
+# A number, or one for each of many times: what is asked for many times at once is not asked often.
+Values = TypeVar("Values", float, NDArray[np.float64])
 
 
 class SegmentModel(Protocol):
@@ -49,17 +54,17 @@ class SegmentModel(Protocol):
     def warmed(self, state: State, by_K: float) -> State:
         """State whose metal is so much warmer; where heat does not warm it, the same."""
 
-    def temperature_C(self, state: State) -> float:
-        """Temperature of the metal."""
+    def temperature_C(self, state: tuple[Values, ...]) -> Values:
+        """Temperature of the metal; of each, where the state's values are arrays."""
 
-    def melt_fraction(self, state: State) -> float:
-        """From 0 (solid) to 1 (liquid)."""
+    def melt_fraction(self, state: tuple[Values, ...]) -> Values:
+        """From 0 (solid) to 1 (liquid); of each, where the state's values are arrays."""
 
-    def propagate(self, state: State, current_A: float, duration_s: float) -> State:
-        """State after a constant current."""
+    def propagate(self, state: State, current_A: float, duration_s: Values) -> tuple[Values, ...]:
+        """State after a constant current; an array of durations gives arrays of values."""
 
-    def hold(self, state: State, duration_s: float) -> State:
-        """State after an ideal controller has kept the temperature."""
+    def hold(self, state: State, duration_s: Values) -> tuple[Values, ...]:
+        """State after an ideal controller has kept the temperature, likewise."""
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until the level is first reached [s]; inf if never."""
@@ -75,6 +80,11 @@ class SegmentModel(Protocol):
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heater energy of keeping the temperature."""
+
+
+def exponential(values: Values) -> Values:
+    """Return e to the power of a number, or of each."""
+    return np.exp(values) if isinstance(values, np.ndarray) else math.exp(values)
 
 
 def thresholds_C(model: SegmentModel) -> tuple[float, float]:

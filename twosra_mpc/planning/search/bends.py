@@ -19,6 +19,7 @@ Intervals = tuple[tuple[float, float], ...]  # (low, high) of every segment
 Known = tuple[tuple[float, float] | None, ...]  # the same; None: anything
 
 _DEPENDENT = 1e-9  # singular values that are zero
+_ROUNDING = 1e-9  # of the changes of W that limits allow
 
 
 class Conserved(NamedTuple):
@@ -156,6 +157,25 @@ def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
     reached = incidence @ found[0]
     inside = zip(reached.tolist(), task.met, strict=True)
     return found[0] if all(low <= w <= high for w, (low, high) in inside) else None
+
+
+def least_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
+    """Change of W in each phase where all may bend their least at once, else None.
+
+    Then no other bends take less time in any phase, so event times are least with these.
+    """
+    if (steps := bend_steps(sequence, task)) is None:
+        return None
+    bends = np.array([step.surely for step in steps])
+    sums = np.cumsum(bends[:, None] * np.array(sequence), axis=0)
+    for j in task.segments:
+        soft = [i for i, mode in enumerate(sequence) if mode[j]]
+        rounding = _ROUNDING * (task.room[j][1] - task.room[j][0])
+        for i in soft:
+            low, high = task.met[j] if i == soft[-1] else task.room[j]
+            if not low - rounding <= sums[i, j] <= high + rounding:
+                return None
+    return bends
 
 
 def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[Array, Array] | None:

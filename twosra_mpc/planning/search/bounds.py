@@ -39,6 +39,7 @@ from twosra_mpc.planning.search.bends import (
     bend_steps,
     determined_bends,
     known_curvatures,
+    least_bends,
     least_durations,
     least_efforts,
 )
@@ -76,10 +77,15 @@ def sequence_bound(
     weights: Weights,
     least_durations: Sequence[float],
 ) -> SequenceBound | None:
-    """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
-    bends = determined_bends(network.sequence, task)
-    if bends is not None and weights.energy_s_per_J == weights.effort == 0:
-        return _longest_path_bound(network, bends, weights, least_durations)
+    """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible.
+
+    Where only time counts and it is known which bends take least, that is a longest path.
+    """
+    if weights.energy_s_per_J == weights.effort == 0:
+        bends = determined_bends(network.sequence, task)
+        bends = least_bends(network.sequence, task) if bends is None else bends
+        if bends is not None:
+            return _longest_path_bound(network, bends, weights, least_durations)
     try:
         return _linear_program_bound(network, task, weights, least_durations)
     except (

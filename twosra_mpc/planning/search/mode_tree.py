@@ -149,7 +149,8 @@ class ModeTree(Generic[Solution]):
         times = earliest_times(network)
         if times is None:
             return math.inf
-        return max(times[network.layout.finish], (self._motion_s or 0.0) + resting_s(network))
+        least = times[network.layout.finish]
+        return max(least, self._motion_s + resting_s(network)) if self._motion_s else least
 
     def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
         """Cost of the melts and freezes of ``node`` and of those that must still follow."""
