@@ -15,6 +15,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import InPlace, kinematics
@@ -141,7 +142,7 @@ def passed(step: ca.Function, start: Array, changes: Array, *given: Array) -> Ar
     return reached
 
 
-def flown(robot: Robot | Body, q: Array, s: Array, mode: Array) -> Array:
+def flown(robot: Robot | Body, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
     """Where soft input displacements (m, 5) lead from q (m, 3 + n), row by row, in modes (m, n)."""
     step, parts = interval_step(robot), 1
     while True:

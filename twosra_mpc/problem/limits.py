@@ -325,8 +325,8 @@ def interval_durations(motion: Motion) -> Array:
     modes = np.repeat(np.array(motion.sequence), intervals, axis=0)
     places = (before, (before + after) / 2, after)
     given = np.concatenate(places), np.tile(s, (3, 1)), np.tile(modes, (3, 1))
-    times: Array = least_times(motion.robot, *given).reshape(3, phases, intervals)
-    return times.max(axis=0)
+    times: Array = least_times(motion.robot, *given).reshape(3, phases, intervals).max(axis=0)
+    return times
 
 
 def shapes_allowed(motion: Motion, still: float) -> bool:

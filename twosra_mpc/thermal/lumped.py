@@ -59,7 +59,7 @@ class Lumped:
         """Enthalpy from which on the segment is liquid."""
         return self.latent_J
 
-    def level(self, state: State) -> float:
+    def level(self, state: tuple[Values, ...]) -> Values:
         """Return the heat content that rises and falls through the thresholds: H [J]."""
         return state[0]
 

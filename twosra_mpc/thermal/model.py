@@ -42,7 +42,7 @@ class SegmentModel(Protocol):
     def initial(self, temperature_C: float) -> State:
         """State of a segment that has this temperature throughout."""
 
-    def level(self, state: State) -> float:
+    def level(self, state: tuple[Values, ...]) -> Values:
         """What rises and falls through the thresholds, in the model's own unit."""
 
     def level_at(self, temperature_C: float) -> float:

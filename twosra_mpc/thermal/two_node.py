@@ -49,7 +49,7 @@ class TwoNode:
     liquid_level: float
     ambient_C: float
 
-    def level(self, state: State) -> float:
+    def level(self, state: tuple[Values, ...]) -> Values:
         """Return what rises and falls through the thresholds: the core temperature [C]."""
         return state[0]
 
