@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ class Conserved(NamedTuple):
     factor: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BendingTask:
     """What a plan must do to the bending coordinates, and how fast it can.
 
@@ -85,7 +85,7 @@ class BendingTask:
         low, high = self.met[segment]
         return not low <= 0 <= high
 
-    @property
+    @cached_property
     def met(self) -> Intervals:
         """(low, high) of each segment: changes of W with which the goal counts as met."""
         pairs = zip(self.change, self.within, strict=True)
@@ -190,7 +190,7 @@ def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[Array, Array] | 
     return rise @ low + fall @ high, rise @ high + fall @ low
 
 
-@functools.lru_cache(4096)
+@lru_cache(4096)
 def _inverse(sequence: ModeSequence) -> Array | None:
     """A^+, (phases, segments), zero for rigid phases; None if soft modes are not independent."""
     modes = np.array(sequence, dtype=float)
@@ -226,7 +226,8 @@ class BendStep(NamedTuple):
         return min(self.least, self.most, key=abs) if self.least * self.most > 0 else 0.0
 
 
-def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | None:
+@lru_cache(maxsize=64)  # a sequence is looked at more than once while its problem is planned
+def bend_steps(sequence: ModeSequence, task: BendingTask) -> tuple[BendStep, ...] | None:
     """What is known of the bend of each phase; None if the soft modes are not independent."""
     if (ranges := _ranges(sequence, task.met)) is None:
         return None
@@ -244,7 +245,7 @@ def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | No
         low, high = (np.array(task.origin) + end for end in np.array(outermost).T)
         here = np.array([np.clip(end, low, high) for end in here])
         steps.append(BendStep(mode, before, float(bend[0]), float(bend[1]), possible, beyond))
-    return steps
+    return tuple(steps)
 
 
 def _misses(
@@ -257,7 +258,8 @@ def _misses(
     return bool(least > high + slack or most < low - slack)
 
 
-def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
+@lru_cache(maxsize=64)
+def least_durations(sequence: ModeSequence, task: BendingTask) -> tuple[float, ...]:
     """Least durations of the phases, as far as the task says how far they bend [s].
 
     Infinite where a bend must pass a shape that is forbidden.
@@ -269,7 +271,7 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
             durations[i] = task.least_time(step.mode, before, bend)
         if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
             durations[i] = math.inf
-    return durations
+    return tuple(durations)
 
 
 def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
