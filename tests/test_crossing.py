@@ -27,13 +27,13 @@ def test_crossings_are_those_that_brent_finds(shape: str, root: float, side: flo
     def function(t: float) -> float:
         return side * SHAPES[shape](t - root)
 
-    found = crossing(function, 0.0, 100.0)
+    found = crossing(function, (0.0, function(0.0)), (100.0, function(100.0)))
     assert found == pytest.approx(root, abs=1e-11)
     assert abs(function(found)) <= abs(function(brentq(function, 0.0, 100.0, xtol=1e-12))) + 1e-12
 
 
 def test_a_bracket_that_ends_at_zero_is_its_end() -> None:
-    assert crossing(lambda t: min(t - 3.0, 0.0), 0.0, 3.0) == 3.0
+    assert crossing(lambda t: min(t - 3.0, 0.0), (0.0, -3.0), (3.0, 0.0)) == 3.0
 
 
 def test_it_takes_no_more_than_a_secant_where_the_function_is_a_line() -> None:
@@ -43,5 +43,7 @@ def test_it_takes_no_more_than_a_secant_where_the_function_is_a_line() -> None:
         asked.append(t)
         return t - 3.0
 
-    assert crossing(function, 0.0, 8.0) == pytest.approx(3.0, abs=1e-12)
-    assert len(asked) <= 5
+    for first in (None, 3.0):
+        asked.clear()
+        assert crossing(function, (0.0, -3.0), (8.0, 5.0), first) == pytest.approx(3.0, abs=1e-12)
+        assert len(asked) <= 3
