@@ -41,6 +41,7 @@ ALLOWED = {
     "matplotlib": ("plotting/",),
     "tomlkit": ("identification/", "report/"),
     "jinja2": ("report/",),
+    "highspy": ("planning/search/linear_program.py",),
     "osqp": ("execution/tracking/",),
     "shapely": ("space/", "checking/clearance.py"),
     "serial": ("execution/serial/port.py",),
