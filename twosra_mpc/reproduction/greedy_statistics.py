@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan
@@ -236,8 +236,15 @@ def published_study(seeds: Iterable[int], kind: Kind = "single-mode") -> Iterato
     Args:
         seeds: A problem each; the same seed is the same problem everywhere.
         kind: "single-mode" as the authors draw, "generic" with a target drawn like the start.
+
+    Raises:
+        InputError: On another kind, or a negative seed.
     """
+    if kind not in get_args(Kind):
+        raise InputError("kind", kind, f"one of {', '.join(get_args(Kind))}")
     for seed in seeds:
+        if seed < 0:
+            raise InputError("seed", seed, "0 or more")
         if kind == "single-mode":
             driven, mode = draw_single_mode(seed)
             yield _studied(seed, mode, driven[0], driven[-1], error_curve(driven, driven[-1]))
