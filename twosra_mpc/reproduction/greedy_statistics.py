@@ -121,8 +121,11 @@ class OptimalProblem:
     greedy_waiting_s: float = math.nan
 
     def to_dict(self) -> dict[str, Any]:
-        """The value as plain data for JSON; None for NaN."""
-        return {name: None if value != value else value for name, value in asdict(self).items()}
+        """The value as plain data for JSON; None for what is not finite."""
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in asdict(self).items()
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
