@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.plans.trajectory import Samples
@@ -46,6 +47,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
         sigma[:] = samples.mode[first]
 
         def rate(_s: float, at: Array, direction: Array = direction) -> Array:
+            check_time()
             q[:] = at
             jacobian.evaluate()
             return direction @ columns

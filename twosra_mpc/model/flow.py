@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.path_models import path_model
@@ -145,6 +146,7 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
     here = np.asarray(start, dtype=float)
     states = np.empty((phases, intervals + 1, len(here)))
     for i, mode in enumerate(sequence):
+        check_time()
         states[i, 0] = here
         if not inputs[i].any():
             states[i, 1:] = here

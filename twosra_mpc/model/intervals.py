@@ -14,6 +14,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.robot.coordinates import Array
 
 Interval = tuple[Array, Array]
@@ -35,6 +36,7 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> Interval:
     Raises:
         NotImplementedError: If the function uses an operation without an interval rule.
     """
+    check_time()
     shape = (function.numel_out(0), lower.shape[1])
     low, high = np.zeros(shape), np.zeros(shape)
     work: dict[int, Interval] = {}

@@ -26,9 +26,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.outline import outline_points
+from twosra_mpc.planning.nlp.stopping import Stopping
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
@@ -37,6 +39,7 @@ from twosra_mpc.timing import EventLayout
 
 INPUT_SCALE = np.array([0.03, 0.03, 0.1, 0.1, 1.0])  # m, m, m, m, rad
 TIME_SCALE = 100.0  # s
+_COMPILING_S = 0.15  # a phase, times the square of the segments: of arcs; others take less
 
 
 def state_scale(robot: Robot | Body) -> Array:
@@ -197,11 +200,18 @@ def ipopt(
     steps: int,
     max_iterations: int,
     inside: bool = False,
-) -> tuple[Transcription, ca.Function]:
-    """Compile the program of ``transcribe`` for IPOPT."""
+) -> tuple[Transcription, ca.Function, Stopping]:
+    """Compile the program of ``transcribe`` for IPOPT; what stops it must be kept with it.
+
+    Raises:
+        OutOfTimeError: If that takes longer than there is time.
+    """
+    check_time(_COMPILING_S * phases * robot.geometry.segments**2)
     transcription = transcribe(robot, goal, phases, intervals, steps, inside)
+    stopping = Stopping(transcription.nlp)
     options: dict[str, Any] = {
         "expand": True,
+        "iteration_callback": stopping,
         "ipopt.print_level": 0,
         "print_time": False,
         "ipopt.sb": "yes",
@@ -211,4 +221,5 @@ def ipopt(
         "ipopt.mu_strategy": "adaptive",
         "ipopt.bound_relax_factor": 0.0,
     }
-    return transcription, ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)
+    solver = ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)
+    return transcription, solver, stopping

@@ -21,6 +21,7 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import linprog
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.robot.coordinates import Array
 
 _INFEASIBLE = 2  # SciPy's status code
@@ -82,6 +83,7 @@ def _solved(
     objective: Array, rows: Array | sparse.csr_matrix, limits: Array, bounds: Bounds
 ) -> Any | None:
     """SciPy's result; None if it calls the program infeasible."""
+    check_time()
     matrix: Any = rows  # the stubs know of no sparse ones
     result = linprog(objective, A_ub=matrix, b_ub=limits, bounds=bounds, method="highs")
     if result.status == _INFEASIBLE:

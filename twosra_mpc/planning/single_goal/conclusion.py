@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from twosra_mpc.deadline import OutOfTimeError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.single_goal.gentle import ROUNDING, gentle
 from twosra_mpc.planning.single_goal.outcome import verified
@@ -30,13 +31,16 @@ ADVICE = {
 
 
 def as_asked(problem: Problem, search: SearchResult[Solved]) -> SearchResult[Solved]:
-    """The outcome with a gentler plan if that costs no more than asked; Ctrl-C leaves it as is."""
+    """The outcome with a gentler plan if that costs no more than asked, unless stopped."""
     if (found := search.solution) is None or not problem.drives_gently:
         return search
     try:
         return replace(search, solution=found._replace(plan=_gentler(problem, found, search)))
     except KeyboardInterrupt:
         return replace(search, ending=Ending.INTERRUPTED)
+    except OutOfTimeError:
+        early = search.ending is Ending.INTERRUPTED
+        return search if early else replace(search, ending=Ending.LIMIT)
 
 
 def _gentler(problem: Problem, found: Solved, search: SearchResult[Solved]) -> Plan:

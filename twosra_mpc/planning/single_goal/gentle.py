@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import LinearConstraint, minimize
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, feasible_schedule
 from twosra_mpc.planning.search.schedule import cost_coefficients
 from twosra_mpc.plans.speed_profile import SpeedProfile
@@ -145,6 +146,7 @@ def _least_effort(
         price = cost[kept] * scale / (weight * unit)
 
     def effort(t: Array) -> tuple[float, Array]:
+        check_time()
         duration = np.maximum(lasting @ t, 1e-9)
         each = efforts[moving] / (unit * scale) / duration
         return float(each.sum() + price @ t), lasting.T @ (-each / duration) + price

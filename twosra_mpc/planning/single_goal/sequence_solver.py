@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.deadline import out_of_time
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import (
@@ -48,13 +48,12 @@ Guessed = tuple[Motion, tuple[float, Solved] | None]  # a guess, and the plan th
 class SequenceSolver:
     """Yields verified plans of one mode sequence: the guess and, if it is not enough, the NLP's."""
 
-    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
+    def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self._box = bend_changes(problem, problem.goal)
         least = np.clip(0.0, *self._box)
         nearest = np.array([least, least])  # where a margin does not fit, bending less may
         self._aims = (bend_changes(problem, inner_goal(problem)), nearest)
-        self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
         self.iterations = 0
 
     def __call__(
@@ -71,7 +70,7 @@ class SequenceSolver:
             if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
                 starts.append(swerved(guess, _ASIDE_RAD))
         for start in starts:
-            if time.perf_counter() > self.deadline:
+            if out_of_time():
                 return
             candidate = solve(start, network, problem)
             self.iterations += candidate.iterations if candidate else 0
