@@ -47,9 +47,7 @@ def test_a_segment_that_is_never_called_liquid_is_refused_by_name() -> None:
     robot = load_robot("2sr-v2")
     segment = robot.thermal_segment(0).with_values(liquid_above_C=80.0)
     given = {"segments": (segment,) * 2} if robot.segments else {"segment": segment}
-    with pytest.raises(
-        InputError, match=r"liquid_above_C = 80.0 .* less than heater"
-    ):
+    with pytest.raises(InputError, match=r"liquid_above_C = 80.0 .* less than heater"):
         robot.with_values(**given)
 
 
