@@ -55,13 +55,13 @@ def main(name: str, out: Path | None, settings: dict[str, Any]) -> None:
         usual = STUDIES[name]
         study = type(usual).parse({**usual.model_dump(), **settings}, name)
         log = open_log(name, study, folder)
+        if not run_study(study, log, console):
+            console.print(f"interrupted; run again to go on from {log.path}", highlight=False)
+            sys.exit(_INTERRUPTED)
+        sys.stdout.write(write_report(study, log, folder))
     except InputError as error:
         console.print(f"benchmarks: {error}", highlight=False, markup=False)
         sys.exit(_BAD_INPUT)
-    if not run_study(study, log, console):
-        console.print(f"interrupted; run again to go on from {log.path}", highlight=False)
-        sys.exit(_INTERRUPTED)
-    sys.stdout.write(write_report(study, log, folder))
 
 
 if __name__ == "__main__":

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from benchmarks.scenes import scenes
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot
+from twosra_mpc.files import read_document, reading
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.validation import FrozenDict, plain
 
 FOLDER = Path(__file__).parent / "sets"
+MOST, TRIES = 10_000, 100  # problems of a set, and draws for each of them
 
 
 def set_names() -> list[str]:
@@ -30,7 +31,22 @@ def load_set(name: str) -> Mapping[str, Problem]:
 
     What is random is drawn again where units would overlap, or the robot would touch something.
     """
-    data = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+    return read_set(FOLDER / f"{name}.toml")
+
+
+def read_set(path: Path) -> Mapping[str, Problem]:
+    """Label -> problem of a set in a file.
+
+    Raises:
+        InputError: If the file cannot be read, or tells no problems.
+    """
+    with reading(str(path)):
+        return _of_set(path.stem, read_document(path, str(path)))
+
+
+def _of_set(name: str, data: dict[str, Any]) -> Mapping[str, Problem]:
+    if data.get("count", 0) > MOST:
+        raise InputError("count", data["count"], f"at most {MOST} problems")
     if "scenarios" in data:
         return FrozenDict(dict(_published(data["scenarios"], data["robots"])))
     if "obstacles" in data:
@@ -38,8 +54,10 @@ def load_set(name: str) -> Mapping[str, Problem]:
     rng, robot = np.random.default_rng(data["seed"]), load_robot(data["robot"])
     ranges = (data["position_m"], data["heading_rad"], data["curvature_per_m"])
     named: dict[str, Problem] = {}
-    while len(named) < data["count"]:
-        problem = _drawn(rng, robot, *ranges)
+    for _ in range(TRIES * data["count"]):
+        if len(named) == data["count"]:
+            break
+        problem = drawn(rng, robot, *ranges)
         try:
             check_shapes(problem)
         except InputError:
@@ -47,6 +65,8 @@ def load_set(name: str) -> Mapping[str, Problem]:
         tolerance = data.get("tolerance")
         goal = problem.goal.with_values(tolerance=tolerance)
         named[f"{name}/{len(named)}"] = problem.with_values(goal=goal)
+    if len(named) < data["count"]:
+        raise InputError("count", data["count"], "ranges in which units rarely overlap")
     return FrozenDict(named)
 
 
@@ -58,9 +78,10 @@ def _published(scenarios: Sequence[str], robots: Sequence[str]) -> Iterator[tupl
             yield label, load_problem(name, robot=robot)
 
 
-def _drawn(
+def drawn(
     rng: np.random.Generator, robot: Robot, position: float, heading: float, curvature: float
 ) -> Problem:
+    """A problem whose ends are drawn from these ranges about zero [m, rad, 1/m]."""
     ends = []
     for _ in range(2):
         x, y = rng.uniform(-position, position, 2)

@@ -16,6 +16,7 @@ from rich.progress import Progress
 import twosra_mpc
 from benchmarks.run_log import RunLog
 from benchmarks.study import Measured, Study
+from twosra_mpc.files import reading
 
 PACKAGES = ("casadi", "numpy", "scipy", "osqp", "pydantic", "matplotlib", "shapely")
 REPORTING = ("figures.py", "report.py")  # change nothing that is measured
@@ -63,9 +64,14 @@ def run_study(study: Study, log: RunLog, console: Console) -> bool:
 
 
 def results_of(study: Study, log: RunLog) -> list[Measured]:
-    """Cases and records of a study that was run to its end."""
+    """Cases and records of a study that was run to its end.
+
+    Raises:
+        InputError: If the log holds a record that is none of this study's.
+    """
     read = study.record.validate_python
-    return [Measured(case, read(log[case._asdict()])) for case in study.cases()]
+    with reading(str(log.path)):
+        return [Measured(case, read(log[case._asdict()])) for case in study.cases()]
 
 
 def machine() -> dict[str, str]:

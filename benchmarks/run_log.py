@@ -55,7 +55,7 @@ class RunLog:
                 value = json.loads(line)
                 if number > 1:
                     self._keep(value["case"], value["load"], value["record"])
-            except (ValueError, TypeError, KeyError) as error:
+            except (ValueError, TypeError, KeyError, RecursionError) as error:
                 allowed = f"a finished case ({error!r})"
                 raise InputError(f"line {number}", line, allowed, str(self.path)) from None
             if number == 1:
@@ -75,7 +75,7 @@ class RunLog:
 
     def _keep(self, case: Mapping[str, Any], load: float, record: Any) -> None:
         self._records[json.dumps(case)] = record
-        self.loads.append(load)
+        self.loads.append(float(load))
 
     def _write(self, line: Mapping[str, Any]) -> None:
         with self.path.open("a", encoding="utf-8") as file:

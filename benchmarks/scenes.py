@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc import Problem, load_robot
+from twosra_mpc import InputError, Problem, load_robot
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -16,6 +16,7 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.separation import Separation
 
+_TRIES = 10_000  # of the ends of a scene
 LEAST_CLEARANCE_M = 0.005  # of start and goal, to obstacles and to the edge of the workspace
 
 
@@ -52,7 +53,9 @@ def scenes(
         things = tuple(_convex(rng, half_width_m, radius_m) for _ in range(obstacles))
         world = World(workspace={"x_m": edges, "y_m": edges}, obstacles=things, **kept)
         ends: list[dict[str, Any]] = []
-        while len(ends) < 2:
+        for _ in range(_TRIES):
+            if len(ends) == 2:
+                break
             position, heading = rng.uniform(*edges, 2), rng.uniform(-math.pi, math.pi)
             kappa = rng.uniform(-curvature_per_m, curvature_per_m, described.coordinates.segments)
             q = np.array([*position, heading, *kappa])
@@ -60,6 +63,8 @@ def scenes(
             if allowed and stands(described.geometry, world, q, ends_m):
                 x, y, phi, *bends = q.tolist()
                 ends.append({"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": tuple(bends)})
+        if len(ends) < 2:
+            raise InputError("obstacles", obstacles, "so few that a robot fits between them")
         start, goal = ends
         yield f"{name}/{number}", Problem(robot=described, start=start, goal=goal, **dict(world))
 

@@ -17,7 +17,7 @@ import pytest
 from conftest import Outcome, Run
 from test_problem import ROBOT, SCENARIO, changed, write
 
-from twosra_mpc import __version__, load_plan, load_robot, robot_names, scenario_names
+from twosra_mpc import __version__, deadline, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import planning
 from twosra_mpc.planning import planner
 from twosra_mpc.planning.single_goal import sequence_solver
@@ -400,7 +400,7 @@ def test_a_time_limit_returns_the_best_plan_so_far(
     def an_hour_later() -> None:
         clock.now += 3600.0
 
-    for module in (planner, sequence_solver):
+    for module in (planner, deadline):
         monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: clock.now))
     monkeypatch.setattr(sequence_solver, "solve", Solving(an_hour_later, before=0))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")

@@ -15,7 +15,7 @@ import twosra_mpc.analysis.explanation as explanation_module
 import twosra_mpc.cli.comparisons as command
 import twosra_mpc.planning.planner as planner_module
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
-from twosra_mpc import InputError, Plan, Status, load_problem, plan
+from twosra_mpc import InputError, Plan, Status, deadline, load_problem, plan
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
 from twosra_mpc.analysis.transition_speed import reference_s, slowed
@@ -422,7 +422,7 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
 
     clock = SimpleNamespace(perf_counter=lambda: now)
     monkeypatch.setattr(planner_module, "time", clock)
-    monkeypatch.setattr(sequence_solver, "time", clock)
+    monkeypatch.setattr(deadline, "time", clock)
     monkeypatch.setattr(sequence_solver, "solve", interrupted)
     told = explain(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED

@@ -202,6 +202,7 @@ def test_every_solver_status_has_a_meaning(raw: str) -> None:
         "Maximum_Iterations_Exceeded": SolveStatus.LIMIT,
         "Maximum_CpuTime_Exceeded": SolveStatus.LIMIT,
         "Maximum_WallTime_Exceeded": SolveStatus.LIMIT,
+        "User_Requested_Stop": SolveStatus.LIMIT,
     }
     assert status is expected.get(raw, SolveStatus.FAILED)
 

@@ -422,7 +422,7 @@ def test_three_blocks_are_placed_as_well() -> None:
     """Of one sequence, asked for by itself: no scene here needs three."""
     between = problem(POST, start={**LEFT, "y_m": 0.2}, goal={**RIGHT, "kappa_per_m": [20.0, 15.0]})
     sequence = ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0), (1, 0), (0, 0))
-    placer = Placer(between, checked, time.perf_counter() + 60.0)
+    placer = Placer(between, checked)
     tree = planner.mode_tree(between, placer, in_the_way=placer.necessity)
     bound = tree.leaf_bound(sequence[:-1])
     made = next(found for found in tree.solve(sequence[:-1]) if found is not None)

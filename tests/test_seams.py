@@ -67,7 +67,15 @@ AGAINST_THE_FLOW = {
 }
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
-    ("version.py", "installation.py", "errors.py", "interrupts.py", "files.py", "validation.py"),
+    (
+        "version.py",
+        "installation.py",
+        "errors.py",
+        "deadline.py",
+        "interrupts.py",
+        "files.py",
+        "validation.py",
+    ),
     ("thermal/",),
     ("robot/",),
     ("model/",),

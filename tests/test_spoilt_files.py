@@ -43,6 +43,14 @@ def test_what_no_computer_can_plan_with_is_refused_by_name(name: str, tmp_path: 
     assert len(str(error.value)) < 3000
 
 
+def test_a_segment_that_is_never_called_liquid_is_refused_by_name() -> None:
+    robot = load_robot("2sr-v2")
+    segment = robot.thermal_segment(0).with_values(liquid_above_C=80.0)
+    given = {"segments": (segment,) * 2} if robot.segments else {"segment": segment}
+    with pytest.raises(InputError, match=r"liquid_above_C = 80.0 .* less than heater"):
+        robot.with_values(**given)
+
+
 def test_a_key_that_is_there_twice_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     path.write_text('{"format": "twosra-plan", "version": 2, "version": 3}', encoding="utf-8")

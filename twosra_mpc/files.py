@@ -194,7 +194,10 @@ def _replace(real: Path, data: bytes, mode: int) -> None:
             os.fsync(handle)
             os.chmod(handle if os.chmod in os.supports_fd else beside, mode)
             if unnamed:
-                _name(handle, beside)
+                try:  # where nothing is to be replaced nothing else is ever seen
+                    return _name(handle, real)
+                except FileExistsError:
+                    _name(handle, beside)
         beside.replace(real)
     finally:
         beside.unlink(missing_ok=True)

@@ -17,6 +17,7 @@ from benchmarks.studies.passages import Passages
 from benchmarks.studies.peers import Peers
 from benchmarks.studies.pick_and_place import PickAndPlace
 from benchmarks.studies.scenes import Scenes
+from benchmarks.studies.soak import Soak
 from benchmarks.studies.tracker_step import TrackerSteps
 from benchmarks.studies.transition_sweep import TransitionSweep
 from benchmarks.study import Study
@@ -63,5 +64,6 @@ STUDIES: dict[str, Study] = {
     "passages": Passages(),
     "pick-and-place": PickAndPlace(scenarios=("pick-and-place",)),
     "scenes": Scenes(problems=("scenes-6", "scenes-14"), repeats=1, time_limit_s=60.0),
+    "soak": Soak(),
     "tracker-step": TrackerSteps(),
 }

@@ -1,35 +1,61 @@
-"""``python tests/attack [COUNT]``: spoil many files of each kind, and print what went wrong."""
+"""``python tests/attack [COUNT [NAME ...]]``: attack the program, and print what went wrong.
+
+COUNT files of each kind are spoilt, a quarter as many commands killed, and a fifth interrupted.
+"""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from attack.mutations import MUTATIONS
 from attack.spoilt_files import KINDS, attacked
+from attack.stopped import COMMANDS, interrupted, killed
 
 
-def attack(count: int) -> bool:
-    """Spoil about ``count`` files of each kind; whether none went wrong."""
-    console, seeds = Console(), range(-(-count // len(MUTATIONS)))
-    table, found = Table("file", "tried", "deviations"), []
-    for kind in KINDS:
-        total = len(seeds) * len(MUTATIONS)
-        made = track(attacked(kind, seeds), kind, total=total, console=Console(stderr=True))
+def attacks(count: int) -> dict[str, tuple[int, Any]]:
+    """What is attacked, how often, and what yields the outcomes."""
+    seeds = range(-(-count // len(MUTATIONS)))
+    kills, interrupts = (range(-(-count // (each * len(COMMANDS)))) for each in (4, 5))
+    total = len(seeds) * len(MUTATIONS)
+    found: dict[str, tuple[int, Any]] = {
+        kind: (total, partial(attacked, kind, seeds)) for kind in KINDS
+    }
+    found |= {f"kill {name}": (len(kills), partial(killed, name, kills)) for name in COMMANDS}
+    found |= {
+        f"interrupt {name}": (len(interrupts), partial(interrupted, name, interrupts))
+        for name in COMMANDS
+    }
+    return found
+
+
+def attack(count: int, names: list[str]) -> bool:
+    """Attack, and print a table; whether nothing went wrong."""
+    console, found = Console(), list[Any]()
+    table = Table("attack", "tried", "deviations")
+    for name, (total, outcomes) in attacks(count).items():
+        if names and name not in names:
+            continue
+        made: Iterator[Any] = track(outcomes(), name, total, console=Console(stderr=True))
         wrong = [each for each in made if each is not None]
-        table.add_row(kind, str(total), str(len(wrong)))
+        table.add_row(name, str(total), str(len(wrong)))
+        for each in wrong:
+            console.print(*each, sep=", ", markup=False)
         found += wrong
     console.print(table)
-    for each in found:
-        console.print(f"{each.kind}, {each.mutation}, seed {each.seed}: {each.what}", markup=False)
     return not found
 
 
 if __name__ == "__main__":
-    sys.exit(0 if attack(int(sys.argv[1]) if len(sys.argv) > 1 else 100) else 1)
+    count, *names = [*sys.argv[1:], "100"][: max(1, len(sys.argv) - 1)]
+    sys.exit(0 if attack(int(count), names) else 1)

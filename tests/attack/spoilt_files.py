@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import random
+import shutil
 import signal
+import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
@@ -16,15 +18,18 @@ from typing import NamedTuple
 from attack.mutations import MUTATIONS
 
 import twosra_mpc
-from twosra_mpc import load_problem, plan
+from benchmarks.__main__ import main as benchmark
+from benchmarks.problems import FOLDER, read_set
+from benchmarks.run_log import NAME
+from twosra_mpc import InputError, load_problem, plan
 from twosra_mpc.cli import main
 from twosra_mpc.export.authors_csv import save_authors_csv
 
 CODES = {0, 2, 3, 4}  # those of a program that knew what to do
-LONGEST_S = 20.0  # that a command may take
+LONGEST_S = 15.0  # that a command may take
 _MOST_SAID = 6000  # characters on standard error
 _PACKAGE = Path(twosra_mpc.__file__).parent
-_LIMIT = ("--time-limit", "2")
+_LIMIT = ("--time-limit", "0.5")
 
 
 class Kind(NamedTuple):
@@ -33,6 +38,7 @@ class Kind(NamedTuple):
     suffix: str
     good: Callable[[], tuple[bytes, ...]]
     command: Callable[[Path], tuple[str, ...]]
+    program: Callable[[list[str]], object] = main
 
 
 class Deviation(NamedTuple):
@@ -64,6 +70,34 @@ def _written(write: Callable[[Path], object]) -> bytes:
         return path.read_bytes()
 
 
+def _read_set(arguments: list[str]) -> None:
+    try:
+        read_set(Path(arguments[0]))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+@cache
+def _run_log() -> tuple[bytes, ...]:
+    with tempfile.TemporaryDirectory() as folder:
+        _finish([str(Path(folder) / NAME)])
+        return ((Path(folder) / NAME).read_bytes(),)
+
+
+def _finish(arguments: list[str]) -> None:
+    """Go on with a study from its log."""
+    settings = ("count=2", "robots=2", "time_limit_s=0.1")
+    with tempfile.TemporaryDirectory() as folder:
+        if (log := Path(arguments[0])).exists():
+            shutil.copy(log, Path(folder) / NAME)
+        given = [word for each in settings for word in ("--set", each)]
+        try:
+            benchmark(["soak", "--out", folder, *given], standalone_mode=False)
+        finally:
+            shutil.copy(Path(folder) / NAME, log)
+
+
 _SCENARIOS = ("paper-1", "move-and-shape", "doorway", "pick-and-place", "three-segments")
 _ROBOTS = _built_in("robots", "2sra-v1", "2sr-v2", "2sra-v1-paper")
 KINDS = {
@@ -75,6 +109,13 @@ KINDS = {
         ".toml", _ROBOTS, lambda path: ("plan", "rigid-move", "--robot", str(path), *_LIMIT)
     ),
     "plan": Kind(".json", _plans, lambda path: ("verify", str(path))),
+    "problem set": Kind(
+        ".toml",
+        lambda: tuple(path.read_bytes() for path in sorted(FOLDER.glob("[rt]*.toml"))),
+        lambda path: (str(path),),
+        _read_set,
+    ),
+    "run log": Kind(".jsonl", _run_log, lambda path: (str(path),), _finish),
     "log": Kind(".csv", _log, lambda path: ("replay", str(path), "--robot", "2sra-v1-paper")),
 }
 
@@ -88,18 +129,19 @@ def attacked(name: str, seeds: range) -> Iterator[Deviation | None]:
             for mutation, spoil in MUTATIONS.items():
                 rng = random.Random(f"{name} {mutation} {seed}")
                 path.write_bytes(spoil(rng, rng.choice(kind.good())))
-                wrong = _wrong(kind.command(path))
+                wrong = _wrong(kind.program, kind.command(path))
                 yield None if wrong is None else Deviation(name, mutation, seed, wrong)
 
 
-def _wrong(arguments: tuple[str, ...]) -> str | None:
+def _wrong(program: Callable[[list[str]], object], arguments: tuple[str, ...]) -> str | None:
     """What the program does that it should not; None if nothing."""
     out, err = io.StringIO(), io.StringIO()
     before = signal.signal(signal.SIGALRM, _hangs)
     signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
     try:
         with redirect_stdout(out), redirect_stderr(err):
-            main(list(arguments))
+            program(list(arguments))
+        code: object = 0
     except SystemExit as ended:
         code = ended.code
     except BaseException:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.dormand_prince import step_of_order_8
+from twosra_mpc.deadline import check_time
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.plans.trajectory import Samples
@@ -44,6 +45,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
         longest = math.inf
         for row, left in enumerate(lengths.tolist(), start=first + 1):
             while left > 0:
+                check_time()
                 step = min(longest, left)
                 np.multiply(direction, step, out=s)
                 integrator.evaluate()

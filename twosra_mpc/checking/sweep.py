@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import between, reintegrate
+from twosra_mpc.deadline import check_time
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
 from twosra_mpc.problem.problem import Problem
@@ -207,6 +208,7 @@ def least(
             break
         middle = np.searchsorted(travelled_m, (travelled_m[a] + travelled_m[b]) / 2)
         middle = np.clip(middle, a + 1, b - 1)
+        check_time()
         d_m = distances(middle)
         if d_m.min() < best:
             at, best = int(middle[d_m.argmin()]), float(d_m.min())

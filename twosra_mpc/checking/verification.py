@@ -17,6 +17,7 @@ from twosra_mpc.checking.heating import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.transitions import transition_problems
+from twosra_mpc.deadline import check_time
 from twosra_mpc.model.outline import outline_points
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.plans.plan import Verification
@@ -32,6 +33,7 @@ from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
 DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
+_AT_ONCE = 20_000  # of these places, to spare memory
 _JUMP = 1e-6  # of the largest wheel speed: less is no jump
 _ROUNDING = 1e-9  # of a product of two inputs
 
@@ -215,14 +217,19 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
     q = reintegrate(problem, fine)
     if not np.isfinite(q).all():
         return -1.0  # it is anywhere
-    within = workspace_margins(problem, q)
-    points = by_rows(outline_points(problem.robot.geometry), q)[0].reshape(len(q), -1, 2)
-    bent = np.abs(np.diff(points, 2, axis=0)).max(axis=(1, 2), initial=0.0)
+    margins, bent = np.empty(len(q)), np.zeros(max(len(q) - 2, 0))
+    for first in range(0, len(q), _AT_ONCE):
+        check_time()
+        part = q[first : first + _AT_ONCE + 2]
+        margins[first : first + len(part)] = workspace_margins(problem, part)
+        points = by_rows(outline_points(problem.robot.geometry), part)[0]
+        second = np.abs(np.diff(points.reshape(len(part), -1, 2), 2, axis=0))
+        bent[first : first + len(second)] = second.max(axis=(1, 2), initial=0.0)
     off = np.zeros(len(q))
     off[1:-1] = np.where(at[2:] == at[:-2], bent, 0.0)  # corners of a path lie between intervals
     off[:-1] = np.maximum(off[:-1], off[1:])
     off[1:] = np.maximum(off[1:], off[:-1])
-    return float((within - off / 4).min())
+    return float((margins - off / 4).min())
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:

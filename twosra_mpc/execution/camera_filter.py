@@ -11,6 +11,8 @@ down to a fraction of what they are rounded to.
 
 A frame whose innovation z - (q - g M) is beyond `GATE` of its standard deviations, and more than
 `WILD` besides, is not believed. If the next ones agree with it, the robot was moved: then they are.
+Nor is one believed that is the same as before, to the last digit, although the robot was driven by
+more than `WILD` since: that is a camera that hangs.
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ class CameraFilter:
     Attributes:
         q: Configuration [m, m, rad, 1/m ...], (3 + n,).
         variance: Of each coordinate, (3 + n,).
+        frozen: Whether the last frame was the same as before, although the robot was driven.
     """
 
     def __init__(self, camera: Camera, q: Array, time_s: float) -> None:
@@ -55,6 +58,7 @@ class CameraFilter:
         self._lately = self._moved
         self._past: deque[tuple[float, Array]] = deque([(time_s, self._moved)])
         self._wild, self._apart = self._coordinates.each(*WILD), list[Array]()
+        self._picture, self._taken_at, self.frozen = self._frame, self._moved, False
         self.forget_response()
 
     @property
@@ -107,11 +111,12 @@ class CameraFilter:
         path = np.array([moved for _, moved in self._past])
         since = self._moved - np.column_stack([np.interp(taken_s, times, m) for m in path.T])
         late, believed = since.any(axis=1), np.zeros(len(frames), dtype=bool)
-        for k in np.flatnonzero(late):
+        alive = np.array([self._is_news(*each) for each in zip(frames, since, strict=True)])
+        for k in np.flatnonzero(late & alive):
             if self._believable(frames[k], since[k]):
                 self._take(frames[k], since[k], self._frame)
                 believed[k] = True
-        for k in np.flatnonzero(~late):
+        for k in np.flatnonzero(~late & alive):
             believed[k] = self._believable(frames[k], since[k])
         resting = frames[believed & ~late]
         if len(resting):
@@ -120,6 +125,14 @@ class CameraFilter:
             mean[2] = self.q[2] + (np.remainder(turn + math.pi, math.tau) - math.pi).mean()
             self._take(mean, np.zeros(len(mean)), self._frame / len(resting))
         return believed
+
+    def _is_news(self, frame: Array, moved: Array) -> bool:
+        """Whether a frame shows anything else than the one before, or nothing should have moved."""
+        at = self._moved - moved
+        if (frame != self._picture).any():
+            self._picture, self._taken_at = frame, at
+        self.frozen = bool((np.abs(at - self._taken_at) > self._wild).any())
+        return not self.frozen
 
     def _believable(self, frame: Array, moved: Array) -> bool:
         """Whether a frame is where the robot can be; or agrees with others, where it then is."""

@@ -128,7 +128,8 @@ class Session:
     def unseen(self) -> str:
         """For how long no frame has come in, in words."""
         since = f"for {self.unseen_s:.0f} s" if np.isfinite(self.unseen_s) else "at all"
-        return f"no camera frame {since}"
+        hangs = ", but always the same picture" if self._filter.frozen else ""
+        return f"no camera frame {since}{hangs}"
 
     @property
     def q(self) -> Array:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.robot.coordinates import Array
 
 _ROUNDING = 1e-12  # relative; a few thousand operations stay far below it
@@ -48,6 +49,7 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> tuple[Array, A
     Raises:
         NotImplementedError: If the function uses an operation without an interval rule.
     """
+    check_time()
     low, high = np.split(_extension(function)(np.vstack([lower, upper])).full(), 2)
     size = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     return low - size, high + size

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.model.flow import interval_flow, roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
@@ -69,6 +70,7 @@ def greedy_path(problem: Problem) -> GreedyPath:
     for iteration in range(1, MAX_ITERATIONS + 1):
         if np.linalg.norm(goal.error(q.copy())) <= _REACHED:
             return GreedyPath(tuple(modes), tuple(steps), GreedyEnding.REACHED)
+        check_time()
         error = q - goal.aim(q)
         t = iteration * STEP_S
         gain = min(1.0, t * (1 - math.exp(-t)) * STEP_S)

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from twosra_mpc.deadline import OutOfTimeError, finishing, out_of_time, time_limit
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.nlp.fixed_sequence import timed
@@ -44,7 +45,7 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
 
     Never raises for a problem that has no plan: ``Result.status`` and ``Result.message`` say so,
     and ``Result.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the
-    best plan so far with its true gap.
+    best plan so far with its true gap; what was begun within the limit may take half a second more.
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
@@ -54,6 +55,15 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
         InputError: If the locomotion units would overlap at the start or at the goal, or the robot
             would be outside of its workspace or overlap an obstacle there.
     """
+    started = time.perf_counter()
+    with time_limit(problem.time_limit_s):
+        try:
+            return _plan(problem, on_progress)
+        except OutOfTimeError:
+            return _too_late(problem, started)
+
+
+def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> Result:
     check_shapes(problem)
     check_workspace(problem)
     if problem.obstacles:
@@ -68,7 +78,7 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
         return plan_mission(problem, on_progress)
     if problem.planner == "greedy":
         return plan_greedily(problem)
-    return plan_without(problem, frozenset(), on_progress=on_progress)
+    return _search(problem, frozenset(), on_progress)
 
 
 def plan_without(
@@ -78,14 +88,36 @@ def plan_without(
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Result:
     """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
+    started = time.perf_counter()
+    with time_limit(problem.time_limit_s):
+        try:
+            return _search(problem, excluded, on_progress)
+        except OutOfTimeError:
+            return _too_late(problem, started)
+
+
+def _too_late(problem: Problem, started: float) -> Result:
+    """The result where time was up before, or after, the search."""
+    message = f"no plan found ({STOPPED[Ending.LIMIT]}): {ADVICE[Ending.LIMIT]}"
+    stats = Stats(time.perf_counter() - started, 0, 0, 0)
+    how = problem.planner, Status.FAILED, message, None, Ending.LIMIT
+    return Result(problem, *how, stats, None)
+
+
+def _search(
+    problem: Problem,
+    excluded: frozenset[ModeSequence],
+    on_progress: Callable[[Progress], None] | None,
+) -> Result:
+    started = time.perf_counter()
     if (resting := _rest(problem)) is not None:
         return resting
-    started = time.perf_counter()
     inside = problem.workspace is not None  # which guesses may leave between nodes
     for guessed in [checked] if inside else [trusted, checked]:
         result, tree, iterations = _searched(problem, excluded, guessed, on_progress)
-        if result.solution is None or result.solution.plan.verification.ok:
-            break
+        with finishing():
+            if result.solution is None or result.solution.plan.verification.ok:
+                break
     stats = Stats(
         wall_s=time.perf_counter() - started,
         sequences_bounded=result.bounded,
@@ -102,20 +134,19 @@ def _searched(
     on_progress: Callable[[Progress], None] | None,
 ) -> tuple[SearchResult[Solved], ModeTree[Solved], int]:
     """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
-    deadline = time.perf_counter() + problem.time_limit_s
     if problem.obstacles or problem.tasks:
         from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
 
-        placer = Placer(problem, checked, deadline)
+        placer = Placer(problem, checked)
         solver: SequenceSolver | Placer[Solved] = placer
         tree = mode_tree(problem, placer, excluded, placer.necessity)
     else:
-        solver = SequenceSolver(problem, deadline, guessed)
+        solver = SequenceSolver(problem, guessed)
         tree = mode_tree(problem, solver, excluded)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
-        out_of_time=lambda: time.perf_counter() > deadline,
+        out_of_time=out_of_time,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         first_look=lambda: _drive(tree) if isinstance(solver, SequenceSolver) else None,
     )

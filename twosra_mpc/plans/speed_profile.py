@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import SAME_TIME_S, flown, wheel_speeds
 from twosra_mpc.problem.goals import GOAL_TOLERANCE
@@ -119,6 +120,7 @@ def _phase(motion: Motion, phase: int) -> SpeedProfile:
     moving = np.flatnonzero(np.linalg.norm(inputs, axis=1) > _NOTHING)
     if not len(moving):
         return _at_constant_speed(motion, phase, np.zeros(len(inputs)))
+    check_time()
     parts = [
         _between_corners(motion.robot, motion.states[phase], inputs, mode, part)
         for part in _smooth_parts(motion, phase, moving)

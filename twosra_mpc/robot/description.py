@@ -96,6 +96,17 @@ class Robot(Value):
             raise InputError("segment", "missing", needed)
         return self
 
+    @model_validator(mode="after")
+    def _melts_below_set_point(self) -> Robot:
+        most_C = self.heater.soft_setpoint_C
+        for j, segment in enumerate(self.segments or (self.segment,)):
+            known = None if segment is None else segment.thresholds_C
+            if known is not None and not known[1] < most_C:
+                where = f"segments.{j}" if self.segments else "segment"
+                allowed = f"less than heater.soft_setpoint_C ({most_C:g} C), or it never is liquid"
+                raise InputError(f"{where}.liquid_above_C", known[1], allowed)
+        return self
+
     @property
     def body(self) -> Body:
         """What its motion depends on."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.problem.limits import rigid_ramp_s, rigid_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
@@ -118,6 +119,7 @@ class Drives:
             found = self.clear_legs(start, end, needed)
             for slices in self._certified.values() if self._may is None else ():
                 for i in np.flatnonzero(~found):
+                    check_time()
                     found[i] = slices.hold_leg(start[i], end[i])
             return found
 

@@ -215,7 +215,7 @@ class Itinerary:
 
         return _stop(np.zeros(POSE), ends, may_be_clear, can_leave)
 
-    def chain(self, hidden_s: Callable[[int], float], deadline: float) -> Chain | None:
+    def chain(self, hidden_s: Callable[[int], float]) -> Chain | None:
         """The best chain found; ``hidden_s`` tells what the drive of a phase may take."""
         legs = self.legs
         shared = [hidden_s(p) / legs.phases.count(p) if p is not None else 0.0 for p in legs.phases]
@@ -232,7 +232,6 @@ class Itinerary:
             [*shared, 0.0],
             _LOOKS * len(layers),
             _CHAINS,
-            deadline,
         )
 
 

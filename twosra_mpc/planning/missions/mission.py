@@ -6,8 +6,8 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
+from twosra_mpc.deadline import OutOfTimeError, out_of_time
 from twosra_mpc.planning.missions.free_space import StageSolver
 from twosra_mpc.planning.missions.placement import MissionPlacer
 from twosra_mpc.planning.missions.relaxed import relaxation, stage_tasks
@@ -32,10 +32,11 @@ def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | Non
     (``contact.touch``) and, with ``order = "free"``, in every order.
     """
     started = time.perf_counter()
-    deadline = started + problem.time_limit_s
-    ways, ending = Ways(problem, deadline), Ending.LIMIT
+    ways, ending = Ways(problem), Ending.LIMIT
     try:
         variants = ways.variants()
+    except OutOfTimeError:
+        variants = None
     except KeyboardInterrupt:
         variants, ending = None, Ending.INTERRUPTED
     stats = Stats(time.perf_counter() - started, 0, 0, 0)
@@ -47,23 +48,18 @@ def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | Non
         status, ending = Status.INFEASIBLE, Ending.EXHAUSTED
         return Result(problem, "optimal", status, why, None, ending, stats, None)
     free = not problem.world_at_start.obstacles and not problem.passes
-    solver = StageSolver(variants) if free else MissionPlacer(variants, deadline)
+    solver = StageSolver(variants) if free else MissionPlacer(variants)
     tree = mission_tree(problem, variants, solver)
-    late = partial(_late, deadline)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
-        out_of_time=late,
+        out_of_time=out_of_time,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        first_look=lambda: dive(tree, width=_WIDTH, attempts=_ATTEMPTS, out_of_time=late),
+        first_look=lambda: dive(tree, width=_WIDTH, attempts=_ATTEMPTS, out_of_time=out_of_time),
     )
     result = as_asked(result)
     stats = Stats(time.perf_counter() - started, result.bounded, result.solved, 0)
     return _conclude(problem, result, tree, stats)
-
-
-def _late(deadline: float) -> bool:
-    return time.perf_counter() > deadline
 
 
 def mission_tree(

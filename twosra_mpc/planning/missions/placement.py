@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import math
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from twosra_mpc.deadline import out_of_time
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
 from twosra_mpc.planning.missions.itinerary import Itinerary, Legs, routes_of
@@ -39,11 +38,10 @@ class MissionPlacer:
 
     Args:
         variants: The variants of the mission.
-        deadline: Of ``time.perf_counter()``; nothing is begun after it.
     """
 
-    def __init__(self, variants: Sequence[Variant], deadline: float = math.inf) -> None:
-        self.variants, self.deadline = variants, deadline
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self.variants = variants
         self._drives: dict[tuple[int, bytes, bytes], Drives] = {}
 
     def __call__(
@@ -54,7 +52,7 @@ class MissionPlacer:
         hidden_s = hidden_by_phase_s(network)
         for stages in variant.members[:_MOST_MEMBERS]:
             for goals in _goals(stages):
-                if time.perf_counter() > self.deadline:
+                if out_of_time():
                     return
                 found = self._attempt(variant, stages, goals, network, bound, node, hidden_s)
                 yield found
@@ -78,7 +76,7 @@ class MissionPlacer:
         itinerary = Itinerary(problem, stages, sequences, bends, self._drives_of)
         if not itinerary.possible:
             return None
-        chain = itinerary.chain(lambda phase: hidden_s[phase], self.deadline)
+        chain = itinerary.chain(lambda phase: hidden_s[phase])
         if chain is None:
             return None
         candidate = self._candidate(variant, stages, sequences, itinerary.legs, chain, network)

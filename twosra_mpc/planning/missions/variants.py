@@ -7,7 +7,6 @@ search tells variants apart, and within one the places are tried, the nearest on
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -17,6 +16,7 @@ import numpy as np
 from twosra_mpc.contact.cage import caged
 from twosra_mpc.contact.pushing import pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
+from twosra_mpc.deadline import out_of_time
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.ends import HEADINGS, Ends, placed, spread
 from twosra_mpc.planning.missions.stages import Stage
@@ -83,17 +83,17 @@ class State(NamedTuple):
 class Ways:
     """Makes the variants of a mission; why there are none is kept in ``refused``."""
 
-    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
-        self.problem, self._deadline = problem, deadline
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
         self.refused: list[str] = []
         self._known: dict[object, tuple[Touch, ...]] = {}
         self._rigid = (problem.robot.rigid,)
 
     def variants(self) -> list[Variant] | None:
-        """Every variant; None if the deadline comes first, as no bound holds for some of them."""
+        """Every variant; None if time is up first, as no bound holds for some of them."""
         found: list[Variant] = []
         for order in self._orders():
-            if time.perf_counter() > self._deadline:
+            if out_of_time():
                 return None
             problem = self._in_order(order)
             groups: dict[tuple[float, ...], list[tuple[Stage, ...]]] = {}

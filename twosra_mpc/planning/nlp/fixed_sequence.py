@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from twosra_mpc.deadline import OutOfTimeError
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.nlp.guess import spared_corners
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
@@ -50,6 +51,7 @@ IPOPT_STATUS = {
     "Maximum_Iterations_Exceeded": SolveStatus.LIMIT,
     "Maximum_CpuTime_Exceeded": SolveStatus.LIMIT,
     "Maximum_WallTime_Exceeded": SolveStatus.LIMIT,
+    "User_Requested_Stop": SolveStatus.LIMIT,
     "Infeasible_Problem_Detected": SolveStatus.LOCALLY_INFEASIBLE,
 }
 
@@ -140,7 +142,11 @@ def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidat
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     curved = None if problem.goal.is_box else problem.goal
     inside = problem.workspace is not None
-    program, solver = ipopt(robot, curved, phases, intervals, _STEPS, _MAX_ITERATIONS, inside)
+    try:
+        shape = phases, intervals, _STEPS
+        program, solver, _ = ipopt(robot, curved, *shape, _MAX_ITERATIONS, inside)
+    except OutOfTimeError:  # what is compiled already may still be solved
+        return None
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:

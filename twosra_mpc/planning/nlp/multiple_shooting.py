@@ -29,6 +29,7 @@ import numpy as np
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.outline import outline_points
+from twosra_mpc.planning.nlp.stopping import Stopping
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array, Coordinates
@@ -197,14 +198,16 @@ def ipopt(
     steps: int,
     max_iterations: int,
     inside: bool = False,
-) -> tuple[Transcription, ca.Function]:
-    """Prepare the program of ``transcribe`` for IPOPT.
+) -> tuple[Transcription, ca.Function, Stopping]:
+    """Prepare the program of ``transcribe`` for IPOPT; what stops it must be kept with it.
 
     Intervals and nodes stay calls of one function each. Written out, an iteration takes nine tenths
     of the time, but the first one waits for seconds and 300 MiB, which 50 programs do not save.
     """
     transcription = transcribe(robot, goal, phases, intervals, steps, inside)
+    stopping = Stopping(transcription.nlp)
     options: dict[str, Any] = {
+        "iteration_callback": stopping,
         "ipopt.print_level": 0,
         "print_time": False,
         "ipopt.sb": "yes",
@@ -214,4 +217,5 @@ def ipopt(
         "ipopt.mu_strategy": "adaptive",
         "ipopt.bound_relax_factor": 0.0,
     }
-    return transcription, ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)
+    solver = ca.nlpsol("fixed_sequence", "ipopt", transcription.nlp, options)
+    return transcription, solver, stopping

@@ -54,10 +54,8 @@ class Itinerary:
         blocks: Sequence[Block],
         drives: Sequence[Drives | None],
         hidden_s: Sequence[float],
-        deadline: float,
     ) -> None:
         self._problem, self._drives, self._hidden_s = problem, drives, hidden_s
-        self._deadline = deadline
         self._start = problem.start.configuration[:POSE]
         self._last_shape = blocks[-1].shape if blocks else problem.start.configuration[POSE:]
         self._blocks = [self._block(blocks, k) for k in range(len(blocks))]
@@ -138,7 +136,6 @@ class Itinerary:
             shares,
             _MOST_LOOKS,
             _MOST_CHAINS if len(self._blocks) < 2 else _MOST_CHAINS_OF_SEVERAL,
-            self._deadline,
         )
 
     def _by_drive(self, chain: Chain, drive_of: Sequence[int]) -> Chain:

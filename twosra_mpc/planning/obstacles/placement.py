@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Generic, TypeVar
 
 import numpy as np
 
+from twosra_mpc.deadline import out_of_time
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled
@@ -50,13 +50,10 @@ class Placer(Generic[Solution]):
     Args:
         problem: The problem.
         checked: Makes (cost, plan) of a candidate, or None if it does not verify.
-        deadline: Of ``time.perf_counter()``; nothing is begun after it.
     """
 
-    def __init__(
-        self, problem: Problem, checked: Check[Solution], deadline: float = math.inf
-    ) -> None:
-        self.problem, self.deadline, self._checked = problem, deadline, checked
+    def __init__(self, problem: Problem, checked: Check[Solution]) -> None:
+        self.problem, self._checked = problem, checked
         self.iterations = self._several = 0
         self.necessity = Necessity(problem)
         self._drives: dict[bytes, Drives] = {}
@@ -72,7 +69,7 @@ class Placer(Generic[Solution]):
         hidden_s = _hidden_s(network)
         for bends, shares in self._bends_and_shares(sequence, bound):
             enough = several and (found == _ENOUGH or self._several == _ENOUGH_OF_ALL)
-            if enough or time.perf_counter() > self.deadline:
+            if enough or out_of_time():
                 return
             made = self._attempt(network, bends, shares, hidden_s)
             impossible = made is None and self.necessity.proves_impossible(sequence)
@@ -171,7 +168,7 @@ class Placer(Generic[Solution]):
             drives[0] = None
         if not is_rigid(sequence[-1]):
             drives[-1] = None
-        itinerary = Itinerary(self.problem, blocks, drives, hidden_s, self.deadline)
+        itinerary = Itinerary(self.problem, blocks, drives, hidden_s)
         usable = [k for k, each in enumerate(drives) if each is not None]
         best: Chain | None = None
         for passed_in in itertools.combinations_with_replacement(usable, len(self.problem.passes)):

@@ -9,14 +9,13 @@ to be better than the best one, or a few are known.
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.deadline import out_of_time
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.poses import wrapped
 from twosra_mpc.space.screws import twists
@@ -99,9 +98,10 @@ def shortest_chain(
     hidden_s: Sequence[float],
     most_looks: int,
     most_chains: int,
-    deadline: float = math.inf,
 ) -> Chain | None:
     """The chain of least time through one station of every layer; None if none is found.
+
+    When time is up, it is the best so far.
 
     Args:
         start: Pose at the start, (3,).
@@ -112,7 +112,6 @@ def shortest_chain(
         hidden_s: Time that each drive may take without making the plan longer.
         most_looks: Drives and sweeps to look at before giving up.
         most_chains: Chains to compare.
-        deadline: Of ``time.perf_counter()``; the best chain so far is returned then.
     """
     if not all(len(layer.begin) for layer in layers):
         return None
@@ -121,7 +120,7 @@ def shortest_chain(
     best: Chain | None = None
     chains = 0
     for _ in range(most_looks):
-        path = legs.shortest() if time.perf_counter() < deadline else None
+        path = None if out_of_time() else legs.shortest()
         if path is None or chains == most_chains or (best and legs.cost_s(path) >= best.cost_s):
             break
         unseen = next(((b, i) for b, i in enumerate(path) if (b, i) not in looked), None)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
+from twosra_mpc.deadline import OutOfTimeError
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.interrupts import noted_interrupts
 from twosra_mpc.plans.ending import Ending
@@ -123,6 +124,8 @@ def branch_and_bound(
                 if out_of_time():
                     return search.result(Ending.LIMIT)
                 search.step()
+        except OutOfTimeError:
+            return search.result(Ending.LIMIT)
         except KeyboardInterrupt:
             interrupts.request()
         except Exception:  # of which some are interrupts that a library made something else of

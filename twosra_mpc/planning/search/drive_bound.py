@@ -37,6 +37,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.planning.search.rigid_motion import (
     FAR_RAD,
     goal_headings,
@@ -133,6 +134,7 @@ class _Drive:
         gain = float(p @ self.along - np.abs(p) @ self.box)
         if gain <= 0:
             return 0.0, gain
+        check_time()
         grid, origin = self._grid(count)
         h, m = float(grid[1] - grid[0]), len(self.slices) // 2
         step_s = m * h / self.fastest_turn

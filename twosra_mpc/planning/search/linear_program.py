@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.robot.coordinates import Array
 
 _NEVER = 1e9  # a cost that no plan has
@@ -83,6 +84,7 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
+    check_time()
     import highspy  # many problems are planned without
 
     ends = np.array([(a, b) for a, b in bounds], dtype=float)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.coordinates import Array
@@ -64,6 +65,7 @@ def _late_heating(network: TemporalNetwork) -> Array | None:
 def _cheapest(network: TemporalNetwork, weights: Weights) -> Array | None:
     pairs = list(network.least)
     matrix = np.zeros((len(pairs), network.layout.count))
+    check_time()
     for row, (u, v) in enumerate(pairs):
         matrix[row, u] += 1.0
         matrix[row, v] -= 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from twosra_mpc.deadline import OutOfTimeError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.single_goal.gentle import ROUNDING, gentle
 from twosra_mpc.planning.single_goal.sequence_solver import Solved
@@ -28,13 +29,16 @@ ADVICE = {
 
 
 def as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
-    """The outcome with a gentler plan if that costs no more than asked; Ctrl-C leaves it as is."""
+    """The outcome with a gentler plan if that costs no more than asked, unless stopped."""
     if (found := search.solution) is None or not found.problem.drives_gently:
         return search
     try:
         return replace(search, solution=_gentler(found, search.lower_bound))
     except KeyboardInterrupt:
         return replace(search, ending=Ending.INTERRUPTED)
+    except OutOfTimeError:
+        early = search.ending is Ending.INTERRUPTED
+        return search if early else replace(search, ending=Ending.LIMIT)
 
 
 def _gentler(found: Solved, lower_bound: float) -> Solved:

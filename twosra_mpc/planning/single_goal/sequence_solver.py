@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from twosra_mpc.deadline import out_of_time
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
 from twosra_mpc.planning.nlp.guess import (
@@ -66,15 +66,12 @@ class SequenceSolver:
     Those of the NLP are verified, and guesses unless they are to be ``trusted``.
     """
 
-    def __init__(
-        self, problem: Problem, deadline: float = math.inf, guessed: Check | None = None
-    ) -> None:
+    def __init__(self, problem: Problem, guessed: Check | None = None) -> None:
         self.problem, self._checked = problem, guessed or checked
         self._box = bend_changes(problem, problem.goal)
         least = np.clip(0.0, *self._box)
         nearest = np.array([least, least])  # where a margin does not fit, bending less may
         self._aims = (bend_changes(problem, inner_goal(problem)), nearest)
-        self.deadline = deadline  # of time.perf_counter(); the NLP is not begun after it
         self.iterations = 0
 
     def __call__(
@@ -92,7 +89,7 @@ class SequenceSolver:
             if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
                 starts.append(swerved(guess, _ASIDE_RAD))
         for start in starts:
-            if time.perf_counter() > self.deadline:
+            if out_of_time():
                 return
             candidate = solve(start, network, problem)
             self.iterations += candidate.iterations if candidate else 0

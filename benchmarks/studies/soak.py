@@ -1,0 +1,96 @@
+"""Plans of many robots in one process: do memory and open files stay what they are?
+
+What is compiled for a robot is kept for the next plan, of so many robots at most: memory grows
+until that many are known, and from then on no more. Garbage is collected before it is looked at.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from benchmarks.problems import drawn
+from benchmarks.study import Count, Measured, Study
+from twosra_mpc import InputError, Robot, load_robot, plan
+from twosra_mpc.validation import Positive
+
+_BUILT_IN = ("2sra-v1", "2sra-v1-paper")
+_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+
+
+class Case(NamedTuple):
+    """One robot, planned for several times."""
+
+    robot: int
+
+
+class Soak(Study):
+    """Robots that differ in their lengths and limits, each with problems of its own.
+
+    Attributes:
+        count: Plans in all.
+        robots: Robots that they are of.
+        time_limit_s: Of a plan.
+    """
+
+    record: ClassVar = TypeAdapter(dict[str, Any])
+    question: ClassVar = "Do memory and open files stay flat over many plans of many robots?"
+
+    count: Count = 40
+    robots: Count = 4
+    time_limit_s: Positive = 2.0
+
+    def cases(self) -> Iterator[Case]:
+        """Yield the robots."""
+        yield from map(Case, range(self.robots))
+
+    def run(self, case: Case) -> dict[str, Any]:
+        """Plan for one robot; what the process holds then."""
+        rng = np.random.default_rng([case.robot, 5])
+        robot, statuses = another(rng, load_robot(_BUILT_IN[case.robot % 2])), list[str]()
+        while len(statuses) < self.count // self.robots:
+            problem = drawn(rng, robot, 0.15, 1.0, 30.0).with_values(time_limit_s=self.time_limit_s)
+            try:
+                statuses.append(plan(problem).status)
+            except InputError:  # units that overlap: drawn again
+                continue
+        gc.collect()
+        return {"plans": len(statuses), "found": sum(s in _FOUND for s in statuses), **held()}
+
+    def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
+        """Ten moments of the run, and how many MB a robot cost in its last half."""
+        del folder
+        made = [record for _, record in results]
+        half = len(made) // 2
+        slope = np.polyfit(range(half, len(made)), [one["MB"] for one in made[half:]], 1)[0]
+        rows = [
+            (k + 1, sum(one["plans"] for one in made[: k + 1]), made[k])
+            for k in np.unique(np.linspace(0, len(made) - 1, 10).astype(int)).tolist()
+        ]
+        return {"rows": rows, "slope": float(slope)}
+
+
+_FOUND = ("optimal", "feasible")
+
+
+def another(rng: np.random.Generator, robot: Robot) -> Robot:
+    """A robot whose lengths and limits differ from those of a robot by up to a tenth."""
+    geometry, limits, shares = robot.geometry, robot.limits, rng.uniform(0.9, 1.1, 2).tolist()
+    lengths_m = tuple(shares[0] * each for each in geometry.lengths_m)
+    most, speed_m_s = limits.curvature_per_m / 1.1, shares[1] * limits.unit_speed_m_s
+    return robot.with_values(
+        geometry=geometry.with_values(segment_length_m=lengths_m),
+        limits=limits.with_values(curvature_per_m=most, unit_speed_m_s=speed_m_s),
+    )
+
+
+def held() -> dict[str, float]:
+    """Memory [MB] and open files of this process."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return {"MB": pages * _PAGE_BYTES / 1e6, "files": len(os.listdir("/proc/self/fd"))}
