@@ -306,3 +306,18 @@ def test_full_current_has_no_stable_liquid_equilibrium() -> None:
     assert (np.diff(rises(0.5)) < 0).all()  # slower and slower
     near, far = (PAPER.propagate(PAPER.initial(t), 0.9, 600.0) for t in (65.0, 66.0))
     assert PAPER.temperature_C(far) - PAPER.temperature_C(near) > 1.0
+
+
+@given(MODELS, SHARES, CURRENTS_A, st.lists(DURATIONS_S, min_size=1, max_size=8))
+@settings(max_examples=60)
+def test_many_times_at_once_are_each_time_by_itself(
+    model: Lumped, share: float, current_A: float, durations_s: list[float]
+) -> None:
+    state, times = state_at(model, share), np.array(durations_s)
+    for after in (lambda t: model.propagate(state, current_A, t), lambda t: model.hold(state, t)):
+        each, many = [after(t) for t in durations_s], after(times)
+        assert many[0] == pytest.approx([one[0] for one in each], rel=1e-12, abs=1e-9)
+        warm = [model.temperature_C(one) for one in each]
+        assert model.temperature_C(many) == pytest.approx(warm, rel=1e-12)
+        molten = [model.melt_fraction(one) for one in each]
+        assert model.melt_fraction(many) == pytest.approx(molten, rel=1e-12, abs=1e-12)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ from twosra_mpc.planning.nlp.fixed_sequence import (
     solve_status,
 )
 from twosra_mpc.planning.nlp.guess import bent, guess_motion
-from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.planning.nlp.multiple_shooting import ipopt, transcribe
 from twosra_mpc.planning.nlp.terminal_correction import TERMINAL_TOLERANCE, correct_end
 from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.problem.limits import interval_durations
@@ -179,6 +181,13 @@ def test_the_decision_vector_packs_and_unpacks() -> None:
     for before, after in zip((states, inputs, times), program.unpack(x), strict=True):
         np.testing.assert_allclose(after, before, rtol=1e-14)
     assert max(rows.stop for rows in program.rows.values()) == program.nlp["g"].numel()
+
+
+def test_few_programs_are_kept_however_many_are_built() -> None:
+    """They weigh tens of MiB each; what they share is kept with the robot."""
+    built = [weakref.ref(ipopt(ROBOT, None, phases, 2, 1, 1)[0]) for phases in (1, 2, 3, 1, 2, 3)]
+    gc.collect()
+    assert 1 <= sum(program() is not None for program in built) <= 2
 
 
 @pytest.mark.parametrize("raw", [*IPOPT_STATUS, "Invalid_Number_Detected", "something new"])

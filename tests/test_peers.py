@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import os
 import signal
@@ -15,17 +16,19 @@ import pytest
 from problems import random_problem
 from rich.console import Console
 
-from benchmarks.measurement import PlanRecord
+from benchmarks.measurement import PlanRecord, Timing
 from benchmarks.report import write_report
 from benchmarks.run import open_log, results_of, run_study
 from benchmarks.run_log import RunLog
-from benchmarks.studies.peers import OURS, Peer, Peers, attempt, isolated
+from benchmarks.studies import peers
+from benchmarks.studies.peers import CRASHED, OURS, Case, Peer, Peers, attempt, isolated
 from benchmarks.studies.peers.enumeration import Enumeration, admissible_sequences
 from benchmarks.studies.peers.integral_approximation import IntegralApproximation
 from benchmarks.studies.peers.minlp import TimeGridMinlp
 from benchmarks.studies.peers.motions import Answer, Solve, judged
 from benchmarks.studies.peers.rounding import rounded
 from benchmarks.studies.peers.time_grid import as_motion, waits
+from benchmarks.study import Measured
 from twosra_mpc import InputError, Problem, load_problem
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
@@ -111,7 +114,7 @@ def test_the_report_has_a_row_and_a_summary_for_every_peer(
     text = write_report(TINY, log, tmp_path)
     for peer in TINY.peers():
         assert f"| paper-4 | {peer} |" in text
-        assert f"| {peer} | 100 % (4 of 4) |" in text
+        assert f"| {peer} | 0 % (0 of 4) | 100 % (4 of 4) |" in text
     assert "below our proved lower bound: none" in text
 
 
@@ -134,7 +137,7 @@ def test_a_resumed_run_computes_only_what_is_missing(
     assert [row.status for row in whole] == [
         "optimal",
         "nothing found",
-        "crashed, or ended after 1800 s",
+        CRASHED,
         "nothing found",
     ]
     assert records() == whole
@@ -143,6 +146,30 @@ def test_a_resumed_run_computes_only_what_is_missing(
     log.path.write_text(log.path.read_text()[:-20])  # interrupted while writing the last row
     assert [row.status for row in records()] == [row.status for row in whole]
     assert begun[4:] == ["third"]
+
+
+def test_a_crash_is_no_time(rows: dict[str, PlanRecord], tmp_path: Path) -> None:
+    """Neither in its row nor in the summary, which are of those that answered."""
+    answers = {"paper-1": "nothing found", "paper-2": CRASHED, "paper-3": "nothing found"}
+    results = []
+    for label, status in answers.items():
+        results.append(Measured(Case(label, OURS), rows[OURS]))
+        took = Timing(1.0, (1.0,), (1.0,)) if status == CRASHED else rows[OURS].timing
+        made = dataclasses.replace(rows["enumeration"], status=status, timing=took)
+        results.append(Measured(Case(label, "peer"), made))
+    told = TINY.report(results, tmp_path)["rivals"]
+    assert [row["crashed"] for row in told] == [False, True, False]
+    assert [row[name] for row in told for name in ("wall_ratio", "cpu_ratio")] == [
+        *(1.0, 1.0, None, None, 1.0, 1.0)
+    ]
+
+
+def test_a_process_that_is_ended_at_its_limit_has_not_crashed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(peers, "_LIMIT_S", 0.01)
+    study = Stubbed(problems=("published:1",), repeats=1)
+    assert study.run(Case("paper-1", "second")).status == "ended after 0.01 s"
 
 
 def test_a_process_that_takes_too_long_or_crashes_is_told_and_the_next_call_answered() -> None:

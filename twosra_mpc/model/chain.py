@@ -64,7 +64,7 @@ def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
 
 @lru_cache(maxsize=32)
 def wheel_poses(geometry: Geometry) -> ca.Function:
-    """Q -> ``wheel_pose_matrix``: called as a function, it is written down only once."""
+    """Q -> ``wheel_pose_matrix``, written down once and called from then on."""
     q, placement = ca.SX.sym("q", POSE + geometry.segments), ca.DM(geometry.wheel_placement).T
     units = [
         composed(fibre_end_pose(geometry, q, i), placement[:, 2 * i : 2 * i + 2]) for i in (0, 1)

@@ -298,9 +298,11 @@ def _bends_of_arc(arc: Arc) -> ca.Function:
     """(alpha, sigma) -> the twists, bendings and paces of both units, a column each."""
     segments = arc.geometry.segments
     alpha, sigma = ca.SX.sym("alpha", segments), ca.SX.sym("sigma", segments)
-    twists, bendings, paces = zip(*arc.written(alpha, ca.vertsplit(sigma)), strict=True)
-    columns = [ca.horzcat(*(ca.vertcat(*part) for part in parts)) for parts in (twists, bendings)]
-    return ca.Function("bends", [alpha, sigma], [*columns, ca.horzcat(*paces)])
+    bends = arc.written(alpha, ca.vertsplit(sigma))
+    twists = ca.horzcat(*(ca.vertcat(*bend.twist) for bend in bends))
+    bendings = ca.horzcat(*(ca.vertcat(*bend.bending) for bend in bends))
+    paces = ca.horzcat(*(bend.pace for bend in bends))
+    return ca.Function("bends", [alpha, sigma], [twists, bendings, paces])
 
 
 def _along_link(twist: Twist, length_m: float) -> Twist:

@@ -8,17 +8,26 @@ from collections.abc import Callable
 _EXACT_S, _UNIT = 1e-12, 2.0**-52
 
 
-def crossing(function: Callable[[float], float], low: float, high: float) -> float:
-    """Time between ``low`` and ``high`` at which ``function``, whose signs differ there, is zero.
+Point = tuple[float, float]  # time [s] and value
 
-    Chandrupatla's method (Advances in Engineering Software 28, 1997), begun with a secant: inverse
-    quadratic interpolation where that is safe, else bisection. Exact to 1e-12 s and rounding.
+
+def crossing(
+    function: Callable[[float], float], low: Point, high: Point, first: float | None = None
+) -> float:
+    """Time at which ``function`` is zero, between two points that it is known at.
+
+    Chandrupatla's method (Advances in Engineering Software 28, 1997): inverse quadratic
+    interpolation where that is safe, else bisection. Exact to 1e-12 s and rounding.
+
+    Args:
+        function: Of time; its signs differ at the two points.
+        low: The earlier one.
+        high: The later one.
+        first: Where to look first; without, where the secant is zero.
     """
-    a, b = low, high
-    at_a, at_b = function(a), function(b)
-    share = at_a / (at_a - at_b)
+    (a, at_a), (b, at_b) = low, high
+    x = a + at_a / (at_a - at_b) * (b - a) if first is None else first
     while True:
-        x = a + share * (b - a)
         if (at_x := function(x)) == 0:
             return x
         if (at_x < 0) == (at_a < 0):
@@ -35,4 +44,4 @@ def crossing(function: Callable[[float], float], low: float, high: float) -> flo
         if 1 - math.sqrt(1 - part) < rise < math.sqrt(part):
             share = at_a / (at_b - at_a) * at_c / (at_b - at_c)
             share += (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b)
-        share = min(1 - least, max(least, share))
+        x = a + min(1 - least, max(least, share)) * (b - a)

@@ -246,7 +246,10 @@ class HeatingPlan:
         def late(switch: float) -> float:
             return switch + early_s(trajectory.state_at(switch)) - onset
 
-        heater = since if late(since) >= 0 else crossing(late, since, onset)
+        heater = since
+        if (at_once := late(since)) < 0:
+            lag = late(onset)  # of a switch at the onset; all others alike if the state rests
+            heater = crossing(late, (since, at_once), (onset, lag), max(since, onset - lag))
         state = trajectory.state_at(heater)
         made = SegmentTransition(to, heater, heater + early_s(state), heater + late_s(state))
         return trajectory.switched(heater, *self._from(to, heater, state)), made

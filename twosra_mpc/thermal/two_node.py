@@ -136,10 +136,10 @@ class TwoNode:
         ratio = -fast * c_fast / (slow * c_slow) if c_slow else 0.0
         turn = max(0.0, math.log(ratio) / (slow - fast)) if ratio > 0 else 0.0
         for low, high in ((0.0, turn), (turn, _HORIZON_S)):
-            if excess(low) <= 0:  # by rounding
+            if (before := excess(low)) <= 0:  # by rounding
                 return low
-            if high > low and excess(high) <= 0:
-                return crossing(excess, low, high)
+            if high > low and (after := excess(high)) <= 0:
+                return crossing(excess, (low, before), (high, after))
         return math.inf
 
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:

@@ -7,9 +7,9 @@ a given schedule needs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
@@ -28,6 +28,9 @@ from twosra_mpc.timing.transitions import SegmentHeating, Transition, Transition
 
 KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
 _SETTLED_S = 1e-9
+
+Onsets = tuple[tuple[Stiffness, float], ...]
+Heated = tuple[TemperatureTrajectory, list[SegmentTransition]]
 
 
 @model_of.register(ThermalTiming)
@@ -127,7 +130,7 @@ class Thermal(TransitionModel):
             yield Transition(event.segment + 1, *item)
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ThermalHeating:
-        made, _ = self._heated(segment, [(item.to, item.onset_s) for item in own])
+        made, _ = self._heated(segment, tuple((item.to, item.onset_s) for item in own))
         return ThermalHeating(bool(self.first[segment]), own, made.model, made.pieces)
 
     def _made(
@@ -137,15 +140,19 @@ class Thermal(TransitionModel):
         made: dict[Event, SegmentTransition] = {}
         for segment in range(len(self.first)):
             own = [event for event in network.events if event.segment == segment]
-            onsets = [(event.to, float(times[network.layout.onset_of(event)])) for event in own]
+            onsets = tuple((event.to, times[network.layout.onset_of(event)]) for event in own)
             made |= zip(own, self._heated(segment, onsets)[1], strict=True)
         return made
 
-    def _heated(
-        self, segment: int, onsets: Sequence[tuple[Stiffness, float]]
-    ) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
-        soft = bool(self.first[segment])
-        return self.plans[segment].heated(self.problem.temperatures[segment], soft, onsets)
+    @cached_property
+    def _heated(self) -> Callable[[int, Onsets], Heated]:
+        """How a segment is heated to melt and freeze at some onsets; asked over and over."""
+
+        def heated(segment: int, onsets: Onsets) -> Heated:
+            soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+            return self.plans[segment].heated(now, soft, onsets)
+
+        return lru_cache(maxsize=64)(heated)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from benchmarks.study import Measured, PlanStudy
 from twosra_mpc import Plan, Problem
 
 OURS = "this package"
+CRASHED = "crashed"  # its process ended by itself, without an answer
 _ROUNDING = 1e-6  # relative; costs closer than this are equal
 _LIMIT_S = 1800.0  # of one case, compiling included
 
@@ -81,7 +82,7 @@ class Peers(PlanStudy):
             return isolated(_LIMIT_S, attempt, problem, self.peers()[case.planner])
         except BrokenProcessPool:
             took_s = time.perf_counter() - started
-            words = f"crashed, or ended after {_LIMIT_S:g} s"
+            words = CRASHED if took_s < _LIMIT_S else f"ended after {_LIMIT_S:g} s"
             return _record(Answer(words, None), None, took_s, took_s)
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
@@ -98,14 +99,22 @@ class Peers(PlanStudy):
 
 
 def _beside(case: Case, made: PlanRecord, ours: PlanRecord) -> dict[str, Any]:
-    """An answer beside ours; costs are compared where both planners have a verified plan."""
+    """An answer beside ours; costs are compared where both planners have a verified plan.
+
+    When a planner crashed says nothing of how long it takes: such times are None.
+    """
     cost = made.cost if made.correct else None
     above = cost / ours.cost - 1 if cost and ours.cost and ours.correct else None
+    wall_s, cpu_s = made.timing.median_s, made.timing.cpu_median_s
+    crashed = made.status == CRASHED
     return {
         **{"problem": case.problem, "peer": case.planner, "record": made, "ours": ours},
         **{"name": f"{case.problem} ({case.planner})", "above": above},
-        "wall_ratio": made.timing.median_s / ours.timing.median_s,
-        "cpu_ratio": made.timing.cpu_median_s / ours.timing.cpu_median_s,
+        "crashed": crashed,
+        "wall_s": None if crashed else wall_s,
+        "cpu_s": None if crashed else cpu_s,
+        "wall_ratio": None if crashed else wall_s / ours.timing.median_s,
+        "cpu_ratio": None if crashed else cpu_s / ours.timing.cpu_median_s,
         "better": above is not None and above < -_ROUNDING,
         "below_bound": cost is not None and cost < (ours.lower_bound or 0.0) * (1 - _ROUNDING),
     }

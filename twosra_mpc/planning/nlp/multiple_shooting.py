@@ -89,9 +89,8 @@ class Transcription:
         return np.concatenate([modes.ravel(), cost, [regularisation]])
 
 
-@per_body(32)
 def transcribe(
-    robot: Body,
+    robot: Robot | Body,
     goal: GoalSet | None,
     phases: int,
     intervals: int,
@@ -104,7 +103,8 @@ def transcribe(
     ``inside`` the places of the outline's points at all nodes and midway between them are rows, in
     units of 0.1 m.
     """
-    segments, scale = robot.geometry.segments, state_scale(robot)
+    body = robot.body
+    segments, scale = body.geometry.segments, state_scale(body)
     layout = EventLayout(phases, segments)
     states = ca.MX.sym("q", POSE + segments, phases * (intervals + 1))
     inputs = ca.MX.sym("s", INPUTS, phases * intervals)
@@ -125,11 +125,11 @@ def transcribe(
         ]
     )
 
-    flow = interval_flow(robot, steps).expand().map(phases * intervals)
+    flow = interval_flow(body, steps).expand().map(phases * intervals)
     arrive = flow(q[:, before], s, mode_of)
     link = states[:, nodes[1:, 0].tolist()] - states[:, nodes[:-1, -1].tolist()]
-    least_times = limits.speed_function(robot).map(phases * intervals)(q[:, before], s, mode_of)
-    margins = limits.shape_function(robot).map(phases * (intervals + 1))(q[POSE:, :])
+    least_times = limits.speed_function(body).map(phases * intervals)(q[:, before], s, mode_of)
+    margins = limits.shape_function(body).map(phases * (intervals + 1))(q[POSE:, :])
     blocks = {
         "defects": (arrive - q[:, after]) / ca.DM(scale),
         "linkage": link,
@@ -147,7 +147,7 @@ def transcribe(
     }
     if inside:
         visited = ca.horzcat(q, flow(q[:, before], s / 2, mode_of))
-        places = outline_points(robot.geometry).map(visited.size2())(visited)
+        places = outline_points(body.geometry).map(visited.size2())(visited)
         blocks["inside"] = places / float(scale[0])
     g, rows = _stacked(blocks)
     objective = ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs)
@@ -188,7 +188,7 @@ def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:
     return ca.vertcat(*[ca.vec(block) for block in blocks.values()]), rows
 
 
-@per_body(32)
+@per_body(2)  # of 12 to 40 MiB each; to build one again takes a fifth of what it takes to solve it
 def ipopt(
     robot: Body,
     goal: GoalSet | None,
