@@ -21,7 +21,7 @@ from test_verification import planned_with
 
 from twosra_mpc import InputError, Plan, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc.checking.between_samples import between_problems
-from twosra_mpc.checking.heating import replayed
+from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.checking.verification import verify
@@ -53,7 +53,7 @@ def column(samples: Samples, name: str, segment: int, values: Array) -> Samples:
 def remade(problem: Problem, samples: Samples, segment: int) -> Samples:
     """The samples with what their currents make of a segment."""
     model = segment_model(problem.robot, problem.ambient, segment)
-    states = replayed(problem, samples, segment, model)
+    states = heated_states(problem, samples, segment, model)
     for name, of in (
         ("temperature_C", model.temperature_C),
         ("melt_fraction", model.melt_fraction),

@@ -18,7 +18,7 @@ from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.model import SegmentModel, State, replayed
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
@@ -70,7 +70,7 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     """Propagate the sampled heater currents and see whether the metal does what the plan says."""
     problem, samples = trajectory.problem, trajectory.samples
     model = segment_model(problem.robot, problem.ambient, segment)
-    states = replayed(problem, samples, segment, model)
+    states = heated_states(problem, samples, segment, model)
     metal = model.temperature_C(states), model.melt_fraction(states)
     yield from _metal_problems(samples, segment, *metal)
     yield from _policy_problems(trajectory, segment, own, model, states)
@@ -212,23 +212,15 @@ def _unreached(
     return f"do not make it {to} until {when:.3f} s"
 
 
-def replayed(
+def heated_states(
     problem: Problem, samples: Samples, segment: int, model: SegmentModel
 ) -> tuple[Array, ...]:
     """Values of a segment's state at every sample."""
-    t_s, currents = samples.t_s, samples.heater_current_A[:-1, segment]
-    state = model.initial(problem.temperatures[segment])
-    found = np.empty((len(state), len(t_s)))
-    found[:, 0] = state
-    turns = (np.flatnonzero(np.diff(currents)) + 1).tolist()
-    for first, last in itertools.pairwise([0, *turns, len(currents)]):
-        since_s = t_s[first + 1 : last + 1] - t_s[first]
-        found[:, first + 1 : last + 1] = model.propagate(state, float(currents[first]), since_s)
-        state = _at(found, last)
-    return tuple(found)
+    start = model.initial(problem.temperatures[segment])
+    return replayed(model, start, samples.t_s, samples.heater_current_A[:, segment])
 
 
-def _at(states: Sequence[Array] | Array, row: int) -> State:
+def _at(states: Sequence[Array], row: int) -> State:
     """The state at a sample."""
     return tuple(float(values[row]) for values in states)
 

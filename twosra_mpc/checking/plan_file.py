@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc.checking.between_samples import between_problems
-from twosra_mpc.checking.heating import replayed
+from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
@@ -226,7 +226,7 @@ def energy_J(problem: Problem, samples: Samples) -> float:
     total = 0.0
     for j, own in enumerate(currents.T.tolist()):
         model = segment_model(problem.robot, problem.ambient, j)
-        values = (each[:-1].tolist() for each in replayed(problem, samples, j, model))
+        values = (each[:-1].tolist() for each in heated_states(problem, samples, j, model))
         total += sum(map(model.energy_J, zip(*values, strict=True), own, held_s.tolist()))
     return total
 
