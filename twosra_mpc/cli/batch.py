@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from twosra_mpc.cli.options import FILE, command
-from twosra_mpc.cli.output import EXIT_INTERRUPTED, EXIT_PLANNED, Output, print_table
+from twosra_mpc.cli.output import EXIT_INTERRUPTED, EXIT_PLANNED, Output
 from twosra_mpc.files import read_text
 from twosra_mpc.installation import require_batch
 
