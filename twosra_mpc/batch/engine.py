@@ -8,7 +8,8 @@ import signal
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 
 from dask.distributed import Client, Future, KilledWorker, LocalCluster, as_completed, get_worker
 
@@ -28,7 +29,7 @@ _ONE_CORE = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 @contextmanager
 def local_cluster(workers: int | None) -> Iterator[Client]:
     """Start workers on this machine, each a process of one thread; by default one a core."""
-    with _quiet():
+    with _quiet(), ExitStack() as stack:
         with _interrupts_not_for_children():
             cluster = LocalCluster(
                 n_workers=workers,
@@ -36,8 +37,8 @@ def local_cluster(workers: int | None) -> Iterator[Client]:
                 env=_ONE_CORE,
                 silence_logs=logging.CRITICAL,
             )
-        with cluster, Client(cluster, set_as_default=False) as client:
-            yield client
+            stack.enter_context(cluster)
+        yield stack.enter_context(Client(cluster, set_as_default=False))
 
 
 @contextmanager
@@ -147,10 +148,14 @@ def _quiet() -> Iterator[None]:
 
 @contextmanager
 def _interrupts_not_for_children() -> Iterator[None]:
-    """Have Ctrl-C reach this process alone, which then ends its workers."""
+    """Have processes that are started never see Ctrl-C: this one ends them. One meanwhile waits.
+
+    They inherit the mask of signals. So does the thread that starts others in their place.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # would start with the first of them, and drop the mask
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

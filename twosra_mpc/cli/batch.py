@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,12 @@ from twosra_mpc.cli.options import FILE, command
 from twosra_mpc.cli.output import EXIT_INTERRUPTED, EXIT_PLANNED, Output
 from twosra_mpc.files import read_text
 from twosra_mpc.installation import require_batch
+from twosra_mpc.interrupts import noted_interrupts
+
+if TYPE_CHECKING:
+    from twosra_mpc.batch.chunk import Chunk
+    from twosra_mpc.batch.folder import Folder
+    from twosra_mpc.batch.problems import Problems
 
 _PLANNERS = click.Choice(["ours", "greedy", "both"])
 
@@ -56,8 +62,10 @@ def batch_command(
     folder = Folder(out, problems, read_text(spec, str(spec)))
     before, started = int(folder.done.sum()), time.perf_counter()
     try:
-        if before < len(problems):
-            _plan(problems, folder, workers, scheduler, output)
+        with noted_interrupts() as interrupts:
+            for chunk in _planned(problems, folder, workers, scheduler, output):
+                folder.add(chunk)
+                interrupts.check()  # an exception may be lost in a callback of Dask
         folder.finish()
     except KeyboardInterrupt:
         done = f"{folder.done.sum()} of {len(problems)} problems are planned"
@@ -67,10 +75,12 @@ def batch_command(
     return EXIT_PLANNED
 
 
-def _plan(
-    problems: Any, folder: Any, workers: int | None, scheduler: str | None, output: Output
-) -> None:
-    """Plan what is not done."""
+def _planned(
+    problems: Problems, folder: Folder, workers: int | None, scheduler: str | None, output: Output
+) -> Iterator[Chunk]:
+    """Yield what problems that are not done come to; show how far it is."""
+    if folder.done.all():
+        return
     from twosra_mpc.batch.chunk import Asked
     from twosra_mpc.batch.engine import cluster_at, local_cluster, planned
 
@@ -80,7 +90,7 @@ def _plan(
         local_cluster(workers) if scheduler is None else cluster_at(scheduler) as client,
     ):
         for chunk in planned(client, problems.posed(folder.done), asked):
-            folder.add(chunk)
+            yield chunk
             advance(len(chunk.rows))
 
 
