@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import logging
 import signal
@@ -11,7 +12,7 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 
-from dask.distributed import Client, Future, KilledWorker, LocalCluster, as_completed, get_worker
+from distributed import Client, Future, KilledWorker, LocalCluster, Worker, as_completed, rpc
 
 from twosra_mpc.batch.chunk import Asked, Chunk, failed, plan_chunk
 from twosra_mpc.batch.problems import Posed
@@ -51,13 +52,12 @@ def cluster_at(scheduler: str) -> Iterator[Client]:
     """
     with _quiet():
         try:
-            client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
-        except (OSError, ValueError) as error:
-            allowed = (
-                f"tcp://host:port of a scheduler that answers within {_ANSWER_S:g} s ({error})"
-            )
+            asyncio.run(_identity(scheduler))
+        except Exception as error:  # who knows what a server answers that is no scheduler
+            reason = str(error) or type(error).__name__
+            allowed = f"tcp://host:port of one that answers within {_ANSWER_S:g} s ({reason})"
             raise InputError("--scheduler", scheduler, allowed) from error
-        with client:
+        with Client(scheduler, set_as_default=False) as client:
             _check_workers(client)
             yield client
 
@@ -115,9 +115,15 @@ def _together(
         yield found
 
 
-def about_worker() -> tuple[str, int]:
+async def _identity(address: str) -> None:
+    """Ask a scheduler who it is; a Client that fails takes half a minute to go."""
+    async with asyncio.timeout(_ANSWER_S), rpc(address) as scheduler:
+        await scheduler.identity()
+
+
+def about_worker(dask_worker: Worker) -> tuple[str, int]:
     """Version of this package on a worker, and how many threads it has."""
-    return __version__, get_worker().state.nthreads
+    return __version__, dask_worker.state.nthreads
 
 
 def _check_workers(client: Client) -> None:

@@ -53,12 +53,13 @@ def batch_command(
     if scheduler is not None and workers is not None:
         raise click.UsageError("--workers are processes here; a --scheduler has its own")
     require_batch("twosra batch")
-    from twosra_mpc.batch.folder import Folder
     from twosra_mpc.batch.problems import Problems
     from twosra_mpc.batch.spec import load_spec
 
     given = {name: value for name, value in overrides.items() if value is not None}
     problems = Problems(load_spec(spec, **given), spec.parent)
+    from twosra_mpc.batch.folder import Folder  # CasADi takes a second
+
     folder = Folder(out, problems, read_text(spec, str(spec)))
     before, started = int(folder.done.sum()), time.perf_counter()
     try:
