@@ -69,16 +69,16 @@ def test_a_grid_has_every_combination_once_and_the_last_key_varies_fastest() -> 
 
 
 def test_grids_lie_over_scenarios_and_random_sets() -> None:
-    grid = {"gap": [0.01, 0.05]}
+    grid = {"ambient_C": [15.0, 20.0]}
     made = posed({"scenarios": ["paper-1", "rigid-move"], "grid": grid})
     assert [tuple(one.varied.values()) for one in made] == [
-        *(("paper-1", 0.01), ("paper-1", 0.05)),
-        *(("rigid-move", 0.01), ("rigid-move", 0.05)),
+        *(("paper-1", 15.0), ("paper-1", 20.0)),
+        *(("rigid-move", 15.0), ("rigid-move", 20.0)),
     ]
     drawn = posed({"random": {**RANDOM, "count": 3}, "grid": grid})
     assert len(drawn) == 6
     assert drawn[4].document["start"] == drawn[5].document["start"]
-    assert (drawn[4].varied["gap"], drawn[5].varied["gap"]) == (0.01, 0.05)
+    assert [one.varied["ambient_C"] for one in drawn[4:]] == [15.0, 20.0]
 
 
 def test_robots_are_varied_before_their_keys_and_what_is_fixed_is_no_column() -> None:
@@ -151,7 +151,8 @@ def test_unquoted_keys_are_the_same_as_quoted_ones(tmp_path: Path) -> None:
         ({"grid": {"robot": ["2sra-v7"]}}, "robot", "did you mean"),
         ({"grid": {"goal.kappa_per_m.2": [1.0]}}, "goal.kappa_per_m.2", "entry of a list"),
         ({"grid": {"planner": ["greedy"]}}, "grid.planner", "by itself"),
-        ({"grid": {"gap": [0.1]}, "fixed": {"gap": 0.2}}, "grid.gap", "either"),
+        ({"grid": {"gap": [0.1]}}, "grid.gap", "can be fixed"),
+        ({"grid": {"goal.x_m": [0.1]}, "fixed": {"goal.x_m": 0.2}}, "grid.goal.x_m", "either"),
         ({"fixed": {"goal.x_m": "left"}}, "goal.x_m", "number"),
         ({"planner": "fastest"}, "planner", "'ours', 'greedy' or 'both'"),
     ],

@@ -12,6 +12,7 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 
+import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, Worker, as_completed, rpc
 
 from twosra_mpc.batch.chunk import Asked, Chunk, failed, plan_chunk
@@ -26,11 +27,14 @@ _ANSWER_S = 10.0
 # Numerical libraries would start a thread for every core in every worker.
 _ONE_CORE = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 
+# 100 looks a second at every process, and 50 ticks, cost 4 % of a core with two workers.
+_SELDOM = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500ms"}
+
 
 @contextmanager
 def local_cluster(workers: int | None) -> Iterator[Client]:
     """Start workers on this machine, each a process of one thread; by default one a core."""
-    with _quiet(), ExitStack() as stack:
+    with _quiet(), dask.config.set(_SELDOM), ExitStack() as stack:
         with _interrupts_not_for_children():
             cluster = LocalCluster(
                 n_workers=workers,

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from twosra_mpc.batch.table import RESULT_COLUMNS
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import LARGEST, read_document
 from twosra_mpc.problem.random_set import RandomSet
@@ -117,6 +118,9 @@ class Spec(Value):
         for name, table in (("fixed", self.fixed), ("grid", self.grid)):
             if "planner" in table:
                 raise InputError(f"{name}.planner", table["planner"], "planner as a key by itself")
+        if taken := sorted(self.grid.keys() & RESULT_COLUMNS.keys()):
+            allowed = f"a key that is no column of results; {taken[0]} can be fixed"
+            raise InputError(f"grid.{taken[0]}", self.grid[taken[0]], allowed)
         if twice := self.fixed.keys() & self.grid.keys():
             raise InputError(f"grid.{min(twice)}", "also fixed", "either fixed or in the grid")
         if self.size > MOST_PROBLEMS:
