@@ -7,17 +7,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from benchmarks.scenes import scenes
-from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_problem, load_robot
+from twosra_mpc import Goal, InputError, Problem, Start, load_problem, load_robot
 from twosra_mpc.files import read_document, reading
-from twosra_mpc.problem.ends import check_shapes
+from twosra_mpc.problem.random_set import RandomSet
 from twosra_mpc.validation import FrozenDict, plain
 
 FOLDER = Path(__file__).parent / "sets"
-MOST, TRIES = 10_000, 100  # problems of a set, and draws for each of them
+MOST = 10_000  # problems of a set
 
 
 def set_names() -> list[str]:
@@ -51,22 +50,10 @@ def _of_set(name: str, data: dict[str, Any]) -> Mapping[str, Problem]:
         return FrozenDict(dict(_published(data["scenarios"], data["robots"])))
     if "obstacles" in data:
         return FrozenDict(dict(scenes(name, **data)))
-    rng, robot = np.random.default_rng(data["seed"]), load_robot(data["robot"])
-    ranges = (data["position_m"], data["heading_rad"], data["curvature_per_m"])
-    named: dict[str, Problem] = {}
-    for _ in range(TRIES * data["count"]):
-        if len(named) == data["count"]:
-            break
-        problem = drawn(rng, robot, *ranges)
-        try:
-            check_shapes(problem)
-        except InputError:
-            continue
-        tolerance = data.get("tolerance")
-        goal = problem.goal.with_values(tolerance=tolerance)
-        named[f"{name}/{len(named)}"] = problem.with_values(goal=goal)
-    if len(named) < data["count"]:
-        raise InputError("count", data["count"], "ranges in which units rarely overlap")
+    drawn = RandomSet(**data)
+    robot, named = load_robot(drawn.robot), dict[str, Problem]()
+    for number, (start, goal) in enumerate(drawn.ends(robot)):
+        named[f"{name}/{number}"] = Problem(robot=robot, start=Start(**start), goal=Goal(**goal))
     return FrozenDict(named)
 
 
@@ -76,20 +63,6 @@ def _published(scenarios: Sequence[str], robots: Sequence[str]) -> Iterator[tupl
         for name in scenarios:
             label = name if robot == robots[0] else f"{name} by {robot}"
             yield label, load_problem(name, robot=robot)
-
-
-def drawn(
-    rng: np.random.Generator, robot: Robot, position: float, heading: float, curvature: float
-) -> Problem:
-    """A problem whose ends are drawn from these ranges about zero [m, rad, 1/m]."""
-    ends = []
-    for _ in range(2):
-        x, y = rng.uniform(-position, position, 2)
-        phi = rng.uniform(-heading, heading)
-        kappa = tuple(rng.uniform(-curvature, curvature, robot.coordinates.segments))
-        ends.append({"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": kappa})
-    goal = Goal(**ends[1], tolerance="exact")
-    return Problem(robot=robot, start=Start(**ends[0]), goal=goal)
 
 
 @lru_cache

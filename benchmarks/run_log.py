@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from twosra_mpc import InputError
+from twosra_mpc.files import differences
 
 NAME = "records.jsonl"
 FORMAT = 1
@@ -84,16 +85,6 @@ class RunLog:
             os.fsync(file.fileno())
 
     def _check(self, found: Any) -> None:
-        for name, before, now in _differences(found, self.about):
+        for name, before, now in differences(found, self.about):
             allowed = f"{before!r}, with which the records in {self.path} were made; "
             raise InputError(name, now, allowed + "choose another folder to begin anew")
-
-
-def _differences(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield (dotted name, before, now) of every leaf in which two nested tables differ."""
-    if isinstance(before, dict) and isinstance(now, dict):
-        for key in {**now, **before}:
-            inner = f"{name}.{key}" if name else key
-            yield from _differences(before.get(key), now.get(key), inner)
-    elif before != now:
-        yield name, before, now

@@ -139,6 +139,16 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
+def differences(before: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield (dotted name, before, now) of every leaf in which two nested tables differ."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in {**now, **before}:
+            inner = f"{name}.{key}" if name else key
+            yield from differences(before.get(key), now.get(key), inner)
+    elif before != now:
+        yield name, before, now
+
+
 def check_writable(target: str | Path) -> None:
     """Refuse a path before an hour of planning is lost to it.
 

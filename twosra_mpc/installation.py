@@ -66,5 +66,5 @@ def require_batch(field: str) -> None:
     """
     missing = [name for name in ("distributed", "pandas", "pyarrow") if find_spec(name) is None]
     if missing:
-        allowed = f"any, once {' and '.join(missing)} are installed: {install_command('batch')}"
-        raise InputError(field, "unreadable", allowed)
+        allowed = f"any, once {', '.join(missing)} can be imported: {install_command('batch')}"
+        raise InputError(field, f"{missing[0]} is missing", allowed)

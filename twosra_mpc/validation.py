@@ -171,7 +171,7 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
         case "missing":
             return InputError(field, "missing", "this key is required")
         case "extra_forbidden":
-            known = list(model.model_fields)
+            known = [item.alias or name for name, item in model.model_fields.items()]
             close = difflib.get_close_matches(field, known, n=1)
             hint = f"did you mean {close[0]}? " if close else ""
             return InputError(field, given, f"{hint}known keys here are {', '.join(known)}")

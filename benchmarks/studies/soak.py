@@ -15,12 +15,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter
 
-from benchmarks.problems import drawn
 from benchmarks.study import Count, Measured, Study
-from twosra_mpc import InputError, Robot, load_robot, plan
+from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
+from twosra_mpc.problem.random_set import RandomSet
 from twosra_mpc.validation import Positive
 
 _BUILT_IN = ("2sra-v1", "2sra-v1-paper")
+_RANGES: dict[str, Any] = {"position_m": 0.15, "heading_rad": 1.0, "curvature_per_m": 30.0}
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -53,13 +54,15 @@ class Soak(Study):
     def run(self, case: Case) -> dict[str, Any]:
         """Plan for one robot; what the process holds then."""
         rng = np.random.default_rng([case.robot, 5])
-        robot, statuses = another(rng, load_robot(_BUILT_IN[case.robot % 2])), list[str]()
-        while len(statuses) < self.count // self.robots:
-            problem = drawn(rng, robot, 0.15, 1.0, 30.0).with_values(time_limit_s=self.time_limit_s)
-            try:
-                statuses.append(plan(problem).status)
-            except InputError:  # units that overlap: drawn again
-                continue
+        name, statuses = _BUILT_IN[case.robot % 2], list[str]()
+        robot, ranges = (
+            another(rng, load_robot(name)),
+            dict(_RANGES, count=self.count // self.robots),
+        )
+        for start, goal in RandomSet(robot=name, seed=case.robot, **ranges).ends(robot):
+            ends = {"start": Start(**start), "goal": Goal(**goal, tolerance="exact")}
+            problem = Problem(robot=robot, **ends, time_limit_s=self.time_limit_s)
+            statuses.append(plan(problem).status)
         gc.collect()
         return {"plans": len(statuses), "found": sum(s in _FOUND for s in statuses), **held()}
 

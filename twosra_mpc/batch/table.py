@@ -5,9 +5,12 @@ pandas is the frame: most laboratories have it, and it writes Parquet with the f
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_bytes
@@ -48,34 +51,46 @@ def read_runs(path: str | Path) -> pd.DataFrame:
     Raises:
         InputError: If there is no such table, nothing is finished yet, or pandas is missing.
     """
-    folder = Path(path)
-    if folder.is_dir() and (folder / RUNS).is_file():
-        return _read([folder / RUNS], str(path))
-    if folder.is_dir():
-        return _read(part_paths(folder), str(path))
-    return _read([folder], str(path))
-
-
-def part_paths(folder: Path) -> list[Path]:
-    """Paths of the pieces of a table that are finished; what a crash left half is none."""
-    return sorted((folder / PARTS).glob("[!.]*.parquet"))
-
-
-def _read(paths: Sequence[Path], source: str) -> pd.DataFrame:
     require_batch("runs")
     import pandas as pd
 
+    paths = table_paths(Path(path)) if Path(path).is_dir() else [Path(path)]
     if not paths:
-        raise InputError("runs", source, "a folder of twosra batch with a finished problem in it")
+        allowed = "a folder of twosra batch with a finished problem in it"
+        raise InputError("runs", str(path), allowed)
+    frames = [_read(one) for one in paths]
+    whole = pd.concat(frames).drop_duplicates("problem").sort_values("problem", ignore_index=True)
+    whole.attrs = frames[0].attrs
+    return whole
+
+
+def table_paths(folder: Path) -> list[Path]:
+    """The whole table, or the pieces of it that are finished; what a crash left half is none."""
+    whole = folder / RUNS
+    return [whole] if whole.is_file() else sorted((folder / PARTS).glob("[!.]*.parquet"))
+
+
+def problems_in(path: Path) -> NDArray[np.int64]:
+    """Numbers of the problems in a table.
+
+    Raises:
+        InputError: If it is none.
+    """
+    numbers: NDArray[np.int64] = _read(path, ["problem"])["problem"].to_numpy()
+    return numbers
+
+
+def _read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:
+    import pandas as pd
+
     try:
-        frames = [pd.read_parquet(one) for one in paths]
-        varied = frames[0].attrs["varied"]
-        whole = pd.concat(frames).drop_duplicates("problem").sort_values("problem")
-    except (OSError, ValueError, KeyError) as error:  # pyarrow's errors are ValueErrors
-        allowed = f"a folder or a Parquet file that twosra batch wrote ({error!r})"
-        raise InputError("runs", source, allowed) from error
-    whole.attrs["varied"] = varied
-    return whole.reset_index(drop=True)
+        frame = pd.read_parquet(path, columns=columns)
+        if "problem" in frame and "varied" in frame.attrs:
+            return frame
+        found = "its columns are others"
+    except (OSError, ValueError) as error:  # pyarrow's errors are either
+        found = str(error)
+    raise InputError("runs", str(path), f"a Parquet file that twosra batch wrote ({found})")
 
 
 def frame_of(

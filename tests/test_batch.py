@@ -1,0 +1,353 @@
+"""``twosra batch``: whatever happens to it, the table is that of an undisturbed run."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cloudpickle
+import dask
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import Run
+from distributed import Client, LocalCluster, Worker, WorkerPlugin
+from pandas.testing import assert_frame_equal
+
+from twosra_mpc import InputError, load_plan, plan
+from twosra_mpc.analysis.critical_path import critical_path
+from twosra_mpc.batch import chunk, engine, folder, read_runs
+from twosra_mpc.batch.chunk import Asked, plan_chunk
+from twosra_mpc.batch.engine import cluster_at, local_cluster, planned
+from twosra_mpc.batch.problems import Problems
+from twosra_mpc.batch.spec import Spec, load_spec
+from twosra_mpc.batch.table import GREEDY_COLUMNS, RESULT_COLUMNS
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.modes import mode_name
+
+# In [60, 60] the units overlap; where only both segments are soft, both bend alike.
+CORNERS = """scenario = "shape-change"
+[fixed]
+"modes" = [[0, 0], [1, 1]]
+[grid]
+"goal.kappa_per_m.0" = [20.0, 60.0]
+"goal.kappa_per_m.1" = [20.0, 60.0]
+"""
+DRAWN = """[random]
+robot = "2sra-v1"
+seed = 7
+count = 12
+position_m = 0.25
+heading_rad = 3.14
+curvature_per_m = 60.0
+"""
+TIMES = ["wall_s", "cpu_s", "greedy_wall_s", "greedy_cpu_s"]
+
+cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not have the tests
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    """Two workers on this machine."""
+    with local_cluster(2) as client:
+        yield client
+
+
+@pytest.fixture
+def drawn(tmp_path: Path) -> Path:
+    (tmp_path / "drawn.toml").write_text(DRAWN)
+    return tmp_path / "drawn.toml"
+
+
+def table(client: Client, spec: Spec) -> pd.DataFrame:
+    """What a cluster comes to, without a folder."""
+    problems = Problems(spec, Path())
+    left = problems.posed(np.zeros(len(problems), dtype=bool))
+    asked = Asked(spec.planner, spec.plans)
+    rows = [row for found in planned(client, left, asked) for row in found.rows]
+    return pd.DataFrame(rows).sort_values("problem", ignore_index=True)
+
+
+def assert_same(found: pd.DataFrame, expected: pd.DataFrame) -> None:
+    """The same tables but for times."""
+    assert len(expected) > 0
+    assert found.attrs == expected.attrs
+    without = [frame.drop(columns=TIMES, errors="ignore") for frame in (found, expected)]
+    assert_frame_equal(*without)
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> pd.DataFrame:
+    """The table of the random problems, made in this process without Dask."""
+    problems = Problems(Spec(random={**_random(), "count": 12}), Path())
+    every = list(problems.posed(np.zeros(12, dtype=bool)))
+    rows = plan_chunk(every, Asked("ours", False)).rows
+    return folder.frame_of(rows, problems.kinds, greedy=False)
+
+
+def _random() -> dict[str, object]:
+    lines = [line.split(" = ") for line in DRAWN.splitlines()[1:]]
+    return {key: json.loads(value) for key, value in lines}
+
+
+def test_a_row_says_what_the_plan_is(undisturbed: pd.DataFrame) -> None:
+    (posed, *_) = Problems(Spec(random=_random()), Path()).posed(np.zeros(12, dtype=bool))
+    made = plan(Problem(**posed.document)).require()
+    row = undisturbed.iloc[0]
+    kinds = [activity.kind for activity in critical_path(made)]
+    assert row["status"] == "optimal"
+    assert row["sequence"] == " ".join(map(mode_name, made.sequence))
+    assert row["cost"] == made.cost.total
+    assert row["lower_bound"] == made.lower_bound
+    assert row["gap"] == made.gap
+    assert row["duration_s"] == pytest.approx(row["waiting_s"] + row["moving_s"], rel=1e-12)
+    assert row["energy_J"] == made.cost.energy_J
+    assert (row["critical_melts"], row["critical_freezes"]) == (
+        kinds.count("melt"),
+        kinds.count("freeze"),
+    )
+    assert bool(row["verified"])
+    assert list(undisturbed.columns) == ["problem", *posed.varied, *RESULT_COLUMNS]
+
+
+@pytest.mark.parametrize(
+    ("what", "lasts_s", "changing_s"), [("melt", 63, 37), ("freeze", 253, 235)]
+)
+def test_a_second_less_of_each_saves_what_the_table_says(
+    what: str, lasts_s: float, changing_s: float
+) -> None:
+    """To first order: constant times, the part in which nothing may move a second shorter."""
+    spec = Spec(
+        scenario="paper-1",
+        fixed={"timing": "constant", "motion": "fastest"},
+        grid={
+            f"robot.timing.constant.{what}_s": [lasts_s, lasts_s - 1.0],
+            f"robot.timing.constant.{what}_changing_s": [changing_s, changing_s - 1.0],
+        },
+    )
+    problems = Problems(spec, Path())
+    every = list(problems.posed(np.zeros(4, dtype=bool)))
+    before, after = plan_chunk([every[0], every[3]], Asked("ours", False)).rows
+    assert before[f"critical_{what}s"] > 0
+    saved = before["cost"] - after["cost"]
+    assert saved == pytest.approx(before[f"critical_{what}s"], abs=0.05)
+
+
+def test_the_program_writes_a_table_and_plans(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "corners.toml").write_text(CORNERS)
+    asked = ("batch", "corners.toml", "--out", "runs", "--planner", "both", "--plans")
+    code, out, err = run(*asked, "--workers", 1)
+    assert (code, err) == (0, "")
+    assert "problems 4" in out
+    frame = read_runs(tmp_path / "runs")
+    assert_frame_equal(frame, read_runs(tmp_path / "runs" / "runs.parquet"))
+    assert frame.attrs["varied"] == ["goal.kappa_per_m.0", "goal.kappa_per_m.1"]
+    assert list(frame.columns) == [
+        *("problem", *frame.attrs["varied"]),
+        *(*RESULT_COLUMNS, *GREEDY_COLUMNS),
+    ]
+    assert frame["status"].tolist() == ["optimal", "infeasible", "infeasible", "refused"]
+    assert "goal.kappa_per_m" in frame["message"][3]
+    assert frame["sequence"].tolist()[1:] == ["", "", ""]
+    assert frame["greedy_status"].tolist()[::3] == ["feasible", "refused"]
+    assert frame["verified"].tolist() == [True, False, False, False]
+    assert frame["cost"].isna().tolist() == [False, True, True, True]
+    plans = sorted(path.name for path in (tmp_path / "runs" / "plans").iterdir())
+    assert plans[:2] == ["00000000-greedy.json", "00000000.json"]
+    assert len(plans) == 6  # none of what was refused
+    made = load_plan(tmp_path / "runs" / "plans" / "00000000.json").require()
+    assert made.cost.total == frame["cost"][0]
+    # Once more: nothing is left to do, by whatever means.
+    code, out, _ = run(*asked, "--scheduler", "tcp://127.0.0.1:1", "--json")
+    assert code == 0
+    assert json.loads(out)["planned now"] == 0
+    # Another spec, in the same folder.
+    (tmp_path / "corners.toml").write_text(CORNERS.replace("20.0, 60.0", "20.0, 70.0", 1))
+    code, _, err = run(*asked)
+    assert code == 2
+    assert "grid.goal.kappa_per_m.0 = [20.0, 70.0]" in err
+    assert "allowed: [20.0, 60.0]" in err
+    code, _, err = run(*asked[:4], "--planner", "greedy")
+    assert code == 2
+    assert "planner = 'greedy'" in err
+    assert "plans = False" in err
+    assert_frame_equal(frame, read_runs(tmp_path / "runs"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_a_batch_that_was_ended_goes_on(
+    number: signal.Signals, drawn: Path, run: Run, undisturbed: pd.DataFrame
+) -> None:
+    runs = drawn.parent / "runs"
+    words = ["batch", str(drawn), "--out", str(runs), "--workers", "1"]
+    arguments = [sys.executable, "-m", "twosra_mpc", *words]
+    program = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while program.poll() is None and not list((runs / "parts").glob("[!.]*")):
+        time.sleep(0.02)
+    os.killpg(program.pid, number) if number == signal.SIGINT else program.send_signal(number)
+    _, err = program.communicate(timeout=60)
+    done = read_runs(runs)
+    if number == signal.SIGKILL:
+        assert program.returncode == -signal.SIGKILL
+    else:
+        assert program.returncode == 130
+        said = f"twosra: interrupted: {len(done)} of 12 problems are planned; the same command"
+        assert err.startswith(said)
+        assert len(err.splitlines()) == 1
+    assert 0 < len(done) < 12
+    code, out, _ = run(*words, "--json")
+    assert code == 0
+    assert json.loads(out)["planned now"] == 12 - len(done)
+    found = read_runs(runs)
+    assert_same(found, undisturbed)
+    before = found[found["problem"].isin(done["problem"])]
+    assert before["wall_s"].tolist() == done["wall_s"].tolist()  # not planned again
+    assert sorted(path.name for path in runs.iterdir()) == [
+        *("batch.json", "runs.parquet", "spec.toml"),
+    ]
+
+
+def test_a_worker_that_dies_loses_nothing(
+    client: Client, undisturbed: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "_FIRST", 2)
+    problems = Problems(Spec(random=_random()), Path())
+    victim = next(iter(client.run(os.getpid).values()))
+    rows = []
+    for found in planned(client, problems.posed(np.zeros(12, dtype=bool)), Asked("ours", False)):
+        if not rows:
+            os.kill(victim, signal.SIGKILL)
+        rows += found.rows
+    assert_same(
+        folder.frame_of(rows, problems.kinds, greedy=False).sort_values(
+            "problem", ignore_index=True
+        ),
+        undisturbed,
+    )
+
+
+class _Deadly(WorkerPlugin):
+    """Has a worker die of one problem, as a solver that crashes would."""
+
+    def setup(self, worker: Worker) -> None:
+        del worker
+        real = chunk.plan
+
+        def deadly(problem: Problem) -> object:
+            if problem.time_limit_s == 103.0:
+                os._exit(1)
+            return real(problem)
+
+        chunk.plan = deadly
+
+
+def test_a_problem_that_kills_every_worker_is_a_row() -> None:
+    spec = Spec(scenario="rigid-move", grid={"time_limit_s": [101.0, 102.0, 103.0, 104.0]})
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), local_cluster(1) as client:
+        client.register_plugin(_Deadly())
+        frame = table(client, spec)
+    assert frame["verified"].tolist() == [True, True, False, True]
+    assert frame["status"][2] == "failed"
+    assert "every worker that planned it died" in frame["message"][2]
+
+
+def test_workers_use_one_core_each(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    def settings() -> tuple[str, str]:
+        return os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]
+
+    assert set(client.run(settings).values()) == {("1", "1")}
+    assert set(client.nthreads().values()) == {1}
+
+
+def test_a_scheduler_that_does_not_answer_is_an_error(
+    run: Run, drawn: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "_ANSWER_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        address = f"tcp://127.0.0.1:{deaf.getsockname()[1]}"
+        for given in (address, "nonsense", "x://1:2"):
+            code, out, err = run("batch", drawn, "--out", "runs", "--scheduler", given)
+            assert (code, out) == (2, "")
+            assert f"--scheduler = '{given}'" in err
+            assert "answers within 0.3 s" in err
+
+
+def test_workers_of_another_version_are_refused(client: Client, undisturbed: pd.DataFrame) -> None:
+    def pretend(version: str) -> None:
+        engine.__version__ = version
+
+    here = engine.__version__
+    client.run(pretend, "0.0.7")
+    try:
+        with (
+            pytest.raises(InputError, match=r"version of twosra_mpc = '0.0.7'"),
+            cluster_at(client.scheduler.address),
+        ):
+            pass
+    finally:
+        client.run(pretend, here)
+    with cluster_at(client.scheduler.address) as connected:  # now it is a cluster like any other
+        assert len(connected.nthreads()) == 2
+
+
+def test_a_worker_of_another_version_that_comes_later_is_refused(client: Client) -> None:
+    problems = Problems(Spec(scenario="rigid-move"), Path()).posed(np.zeros(1, dtype=bool))
+    with pytest.raises(InputError, match="version of a worker"):
+        list(planned(client, problems, Asked("ours", False, version="0.0.7")))
+
+
+def test_workers_of_several_threads_are_refused() -> None:
+    with (
+        LocalCluster(
+            *("threads", 1, 2), processes=False, dashboard_address=None, protocol="tcp"
+        ) as cluster,
+        pytest.raises(InputError, match="--nthreads 1"),
+        cluster_at(cluster.scheduler_address),
+    ):
+        pass
+
+
+def test_a_taken_dashboard_port_is_no_matter(
+    run: Run, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    (tmp_path / "one.toml").write_text('scenario = "rigid-move"\n')
+    with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            taken.bind(("", 8787))
+            taken.listen()
+        except OSError:
+            pass  # somebody else has it: as well
+        code, _, err = run("batch", "one.toml", "--out", "runs", "--workers", 1)
+    assert (code, err) == (0, "")
+    assert not recwarn.list
+
+
+def test_other_folders_are_left_alone(run: Run, drawn: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("")
+    code, _, err = run("batch", drawn, "--out", "mine")
+    assert code == 2
+    assert "--out = 'mine' is not acceptable; allowed: a new folder" in err
+    code, _, err = run("batch", drawn, "--out", drawn)
+    assert code == 2
+    assert "a folder to write to" in err
+    assert load_spec(drawn).size == 12
+
+
+@pytest.mark.parametrize("what", ["empty", "text", "other"])
+def test_tables_of_others_are_refused(what: str, tmp_path: Path) -> None:
+    path = tmp_path
+    if what == "text":
+        (path := tmp_path / "a.parquet").write_text("no table")
+    elif what == "other":
+        pd.DataFrame({"problem": [1]}).to_parquet(path := tmp_path / "b.parquet")
+    with pytest.raises(InputError, match="runs = "):
+        read_runs(path)
