@@ -107,5 +107,3 @@ def _computed(pieces: Sequence[_Piece], processes: int) -> Iterator[tuple[_Piece
 def _ignore_interrupts() -> None:
     """Leave Ctrl-C, which a terminal sends to all of its processes, to the first of them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-

@@ -27,7 +27,7 @@ def part(kept: Kept, problems: int, processes: int) -> Part:
         tell("drawing the random problems")
         single, best = statistics(study.single_mode), optimal_statistics(study.optimal)
         plot_forward_kinematics(folder / ONE_FIGURE)
-        plot_modes(single, best, folder / MODES_FIGURE)
+        plot_modes(single, study.optimal, folder / MODES_FIGURE)
         plot_error_curves(study.single_mode, folder / CURVES_FIGURE)
         found = {"single_mode": single, "generic": statistics(study.generic), "optimal": best}
         document: Data = plain_data(found)

@@ -121,7 +121,8 @@ def _compare(task: str, recorded: Array | None) -> dict[str, Any]:
         "recorded_rows": len(run.q),
         "iterations": run.iterations,
         "distance_left": float(np.linalg.norm(run.final_q - target)),
-        "pose_last": _time(run.q[:, :POSE] - target[:POSE]) > _time(run.q[:, POSE:] - target[POSE:]),
+        "pose_last": _time(run.q[:, :POSE] - target[:POSE])
+        > _time(run.q[:, POSE:] - target[POSE:]),
         "largest_difference": same if same is None or np.isfinite(same) else 1e9,
         "greedy_duration_s": greedy.duration_s,
         "greedy_sequence": greedy.sequence,
@@ -192,7 +193,9 @@ def section(data: Data) -> Section:
         claims=claims,
         tables=(_durations(of),),
         pictures=(
-            Picture(TASKS_FIGURE, "The five tasks, as published (top) and as planned here (bottom)"),
+            Picture(
+                TASKS_FIGURE, "The five tasks, as published (top) and as planned here (bottom)"
+            ),
             Picture(
                 ERROR_FIGURE,
                 "Decrease of the distance to the target: in the published loop, and in time with all"

@@ -1,0 +1,261 @@
+"""The hardware trials: logs against simulations, where the time went, and where they ended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twosra_mpc.files import plain_data
+from twosra_mpc.identification.motion_log import MotionLog
+from twosra_mpc.plotting.trial_figures import plot_distances, plot_trials
+from twosra_mpc.report.paper.claims import Claim, Reading, equal, every
+from twosra_mpc.report.paper.kept import Data, Part, Tell
+from twosra_mpc.report.paper.section import Picture, Section, Table
+from twosra_mpc.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
+from twosra_mpc.reproduction.simulations import SIMULATIONS
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.description import load_robot
+from twosra_mpc.robot.modes import sequence_name
+
+TRIALS_FIGURE, DTW_FIGURE = "trials.png", "dtw.png"
+COORDINATES = ("x", "y", "phi", "kappa_1", "kappa_2")
+# Distances of the bar plot of Fig. 7(b), from the authors' published notebook.
+DTW: dict[int, tuple[float, ...]] = {
+    1: (429.166339, 299.797615, 385.546026, 70.606072, 117.631930),
+    2: (216.660894, 645.312853, 434.557395, 290.484640, 549.796451),
+    3: (275.005512, 167.720143, 123.638113, 66.678894, 155.713481),
+    4: (16.625281, 57.195667, 26.168597, 99.198261, 22.733424),
+    5: (355.521156, 98.367755, 275.780922, 191.731375, 42.135492),
+}
+STOP = 0.01  # norm of (x, y, phi) in m and rad at which the authors' program stopped
+_BEST_FIT_TRIAL = 3
+_MISSING = (
+    "Give a folder with the logs of the trials: --logs FOLDER, or --data with hardware/ in it."
+)
+
+
+def part(logs: Path, digest: str) -> Part:
+    """Return what the logs of a folder say, with figures."""
+
+    def compute(folder: Path, tell: Tell) -> Data:
+        robot = load_robot("2sra-v1")
+        read = list(read_trials(logs, robot))
+        found, compared = {}, {}
+        for log in read:
+            tell(f"comparing {Path(log.source).name} with the simulations")
+            found[Path(log.source).stem] = _log(log)
+            if (number := trial_of(log)) is not None and number not in compared:
+                compared[number] = log
+        tell("drawing the trials")
+        simulated = {number: SIMULATIONS[number].run() for number in compared}
+        figures = []
+        if compared:
+            plot_trials(compared, simulated, folder / TRIALS_FIGURE)
+            ours = {
+                n: found[Path(log.source).stem]["dtw"]["published"] for n, log in compared.items()
+            }
+            plot_distances(DTW, ours, COORDINATES, folder / DTW_FIGURE)
+            figures = [TRIALS_FIGURE, DTW_FIGURE]
+        document: Data = plain_data({"logs": found, "figures": figures})
+        return document
+
+    return Part("trials", {"logs": digest}, compute)
+
+
+def _log(log: MotionLog) -> Data:
+    """What one log says; distances only from where a trial is known to start."""
+    number = trial_of(log)
+    goal = None if number is None else SIMULATIONS[number].goal
+    data: Data = {"trial": number, "waiting": waiting(log, goal), "dtw": None, "nearest": None}
+    data["sequence"] = data["waiting"].sequence
+    if number is not None:
+        rows = {n: dtw_table(log, simulation.run()) for n, simulation in SIMULATIONS.items()}
+        distances = np.array([row.published for row in rows.values()])
+        data["dtw"] = rows[number]
+        data["nearest"] = (distances.argmin(axis=0) == list(rows).index(number)).tolist()
+        modes = SIMULATIONS[number].run().mode[1:].tolist()
+        data["simulated"] = [m for k, m in enumerate(modes) if k == 0 or m != modes[k - 1]]
+    return data
+
+
+def section(data: Data | None) -> Section:
+    """Compare the trials with the paper; without logs say what to give."""
+    logs = {} if data is None else data["logs"]
+    trials = {one["trial"]: one for one in logs.values() if one["trial"] is not None}
+    claims = [_distances(number, trials.get(number)) for number in DTW]
+    claims += _judgements(trials)
+    absent = [str(number) for number in DTW if number not in trials]
+    missing = f"No log of trial{'s' * (len(absent) > 1)} {', '.join(absent)}. " if absent else ""
+    return Section(
+        name="trials",
+        title="Trials on the robot",
+        words=(
+            "Logs of the trials are compared with our runs of the published simulations, by the"
+            " authors' recipe (columns z-scored, the simulation padded to the log's length, dynamic"
+            " time warping of points of row and value) and by values alone. A log belongs to the"
+            " trial whose simulation starts where it does. The wait before the first row is not in"
+            " a log; it is taken from the authors' program.",
+        ),
+        claims=tuple(claims),
+        tables=(_waits(logs), _deviations(trials), _ends(trials)) if logs else (),
+        pictures=tuple(
+            Picture(file, words)
+            for file, words in (
+                (DTW_FIGURE, "Distances by dynamic time warping, published and found"),
+                (TRIALS_FIGURE, "Trials and their simulations; how the error decreases with the"
+                 " waits counted"),
+            )
+            if data is not None and file in data["figures"]
+        ),
+        missing=missing + (_MISSING if absent else ""),
+    )  # fmt: skip
+
+
+def _distances(number: int, trial: Data | None) -> Claim:
+    found = [None] * len(COORDINATES) if trial is None else trial["dtw"]["published"]
+    readings = tuple(
+        equal(name, published, ours, holds=1e-3 * published, caveat=0.05 * published)
+        for name, published, ours in zip(COORDINATES, DTW[number], found, strict=True)
+    )
+    note = "Row numbers are part of these distances, so they mostly say how the lengths differ."
+    return Claim(f"DTW distances of trial {number}", "Fig. 7(b)", readings, note)
+
+
+def _judgements(trials: dict[int, Data]) -> list[Claim]:
+    """What the paper concludes from the trials."""
+    found = list(trials.values())
+    nearest = _mean([near for one in found for near in one["nearest"]])
+    same = _mean(
+        [sequence_name(one["sequence"]) == sequence_name(one["simulated"]) for one in found]
+    )
+    off = _most([1e3 * value for one in found for value in one["dtw"]["mean"][:2]])
+    left = _most([float(np.linalg.norm(one["waiting"]["final_error"][:POSE])) for one in found])
+    waits = [
+        Reading(f"trial {n}: share of the time that is waiting", 0.0,
+                100.0 * one["waiting"]["share_waiting"], "%", 5.0, 20.0)
+        for n, one in sorted(trials.items())
+    ]  # fmt: skip
+    best = None
+    if _BEST_FIT_TRIAL in trials:
+        x, y, *others = trials[_BEST_FIT_TRIAL]["dtw"]["published"]
+        best = max(others) - min(x, y)
+    distinct = {key: _distinct(found, key) for key in ("sequence", "total")}
+    return [
+        Claim(
+            "Simulation and robot show a similar pattern of movement",
+            "section Pose-Shape Formation",
+            (every("trials with the modes of their simulation", same),),
+            "The authors' program had modes disabled by hand in some of the trials.",
+        ),
+        Claim(
+            "The trials differ in modes and in time",
+            "section Pose-Shape Formation",
+            (every("different sequences", distinct["sequence"]),
+             every("different times, to a second", distinct["total"])),
+        ),
+        Claim(
+            "In trial 3 heading and curvatures fit best",
+            "section Pose-Shape Formation; Fig. 7(a)",
+            (Reading("their largest distance less the smallest one of x and y", 0.0, best, "", 0.0,
+                     0.0, "at most"),),
+        ),
+        Claim(
+            "The errors between simulation and robot are not significant",
+            "section Pose-Shape Formation; Fig. 7(b)",
+            (
+                every("cells in which, of the five simulations, the trial's own is nearest", nearest),
+                Reading("largest mean deviation of x or y along the path of warping, against the"
+                        " authors' limit for stopping", 1e3 * STOP, off, "mm", 0.0, 1e3 * STOP,
+                        "at most"),
+            ),
+        ),
+        Claim(
+            "The trials stop when the error is below a limit",
+            "section Pose-Shape Formation; Fig. 7(c)",
+            (Reading("largest norm of x, y, heading at the end [m, rad]", STOP, left, "", 0.1 * STOP,
+                     STOP, "at most"),),
+            "Curvatures are not part of the limit in the authors' program.",
+        ),
+        Claim(
+            "The axes of Fig. 7(a, c) are the time the trials took",
+            "Fig. 7(a, c)",
+            tuple(waits) or (Reading("share of the time that is waiting", 0.0, None, "%", 5.0, 20.0),),
+            "The logs have no rows while metal melts or freezes, and the figures count rows.",
+        ),
+    ]  # fmt: skip
+
+
+def _mean(values: list[bool]) -> float | None:
+    return float(np.mean(values)) if values else None
+
+
+def _most(values: list[float]) -> float | None:
+    return max(values, default=None)
+
+
+def _distinct(found: list[Data], key: str) -> float | None:
+    """Share of trials that differ from all before them."""
+    if len(found) < 2:
+        return None
+    seen = {
+        "sequence": {str(one["sequence"]) for one in found},
+        "total": {round(_total_s(one["waiting"])) for one in found},
+    }[key]
+    return len(seen) / len(found)
+
+
+def _total_s(spent: Data) -> float:
+    return float(spent["first_heating_s"] + spent["waits_s"] + spent["motion_s"])
+
+
+def _waits(logs: Data) -> Table:
+    rows = [
+        (
+            name,
+            "-" if one["trial"] is None else str(one["trial"]),
+            sequence_name(one["sequence"]),
+            f"{one['waiting']['first_heating_s']:.0f}",
+            f"{one['waiting']['waits_s']:.0f}",
+            f"{one['waiting']['motion_s']:.0f}",
+            f"{_total_s(one['waiting']):.0f}",
+            f"{100 * one['waiting']['share_waiting']:.1f} %",
+        )
+        for name, one in logs.items()
+    ]
+    published = [one["waiting"] for one in logs.values() if one["trial"] is not None]
+    waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
+    total = sum(map(_total_s, published))
+    if total:
+        share = f"{100 * waited / total:.1f} %"
+        moved = f"{total - waited:.0f}"
+        rows.append(("trials together", "", "", "", f"{waited:.0f}", moved, f"{total:.0f}", share))
+    header = ("log", "trial", "modes", "first heating [s]", "waits [s]", "motion [s]", "all [s]",
+              "waiting")  # fmt: skip
+    return Table("Where the time went", header, tuple(rows), numbers=3)
+
+
+def _deviations(trials: dict[int, Data]) -> Table:
+    rows = []
+    for number, one in sorted(trials.items()):
+        pairs = zip(_in_units(one["dtw"]["mean"]), _in_units(one["dtw"]["largest"]), strict=True)
+        cells = [f"{mean:.1f} ({largest:.1f})" for mean, largest in pairs]
+        rows.append((f"trial {number}", *cells))
+    return Table("Deviation by values alone: mean (largest)", ("", *_UNITS), tuple(rows))
+
+
+_UNITS = ("x [mm]", "y [mm]", "phi [deg]", "kappa_1 [1/m]", "kappa_2 [1/m]")
+
+
+def _in_units(q: Any) -> list[float]:
+    """Configuration in mm, degrees, 1/m."""
+    return [1e3 * q[0], 1e3 * q[1], float(np.degrees(q[2])), *q[3:]]
+
+
+def _ends(trials: dict[int, Data]) -> Table:
+    rows = [
+        (f"trial {n}", *(f"{v:+.1f}" for v in _in_units(one["waiting"]["final_error"])))
+        for n, one in sorted(trials.items())
+    ]
+    return Table("Error at the end: last row less target", ("", *_UNITS), tuple(rows))
