@@ -8,17 +8,36 @@ were used, the last one always rigid.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Self
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, Self
 
-from twosra_mpc.reproduction.published import StopReason
-from twosra_mpc.robot.modes import Mode, ModeSequence
+from twosra_mpc.errors import InputError
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.plans.result import Result
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.reproduction.error_curves import (
+    Curve,
+    crossing,
+    deviation,
+    error_curve,
+    reaches,
+    starts_above,
+)
+from twosra_mpc.reproduction.fixed_waits import fixed_waits_s
+from twosra_mpc.reproduction.published import StopReason, published_trajectory
+from twosra_mpc.reproduction.random_problems import draw_generic, draw_single_mode
+from twosra_mpc.reproduction.shares import Share, Spread, by_size, in_order, share, spread, tuples
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.description import Robot, load_robot
+from twosra_mpc.robot.modes import MODES, Mode, ModeSequence, is_rigid
 
 Kind = Literal["single-mode", "generic"]
 Q = tuple[float, ...]  # [x, y, phi, kappa_1, kappa_2] in m, rad, 1/m
 
-TIMES = 101  # normalised times 0, 0.01 ... 1 of error curves
+STRAIGHT = 0.12  # an FK curve this near to a straight line is called straight
+REFUSED = "refused"  # where the robot cannot be, by its description
 
 
 @dataclass(frozen=True)
@@ -47,8 +66,8 @@ class StudyProblem:
     raw: ModeSequence
     iterations: int
     stop: StopReason
-    error: tuple[float, ...]
-    fk_error: tuple[float, ...]
+    error: Curve
+    fk_error: Curve
 
     @property
     def kind(self) -> Kind:
@@ -57,12 +76,12 @@ class StudyProblem:
 
     def to_dict(self) -> dict[str, Any]:
         """The value as plain data for JSON."""
-        raise NotImplementedError
+        return {**asdict(self), "stop": self.stop.name}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Read back what ``to_dict`` wrote."""
-        raise NotImplementedError
+        return cls(**tuples({**data, "stop": StopReason[data["stop"]]}))
 
 
 @dataclass(frozen=True)
@@ -89,51 +108,27 @@ class OptimalProblem:
     seed: int
     status: str
     message: str
-    sequence: ModeSequence
-    cost: float
-    lower_bound: float
-    gap: float
-    duration_s: float
-    waiting_s: float
-    wall_s: float
-    greedy_status: str
-    greedy_sequence: ModeSequence
-    greedy_duration_s: float
-    greedy_waiting_s: float
+    sequence: ModeSequence = ()
+    cost: float = math.nan
+    lower_bound: float = math.nan
+    gap: float = math.nan
+    duration_s: float = math.nan
+    waiting_s: float = math.nan
+    wall_s: float = math.nan
+    greedy_status: str = REFUSED
+    greedy_sequence: ModeSequence = ()
+    greedy_duration_s: float = math.nan
+    greedy_waiting_s: float = math.nan
 
     def to_dict(self) -> dict[str, Any]:
         """The value as plain data for JSON; None for NaN."""
-        raise NotImplementedError
+        return {name: None if value != value else value for name, value in asdict(self).items()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Read back what ``to_dict`` wrote."""
-        raise NotImplementedError
-
-
-class Share(NamedTuple):
-    """So many of so many, with Wilson's interval of 95 % confidence for the share."""
-
-    count: int
-    of: int
-    low: float
-    high: float
-
-    @property
-    def value(self) -> float:
-        """The share; NaN of none."""
-        raise NotImplementedError
-
-
-class Spread(NamedTuple):
-    """Quantiles of a number over problems; NaN where there is none."""
-
-    least: float
-    p5: float
-    median: float
-    mean: float
-    p95: float
-    most: float
+        known = {name: math.nan if value is None else value for name, value in data.items()}
+        return cls(**tuples(known))
 
 
 @dataclass(frozen=True)
@@ -236,15 +231,91 @@ class OptimalStatistics:
 
 
 def published_study(seeds: Iterable[int], kind: Kind = "single-mode") -> Iterator[StudyProblem]:
-    """Yield a problem a seed, in order, with what the published loop does with it."""
-    raise NotImplementedError
+    """Yield a problem a seed, in order, with what the published loop does with it.
+
+    Args:
+        seeds: A problem each; the same seed is the same problem everywhere.
+        kind: "single-mode" as the authors draw, "generic" with a target drawn like the start.
+    """
+    for seed in seeds:
+        if kind == "single-mode":
+            driven, mode = draw_single_mode(seed)
+            yield _studied(seed, mode, driven[0], driven[-1], error_curve(driven, driven[-1]))
+        else:
+            start, goal = draw_generic(seed)
+            yield _studied(seed, None, start, goal, ())
+
+
+def _studied(
+    seed: int, mode: Mode | None, start: Array, goal: Array, fk_error: Curve
+) -> StudyProblem:
+    run = published_trajectory(start, goal)
+    return StudyProblem(
+        seed=seed,
+        target_mode=mode,
+        start=tuple(start.tolist()),
+        goal=tuple(goal.tolist()),
+        recorded=run.sequence,
+        raw=run.every_mode,
+        iterations=run.iterations,
+        stop=run.stop,
+        error=error_curve(run.q, goal),
+        fk_error=fk_error,
+    )
 
 
 def optimal_study(
-    problems: Iterable[StudyProblem], robot: str = "2sra-v1-paper"
+    problems: Iterable[StudyProblem], robot: str | Robot = "2sra-v1-paper"
 ) -> Iterator[OptimalProblem]:
-    """Yield what the optimal planner does with each problem, for a robot by name."""
-    raise NotImplementedError
+    """Yield what the optimal planner does with each problem, and the greedy rule beside it.
+
+    Args:
+        problems: Of a study.
+        robot: Who is to move; its description's accuracy, if it has one, is the goals' tolerance.
+    """
+    described = load_robot(robot) if isinstance(robot, str) else robot
+    for problem in problems:
+        yield _planned(problem, described)
+
+
+def _planned(studied: StudyProblem, robot: Robot) -> OptimalProblem:
+    ends = [
+        {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": tuple(kappa)}
+        for x, y, phi, *kappa in (studied.start, studied.goal)
+    ]
+    values: dict[str, Any] = {"start": ends[0], "goal": ends[1]}
+    try:
+        problem = Problem(robot=robot, **values)
+        result, greedy = plan(problem), plan(problem.with_values(planner="greedy"))
+    except InputError as error:
+        return OptimalProblem(studied.seed, REFUSED, str(error))
+    sequence, duration_s, waiting_s = _timed(result)
+    greedy_sequence, greedy_duration_s, greedy_waiting_s = _timed(greedy)
+    made = result.plan
+    return OptimalProblem(
+        seed=studied.seed,
+        status=str(result.status),
+        message=result.message,
+        sequence=sequence,
+        cost=made.cost.total if made else math.nan,
+        lower_bound=math.nan if result.lower_bound is None else result.lower_bound,
+        gap=math.nan if result.gap is None else result.gap,
+        duration_s=duration_s,
+        waiting_s=waiting_s,
+        wall_s=result.stats.wall_s,
+        greedy_status=str(greedy.status),
+        greedy_sequence=greedy_sequence,
+        greedy_duration_s=greedy_duration_s,
+        greedy_waiting_s=greedy_waiting_s,
+    )
+
+
+def _timed(result: Result) -> tuple[ModeSequence, float, float]:
+    """Sequence, duration and time at rest of a plan that verifies; nothing and NaN without one."""
+    made = result.plan
+    if made is None or not made.verification.ok:
+        return (), math.nan, math.nan
+    return made.sequence, made.duration_s, made.duration_s - made.moving_s
 
 
 def statistics(problems: Sequence[StudyProblem]) -> StudyStatistics:
@@ -253,7 +324,41 @@ def statistics(problems: Sequence[StudyProblem]) -> StudyStatistics:
     Raises:
         InputError: If there is no problem, or the kinds are mixed.
     """
-    raise NotImplementedError
+    kinds = {problem.kind for problem in problems}
+    if len(kinds) != 1:
+        raise InputError("problems", sorted(kinds), "problems of one kind")
+    driven = [problem for problem in problems if problem.fk_error]
+    deviations = [deviation(problem.fk_error) for problem in driven]
+    modes = MODES if driven else ()
+    return StudyStatistics(
+        kind=kinds.pop(),
+        all=_group(problems),
+        by_target={mode: _group([p for p in problems if p.target_mode == mode]) for mode in modes},
+        sequences=by_size(problem.recorded for problem in problems),
+        at_most_four=share(len(problem.recorded) <= 4 for problem in problems),
+        last_rigid=share(is_rigid(problem.recorded[-1]) for problem in problems),
+        last_rigid_raw=share(is_rigid(problem.raw[-1]) for problem in problems),
+        diverged=share(problem.stop is StopReason.DIVERGED for problem in problems),
+        fk_straight=share(each <= STRAIGHT for each in deviations),
+        fk_deviation=spread(deviations),
+        slower_start=share(starts_above(problem.error, problem.fk_error) for problem in driven),
+        crossing=spread(crossing(problem.error, problem.fk_error) for problem in driven),
+        half=spread(reaches(problem.error, 0.5) for problem in problems),
+        fk_half=spread(reaches(problem.fk_error, 0.5) for problem in driven),
+        twentieth=spread(reaches(problem.error, 0.05) for problem in problems),
+        hardware_wait_s=spread(sum(fixed_waits_s(problem.recorded)) for problem in problems),
+    )
+
+
+def _group(problems: Sequence[StudyProblem]) -> GroupStatistics:
+    return GroupStatistics(
+        problems=len(problems),
+        recorded=in_order(len(problem.recorded) for problem in problems),
+        raw=in_order(len(problem.raw) for problem in problems),
+        last=in_order(problem.recorded[-1] for problem in problems),
+        raw_last=in_order(problem.raw[-1] for problem in problems),
+        iterations=spread(problem.iterations for problem in problems),
+    )
 
 
 def optimal_statistics(planned: Sequence[OptimalProblem]) -> OptimalStatistics:
@@ -262,4 +367,23 @@ def optimal_statistics(planned: Sequence[OptimalProblem]) -> OptimalStatistics:
     Raises:
         InputError: If there is no problem.
     """
-    raise NotImplementedError
+    if not planned:
+        raise InputError("planned", 0, "at least one problem")
+    made = [each for each in planned if each.sequence]
+    both = [each for each in made if each.greedy_sequence]
+    return OptimalStatistics(
+        problems=len(planned),
+        planned=share(bool(each.sequence) for each in planned),
+        statuses=by_size(each.status for each in planned),
+        sequences=by_size(each.sequence for each in made),
+        phases=in_order(len(each.sequence) for each in made),
+        last_rigid=share(is_rigid(each.sequence[-1]) for each in made),
+        duration_s=spread(each.duration_s for each in made),
+        waiting_s=spread(each.waiting_s for each in made),
+        gap=spread(each.gap for each in made),
+        wall_s=spread(each.wall_s for each in planned),
+        both=share(bool(each.greedy_sequence) for each in made),
+        shorter=share(each.duration_s < each.greedy_duration_s for each in both),
+        saved=spread(1.0 - each.duration_s / each.greedy_duration_s for each in both),
+        hardware_wait_s=spread(sum(fixed_waits_s(each.sequence)) for each in made),
+    )
