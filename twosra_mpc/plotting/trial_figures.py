@@ -102,10 +102,9 @@ def plot_distances(
         colours = (*figures.SEGMENT_COLOURS, figures.RIGID_COLOUR)
         for number, (name, colour) in enumerate(zip(names, colours, strict=False)):
             shift = (number - (len(names) - 1) / 2) * width
-            for values, look in (
-                (published, {"fc": "none", "ec": colour, "lw": 1.4}),
-                (ours, {"fc": colour, "alpha": 0.55, "label": name}),
-            ):
+            outline: dict[str, Any] = {"fc": "none", "ec": colour, "lw": 1.4}
+            filled: dict[str, Any] = {"fc": colour, "alpha": 0.55, "label": name}
+            for values, look in ((published, outline), (ours, filled)):
                 places = np.array(list(values)) + shift
                 ax.bar(places, [each[number] for each in values.values()], width * 0.82, **look)
         ax.set_xticks(list(published), [f"trial {number}" for number in published])
@@ -155,7 +154,12 @@ def _draw_cycle(ax: Axes, estimates: Sequence[Estimate]) -> None:
         )
     )
     place, colour = np.linspace(0.0, 1.0, len(mean)), figures.SEGMENT_COLOURS[2]
-    band = {"color": colour, "alpha": 0.2, "lw": 0, "label": "its spread along the segment"}
+    band: dict[str, Any] = {
+        "color": colour,
+        "alpha": 0.2,
+        "lw": 0,
+        "label": "its spread along the segment",
+    }
     ax.fill_between(place, mean - spread, mean + spread, **band)
     ax.plot(place, constant, c="0.1", lw=1.6, label="reference (constant curvature)")
     ax.plot(place, mean, c=colour, lw=1.6, ls="--", label="published steps, mean")

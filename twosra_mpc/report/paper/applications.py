@@ -1,4 +1,4 @@
-"""The paper's two applications, planned as missions: conform to a cylinder, grip and move a cube."""
+"""The paper's two applications, planned as missions."""
 
 from __future__ import annotations
 

@@ -71,16 +71,16 @@ def section(data: Data) -> Section:
         name="paths",
         title="Paths of the locomotion units",
         words=(
-            "Spirals are fitted to the path of the fibre's end, by least squares of the radius about"
-            " a free centre; the paper does not say how it sampled the path, which moves b by up to"
+            "Spirals are fitted to the path of the fibre's end, by least squares of the radius"
+            " about a free centre; the paper does not say how it sampled the path, which moves b by up to"
             " 2 %.",
         ),
         claims=tuple(claims),
         pictures=(
             Picture(
                 FIGURE,
-                "Exact paths of the fibre's moving end and the spirals fitted to them, in the paper's"
-                " three cases; the cardioids are those of the follow-up robot",
+                "Exact paths of the fibre's moving end and the spirals fitted to them, in the"
+                " paper's three cases; the cardioids are those of the follow-up robot",
             ),
         ),
     )

@@ -128,8 +128,8 @@ def section(data: Data | None) -> Section:
         words=(
             "The curvature of the soft segment in each photograph, by the published steps and by"
             " least squares of one arc, against that measured by camera and markers. Two of the"
-            " published steps are not in the paper: points without an estimate are left out, and the"
-            " repeats are averaged.",
+            " published steps are not in the paper: points without an estimate are left out, and"
+            " the repeats are averaged.",
         ),
         claims=_claims(data),
         tables=() if data is None else (_bands(data),),

@@ -10,7 +10,6 @@ import hashlib
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import plain_data, write_json, write_text

@@ -141,7 +141,6 @@ def _judgements(trials: dict[int, Data]) -> list[Claim]:
     if _BEST_FIT_TRIAL in trials:
         x, y, *others = trials[_BEST_FIT_TRIAL]["dtw"]["published"]
         best = max(others) - min(x, y)
-    distinct = {key: _distinct(found, key) for key in ("sequence", "total")}
     return [
         Claim(
             "Simulation and robot show a similar pattern of movement",
@@ -152,8 +151,8 @@ def _judgements(trials: dict[int, Data]) -> list[Claim]:
         Claim(
             "The trials differ in modes and in time",
             "section Pose-Shape Formation",
-            (every("different sequences", distinct["sequence"]),
-             every("different times, to a second", distinct["total"])),
+            (every("different sequences", _distinct([sequence_name(one["sequence"]) for one in found])),
+             every("different times, to a second", _distinct([round(_total_s(one["waiting"])) for one in found]))),
         ),
         Claim(
             "In trial 3 heading and curvatures fit best",
@@ -195,15 +194,9 @@ def _most(values: list[float]) -> float | None:
     return max(values, default=None)
 
 
-def _distinct(found: list[Data], key: str) -> float | None:
-    """Share of trials that differ from all before them."""
-    if len(found) < 2:
-        return None
-    seen = {
-        "sequence": {str(one["sequence"]) for one in found},
-        "total": {round(_total_s(one["waiting"])) for one in found},
-    }[key]
-    return len(seen) / len(found)
+def _distinct(values: list[Any]) -> float | None:
+    """Share of the values that differ from all before them; None of less than two."""
+    return len(set(values)) / len(values) if len(values) > 1 else None
 
 
 def _total_s(spent: Data) -> float:
