@@ -46,10 +46,15 @@ def plot_modes(
         numbers = sorted({number for group in groups.values() for number in group.recorded})
         names = [f"{number} mode{'s' * (number > 1)}" for number in numbers]
         colours = dict(zip(names, _COUNT_COLOURS, strict=False))
-        _stack(counts, groups, {
-            name: [group.recorded.get(number, 0) for group in groups.values()]
-            for name, number in zip(names, numbers, strict=True)
-        }, colours)  # fmt: skip
+        _stack(
+            counts,
+            groups,
+            {
+                name: [group.recorded.get(number, 0) for group in groups.values()]
+                for name, number in zip(names, numbers, strict=True)
+            },
+            colours,
+        )
         counts.set(title="Modes used, recorded steps", ylabel="problems")
         ends = {mode_name(mode): [g.last.get(mode, 0) for g in groups.values()] for mode in MODES}
         _stack(last, groups, ends, {mode_name(mode): c for mode, c in _MODE_COLOURS.items()})
@@ -75,17 +80,14 @@ def _stack(
 
 def _draw_durations(ax: Axes, planned: Sequence[OptimalProblem]) -> None:
     """Share of the problems that take at most so long."""
-    series = {
-        "this planner": ([one.duration_s for one in planned], figures.RIGID_COLOUR, "-"),
-        "greedy rule": ([one.greedy_duration_s for one in planned], _PLANNER, "--"),
-    }
-    for name, (durations, colour, dashes) in series.items():
-        known = np.sort(np.array(durations)[np.isfinite(durations)])
-        if len(known):
-            share = np.arange(1, len(known) + 1) / len(known)
-            ax.step(known, share, where="post", c=colour, ls=dashes, lw=1.6, label=name)
+    pairs = np.array([(one.duration_s, one.greedy_duration_s) for one in planned]).reshape(-1, 2)
+    both = np.sort(pairs[np.isfinite(pairs).all(axis=1)], axis=0)
+    share = np.arange(1, len(both) + 1) / len(both) if len(both) else np.empty(0)
+    looks = (("this planner", figures.RIGID_COLOUR, "-"), ("greedy rule", _PLANNER, "--"))
+    for durations, (name, colour, dashes) in zip(both.T, looks, strict=True):
+        ax.step(durations, share, where="post", c=colour, ls=dashes, lw=1.6, label=name)
     ax.set(title="Durations with melting and freezing", xlabel="at most so long [s]")
-    ax.set(ylabel="share of the planned", ylim=(0.0, 1.02), xlim=(0.0, None))
+    ax.set(ylabel="share of those that both plan", ylim=(0.0, 1.02), xlim=(0.0, None))
     ax.legend(loc="lower right")
 
 

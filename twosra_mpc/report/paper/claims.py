@@ -10,7 +10,6 @@ without data are left out.
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -59,20 +58,11 @@ class Reading:
         """By the rule; a number that is none (NaN) does not hold."""
         if self.difference is None:
             return Verdict.UNCHECKED
-        off = {
-            "equal": abs(self.difference),
-            "at most": max(self.difference, 0.0),
-            "at least": max(-self.difference, 0.0),
-        }[self.sense]
-        if math.isnan(self.difference):
-            return Verdict.FAILS
-        return (
-            Verdict.HOLDS
-            if off <= self.holds
-            else Verdict.CAVEAT
-            if off <= self.caveat
-            else Verdict.FAILS
-        )
+        above = {"equal": abs(self.difference), "at most": self.difference}
+        off = above.get(self.sense, -self.difference)
+        if off <= self.holds:
+            return Verdict.HOLDS
+        return Verdict.CAVEAT if off <= self.caveat else Verdict.FAILS
 
     @property
     def rule(self) -> str:
@@ -80,6 +70,8 @@ class Reading:
         unit, where = f" {self.unit}" if self.unit else "", _DIRECTION[self.sense]
         exactly = {"equal": "exactly", "at most": "not above", "at least": "not below"}[self.sense]
         first = f"up to {self.holds:.3g}{unit} {where}" if self.holds else exactly
+        if self.caveat <= self.holds:
+            return first
         return f"{first}; with a caveat up to {self.caveat:.3g}{unit} {where}"
 
 

@@ -37,21 +37,25 @@ def paper_page(sections: Sequence[Section], verdicts: Counter[Verdict], folder: 
         folder: Where the figures are.
     """
     style = data_file("page.css") + data_file("paper/page.css")
-    return environment().get_template("paper/page.html").render(
-        policy=policy(style, ""),
-        style=style,
-        sections=sections,
-        titles={section.name: section.title for section in sections},
-        verdicts={str(one): verdicts[one] for one in Verdict},
-        look={one.value: one.name.lower() for one in Verdict},
-        shown=SHOWN,
-        versions=versions(None),
-        pictures={
-            picture.file: _address(folder / picture.file)
-            for section in sections
-            for picture in section.pictures
-        },
-    )  # fmt: skip
+    return (
+        environment()
+        .get_template("paper/page.html")
+        .render(
+            policy=policy(style, ""),
+            style=style,
+            sections=sections,
+            titles={section.name: section.title for section in sections},
+            verdicts={str(one): verdicts[one] for one in Verdict},
+            look={one.value: one.name.lower() for one in Verdict},
+            shown=SHOWN,
+            versions=versions(None),
+            pictures={
+                picture.file: _address(folder / picture.file)
+                for section in sections
+                for picture in section.pictures
+            },
+        )
+    )
 
 
 def _address(path: Path) -> str:

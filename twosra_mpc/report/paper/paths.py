@@ -72,8 +72,8 @@ def section(data: Data) -> Section:
         title="Paths of the locomotion units",
         words=(
             "Spirals are fitted to the path of the fibre's end, by least squares of the radius"
-            " about a free centre; the paper does not say how it sampled the path, which moves b by up to"
-            " 2 %.",
+            " about a free centre; the paper does not say how it sampled the path, which moves b by"
+            " up to 2 %.",
         ),
         claims=tuple(claims),
         pictures=(

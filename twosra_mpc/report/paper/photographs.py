@@ -136,12 +136,15 @@ def section(data: Data | None) -> Section:
         pictures=()
         if data is None
         else (
-            Picture(SPREAD_FIGURE, "Mean curvature along the segment against the reference; bands are"
-                    " the spread along it"),
+            Picture(
+                SPREAD_FIGURE,
+                "Mean curvature along the segment against the reference; bands"
+                " are the spread along it",
+            ),
             Picture(STEPS_FIGURE, "Photograph, contour, medial line and arc of five photographs"),
         ),
         missing="" if data is not None else _MISSING,
-    )  # fmt: skip
+    )
 
 
 def _claims(data: Data | None) -> tuple[Claim, ...]:
@@ -156,37 +159,62 @@ def _claims(data: Data | None) -> tuple[Claim, ...]:
             "The mean square error is 41.32",
             f"{where}; Fig. 7(d)",
             (
-                equal("means of the repeats", MSE_PER_M2, published.get("cycle_mse_per_m2"), "1/m2",
-                      **mse),
+                equal(
+                    "means of the repeats",
+                    MSE_PER_M2,
+                    published.get("cycle_mse_per_m2"),
+                    "1/m2",
+                    **mse,
+                ),
                 equal("single photographs", MSE_PER_M2, published.get("mse_per_m2"), "1/m2", **mse),
             ),
         ),
         Claim(
             "The mean standard deviation along the segment is 12.93",
             f"{where}; Fig. 7(d)",
-            (equal("single photographs", SPREAD_PER_M, got.get("mean_spread_per_m"), "1/m",
-                   holds=_CLOSE * SPREAD_PER_M, caveat=0.1 * SPREAD_PER_M),),
+            (
+                equal(
+                    "single photographs",
+                    SPREAD_PER_M,
+                    got.get("mean_spread_per_m"),
+                    "1/m",
+                    holds=_CLOSE * SPREAD_PER_M,
+                    caveat=0.1 * SPREAD_PER_M,
+                ),
+            ),
         ),
         Claim(
             "The test was repeated five times",
             where,
-            (equal("loads and unloads found in the references, both directions", 2 * REPEATS,
-                   published.get("cycles"), caveat=1.0),),
+            (
+                equal(
+                    "loads and unloads found in the references, both directions",
+                    2 * REPEATS,
+                    published.get("cycles"),
+                    caveat=1.0,
+                ),
+            ),
         ),
         Claim(
             "The segment was bent from -pi to pi",
             where,
-            (equal("least bend", -np.pi, low, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi),
-             equal("largest bend", np.pi, high, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi)),
+            (
+                equal("least bend", -np.pi, low, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi),
+                equal("largest bend", np.pi, high, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi),
+            ),
         ),
         Claim(
             "Small curvatures agree, and the difference grows with the bend",
             where,
             (
-                every(f"points with an estimate, below {STRAIGHT_PER_M:g} 1/m",
-                      got.get("known_when_straight")),
-                every("published steps: pairs of bands in which the more bent has the larger error",
-                      _growing(got, "published")),
+                every(
+                    f"points with an estimate, below {STRAIGHT_PER_M:g} 1/m",
+                    got.get("known_when_straight"),
+                ),
+                every(
+                    "published steps: pairs of bands in which the more bent has the larger error",
+                    _growing(got, "published"),
+                ),
                 every("arc: the same", _growing(got, "arc")),
             ),
             "Where the segment lies along the picture's rows the published steps know nothing and"
@@ -196,14 +224,22 @@ def _claims(data: Data | None) -> tuple[Claim, ...]:
             "Constant curvature represents the segment adequately",
             where,
             (
-                every("photographs compatible with one arc (p of 0.05 and more)",
-                      got.get("share_compatible_with_an_arc")),
-                Reading("median distance of the medial line from its arc, of the segment's length",
-                        0.0, 100 * scatter / length if scatter and length else None, "%", 1.0, 5.0,
-                        "at most"),
+                every(
+                    "photographs compatible with one arc (p of 0.05 and more)",
+                    got.get("share_compatible_with_an_arc"),
+                ),
+                Reading(
+                    "median distance of the medial line from its arc, of the segment's length",
+                    0.0,
+                    100 * scatter / length if scatter and length else None,
+                    "%",
+                    1.0,
+                    5.0,
+                    "at most",
+                ),
             ),
         ),
-    )  # fmt: skip
+    )
 
 
 def _growing(data: Data, name: str) -> float | None:
@@ -219,7 +255,13 @@ def _bands(data: Data) -> Table:
         errors = [off["mse_per_m2"], off["cycle_mse_per_m2"], *data["bands_mse_per_m2"][name]]
         cells = ["-" if error is None else f"{error:.1f}" for error in errors]
         rows.append((name, str(off["pictures"]), f"{off['slope']:.3f}", *cells))
-    header = ("estimator", "photographs", "slope", "MSE [1/m2]", "of mean repeats",
-              *(f"{low:g} to {high:g} 1/m" for low, high in _pairs()))  # fmt: skip
+    header = (
+        "estimator",
+        "photographs",
+        "slope",
+        "MSE [1/m2]",
+        "of mean repeats",
+        *(f"{low:g} to {high:g} 1/m" for low, high in _pairs()),
+    )
     refused = f"; {data['refused']} of {data['pictures']} refused" if data["refused"] else ""
     return Table(f"Mean square error, by size of the reference{refused}", header, tuple(rows))

@@ -78,7 +78,7 @@ class PaperReport:
 
 def reproduce(
     folder: str | Path,
-    sources: Sources = Sources(),  # noqa: B008 (frozen)
+    sources: Sources = Sources(),
     *,
     problems: int = 1000,
     processes: int = 2,

@@ -54,12 +54,15 @@ def section(data: Data) -> Section:
         claims=_claims(single, generic),
         tables=(_modes_table(single), _planners_table(single, optimal)),
         pictures=(
-            Picture(ONE_FIGURE, "Forward kinematics in each mode, and the published planner on the"
-                    " way to where it ends"),
+            Picture(
+                ONE_FIGURE,
+                "Forward kinematics in each mode, and the published planner on the"
+                " way to where it ends",
+            ),
             Picture(CURVES_FIGURE, "Error over normalised time: bands hold nine problems of ten"),
             Picture(MODES_FIGURE, "Modes and durations of both planners on the same problems"),
         ),
-    )  # fmt: skip
+    )
 
 
 def _claims(single: Data, generic: Data) -> tuple[Claim, ...]:
@@ -185,14 +188,18 @@ def _planners_table(single: Data, optimal: Data) -> Table:
         ("time saved, median", _percent(optimal["saved"]["median"])),
         ("duration, median", f"{_digits(optimal['duration_s']['median'])} s"),
         ("waiting of it, median", f"{_digits(optimal['waiting_s']['median'])} s"),
-        ("proved gap, median and largest", f"{_percent(optimal['gap']['median'])},"
-         f" {_percent(optimal['gap']['most'])}"),
+        (
+            "proved gap, median and largest",
+            f"{_percent(optimal['gap']['median'])}, {_percent(optimal['gap']['most'])}",
+        ),
         ("rigid last", f"{optimal['last_rigid']['count']} of {optimal['last_rigid']['of']}"),
         *((f"plans of {n} phases", str(count)) for n, count in optimal["phases"].items()),
-        ("waits of the trials' rule, optimal sequences, mean",
-         f"{_digits(optimal['hardware_wait_s']['mean'])} s"),
+        (
+            "waits of the trials' rule, optimal sequences, mean",
+            f"{_digits(optimal['hardware_wait_s']['mean'])} s",
+        ),
         ("the same, published sequences", f"{_digits(single['hardware_wait_s']['mean'])} s"),
-    ]  # fmt: skip
+    ]
     caption = f"The optimal planner on the same problems (robot {ROBOT}, with waits)"
     return Table(caption, ("", "found"), tuple(rows))
 

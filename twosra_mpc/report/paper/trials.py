@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -29,6 +29,8 @@ DTW: dict[int, tuple[float, ...]] = {
     4: (16.625281, 57.195667, 26.168597, 99.198261, 22.733424),
     5: (355.521156, 98.367755, 275.780922, 191.731375, 42.135492),
 }
+Trials: TypeAlias = dict[int, Data]  # number -> what its log says, in order
+_SECTION = "section Pose-Shape Formation"
 STOP = 0.01  # norm of (x, y, phi) in m and rad at which the authors' program stopped
 _BEST_FIT_TRIAL = 3
 _MISSING = (
@@ -83,9 +85,13 @@ def _log(log: MotionLog) -> Data:
 def section(data: Data | None) -> Section:
     """Compare the trials with the paper; without logs say what to give."""
     logs = {} if data is None else data["logs"]
-    trials = {one["trial"]: one for one in logs.values() if one["trial"] is not None}
+    trials: Trials = {
+        one["trial"]: one
+        for one in sorted(logs.values(), key=lambda one: one["trial"] or 0)
+        if one["trial"] is not None
+    }
     claims = [_distances(number, trials.get(number)) for number in DTW]
-    claims += _judgements(trials)
+    claims += [judge(trials) for judge in _JUDGEMENTS]
     absent = [str(number) for number in DTW if number not in trials]
     missing = f"No log of trial{'s' * (len(absent) > 1)} {', '.join(absent)}. " if absent else ""
     return Section(
@@ -104,13 +110,15 @@ def section(data: Data | None) -> Section:
             Picture(file, words)
             for file, words in (
                 (DTW_FIGURE, "Distances by dynamic time warping, published and found"),
-                (TRIALS_FIGURE, "Trials and their simulations; how the error decreases with the"
-                 " waits counted"),
+                (
+                    TRIALS_FIGURE,
+                    "Trials and their simulations; how the error decreases with the waits counted",
+                ),
             )
             if data is not None and file in data["figures"]
         ),
         missing=missing + (_MISSING if absent else ""),
-    )  # fmt: skip
+    )
 
 
 def _distances(number: int, trial: Data | None) -> Claim:
@@ -123,75 +131,91 @@ def _distances(number: int, trial: Data | None) -> Claim:
     return Claim(f"DTW distances of trial {number}", "Fig. 7(b)", readings, note)
 
 
-def _judgements(trials: dict[int, Data]) -> list[Claim]:
-    """What the paper concludes from the trials."""
-    found = list(trials.values())
-    nearest = _mean([near for one in found for near in one["nearest"]])
-    same = _mean(
-        [sequence_name(one["sequence"]) == sequence_name(one["simulated"]) for one in found]
+def _pattern(trials: Trials) -> Claim:
+    same = [
+        sequence_name(one["sequence"]) == sequence_name(one["simulated"]) for one in trials.values()
+    ]
+    return Claim(
+        "Simulation and robot show a similar pattern of movement",
+        _SECTION,
+        (every("trials with the modes of their simulation", _mean(same)),),
+        "The authors' program had modes disabled by hand in some of the trials.",
     )
-    off = _most([1e3 * value for one in found for value in one["dtw"]["mean"][:2]])
-    left = _most([float(np.linalg.norm(one["waiting"]["final_error"][:POSE])) for one in found])
-    waits = [
-        Reading(f"trial {n}: share of the time that is waiting", 0.0,
-                100.0 * one["waiting"]["share_waiting"], "%", 5.0, 20.0)
-        for n, one in sorted(trials.items())
-    ]  # fmt: skip
-    best = None
+
+
+def _differences(trials: Trials) -> Claim:
+    sequences = [sequence_name(one["sequence"]) for one in trials.values()]
+    times = [round(_total_s(one["waiting"])) for one in trials.values()]
+    return Claim(
+        "The trials differ in modes and in time",
+        _SECTION,
+        (
+            every("different sequences", _distinct(sequences)),
+            every("different times, to a second", _distinct(times)),
+        ),
+    )
+
+
+def _best_fit(trials: Trials) -> Claim:
+    off = None
     if _BEST_FIT_TRIAL in trials:
         x, y, *others = trials[_BEST_FIT_TRIAL]["dtw"]["published"]
-        best = max(others) - min(x, y)
-    return [
-        Claim(
-            "Simulation and robot show a similar pattern of movement",
-            "section Pose-Shape Formation",
-            (every("trials with the modes of their simulation", same),),
-            "The authors' program had modes disabled by hand in some of the trials.",
-        ),
-        Claim(
-            "The trials differ in modes and in time",
-            "section Pose-Shape Formation",
-            (every("different sequences", _distinct([sequence_name(one["sequence"]) for one in found])),
-             every("different times, to a second", _distinct([round(_total_s(one["waiting"])) for one in found]))),
-        ),
-        Claim(
-            "In trial 3 heading and curvatures fit best",
-            "section Pose-Shape Formation; Fig. 7(a)",
-            (Reading("their largest distance less the smallest one of x and y", 0.0, best, "", 0.0,
-                     0.0, "at most"),),
-        ),
-        Claim(
-            "The errors between simulation and robot are not significant",
-            "section Pose-Shape Formation; Fig. 7(b)",
-            (
-                every("cells in which, of the five simulations, the trial's own is nearest", nearest),
-                Reading("largest mean deviation of x or y along the path of warping, against the"
-                        " authors' limit for stopping", 1e3 * STOP, off, "mm", 0.0, 1e3 * STOP,
-                        "at most"),
+        off = max(others) - min(x, y)
+    words = "their largest distance less the smallest one of x and y"
+    return Claim(
+        f"In trial {_BEST_FIT_TRIAL} heading and curvatures fit best",
+        f"{_SECTION}; Fig. 7(a)",
+        (Reading(words, 0.0, off, "", 0.0, 0.0, "at most"),),
+    )
+
+
+def _errors(trials: Trials) -> Claim:
+    nearest = [near for one in trials.values() for near in one["nearest"]]
+    off = [1e3 * value for one in trials.values() for value in one["dtw"]["mean"][:2]]
+    words = "largest mean deviation of x or y, against the limit at which trials stop"
+    limit = 1e3 * STOP
+    return Claim(
+        "The errors between simulation and robot are not significant",
+        f"{_SECTION}; Fig. 7(b)",
+        (
+            every(
+                "distances that are least, of all simulations, to the trial's own", _mean(nearest)
             ),
+            Reading(words, limit, max(off, default=None), "mm", 0.0, limit, "at most"),
         ),
-        Claim(
-            "The trials stop when the error is below a limit",
-            "section Pose-Shape Formation; Fig. 7(c)",
-            (Reading("largest norm of x, y, heading at the end [m, rad]", STOP, left, "", 0.1 * STOP,
-                     STOP, "at most"),),
-            "Curvatures are not part of the limit in the authors' program.",
-        ),
-        Claim(
-            "The axes of Fig. 7(a, c) are the time the trials took",
-            "Fig. 7(a, c)",
-            tuple(waits) or (Reading("share of the time that is waiting", 0.0, None, "%", 5.0, 20.0),),
-            "The logs have no rows while metal melts or freezes, and the figures count rows.",
-        ),
-    ]  # fmt: skip
+    )
+
+
+def _stop(trials: Trials) -> Claim:
+    left = [float(np.linalg.norm(one["waiting"]["final_error"][:POSE])) for one in trials.values()]
+    words = "largest norm of x, y, heading at the end [m, rad]"
+    return Claim(
+        "The trials stop when the error is below a limit",
+        f"{_SECTION}; Fig. 7(c)",
+        (Reading(words, STOP, max(left, default=None), "", 0.1 * STOP, STOP, "at most"),),
+        "Curvatures are not part of the limit in the authors' program.",
+    )
+
+
+def _axes(trials: Trials) -> Claim:
+    words = "share of the time that is waiting"
+    shares = {
+        f"trial {n}: {words}": 100.0 * one["waiting"]["share_waiting"] for n, one in trials.items()
+    }
+    found: dict[str, float | None] = {**shares} or {words: None}
+    return Claim(
+        "The axes of Fig. 7(a, c) are the time the trials took",
+        "Fig. 7(a, c)",
+        tuple(equal(name, 0.0, one, "%", holds=5.0, caveat=20.0) for name, one in found.items()),
+        "The logs have no rows while metal melts or freezes, and the figures count rows.",
+    )
+
+
+_JUDGEMENTS = (_pattern, _differences, _best_fit, _errors, _stop, _axes)
 
 
 def _mean(values: list[bool]) -> float | None:
     return float(np.mean(values)) if values else None
-
-
-def _most(values: list[float]) -> float | None:
-    return max(values, default=None)
 
 
 def _distinct(values: list[Any]) -> float | None:
@@ -224,14 +248,22 @@ def _waits(logs: Data) -> Table:
         share = f"{100 * waited / total:.1f} %"
         moved = f"{total - waited:.0f}"
         rows.append(("trials together", "", "", "", f"{waited:.0f}", moved, f"{total:.0f}", share))
-    header = ("log", "trial", "modes", "first heating [s]", "waits [s]", "motion [s]", "all [s]",
-              "waiting")  # fmt: skip
+    header = (
+        "log",
+        "trial",
+        "modes",
+        "first heating [s]",
+        "waits [s]",
+        "motion [s]",
+        "all [s]",
+        "waiting",
+    )
     return Table("Where the time went", header, tuple(rows), numbers=3)
 
 
-def _deviations(trials: dict[int, Data]) -> Table:
+def _deviations(trials: Trials) -> Table:
     rows = []
-    for number, one in sorted(trials.items()):
+    for number, one in trials.items():
         pairs = zip(_in_units(one["dtw"]["mean"]), _in_units(one["dtw"]["largest"]), strict=True)
         cells = [f"{mean:.1f} ({largest:.1f})" for mean, largest in pairs]
         rows.append((f"trial {number}", *cells))
@@ -246,9 +278,9 @@ def _in_units(q: Any) -> list[float]:
     return [1e3 * q[0], 1e3 * q[1], float(np.degrees(q[2])), *q[3:]]
 
 
-def _ends(trials: dict[int, Data]) -> Table:
+def _ends(trials: Trials) -> Table:
     rows = [
         (f"trial {n}", *(f"{v:+.1f}" for v in _in_units(one["waiting"]["final_error"])))
-        for n, one in sorted(trials.items())
+        for n, one in trials.items()
     ]
     return Table("Error at the end: last row less target", ("", *_UNITS), tuple(rows))
