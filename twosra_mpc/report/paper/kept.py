@@ -1,18 +1,22 @@
 """Parts of a report that are computed once: kept in a folder with what they were computed from.
 
 A part is a JSON file, written as a whole when the part is done. It is used again if it was computed
-by this version with the same settings and its figures are there; otherwise, also where the file is
-spoilt, it is computed anew.
+by the same version of this package, to the letter, with the same settings, and its figures are
+there; otherwise, also where the file is spoilt, it is computed anew.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_json
 from twosra_mpc.version import __version__
 
@@ -74,5 +78,32 @@ class Kept:
 
     @staticmethod
     def _origin(part: Part) -> Data:
-        origin: Data = json.loads(json.dumps({"version": __version__, **part.settings}))
-        return origin
+        origin = {"version": __version__, "package": package_digest(), **part.settings}
+        plain: Data = json.loads(json.dumps(origin))
+        return plain
+
+
+@cache
+def package_digest() -> str:
+    """Checksum of this package's code and data: a version may change while it is worked on."""
+    return digest(Path(str(files("twosra_mpc"))), (".py", ".toml"))
+
+
+def digest(source: Path, endings: tuple[str, ...] = ()) -> str:
+    """Return the checksum of a file, or of all files in a folder, their names included.
+
+    Args:
+        source: The file or folder.
+        endings: Of the files that count; all of them by default.
+
+    Raises:
+        InputError: If there is no such file or folder, or it cannot be read.
+    """
+    if not source.exists():
+        raise InputError("data", str(source), "a file or folder that exists")
+    checksum = hashlib.sha256()
+    for path in sorted(source.rglob("*")) if source.is_dir() else [source]:
+        if path.is_file() and (not endings or path.suffix in endings):
+            content = path.read_bytes()
+            checksum.update(f"{path.relative_to(source)}\n{len(content)}\n".encode() + content)
+    return checksum.hexdigest()

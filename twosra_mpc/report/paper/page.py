@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from twosra_mpc.report.page import data_file, environment, policy
@@ -28,7 +27,7 @@ SHOWN = (
 )
 
 
-def paper_page(sections: Sequence[Section], verdicts: Counter[Verdict], folder: Path) -> str:
+def paper_page(sections: Sequence[Section], verdicts: Mapping[Verdict, int], folder: Path) -> str:
     """Return the report as one HTML document.
 
     Args:
@@ -45,7 +44,7 @@ def paper_page(sections: Sequence[Section], verdicts: Counter[Verdict], folder: 
             style=style,
             sections=sections,
             titles={section.name: section.title for section in sections},
-            verdicts={str(one): verdicts[one] for one in Verdict},
+            verdicts={one.value: count for one, count in verdicts.items()},
             look={one.value: one.name.lower() for one in Verdict},
             shown=SHOWN,
             versions=versions(None),

@@ -17,7 +17,7 @@ from twosra_mpc.photographs.study import Estimate, estimate_folder
 from twosra_mpc.plotting.curvature_figure import plot_curvature
 from twosra_mpc.plotting.trial_figures import plot_spread
 from twosra_mpc.report.paper.claims import Claim, Reading, equal, every
-from twosra_mpc.report.paper.kept import Data, Part, Tell
+from twosra_mpc.report.paper.kept import Data, Part, Tell, digest
 from twosra_mpc.report.paper.section import Picture, Section, Table
 
 STEPS_FIGURE, SPREAD_FIGURE = "curvature-steps.png", "curvature-spread.png"
@@ -32,7 +32,7 @@ _MISSING = (
 )
 
 
-def part(photographs: Path, column: str, camera: Camera, digest: str) -> Part:
+def part(photographs: Path, column: str, camera: Camera) -> Part:
     """Return the study of the photographs of a folder, with figures."""
 
     def compute(folder: Path, tell: Tell) -> Data:
@@ -51,7 +51,11 @@ def part(photographs: Path, column: str, camera: Camera, digest: str) -> Part:
         document: Data = plain_data(_numbers(found, camera))
         return document
 
-    settings = {"photographs": digest, "column": column, "camera": camera.model_dump(mode="json")}
+    settings = {
+        "photographs": digest(photographs),
+        "column": column,
+        "camera": camera.model_dump(mode="json"),
+    }
     return Part("curvature", settings, compute, (STEPS_FIGURE, SPREAD_FIGURE))
 
 

@@ -6,8 +6,6 @@ Stiffness and Adaptive Morphology", IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749
 
 from __future__ import annotations
 
-import hashlib
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,16 +52,17 @@ class PaperReport:
     data: Data
 
     @property
-    def verdicts(self) -> Counter[Verdict]:
+    def verdicts(self) -> dict[Verdict, int]:
         """How many claims have which verdict."""
-        return Counter(claim.verdict for section in self.sections for claim in section.claims)
+        found = [claim.verdict for section in self.sections for claim in section.claims]
+        return {verdict: found.count(verdict) for verdict in Verdict}
 
     def document(self) -> Data:
         """Everything as plain data: verdicts, claims and numbers by section."""
         found: Data = plain_data(
             {
                 "version": __version__,
-                "verdicts": {str(one): self.verdicts[one] for one in Verdict},
+                "verdicts": self.verdicts,
                 "claims": [
                     {"section": section.name, **claim.document()}
                     for section in self.sections
@@ -108,13 +107,11 @@ def reproduce(
     data: Data = {}
     # What the user gave comes first: mistakes in it are told before minutes of work.
     if sources.logs is not None:
-        data["trials"] = kept.get(trials.part(sources.logs, _digest(sources.logs)), tell)
+        data["trials"] = kept.get(trials.part(sources.logs), tell)
     if (pictures := sources.photographs) is not None:
-        digest = _digest(pictures)
-        part = photographs.part(pictures, sources.column, sources.camera, digest)
+        part = photographs.part(pictures, sources.column, sources.camera)
         data["curvature"] = kept.get(part, tell)
-    digest_or_none = None if sources.simulations is None else _digest(sources.simulations)
-    data["tasks"] = kept.get(tasks.part(sources.simulations, digest_or_none), tell)
+    data["tasks"] = kept.get(tasks.part(sources.simulations), tell)
     data["paths"] = kept.get(paths.part(), tell)
     data["applications"] = kept.get(applications.part(), tell)
     data["statistics"] = kept.get(statistics.part(kept, problems, processes), tell)
@@ -145,15 +142,3 @@ def _made(folder: Path) -> Path:
         )
         raise InputError("output", str(folder), allowed) from error
     return folder
-
-
-def _digest(source: Path) -> str:
-    """Checksum of a file, or of all files in a folder with their names."""
-    if not source.exists():
-        raise InputError("data", str(source), "a file or folder that exists")
-    checksum = hashlib.sha256()
-    for path in sorted(source.rglob("*")) if source.is_dir() else [source]:
-        if path.is_file():
-            checksum.update(f"{path.relative_to(source)}\n{path.stat().st_size}\n".encode())
-            checksum.update(path.read_bytes())
-    return checksum.hexdigest()

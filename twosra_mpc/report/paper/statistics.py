@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from twosra_mpc.files import plain_data
 from twosra_mpc.plotting.paper_figures import plot_forward_kinematics
 from twosra_mpc.plotting.study_figures import plot_error_curves, plot_modes
@@ -13,7 +15,8 @@ from twosra_mpc.report.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.report.paper.kept import Data, Kept, Part, Tell
 from twosra_mpc.report.paper.pieces import ROBOT, random_problems
 from twosra_mpc.report.paper.section import Picture, Section, Table
-from twosra_mpc.reproduction.greedy_statistics import optimal_statistics, statistics
+from twosra_mpc.reproduction.error_curves import TIMES
+from twosra_mpc.reproduction.greedy_statistics import StudyProblem, optimal_statistics, statistics
 
 ONE_FIGURE = "forward-kinematics.png"
 MODES_FIGURE, CURVES_FIGURE = "modes-of-random-problems.png", "errors-of-random-problems.png"
@@ -29,7 +32,12 @@ def part(kept: Kept, problems: int, processes: int) -> Part:
         plot_forward_kinematics(folder / ONE_FIGURE)
         plot_modes(single, study.optimal, folder / MODES_FIGURE)
         plot_error_curves(study.single_mode, folder / CURVES_FIGURE)
-        found = {"single_mode": single, "generic": statistics(study.generic), "optimal": best}
+        found = {
+            "single_mode": single,
+            "generic": statistics(study.generic),
+            "optimal": best,
+            "faster_later": float(np.mean([_is_faster(one) for one in study.single_mode])),
+        }
         document: Data = plain_data(found)
         return document
 
@@ -51,7 +59,7 @@ def section(data: Data) -> Section:
             " steps longer than 1e-5 are recorded; modes are counted in recorded steps, and in all"
             " iterations.",
         ),
-        claims=_claims(single, generic),
+        claims=_claims(single, generic, data["faster_later"]),
         tables=(_modes_table(single), _planners_table(single, optimal)),
         pictures=(
             Picture(
@@ -65,7 +73,7 @@ def section(data: Data) -> Section:
     )
 
 
-def _claims(single: Data, generic: Data) -> tuple[Claim, ...]:
+def _claims(single: Data, generic: Data, faster_later: float) -> tuple[Claim, ...]:
     where, figure = "section Simulation", "section Simulation; Fig. 5(b)"
     most, most_raw = (max(map(int, single["all"][name])) for name in ("recorded", "raw"))
     return (
@@ -116,14 +124,7 @@ def _claims(single: Data, generic: Data) -> tuple[Claim, ...]:
             figure,
             (
                 every("above FK in all of the first tenth", _share(single["slower_start"])),
-                equal(
-                    "latest time from which it stays below FK (the paper: before the end)",
-                    0.0,
-                    100.0 * single["crossing"]["most"],
-                    "% of all",
-                    holds=50.0,
-                    caveat=99.0,
-                ),
+                every("below FK in all of the second half", faster_later),
             ),
             "While one mode can make up for the whole error, the curve is that of the gain over"
             " time, the same for every task.",
@@ -138,6 +139,12 @@ def _claims(single: Data, generic: Data) -> tuple[Claim, ...]:
             "The gain grows without end: what has not stopped when it passes 2 runs away.",
         ),
     )
+
+
+def _is_faster(problem: StudyProblem) -> bool:
+    """Whether the planner is below FK in the second half, up to where both are at the target."""
+    pairs = list(zip(problem.error, problem.fk_error, strict=True))[TIMES // 2 : -1]
+    return all(planner < fk for planner, fk in pairs)
 
 
 def _share(found: Mapping[str, Any]) -> float:
@@ -183,6 +190,7 @@ def _planners_table(single: Data, optimal: Data) -> Table:
     both = optimal["both"]
     rows = [
         ("problems planned", f"{optimal['planned']['count']} of {optimal['problems']}"),
+        *((f"of them {status}", str(count)) for status, count in optimal["statuses"].items()),
         ("also by the greedy rule", f"{both['count']} of {both['of']}"),
         ("shorter than the greedy rule", f"{optimal['shorter']['count']} of {both['count']}"),
         ("time saved, median", _percent(optimal["saved"]["median"])),

@@ -21,7 +21,7 @@ from twosra_mpc.plotting.paper_figures import (
 )
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.report.paper.claims import Claim, equal, every
-from twosra_mpc.report.paper.kept import Data, Part, Tell
+from twosra_mpc.report.paper.kept import Data, Part, Tell, digest
 from twosra_mpc.report.paper.section import Picture, Section, Table
 from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -42,7 +42,7 @@ _COLUMNS = ("case", "x_m", "y_m", "phi_rad", "kappa1_per_m", "kappa2_per_m", "si
 _LEFT = (0.05, 0.001)  # shares of what is missing at the start
 
 
-def part(simulations: Path | None, digest: str | None) -> Part:
+def part(simulations: Path | None) -> Part:
     """Return runs and plans of the five tasks, beside the authors' trajectories, if given."""
 
     def compute(folder: Path, tell: Tell) -> Data:
@@ -56,7 +56,8 @@ def part(simulations: Path | None, digest: str | None) -> Part:
         plot_error_decrease(folder / ERROR_FIGURE)
         return data
 
-    return Part("tasks", {"simulations": digest}, compute, (TASKS_FIGURE, ERROR_FIGURE))
+    settings = {"simulations": None if simulations is None else digest(simulations)}
+    return Part("tasks", settings, compute, (TASKS_FIGURE, ERROR_FIGURE))
 
 
 def simulated(task: str) -> PublishedTrajectory:

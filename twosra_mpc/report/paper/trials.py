@@ -11,7 +11,7 @@ from twosra_mpc.files import plain_data
 from twosra_mpc.identification.motion_log import MotionLog
 from twosra_mpc.plotting.trial_figures import plot_distances, plot_trials
 from twosra_mpc.report.paper.claims import Claim, Reading, equal, every
-from twosra_mpc.report.paper.kept import Data, Part, Tell
+from twosra_mpc.report.paper.kept import Data, Part, Tell, digest
 from twosra_mpc.report.paper.section import Picture, Section, Table
 from twosra_mpc.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
 from twosra_mpc.reproduction.simulations import SIMULATIONS
@@ -38,7 +38,7 @@ _MISSING = (
 )
 
 
-def part(logs: Path, digest: str) -> Part:
+def part(logs: Path) -> Part:
     """Return what the logs of a folder say, with figures."""
 
     def compute(folder: Path, tell: Tell) -> Data:
@@ -47,7 +47,7 @@ def part(logs: Path, digest: str) -> Part:
         found, compared = {}, {}
         for log in read:
             tell(f"comparing {Path(log.source).name} with the simulations")
-            found[Path(log.source).stem] = _log(log)
+            found[Path(log.source).stem] = plain_data(_log(log))
             if (number := trial_of(log)) is not None and number not in compared:
                 compared[number] = log
         tell("drawing the trials")
@@ -60,10 +60,9 @@ def part(logs: Path, digest: str) -> Part:
             }
             plot_distances(DTW, ours, COORDINATES, folder / DTW_FIGURE)
             figures = [TRIALS_FIGURE, DTW_FIGURE]
-        document: Data = plain_data({"logs": found, "figures": figures})
-        return document
+        return {"logs": found, "figures": figures}
 
-    return Part("trials", {"logs": digest}, compute)
+    return Part("trials", {"logs": digest(logs)}, compute)
 
 
 def _log(log: MotionLog) -> Data:
@@ -85,11 +84,7 @@ def _log(log: MotionLog) -> Data:
 def section(data: Data | None) -> Section:
     """Compare the trials with the paper; without logs say what to give."""
     logs = {} if data is None else data["logs"]
-    trials: Trials = {
-        one["trial"]: one
-        for one in sorted(logs.values(), key=lambda one: one["trial"] or 0)
-        if one["trial"] is not None
-    }
+    trials = _trials(logs)
     claims = [_distances(number, trials.get(number)) for number in DTW]
     claims += [judge(trials) for judge in _JUDGEMENTS]
     absent = [str(number) for number in DTW if number not in trials]
@@ -121,6 +116,15 @@ def section(data: Data | None) -> Section:
     )
 
 
+def _trials(logs: Data) -> Trials:
+    """The first log of each trial, in order of the trials."""
+    of: Trials = {}
+    for one in logs.values():
+        if one["trial"] is not None:
+            of.setdefault(one["trial"], one)
+    return dict(sorted(of.items()))
+
+
 def _distances(number: int, trial: Data | None) -> Claim:
     found = [None] * len(COORDINATES) if trial is None else trial["dtw"]["published"]
     readings = tuple(
@@ -132,15 +136,28 @@ def _distances(number: int, trial: Data | None) -> Claim:
 
 
 def _pattern(trials: Trials) -> Claim:
-    same = [
-        sequence_name(one["sequence"]) == sequence_name(one["simulated"]) for one in trials.values()
-    ]
+    pairs = [(one["simulated"], one["sequence"]) for one in trials.values()]
     return Claim(
         "Simulation and robot show a similar pattern of movement",
         _SECTION,
-        (every("trials with the modes of their simulation", _mean(same)),),
+        (
+            every(
+                "trials with the modes of their simulation",
+                _mean([list(simulated) == list(driven) for simulated, driven in pairs]),
+            ),
+            every(
+                "trials with no other modes, and in its order",
+                _mean([_in_order(driven, simulated) for simulated, driven in pairs]),
+            ),
+        ),
         "The authors' program had modes disabled by hand in some of the trials.",
     )
+
+
+def _in_order(part_of: list[Any], whole: list[Any]) -> bool:
+    """Whether a sequence is another one with some left out."""
+    rest = iter(whole)
+    return all(one in rest for one in part_of)
 
 
 def _differences(trials: Trials) -> Claim:
