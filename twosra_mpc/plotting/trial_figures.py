@@ -20,10 +20,11 @@ from twosra_mpc.robot.coordinates import Array
 
 _MEASURED: dict[str, Any] = {"ls": "-", "lw": 1.6}
 _SIMULATED: dict[str, Any] = {"ls": "--", "lw": 1.2}
-_PANELS = (  # columns of q, their names, unit
-    (slice(0, 2), ("x", "y"), "position [m]"),
-    (slice(2, 3), ("heading",), "heading [rad]"),
-    (slice(3, 5), ("segment 1", "segment 2"), "curvature [1/m]"),
+_NAMES = ("x", "y", r"$\varphi$", r"$\kappa_1$", r"$\kappa_2$")
+_PANELS = (  # columns of q, what they are
+    (slice(0, 2), "position [m]"),
+    (slice(2, 3), "heading [rad]"),
+    (slice(3, 5), "curvature [1/m]"),
 )
 
 
@@ -63,7 +64,7 @@ def plot_trials(
 
 def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None:
     rows = np.arange(max(len(log.q), len(simulation)))
-    for ax, (columns, _, label) in zip(axes, _PANELS, strict=False):
+    for ax, (columns, label) in zip(axes, _PANELS, strict=False):
         for q, look in ((log.q, _MEASURED), (simulation, _SIMULATED)):
             held = q[np.minimum(rows, len(q) - 1)][:, columns]
             shown = slice(0, len(q)) if q is log.q else slice(None)
@@ -83,25 +84,23 @@ def _draw_trial(axes: Sequence[Axes], log: MotionLog, simulation: Array) -> None
 def plot_distances(
     published: Mapping[int, Sequence[float]],
     ours: Mapping[int, Sequence[float]],
-    names: Sequence[str],
     path: str | Path | None = None,
 ) -> Figure:
     """Draw distances by dynamic time warping as bars, those published and those found.
 
     Args:
-        published: Trial -> a distance for each coordinate.
+        published: Trial -> a distance for each coordinate of q, (5,).
         ours: The same of trials whose logs are there.
-        names: Of the coordinates.
         path: Where to save the figure, atomically; its ending (png, pdf, svg, ...) is the format.
 
     Raises:
         InputError: If matplotlib cannot write such a file, or the folder cannot be written.
     """
     with figures.styled_figure((9.0, 3.6), path) as figure:
-        ax, width = figure.subplots(), 0.8 / len(names)
+        ax, width = figure.subplots(), 0.8 / len(_NAMES)
         colours = (*figures.SEGMENT_COLOURS, figures.RIGID_COLOUR)
-        for number, (name, colour) in enumerate(zip(names, colours, strict=False)):
-            shift = (number - (len(names) - 1) / 2) * width
+        for number, (name, colour) in enumerate(zip(_NAMES, colours, strict=False)):
+            shift = (number - (len(_NAMES) - 1) / 2) * width
             outline: dict[str, Any] = {"fc": "none", "ec": colour, "lw": 1.4}
             filled: dict[str, Any] = {"fc": colour, "alpha": 0.55, "label": name}
             for values, look in ((published, outline), (ours, filled)):
@@ -111,7 +110,7 @@ def plot_distances(
         ax.set(
             ylabel="distance (no unit)", title="outlined: published; filled: found from the logs"
         )
-        ax.legend(loc="upper right", ncols=len(names))
+        ax.legend(loc="upper right", ncols=len(_NAMES))
     return figure
 
 

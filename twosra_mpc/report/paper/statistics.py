@@ -166,8 +166,8 @@ def _modes_table(single: Data) -> Table:
             *(str(group["recorded"].get(str(count), 0)) for count in range(1, most + 1)),
             f"{group['last'].get(RIGID, 0)}",
             f"{group['raw_last'].get(RIGID, 0)}",
-            f"{group['iterations']['median']:.0f}",
-            f"{group['iterations']['most']:.0f}",
+            _digits(group["iterations"]["median"], 0),
+            _digits(group["iterations"]["most"], 0),
         )
         for name, group in groups.items()
     ]
@@ -212,8 +212,8 @@ def _planners_table(single: Data, optimal: Data) -> Table:
     return Table(caption, ("", "found"), tuple(rows))
 
 
-def _digits(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
+def _digits(value: float | None, digits: int = 1) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _percent(value: float | None) -> str:

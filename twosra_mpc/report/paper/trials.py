@@ -58,7 +58,7 @@ def part(logs: Path) -> Part:
             ours = {
                 n: found[Path(log.source).stem]["dtw"]["published"] for n, log in compared.items()
             }
-            plot_distances(DTW, ours, COORDINATES, folder / DTW_FIGURE)
+            plot_distances(DTW, ours, folder / DTW_FIGURE)
             figures = [TRIALS_FIGURE, DTW_FIGURE]
         return {"logs": found, "figures": figures}
 
