@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shlex
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from photographs import LENGTH_M, SCALE_M, camera, write_folder
+from test_cli_output import examples
+from test_docs import few_problems
 from test_report import Page
 
 from twosra_mpc.report.paper import (
@@ -330,3 +333,17 @@ def test_without_data_it_says_what_to_give(written: Path, run: Run, tmp_path: Pa
     assert code == 0
     assert "--photographs FOLDER" in out
     assert "Table I holds" in out
+
+
+def test_the_examples_run(
+    written: Path, lab: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(statistics, "random_problems", few_problems)
+    shutil.copytree(written, tmp_path / "paper")
+    shutil.copytree(lab, tmp_path / "lab")
+    found = examples("reproduce")
+    assert len(found) == 2
+    for example in found:
+        code, out, err = run(*shlex.split(example)[1:])
+        assert (code, err) == (0, ""), example
+        assert out.endswith(f"paper/{PAGE}\n".strip())
