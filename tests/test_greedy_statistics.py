@@ -237,6 +237,13 @@ def test_curves_are_compared_by_straight_lines() -> None:
     assert math.isnan(reaches((1.0,) * TIMES, 0.5))
 
 
+def test_unknown_kinds_and_negative_seeds_are_refused() -> None:
+    with pytest.raises(InputError, match="one of single-mode, generic"):
+        next(published_study([0], "any"))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="0 or more"):
+        next(published_study([-1]))
+
+
 def test_kinds_are_not_mixed(study: list[StudyProblem]) -> None:
     with pytest.raises(InputError, match="one kind"):
         statistics([study[0], *published_study([0], "generic")])

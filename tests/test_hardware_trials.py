@@ -202,6 +202,16 @@ def test_fixed_waits(sequence: str, waits_s: tuple[float, ...]) -> None:
     assert fixed_waits_s(modes) == waits_s
 
 
+def test_goals_and_robots_that_do_not_fit_are_refused() -> None:
+    log = log_of(4)
+    with pytest.raises(InputError, match="five numbers"):
+        waiting(log, (0.1, 0.2))
+    of_three = MotionLog("three", log.time_s, np.zeros((129, 6)), log.mode, log.commands)
+    for refused in (waiting, trial_of):
+        with pytest.raises(InputError, match="two segments"):
+            refused(of_three)
+
+
 # --- folders ----------------------------------------------------------------------------------
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan
@@ -121,8 +121,11 @@ class OptimalProblem:
     greedy_waiting_s: float = math.nan
 
     def to_dict(self) -> dict[str, Any]:
-        """The value as plain data for JSON; None for NaN."""
-        return {name: None if value != value else value for name, value in asdict(self).items()}
+        """The value as plain data for JSON; None for what is not finite."""
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in asdict(self).items()
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -236,8 +239,15 @@ def published_study(seeds: Iterable[int], kind: Kind = "single-mode") -> Iterato
     Args:
         seeds: A problem each; the same seed is the same problem everywhere.
         kind: "single-mode" as the authors draw, "generic" with a target drawn like the start.
+
+    Raises:
+        InputError: On another kind, or a negative seed.
     """
+    if kind not in get_args(Kind):
+        raise InputError("kind", kind, f"one of {', '.join(get_args(Kind))}")
     for seed in seeds:
+        if seed < 0:
+            raise InputError("seed", seed, "0 or more")
         if kind == "single-mode":
             driven, mode = draw_single_mode(seed)
             yield _studied(seed, mode, driven[0], driven[-1], error_curve(driven, driven[-1]))

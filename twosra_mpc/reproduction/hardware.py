@@ -23,6 +23,7 @@ from twosra_mpc.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.installation import install_command
 from twosra_mpc.reproduction.fixed_waits import fixed_waits_s
 from twosra_mpc.reproduction.published import PublishedTrajectory
+from twosra_mpc.reproduction.published_model import checked_configuration
 from twosra_mpc.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
@@ -128,15 +129,23 @@ def read_trials(folder: str | Path, robot: Robot) -> Iterator[MotionLog]:
     if not paths:
         raise InputError("folder", str(folder), "a folder with logs of trials (.csv)")
     for path in paths:
-        log = read_motion_log(path, robot)
-        if log.by_wheels or log.q.shape[1] != len(PLACED):
-            raise InputError("log", str(path), "one of inputs and two segments")
-        yield log
+        yield _checked(read_motion_log(path, robot))
+
+
+def _checked(log: MotionLog) -> MotionLog:
+    if log.by_wheels or log.q.shape[1] != len(PLACED):
+        raise InputError("log", log.source, "one of inputs and two segments")
+    return log
 
 
 def trial_of(log: MotionLog) -> int | None:
-    """Trial (1 to 5) whose simulation starts where a log does; None if there is none."""
-    off = {n: np.abs(log.q[0] - each.start) / PLACED for n, each in SIMULATIONS.items()}
+    """Trial (1 to 5) whose simulation starts where a log does; None if there is none.
+
+    Raises:
+        InputError: If it is no log of inputs and two segments.
+    """
+    first = _checked(log).q[0]
+    off = {n: np.abs(first - each.start) / PLACED for n, each in SIMULATIONS.items()}
     nearest = min(off, key=lambda trial: float(off[trial].max()))
     return nearest if off[nearest].max() <= 1.0 else None
 
@@ -145,9 +154,10 @@ def dtw_table(log: MotionLog, simulation: PublishedTrajectory) -> DtwRow:
     """Compare a log with a simulation, as published and by values alone (see the module).
 
     Raises:
-        InputError: If the log is too short, or similaritymeasures is not installed.
+        InputError: If the log is too short or not one of inputs and two segments, or
+            similaritymeasures is not installed.
     """
-    if len(log.q) <= WINDOW:
+    if len(_checked(log).q) <= WINDOW:
         raise InputError("rows", len(log.q), f"more than {WINDOW}", log.source)
     windows = np.lib.stride_tricks.sliding_window_view(log.q, WINDOW, axis=0)
     q, simulated = windows.mean(axis=-1), simulation.q
@@ -188,8 +198,12 @@ def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> Wait
     Args:
         log: The log.
         goal: Target [m, m, rad, 1/m, 1/m], for the final error; None if it is not known.
+
+    Raises:
+        InputError: If it is no log of inputs and two segments, or the goal is none.
     """
-    rows = log.phases
+    last, rows = _checked(log).q[-1], log.phases
+    target = None if goal is None else checked_configuration("goal", goal)
     first_heating_s = fixed_waits_s((_mode(log, rows[0]),))[0]
     phases: list[PhaseRow] = []
     for each in rows:
@@ -205,7 +219,7 @@ def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> Wait
                 end=tuple(log.q[each.stop - 1].tolist()),
             )
         )
-    waits_s = sum(phase.wait_s for phase in phases[1:])
+    waits_s = sum((phase.wait_s for phase in phases[1:]), 0.0)
     logged_s = float(log.time_s[-1])
     return WaitingShares(
         source=log.source,
@@ -214,7 +228,7 @@ def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> Wait
         waits_s=waits_s,
         motion_s=logged_s - waits_s,
         share_waiting=(first_heating_s + waits_s) / (first_heating_s + logged_s),
-        final_error=() if goal is None else tuple((log.q[-1] - np.asarray(goal)).tolist()),
+        final_error=() if target is None else tuple((last - target).tolist()),
     )
 
 
