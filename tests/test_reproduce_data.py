@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -200,8 +201,8 @@ def test_an_interrupt_keeps_the_pieces_that_are_done(
     study = random_problems(folder, 3, 1, said.append)
     assert said[-1] == "random problems: 6 of 6"
     assert len(said) == 2 + 4
-    for name, time in files.items():
-        assert (folder.folder / name).stat().st_mtime_ns == time
+    for name, written_ns in files.items():
+        assert (folder.folder / name).stat().st_mtime_ns == written_ns
     assert [one.seed for one in study.single_mode] == [0, 1, 2]
     assert [one.seed for one in study.generic] == [0, 1, 2]
     assert [one.seed for one in study.optimal] == [0, 1, 2]
@@ -227,6 +228,19 @@ def test_two_processes_find_what_one_does(tmp_path: Path, monkeypatch: pytest.Mo
         costs = [(one.seed, one.status, round(one.cost, 6)) for one in study.optimal]
         found.append((study.single_mode, study.generic, str(costs)))
     assert found[0] == found[1]
+
+
+def test_an_interrupt_ends_the_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pieces, "PIECE", 1)
+
+    def interrupt(_: str) -> None:
+        raise KeyboardInterrupt
+
+    before = set(multiprocessing.active_children())
+    with pytest.raises(KeyboardInterrupt):
+        random_problems(Kept(tmp_path), 400, 2, interrupt)
+    assert set(multiprocessing.active_children()) <= before
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_numbers_of_problems_and_processes_are_checked(tmp_path: Path) -> None:

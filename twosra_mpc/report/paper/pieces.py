@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from twosra_mpc.reproduction.greedy_statistics import (
     published_study,
 )
 
-PIECE = 20  # problems of a piece: seconds of work, which an interrupt waits for
+PIECE = 20  # problems of a piece: seconds of work, which an interrupt loses
 KINDS: tuple[Kind, ...] = ("single-mode", "generic")
 ROBOT = "2sra-v1-paper"
 
@@ -71,9 +72,10 @@ def random_problems(kept: Kept, problems: int, processes: int, tell: Tell) -> St
     ]
     data = {piece: found for piece in pieces if (found := kept.read(piece.part())) is not None}
     missing, drawn = [piece for piece in pieces if piece not in data], len(KINDS) * problems
-    for piece, found in _computed(missing, processes):
-        data[piece] = kept.write(piece.part(), found)
-        tell(f"random problems: {sum(one.end - one.first for one in data)} of {drawn}")
+    with closing(_computed(missing, processes)) as computed:
+        for piece, found in computed:
+            data[piece] = kept.write(piece.part(), found)
+            tell(f"random problems: {sum(one.end - one.first for one in data)} of {drawn}")
     published = {
         kind: [
             StudyProblem.from_dict(one)
@@ -87,19 +89,25 @@ def random_problems(kept: Kept, problems: int, processes: int, tell: Tell) -> St
     return Study(published["single-mode"], published["generic"], planned)
 
 
-def _computed(pieces: Sequence[_Piece], processes: int) -> Iterator[tuple[_Piece, Data]]:
-    """Yield pieces as they are done; an interrupt ends after those that are being computed."""
+def _computed(
+    pieces: Sequence[_Piece], processes: int
+) -> Generator[tuple[_Piece, Data], None, None]:
+    """Yield pieces as they are done; whatever ends this early ends the processes, too."""
     if processes == 1:
         for piece in pieces:
             yield piece, piece.compute()
         return
     # Not by a fork: the line of progress is drawn by a thread.
-    spawn = multiprocessing.get_context("spawn")
+    spawn, others = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, spawn, initializer=_ignore_interrupts)
     try:
         waiting = {pool.submit(piece.compute): piece for piece in pieces}
         for done in as_completed(waiting):
             yield waiting[done], done.result()
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
