@@ -177,7 +177,10 @@ def section(data: Data) -> Section:
             "x and y are what the planner fits last",
             "section Pose-Shape Formation",
             tuple(
-                every(f"{five}: {1 - left:.1%} of x and y done later than of the shape", last[left])
+                every(
+                    f"{five}: {100 * (1 - left):g} % of x and y done later than of the shape",
+                    last[left],
+                )
                 for left in _LEFT
             ),
             "The shape is bent first, then a rigid phase makes up for what is left in x and y.",

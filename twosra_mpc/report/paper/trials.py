@@ -258,13 +258,24 @@ def _waits(logs: Data) -> Table:
         )
         for name, one in logs.items()
     ]
-    published = [one["waiting"] for one in logs.values() if one["trial"] is not None]
+    published = [one["waiting"] for one in _trials(logs).values()]
     waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
     total = sum(map(_total_s, published))
     if total:
         share = f"{100 * waited / total:.1f} %"
         moved = f"{total - waited:.0f}"
-        rows.append(("trials together", "", "", "", f"{waited:.0f}", moved, f"{total:.0f}", share))
+        rows.append(
+            (
+                f"{len(published)} trials together",
+                "",
+                "",
+                "",
+                f"{waited:.0f}",
+                moved,
+                f"{total:.0f}",
+                share,
+            )
+        )
     header = (
         "log",
         "trial",
