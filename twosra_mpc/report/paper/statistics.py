@@ -201,12 +201,18 @@ def _planners_table(single: Data, optimal: Data) -> Table:
             f"{_percent(optimal['gap']['median'])}, {_percent(optimal['gap']['most'])}",
         ),
         ("rigid last", f"{optimal['last_rigid']['count']} of {optimal['last_rigid']['of']}"),
-        *((f"plans of {n} phases", str(count)) for n, count in optimal["phases"].items()),
+        *(
+            (f"plans of {n} phase{'s' * (n != '1')}", str(count))
+            for n, count in optimal["phases"].items()
+        ),
         (
-            "waits of the trials' rule, optimal sequences, mean",
+            "mean waits by the trials' fixed times, their sequences",
             f"{_digits(optimal['hardware_wait_s']['mean'])} s",
         ),
-        ("the same, published sequences", f"{_digits(single['hardware_wait_s']['mean'])} s"),
+        (
+            "the same of all problems, published sequences",
+            f"{_digits(single['hardware_wait_s']['mean'])} s",
+        ),
     ]
     caption = f"The optimal planner on the same problems (robot {ROBOT}, with waits)"
     return Table(caption, ("", "found"), tuple(rows))
