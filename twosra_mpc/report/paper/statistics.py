@@ -91,8 +91,9 @@ def _claims(single: Data, generic: Data, faster_later: float) -> tuple[Claim, ..
             "The last mode is always rigid",
             where,
             (
-                every("all iterations", _share(single["last_rigid_raw"])),
-                every("recorded steps", _share(single["last_rigid"])),
+                every("targets of FK, all iterations", _share(single["last_rigid_raw"])),
+                every("targets of FK, recorded steps", _share(single["last_rigid"])),
+                every("targets drawn, all iterations", _share(generic["last_rigid_raw"])),
                 every("targets drawn, recorded steps", _share(generic["last_rigid"])),
             ),
             "Where no rigid step is recorded, it would be shorter than 1e-5.",
