@@ -35,6 +35,7 @@ from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_nam
 from twosra_mpc.cli import jog, options, output, planning, robot_line, simulate, stream
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
+from twosra_mpc.files import plain_data
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film, paper_figures
@@ -42,7 +43,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
 
 COMMANDS = [name for section in cli._COMMANDS.values() for name in section]
-OWN_TESTS = ("simulate-heater", "doctor")  # their examples run there
+OWN_TESTS = ("simulate-heater", "doctor", "reproduce")  # their examples run there
 
 
 @pytest.fixture
@@ -185,7 +186,7 @@ def test_every_command_has_both_options(name: str) -> None:
 
 def test_numbers_that_are_not_finite_are_null() -> None:
     data = {"a": np.array([1.0, np.nan]), 2: (np.float64("inf"), "text", None, True)}
-    assert output.plain_data(data) == {"a": [1.0, None], "2": [None, "text", None, True]}
+    assert plain_data(data) == {"a": [1.0, None], "2": [None, "text", None, True]}
 
 
 # --- overrides of a scenario ---------------------------------------------------------------------

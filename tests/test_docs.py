@@ -15,6 +15,9 @@ from conftest import Run, Solved
 from twosra_mpc import load_problem, load_robot, plan
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
+from twosra_mpc.report.paper import applications, statistics
+from twosra_mpc.report.paper.kept import Kept, Tell
+from twosra_mpc.report.paper.pieces import Study, random_problems
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "twosra_mpc"
@@ -69,11 +72,17 @@ def folder(solved: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     """A folder with a plan that carries its proof, in which the reader is."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.5)  # films are long, and all frames alike
+    monkeypatch.setattr(statistics, "random_problems", few_problems)
+    monkeypatch.setattr(applications, "SCENARIOS", {"conform-cylinder": "conform to a cylinder"})
     result, bound = solved("paper-1"), solved("paper-1").require().lower_bound
     assert bound is not None
     proof = Prover(result.problem).certificate(bound)
     replace(result, certificate=proof).save(tmp_path / "plan.json")
     return tmp_path
+
+
+def few_problems(kept: Kept, _problems: int, _processes: int, tell: Tell) -> Study:
+    return random_problems(kept, 3, 1, tell)
 
 
 def write_files(page: Path, folder: Path) -> None:

@@ -23,6 +23,9 @@ from twosra_mpc import Goal, Plan, Result, Status, load_plan, load_problem
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import film, page, write_report
+from twosra_mpc.report.paper.claims import Claim, Verdict, equal
+from twosra_mpc.report.paper.page import paper_page
+from twosra_mpc.report.paper.section import Picture, Section, Table
 
 Solved = Callable[..., Result]
 HOSTILE = (
@@ -335,3 +338,37 @@ def test_pages_without_motion_work_too(
         assert browser.get_log("browser") == [], name
         assert one(browser, "#save").is_displayed()
         assert browser.find_elements(By.ID, "slider") == []
+
+
+@pytest.mark.parametrize("width", [400, 1100])
+def test_the_report_on_the_paper_stays_within_the_page(
+    browser: Chrome, folder: Path, width: int
+) -> None:
+    Figure(figsize=(8, 2)).savefig(folder / "blank.png")
+    readings = tuple(equal(HOSTILE, 1.0, ours, HOSTILE, caveat=1.0) for ours in (1.0, 5.0, None))
+    section = Section(
+        name="one",
+        title=HOSTILE,
+        words=(HOSTILE,),
+        claims=(Claim(HOSTILE, HOSTILE, readings, HOSTILE),),
+        tables=(Table(HOSTILE, ("a", "b"), ((HOSTILE, "1"),)),),
+        pictures=(Picture("blank.png", HOSTILE),),
+        missing=HOSTILE,
+    )
+    counts = dict.fromkeys(Verdict, 1)
+    (folder / "study.html").write_text(paper_page([section], counts, folder), encoding="utf-8")
+    opened(browser, folder / "study.html", width, prefers_color_scheme="dark")
+    assert browser.title == "The paper, reproduced"
+    assert browser.get_log("browser") == []
+    inner = browser.execute_script("return document.documentElement.clientWidth")
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= inner
+    image = one(browser, "img")
+    assert browser.execute_script("return arguments[0].naturalWidth", image) > 100
+    colours = {mark.value_of_css_property("color") for mark in marks(browser)}
+    assert len(marks(browser)) == len(Verdict) + 2
+    assert len(colours) == len(Verdict)
+    assert "20, 25, 29" in one(browser, "body").value_of_css_property("background-color")
+
+
+def marks(browser: Chrome) -> list[WebElement]:
+    return browser.find_elements(By.CSS_SELECTOR, ".status")

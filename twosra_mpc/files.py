@@ -8,8 +8,9 @@ import math
 import os
 import stat
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -238,3 +239,20 @@ def write_text(target: str | Path, text: str) -> None:
         InputError: If it cannot be written.
     """
     write_bytes(target, text.encode())
+
+
+def plain_data(value: Any) -> Any:
+    """Turn a value into what JSON can hold: arrays to lists, NaN and infinities to None."""
+    if hasattr(value, "tolist"):  # of NumPy, which commands that need no numbers do not load
+        value = value.tolist()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if is_dataclass(value):
+        value = {item.name: getattr(value, item.name) for item in fields(value)}
+    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(key): plain_data(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_data(item) for item in value]
+    return value

@@ -55,6 +55,7 @@ class Soak(Study):
         """Plan for one robot; what the process holds then."""
         rng = np.random.default_rng([case.robot, 5])
         name, statuses = _BUILT_IN[case.robot % 2], list[str]()
+        ranges = _RANGES | {"count": self.count // self.robots}
         robot, ranges = (
             another(rng, load_robot(name)),
             dict(_RANGES, count=self.count // self.robots),

@@ -46,6 +46,7 @@ _COMMANDS = {
         "report": ("plan_files", "Write a plan as an HTML page."),
         "animate": ("plan_files", "Animate a plan."),
         "figures": ("figures", "Draw the paper's figures from our own runs."),
+        "reproduce": ("reproduce", "Compare the paper with what comes of it here."),
         "stream": ("stream", "Send a plan to a robot over a serial line."),
         "jog": ("jog", "Drive a robot by hand, over a serial line."),
     },

@@ -73,7 +73,7 @@ def estimate_curvature_command(
     if figures is not None and not figures.is_dir():
         raise InputError("figures", str(figures), "a folder that exists")
     camera = Camera(
-        scale_m=scale_m, length_m=length_m, towards_px=_point(towards), threshold=threshold
+        scale_m=scale_m, length_m=length_m, towards_px=pixel(towards), threshold=threshold
     )
     found = []
     with output.progress("reading pictures") as tell:
@@ -95,7 +95,8 @@ def estimate_curvature_command(
     output.report(lambda: _document(found), lambda: _print(found))
 
 
-def _point(text: str) -> tuple[float, float]:
+def pixel(text: str) -> tuple[float, float]:
+    """Return the pixel (x, y) that a text names; otherwise raises an InputError."""
     try:
         x, y = map(float, text.split(","))
     except ValueError:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import click
+
+from twosra_mpc.files import plain_data
 
 EXIT_PLANNED, EXIT_BAD_INPUT, EXIT_INFEASIBLE, EXIT_NO_PLAN = 0, 2, 3, 4
 EXIT_UNSEEN = 5  # at the goal by dead reckoning: nobody has seen it
@@ -83,20 +84,3 @@ def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Non
 def numbers(values: Any) -> str:
     """Join numbers by commas; one that is not a number is free."""
     return ", ".join("free" if value != value else f"{value:g}" for value in values)
-
-
-def plain_data(value: Any) -> Any:
-    """Turn a value into what JSON can hold: arrays to lists, NaN and infinities to None."""
-    if hasattr(value, "tolist"):  # of NumPy, which commands that need no numbers do not load
-        value = value.tolist()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if is_dataclass(value):
-        value = {item.name: getattr(value, item.name) for item in fields(value)}
-    elif isinstance(value, tuple) and hasattr(value, "_asdict"):
-        value = value._asdict()
-    if isinstance(value, Mapping):
-        return {str(key): plain_data(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain_data(item) for item in value]
-    return value

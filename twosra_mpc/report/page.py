@@ -68,18 +68,11 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
         origin: The file the plan was read from, if any.
     """
     plan = result.plan
-    environment = Environment(
-        loader=PackageLoader("twosra_mpc", "report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    environment.filters |= {"mode": mode_name, "percent": words.percent, "seconds": _seconds}
-    style, script = _data_file("page.css"), _data_file("page.js")
-    return environment.get_template("page.html").render(
-        policy=_policy(style, script),
+    templates = environment()
+    templates.filters |= {"mode": mode_name, "percent": words.percent, "seconds": _seconds}
+    style, script = data_file("page.css"), data_file("page.js")
+    return templates.get_template("page.html").render(
+        policy=policy(style, script),
         style=style,
         script=script,
         title=result.problem.description or f"Plan for robot {result.problem.robot.name}",
@@ -103,12 +96,26 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
     )
 
 
-def _data_file(name: str) -> str:
+def environment() -> Environment:
+    """Templates of this folder; what they are given is escaped, and all of it has to be there."""
+    made = Environment(
+        loader=PackageLoader("twosra_mpc", "report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    return made
+
+
+def data_file(name: str) -> str:
+    """Return a text file of this folder."""
     return files("twosra_mpc.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _policy(style: str, script: str) -> str:
-    """Content-Security-Policy that allows what is in the page and nothing else."""
+def policy(style: str, script: str) -> str:
+    """Return a Content-Security-Policy that allows what is in the page and nothing else."""
     return (
         f"default-src 'none'; img-src data:; style-src '{_hash(style)}'; "
         f"script-src '{_hash(script)}'; base-uri 'none'; form-action 'none'"

@@ -1,0 +1,48 @@
+"""What a section of the report is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twosra_mpc.report.paper.claims import Claim
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure: its file in the report's folder, and what it shows."""
+
+    file: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts; columns from ``numbers`` on are numbers."""
+
+    caption: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numbers: int = 1
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the paper, and what comes of it.
+
+    Attributes:
+        name: Of the section's data in the report's JSON file.
+        title: Heading.
+        words: Paragraphs: what was computed, and how.
+        claims: What the paper says of it.
+        tables: Further numbers.
+        pictures: Figures.
+        missing: What to give for what could not be computed; empty if nothing is missing.
+    """
+
+    name: str
+    title: str
+    words: tuple[str, ...]
+    claims: tuple[Claim, ...]
+    tables: tuple[Table, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    missing: str = ""
