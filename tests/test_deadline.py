@@ -48,6 +48,7 @@ LONG = {  # each would take seconds more than it may
     "greedy rule": mission("paper-1", planner="greedy"),
     "a far goal, all of it inside": mission("rigid-move", goal=FAR, workspace=ROOM, gap=0.0),
     "slices": mission("doorway"),
+    "roads": mission("scattered"),
     "compiling": mission("three-segments", gap=0.0),
 }
 

@@ -132,6 +132,7 @@ class Drives:
         from twosra_mpc.space.slices import certified_slices
 
         if headings not in self._certified:
+            check_time()
             coarse = self._coarse(headings)
             made = certified_slices(coarse, self.world, self.kept_m, headings)
             self._certified[headings] = made
@@ -159,6 +160,7 @@ class Drives:
 
         if headings not in self._roadmaps:
             slices = self.certified_slices(headings)
+            check_time()
             self._roadmaps[headings] = roadmap(slices, self.rows, _SPACING_M)
         return self._roadmaps[headings]
 

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from twosra_mpc.deadline import check_time
 from twosra_mpc.problem.world import UNSEEN_M, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.poses import wrapped
@@ -52,6 +53,7 @@ Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
+_AT_ONCE = 36  # headings, to look at the clock in between
 _GRID_M, _LOST_M2 = 1e-9, 1e-9
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
@@ -202,17 +204,22 @@ def _slices(
     free = np.full(headings, shapely.Polygon(), dtype=object)
     free[some] = shapely.box(*low[some].T, *high[some].T)
     if pieces and obstacles:
-        blocked = _blocked(pieces, obstacles, low, np.where(some[:, None], high, -np.inf))
-        free = _left_of(free, blocked)
+        high, centres = np.where(some[:, None], high, -np.inf), _centres(headings)
+        for first in range(0, headings, _AT_ONCE):
+            check_time()
+            k = slice(first, first + _AT_ONCE)
+            free[k] = _left_of(free[k], _blocked(pieces, obstacles, centres[k], low[k], high[k]))
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0
     beyond = np.where(np.isfinite(edges), [[-np.inf], [np.inf]], box)
     return FreeSlices(headings, parts[kept], slice_of[kept].astype(np.int64), beyond)
 
 
-def _blocked(pieces: list[Array], obstacles: list[Array], low: Array, high: Array) -> Geometries:
-    """Positions that obstacles block, of those in the box low to high of each slice, (n,)."""
-    turning = turned(stacked(pieces), _centres(len(low)))
+def _blocked(
+    pieces: list[Array], obstacles: list[Array], headings: Array, low: Array, high: Array
+) -> Geometries:
+    """Positions that obstacles block at headings (n,), of those in the boxes low to high, (n,)."""
+    turning = turned(stacked(pieces), headings)
     sums = minkowski_sums(-turning, stacked(obstacles))
     met = (sums.min(axis=-2) < high[:, None, None]).all(axis=-1)
     met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
