@@ -147,13 +147,11 @@ class Bending:
             origin: Bounds of the W of every segment before.
             bend: Change of W, with its sign.
         """
-        low, high = (
-            np.column_stack(
-                [self.curvature(w, j) for j, w in enumerate(_along(mode, end, 0.0, bend))]
-            )
-            for end in zip(*origin, strict=True)
-        )
-        return (low + high) / 2, ((high - low) / 2).max(axis=0)
+        low, high = zip(*origin, strict=True)
+        ends = zip(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend), strict=True)
+        both = [self.curvature(np.array(w), j) for j, w in enumerate(ends)]
+        least, most = np.stack(both, axis=-1)
+        return (least + most) / 2, ((most - least) / 2).max(axis=0)
 
     def motions_between(self, mode: Mode, low: Array, high: Array) -> tuple[Array, Array]:
         """Enclose what each locomotion unit at full speed does to the robot in boxes of W.
