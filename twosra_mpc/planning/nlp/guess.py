@@ -17,6 +17,7 @@ import numpy as np
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, bending_step, passed, roll_out
 from twosra_mpc.model.outline import outline_points, outline_radii_m
+from twosra_mpc.model.rows import in_mode
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
 from twosra_mpc.problem.problem import Problem
@@ -245,8 +246,8 @@ def bent(
         q at the nodes, (intervals + 1, 3 + n), and the travel of each locomotion unit in each
         interval, (intervals, 2) [m].
     """
-    changes, given = np.full((intervals, 1), bend / intervals), np.array(mode, dtype=float)
-    states = passed(bending_step(robot), np.append(q, 0.0), changes, given, np.array(shares))
+    step, changes = in_mode(bending_step(robot), mode), np.full((intervals, 1), bend / intervals)
+    states = passed(step, np.append(q, 0.0), changes, np.array(shares))
     with np.errstate(invalid="ignore"):  # where it bends farther than anything can
         travel = np.diff(states[:, -1])[:, None] * shares
     return states[:, :-1], travel
