@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.thermal.lumped import Lumped
+from twosra_mpc.thermal.model import replayed
 
 AMBIENT_C = 25.0
 
@@ -321,3 +322,18 @@ def test_many_times_at_once_are_each_time_by_itself(
         assert model.temperature_C(many) == pytest.approx(warm, rel=1e-12)
         molten = [model.melt_fraction(one) for one in each]
         assert model.melt_fraction(many) == pytest.approx(molten, rel=1e-12, abs=1e-12)
+
+
+@given(MODELS, SHARES, st.lists(st.tuples(st.floats(0.0, 60.0), CURRENTS_A), min_size=1))
+@settings(max_examples=60)
+def test_currents_are_replayed_one_after_the_other(
+    model: Lumped, share: float, steps: list[tuple[float, float]]
+) -> None:
+    states = [state_at(model, share)]
+    steps = [step for step in steps for _ in range(2)]  # some last
+    for duration_s, current_A in steps:
+        states.append(model.propagate(states[-1], current_A, duration_s))
+    durations_s, currents_A = np.array(steps).T
+    t, current_A = np.append(0.0, np.cumsum(durations_s)), np.append(currents_A, math.nan)
+    (enthalpy,) = replayed(model, states[0], t, current_A)
+    np.testing.assert_allclose(enthalpy, np.array(states)[:, 0], rtol=1e-9, atol=1e-6)

@@ -28,7 +28,8 @@ Intervals = Sequence[tuple[float, float]]
 Known = tuple[tuple[float, float] | None, ...]  # (low, high) of each curvature [1/m], or anything
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-_PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
+# rad; fine at 0, where spirals bend
+_PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0, math.inf])
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
 _KNOWN_PER_M = 1e-4  # wider ranges count as unknown
@@ -257,14 +258,17 @@ def bending(robot: Robot) -> Bending:
 
 @per_body(1024)
 def _coordinate(body: Body, segment: int, kappa: float) -> float:
-    upper = abs(kappa) * body.geometry.lengths_m[segment]
-    edges = np.append(_PANELS[upper > _PANELS], upper)
+    edges = np.minimum(_PANELS, abs(kappa) * body.geometry.lengths_m[segment])
     half = np.diff(edges)[:, None] / 2
-    if half.size == 0:
-        return 0.0
     points = edges[:-1, None] + half * (1 + _NODES)
-    values: Array = _density(body, segment)(points.reshape(1, -1)).full().reshape(points.shape)
-    return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values))
+    values: Array = _panel_density(body, segment)(points.reshape(1, -1)).full()
+    return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values.reshape(points.shape)))
+
+
+@per_body(32)
+def _panel_density(body: Body, segment: int) -> ca.Function:
+    """1 / g at all points of the quadrature at once."""
+    return _density(body, segment).map((len(_PANELS) - 1) * len(_NODES))
 
 
 @per_body(32)

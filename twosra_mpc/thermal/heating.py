@@ -82,8 +82,9 @@ class TemperatureTrajectory:
         """Heater current from each time to the next, of the right energy where it varies [A]."""
         currents: Array = np.array([piece.current_A for piece in self.pieces], dtype=float)
         found, after = currents[self._numbers(t)], np.append(t[1:], np.inf)
+        lasting = np.where(np.isfinite(after), after - t, 0.0)
         for k in np.flatnonzero(np.isnan(found)).tolist():
-            found[k] = self._holding_current(float(t[k]), float(after[k]))
+            found[k] = self.model.holding_current_A(self.state_at(float(t[k])), float(lasting[k]))
         return found
 
     def event_times(self) -> list[float]:
@@ -119,15 +120,6 @@ class TemperatureTrajectory:
         if piece.current_A is None:
             return self.model.hold(piece.state, duration_s)
         return self.model.propagate(piece.state, piece.current_A, duration_s)
-
-    def _holding_current(self, start_s: float, end_s: float) -> float:
-        """Mean current that holds from one time to another, of the right energy."""
-        state, duration = self.state_at(start_s), end_s - start_s
-        steady = self.model.holding_current_A(state)
-        if not 0 < duration < np.inf or steady == 0:
-            return steady
-        mean_W = self.model.holding_energy_J(state, duration) / duration
-        return math.sqrt(mean_W / self.model.power_W(1.0, self.model.temperature_C(state)))
 
 
 class KeepWarm(NamedTuple):

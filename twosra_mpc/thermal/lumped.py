@@ -91,10 +91,11 @@ class Lumped:
         (h,) = state
         if isinstance(h, np.ndarray):
             solid, liquid = np.minimum(h, 0.0), np.maximum(h - self.latent_J, 0.0)
-        else:
-            solid, liquid = min(h, 0.0), max(h - self.latent_J, 0.0)
-        warmer = solid / self.heat_solid_J_per_K + liquid / self.heat_liquid_J_per_K
-        return self.melting_point_C + warmer
+            warmer = solid / self.heat_solid_J_per_K + liquid / self.heat_liquid_J_per_K
+            return self.melting_point_C + warmer
+        if h < 0:
+            return self.melting_point_C + h / self.heat_solid_J_per_K
+        return self.melting_point_C + max(0.0, h - self.latent_J) / self.heat_liquid_J_per_K
 
     def melt_fraction(self, state: tuple[Values, ...]) -> Values:
         """Share of the metal that is liquid."""
@@ -114,8 +115,9 @@ class Lumped:
             return (np.full(duration_s.shape, state[0]),)
         return state
 
-    def holding_current_A(self, state: State) -> float:
-        """Current whose heat makes up for the loss."""
+    def holding_current_A(self, state: State, duration_s: float = 0.0) -> float:
+        """Current whose heat makes up for the loss, at any time."""
+        del duration_s
         lost = max(0.0, -self._regime(state[0], 0.0).rate_W)
         return math.sqrt(lost / self.power_W(1.0, self.temperature_C(state)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
@@ -75,8 +76,8 @@ class SegmentModel(Protocol):
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:
         """Heater energy at constant current."""
 
-    def holding_current_A(self, state: State) -> float:
-        """Current that keeps the temperature now."""
+    def holding_current_A(self, state: State, duration_s: float = 0.0) -> float:
+        """Current that keeps the temperature now, or has the energy that keeps it for so long."""
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heater energy of keeping the temperature."""
@@ -85,6 +86,26 @@ class SegmentModel(Protocol):
 def exponential(values: Values) -> Values:
     """Return e to the power of a number, or of each."""
     return np.exp(values) if isinstance(values, np.ndarray) else math.exp(values)
+
+
+def replayed(
+    model: SegmentModel, state: State, t: NDArray[np.float64], current_A: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], ...]:
+    """Values of a segment's state at every time, each (m,).
+
+    Args:
+        model: The segment.
+        state: At the first time.
+        t: Times in order [s], (m,).
+        current_A: Heater current from each time to the next, (m,).
+    """
+    found = np.tile(np.array(state)[:, None], len(t))
+    turns = np.flatnonzero(np.diff(current_A[: len(t) - 1])) + 1
+    for begin, end in itertools.pairwise([0, *turns.tolist(), len(t) - 1]):
+        since = slice(begin + 1, end + 1)
+        here = tuple(found[:, begin].tolist())
+        found[:, since] = model.propagate(here, float(current_A[begin]), t[since] - t[begin])
+    return tuple(found)
 
 
 def thresholds_C(model: SegmentModel) -> tuple[float, float]:

@@ -104,9 +104,11 @@ class TwoNode:
         decay = exponential(-(leave + self.body_loss_per_s) * duration_s)
         return (core + 0.0 * decay, settled + (body - settled) * decay)
 
-    def holding_current_A(self, state: State) -> float:
-        """Current that keeps the core at its temperature now."""
+    def holding_current_A(self, state: State, duration_s: float = 0.0) -> float:
+        """Current that keeps the core at its temperature now, or is right on average so long."""
         needed = max(0.0, self.coupling_per_s * (state[0] - state[1]))
+        if needed and duration_s > 0.0:
+            needed = self.holding_energy_J(state, duration_s) / duration_s / self.core_heat_J_per_K
         return self.full_current_A * math.sqrt(needed / self.power_K_per_s)
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
