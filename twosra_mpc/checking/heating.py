@@ -19,6 +19,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.model import replayed as states_by_current
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
@@ -216,16 +217,8 @@ def replayed(
     problem: Problem, samples: Samples, segment: int, model: SegmentModel
 ) -> tuple[Array, ...]:
     """Values of a segment's state at every sample."""
-    t_s, currents = samples.t_s, samples.heater_current_A[:-1, segment]
     state = model.initial(problem.temperatures[segment])
-    found = np.empty((len(state), len(t_s)))
-    found[:, 0] = state
-    turns = (np.flatnonzero(np.diff(currents)) + 1).tolist()
-    for first, last in itertools.pairwise([0, *turns, len(currents)]):
-        since_s = t_s[first + 1 : last + 1] - t_s[first]
-        found[:, first + 1 : last + 1] = model.propagate(state, float(currents[first]), since_s)
-        state = _at(found, last)
-    return tuple(found)
+    return states_by_current(model, state, samples.t_s, samples.heater_current_A[:, segment])
 
 
 def _at(states: Sequence[Array] | Array, row: int) -> State:
