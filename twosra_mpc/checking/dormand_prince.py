@@ -64,7 +64,7 @@ _NO_ERROR = 1e-300
 
 @per_body(32)
 def step_of_order_8(body: Body) -> ca.Function:
-    """(q, sigma, s) -> (q after the input displacement s, (error, largest curvature there)).
+    """(q, s, sigma) -> (q after the input displacement s, (error, largest curvature there)).
 
     The error is that of a relative tolerance of 1e-12: more than 1 is too much.
     """
@@ -82,7 +82,7 @@ def step_of_order_8(body: Body) -> ca.Function:
     )
     error = fifth / ca.sqrt(fifth + 0.01 * third + _NO_ERROR)
     told = ca.vertcat(error, ca.mmax(ca.fabs(after[POSE:])))
-    return ca.Function("step_of_order_8", [q, sigma, s], [after, told], {"cse": True})
+    return ca.Function("step_of_order_8", [q, s, sigma], [after, told], {"cse": True})
 
 
 def _weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:

@@ -14,9 +14,11 @@ from twosra_mpc.checking.dormand_prince import step_of_order_8
 from twosra_mpc.deadline import check_time
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import InPlace
+from twosra_mpc.model.rows import in_mode
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
+from twosra_mpc.robot.coordinates import INPUTS, Array
+from twosra_mpc.robot.modes import Mode
 
 _MOST_CUTS = 2_000_000  # of all intervals
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
@@ -32,23 +34,24 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
     Rows are NaN from where a curvature runs away beyond twice its limit.
     """
     beyond, size = 2 * problem.robot.limits.curvature_per_m, problem.robot.coordinates.size
-    q, s, sigma = problem.start.configuration.copy(), np.empty(INPUTS), np.empty(size - POSE)
-    after, told = np.empty(size), np.empty(2)
-    integrator = InPlace(step_of_order_8(problem.robot), [q, sigma, s], [after, told])
+    q, s = problem.start.configuration.copy(), np.empty(INPUTS)
+    after, told, integrators = np.empty(size), np.empty(2), dict[Mode, InPlace]()
     reached = np.full((len(samples), size), np.nan)
     reached[0] = q
     for first, last, direction, lengths in paths(samples):
         if not direction.any():
             reached[first + 1 : last + 1] = q
             continue
-        sigma[:] = samples.mode[first]
-        longest = math.inf
+        mode, longest = tuple(samples.mode[first].tolist()), math.inf
+        if mode not in integrators:
+            step_in_mode = in_mode(step_of_order_8(problem.robot), mode)
+            integrators[mode] = InPlace(step_in_mode, [q, s], [after, told])
         for row, left in enumerate(lengths.tolist(), start=first + 1):
             while left > 0:
                 check_time()
                 step = min(longest, left)
                 np.multiply(direction, step, out=s)
-                integrator.evaluate()
+                integrators[mode].evaluate()
                 error, curvature = told.tolist()
                 growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
                 if not error <= 1:

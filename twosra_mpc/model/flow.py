@@ -21,7 +21,7 @@ from twosra_mpc.deadline import check_time
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.model.rows import by_rows
+from twosra_mpc.model.rows import by_modes, in_mode
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
@@ -98,7 +98,7 @@ def interval_step(body: Body) -> ca.Function:
 
 @per_body(32)
 def bending_step(body: Body) -> ca.Function:
-    """(q and travel, dW, sigma, shares) -> (q and travel, error) after W is bent by dW in one step.
+    """(q and travel, dW, shares, sigma) -> (q and travel, error) after W is bent by dW in one step.
 
     In all soft segments. Locomotion unit j travels ``shares[j]`` times the travel [m]; equally far
     is the fastest way to bend. In W itself, so that no travel has to be searched for.
@@ -115,7 +115,7 @@ def bending_step(body: Body) -> ca.Function:
         moved = ca.vertcat(matrix[:, :2] @ shares, 1)
         return moved / (shares[0] * first.pace + shares[1] * second.pace) * bend
 
-    given = [travelled, bend, sigma, shares]
+    given = [travelled, bend, shares, sigma]
     return ca.Function("bending_step", given, verner(rate, travelled), {"cse": True})
 
 
@@ -143,17 +143,19 @@ def passed(step: ca.Function, start: Array, changes: Array, *given: Array) -> Ar
     return reached
 
 
-def flown(robot: Robot | Body, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
-    """Where soft input displacements (m, 5) lead from q (m, 3 + n), row by row, in modes (m, n)."""
-    step, parts = interval_step(robot), 1
-    while True:
-        at, worst = q, 0.0
-        for _ in range(parts):
-            at, error = by_rows(step, at, s / parts, mode)
-            worst = max(worst, float(error.max(initial=0.0)))
-        if worst <= _STEP_ERROR or parts == FINE_STEPS:
-            return at
-        parts *= 2
+def flown(
+    robot: Robot | Body, q: Array, s: Array, mode: NDArray[np.int64], parts: int = 1
+) -> Array:
+    """Where soft input displacements (m, 5) lead from q (m, 3 + n), row by row, in modes (m, n).
+
+    Rows whose error in one step would be too large are cut in half; ``parts`` says how often.
+    """
+    after, error = by_modes(interval_step(robot), q, s, mode)
+    far = np.flatnonzero(error > _STEP_ERROR)
+    if len(far) and parts < FINE_STEPS:
+        half = s[far] / 2, mode[far], 2 * parts
+        after[far] = flown(robot, flown(robot, q[far], *half), *half)
+    return after
 
 
 def drive(q: Array, s: Array) -> Array:
@@ -214,4 +216,4 @@ def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:
         return np.tile(q, (len(s) + 1, 1))
     if is_rigid(mode):
         return np.vstack([q, drive(q, s[:, 2:])])
-    return passed(interval_step(robot), q, s, np.array(mode, dtype=float))
+    return passed(in_mode(interval_step(robot), mode), q, s)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.rows import by_rows
+from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.limits import (
     WHEEL_ACCELERATION,
@@ -57,7 +57,7 @@ def driven(
     first, last = q[rows], q[np.minimum(rows + 1, len(q) - 1)]
     begin, rate = v[rows], a[rows]
     gained = rate * dt_s[rows, None]
-    *shares, accelerations = by_rows(
+    *shares, accelerations = by_modes(
         motion_function(robot),
         np.concatenate([first, (first + last) / 2, last]),
         np.concatenate([begin, begin + gained / 2, begin + gained]),
