@@ -58,7 +58,7 @@ def remade(problem: Problem, samples: Samples, segment: int) -> Samples:
         ("temperature_C", model.temperature_C),
         ("melt_fraction", model.melt_fraction),
     ):
-        samples = column(samples, name, segment, np.array([of(state) for state in states]))
+        samples = column(samples, name, segment, of(states))
     return samples
 
 

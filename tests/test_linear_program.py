@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from twosra_mpc.planning.search import linear_program
-from twosra_mpc.planning.search.linear_program import minimise, proved_minimum
-
-solve = linear_program.linprog
+from twosra_mpc.planning.search.linear_program import Optimum, Rows, minimise, proved_minimum
 
 
 def random_program(seed: int) -> tuple[Any, ...]:
@@ -51,12 +49,12 @@ def test_wrong_multipliers_prove_less_and_never_more(
     assert optimum is not None
     noise = size * np.random.default_rng(seed).normal(size=len(program[1]))
 
-    def wrong(*args: Any, **options: Any) -> SimpleNamespace:
-        result = solve(*args, **options)
-        marginals = SimpleNamespace(marginals=result.ineqlin.marginals + noise)
-        return SimpleNamespace(status=0, x=result.x, fun=result.fun + 1.0, ineqlin=marginals)
+    def wrong(*args: Any) -> Optimum:
+        found = minimise(*args)
+        assert found is not None
+        return Optimum(found.cost + 1.0, found.x, found.marginals + noise)
 
-    monkeypatch.setattr(linear_program, "linprog", wrong)
+    monkeypatch.setattr(linear_program, "minimise", wrong)
     proved, _ = proved_minimum(*program)
     assert 0.0 <= proved <= optimum[0] + 1e-12
     if size < 1e-3:
@@ -80,11 +78,11 @@ def test_what_the_solver_wrongly_calls_infeasible_is_not_proved_to_be(
     program = random_program(0)
     calls = []
 
-    def wrong(*args: Any, **options: Any) -> Any:
+    def wrong(*args: Any) -> Optimum | None:
         calls.append(args)
-        return SimpleNamespace(status=2) if len(calls) == 1 else solve(*args, **options)
+        return None if len(calls) == 1 else minimise(*args)
 
-    monkeypatch.setattr(linear_program, "linprog", wrong)
+    monkeypatch.setattr(linear_program, "minimise", wrong)
     proved, x = proved_minimum(*program)
     assert proved == 0.0
     assert (program[1] @ x <= program[2] + 1e-6).all()
@@ -98,3 +96,31 @@ def test_variables_that_nothing_limits_prove_nothing_by_rounding() -> None:
     known = proved_minimum(np.array([1.0, 0.0]), rows, limits, bounds, np.array([1.0, 5.0]))
     assert unknown[0] == 0.0
     assert known[0] == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_solver_finds_what_scipy_finds(seed: int) -> None:
+    objective, rows, limits, bounds, _ = random_program(seed)
+    found = minimise(objective, rows, limits, bounds)
+    assert found is not None
+    theirs = linprog(objective, A_ub=rows, b_ub=limits, bounds=bounds)
+    assert found.cost == pytest.approx(theirs.fun, rel=1e-9)
+    assert found.marginals @ limits == pytest.approx(theirs.ineqlin.marginals @ limits, rel=1e-9)
+
+
+def test_programs_without_optimum_are_errors_and_contradictions_are_none() -> None:
+    row, free = np.array([[1.0]]), [(None, None)]
+    with pytest.raises(ArithmeticError, match="without optimum"):
+        minimise(np.ones(1), row, np.zeros(1), free)
+    assert minimise(np.ones(1), np.array([[1.0], [-1.0]]), np.array([0.0, -1.0]), free) is None
+
+
+def test_sparse_rows_are_those_of_the_matrix() -> None:
+    row, column = np.array([2, 0, 2, 0, 2]), np.array([1, 3, 1, 0, 0])
+    value = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    matrix = np.zeros((4, 5))
+    np.add.at(matrix, (row, column), value)
+    parts = [Rows.summed(4, row, column, value), Rows.of(np.eye(5)[:2])]
+    stacked, whole = Rows.stacked(parts), Rows.of(np.vstack([matrix, np.eye(5)[:2]]))
+    for mine, theirs in zip(stacked, whole, strict=True):
+        np.testing.assert_array_equal(mine, theirs)

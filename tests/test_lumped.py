@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from twosra_mpc.robot.description import load_robot, segment_model
 from twosra_mpc.thermal.lumped import Lumped
+from twosra_mpc.thermal.model import replayed
 
 AMBIENT_C = 25.0
 
@@ -306,3 +307,33 @@ def test_full_current_has_no_stable_liquid_equilibrium() -> None:
     assert (np.diff(rises(0.5)) < 0).all()  # slower and slower
     near, far = (PAPER.propagate(PAPER.initial(t), 0.9, 600.0) for t in (65.0, 66.0))
     assert PAPER.temperature_C(far) - PAPER.temperature_C(near) > 1.0
+
+
+@given(MODELS, SHARES, CURRENTS_A, st.lists(DURATIONS_S, min_size=1, max_size=8))
+@settings(max_examples=60)
+def test_many_times_at_once_are_each_time_by_itself(
+    model: Lumped, share: float, current_A: float, durations_s: list[float]
+) -> None:
+    state, times = state_at(model, share), np.array(durations_s)
+    for after in (lambda t: model.propagate(state, current_A, t), lambda t: model.hold(state, t)):
+        each, many = [after(t) for t in durations_s], after(times)
+        assert many[0] == pytest.approx([one[0] for one in each], rel=1e-12, abs=1e-9)
+        warm = [model.temperature_C(one) for one in each]
+        assert model.temperature_C(many) == pytest.approx(warm, rel=1e-12)
+        molten = [model.melt_fraction(one) for one in each]
+        assert model.melt_fraction(many) == pytest.approx(molten, rel=1e-12, abs=1e-12)
+
+
+@given(MODELS, SHARES, st.lists(st.tuples(st.floats(0.0, 60.0), CURRENTS_A), min_size=1))
+@settings(max_examples=60)
+def test_currents_are_replayed_one_after_the_other(
+    model: Lumped, share: float, steps: list[tuple[float, float]]
+) -> None:
+    states = [state_at(model, share)]
+    steps = [step for step in steps for _ in range(2)]  # some last
+    for duration_s, current_A in steps:
+        states.append(model.propagate(states[-1], current_A, duration_s))
+    durations_s, currents_A = np.array(steps).T
+    t, current_A = np.append(0.0, np.cumsum(durations_s)), np.append(currents_A, math.nan)
+    (enthalpy,) = replayed(model, states[0], t, current_A)
+    np.testing.assert_allclose(enthalpy, np.array(states)[:, 0], rtol=1e-9, atol=1e-6)

@@ -178,7 +178,7 @@ def test_a_solver_that_is_wrong_proves_nothing_too_high(
     exact = bound()
 
     def wrong(*args: Any) -> tuple[float, np.ndarray]:
-        value, x = minimise(*args)
+        value, x, _ = minimise(*args)
         return value - 1.0, x + error * np.random.default_rng(1).normal(size=len(x))
 
     monkeypatch.setattr(rigid_motion, "minimise", wrong)

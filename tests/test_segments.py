@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from twosra_mpc import InputError, Robot, load_robot
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.chain import fibre_end_pose
-from twosra_mpc.model.flow import bending_flow, interval_flow
+from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics, wheel_travel
 from twosra_mpc.model.path_models import path_model
+from twosra_mpc.planning.nlp.guess import bent
 from twosra_mpc.robot.modes import Mode, all_modes, is_rigid, mode_name, rigid_mode, soft_segments
 
 Array = NDArray[np.float64]
@@ -163,14 +164,12 @@ def test_rigid_driving_changes_the_pose_alone(robot: Robot) -> None:
 def test_bending_coordinates_of_soft_segments_change_alike(robot: Robot) -> None:
     facts, q, bend = bending(robot), shapes(robot, 5) / 3, 0.2
     for mode in robot.modes[1:]:
-        end, travel = bending_flow(robot, 64)(q, bend, mode, (1.0, 1.0))
-        before, after = facts.coordinates(q[3:]), facts.coordinates(end.full().ravel()[3:])
+        nodes, travel = bent(robot, q, mode, bend, 1)
+        before, after = (facts.coordinates(at[3:].tolist()) for at in nodes)
         assert np.subtract(after, before) == pytest.approx(bend * np.array(mode), abs=1e-8)
-        s = [float(travel), float(travel), 0, 0, 0]
-        assert interval_flow(robot, 64)(q, s, mode).full()[3:] == pytest.approx(
-            end.full()[3:], abs=2e-2
-        )
-        assert facts.curvatures(after) == pytest.approx(end.full().ravel()[3:], abs=1e-7)
+        end = interval_flow(robot, 64)(q, [*travel[0], 0, 0, 0], mode).full().ravel()
+        assert end[3:] == pytest.approx(nodes[1, 3:], abs=2e-2)
+        assert facts.curvatures(after) == pytest.approx(nodes[1, 3:], abs=1e-7)
 
 
 @pytest.mark.parametrize("robot", ROBOTS[::2], ids=NAMES[::2])

@@ -252,3 +252,16 @@ def test_the_sensor_of_a_segment_shows_liquid_when_its_model_is() -> None:
     assert two == pytest.approx(robot.segment.liquid_above_C, abs=1.0)
     weak = robot.heater.with_values(soft_setpoint_C=64.0)
     assert robot.segment.thermal_model(0.077, weak, AMBIENT_C).liquid_level == 63.5
+
+
+@given(MODELS, STATES, CURRENTS_A, st.lists(DURATIONS_S, min_size=1, max_size=8))
+@settings(max_examples=60)
+def test_many_times_at_once_are_each_time_by_itself(
+    model: TwoNode, state: tuple[float, float], current_A: float, durations_s: list[float]
+) -> None:
+    times = np.array(durations_s)
+    for after in (lambda t: model.propagate(state, current_A, t), lambda t: model.hold(state, t)):
+        each, many = [after(t) for t in durations_s], after(times)
+        np.testing.assert_allclose(np.array(many).T, each, rtol=1e-12)
+        molten = [model.melt_fraction(one) for one in each]
+        assert model.melt_fraction(many) == pytest.approx(molten, rel=1e-12, abs=1e-12)

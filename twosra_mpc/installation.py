@@ -53,3 +53,18 @@ def require_flint() -> None:
     if find_spec("flint") is None:
         allowed = f"what is installed, or the package python-flint: {install_command('proof')}"
         raise InputError("--proof", "python-flint is missing", allowed)
+
+
+def require_batch(field: str) -> None:
+    """Check that what plans by the thousand is installed.
+
+    Args:
+        field: What needs it, for the message.
+
+    Raises:
+        InputError: If something is missing; says how to install it.
+    """
+    missing = [name for name in ("distributed", "pandas", "pyarrow") if find_spec(name) is None]
+    if missing:
+        allowed = f"any, once {' and '.join(missing)} are installed: {install_command('batch')}"
+        raise InputError(field, "unreadable", allowed)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.model import replayed as states_by_current
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
@@ -71,11 +72,10 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     problem, samples = trajectory.problem, trajectory.samples
     model = segment_model(problem.robot, problem.ambient, segment)
     states = replayed(problem, samples, segment, model)
-    temperature = np.array([model.temperature_C(state) for state in states])
-    fraction = np.array([model.melt_fraction(state) for state in states])
-    yield from _metal_problems(samples, segment, temperature, fraction)
+    metal = model.temperature_C(states), model.melt_fraction(states)
+    yield from _metal_problems(samples, segment, *metal)
     yield from _policy_problems(trajectory, segment, own, model, states)
-    level = np.array([model.level(state) for state in states])
+    level = model.level(states)
     span = model.liquid_level - model.solid_level
     lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
     soft = samples.mode[:-1, segment] == 1
@@ -88,7 +88,7 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     if wrong.any():
         yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:.3f} s"
     for item in own:
-        yield from _window_problems(problem, model, item, states[_row(samples, item.heater_s)])
+        yield from _window_problems(problem, model, item, _at(states, _row(samples, item.heater_s)))
     ends: list[tuple[str, float]] = [(item.to, item.done_s) for item in own]
     if not problem.ends_anywhere:
         goal = "soft" if problem.goal.mode[segment] else "rigid"
@@ -146,7 +146,7 @@ def _policy_problems(
     segment: int,
     own: tuple[Transition, ...],
     model: SegmentModel,
-    states: list[State],
+    states: tuple[Array, ...],
 ) -> Iterator[str]:
     """The heater follows the policy, given what its currents have made of the metal."""
     samples = trajectory.samples
@@ -160,8 +160,7 @@ def _policy_problems(
     yield from _command_problems(samples, segment, commands, _EVENT_TOLERANCE_S)
     asked, holds = commands(samples.t_s - _EVENT_TOLERANCE_S)
     held = np.isnan(holds) & np.isnan(commands(samples.t_s + _EVENT_TOLERANCE_S)[1])
-    temperature = np.array([model.temperature_C(state) for state in states])
-    wrong = held & (np.abs(temperature - asked) > _TEMPERATURE_TOLERANCE_C)
+    wrong = held & (np.abs(model.temperature_C(states) - asked) > _TEMPERATURE_TOLERANCE_C)
     if wrong.any():
         held_C = f"hold the {asked[wrong][0]:g} C of the heating policy"
         yield f"at {samples.t_s[wrong][0]:.3f} s heater {segment + 1} does not {held_C}"
@@ -172,7 +171,7 @@ def _policy(
     segment: int,
     own: tuple[Transition, ...],
     model: SegmentModel,
-    states: list[State],
+    states: tuple[Array, ...],
 ) -> Iterator[_Span]:
     """What the policy makes of heaters that are switched at these transitions."""
     problem, samples = trajectory.problem, trajectory.samples
@@ -181,7 +180,8 @@ def _policy(
     warms = problem.heating == "keep_warm" and problem.heaters_at_once == len(problem.start_mode)
     switched = [(0.0, first), *((item.heater_s, item.to) for item in own), (math.inf, "rigid")]
     for (since, to), (until, then) in itertools.pairwise(switched):
-        state, target_C, current = states[_row(samples, since)], heater.soft_setpoint_C, 0.0
+        state, target_C = _at(states, _row(samples, since)), heater.soft_setpoint_C
+        current = 0.0
         if to == "soft":
             hot = model.level(state) > model.level_at(target_C)
             current = 0.0 if hot else heater.melt_current_A
@@ -213,13 +213,17 @@ def _unreached(
     return f"do not make it {to} until {when:.3f} s"
 
 
-def replayed(problem: Problem, samples: Samples, segment: int, model: SegmentModel) -> list[State]:
-    """State of a segment at every sample."""
-    states = [model.initial(problem.temperatures[segment])]
-    currents = samples.heater_current_A[:-1, segment].tolist()
-    for current, duration in zip(currents, np.diff(samples.t_s).tolist(), strict=True):
-        states.append(model.propagate(states[-1], current, duration))
-    return states
+def replayed(
+    problem: Problem, samples: Samples, segment: int, model: SegmentModel
+) -> tuple[Array, ...]:
+    """Values of a segment's state at every sample."""
+    state = model.initial(problem.temperatures[segment])
+    return states_by_current(model, state, samples.t_s, samples.heater_current_A[:, segment])
+
+
+def _at(states: Sequence[Array] | Array, row: int) -> State:
+    """The state at a sample."""
+    return tuple(float(values[row]) for values in states)
 
 
 def _window_problems(

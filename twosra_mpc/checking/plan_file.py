@@ -226,8 +226,8 @@ def energy_J(problem: Problem, samples: Samples) -> float:
     total = 0.0
     for j, own in enumerate(currents.T.tolist()):
         model = segment_model(problem.robot, problem.ambient, j)
-        *states, _ = replayed(problem, samples, j, model)
-        total += sum(map(model.energy_J, states, own, held_s.tolist()))
+        values = (each[:-1].tolist() for each in replayed(problem, samples, j, model))
+        total += sum(map(model.energy_J, zip(*values, strict=True), own, held_s.tolist()))
     return total
 
 

@@ -1,24 +1,28 @@
-"""SciPy integrates what a plan sends: where the robot is at its samples, and between them."""
+"""What a plan sends, integrated anew: where the robot is at its samples, and between them."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
+from twosra_mpc.checking.dormand_prince import step_of_order_8
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.kinematics import InPlace, kinematics
+from twosra_mpc.model.kinematics import InPlace
+from twosra_mpc.model.rows import in_mode
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
+from twosra_mpc.robot.coordinates import INPUTS, Array
+from twosra_mpc.robot.modes import Mode
 
 _MOST_CUTS = 2_000_000  # of all intervals
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
-_RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spirals at kappa = 0
+_SAFE, _LEAST_GROWTH, _MOST_GROWTH = 0.9, 0.2, 10.0  # of the next step
+_LEAST_STEP = 1e-12  # m or rad: where that is too long, a curvature runs away
 
 
 def reintegrate(problem: Problem, samples: Samples) -> Array:
@@ -28,43 +32,37 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
     input or the mode changes; in between only the speed does, which does not change the path.
     Rows are NaN from where a curvature runs away beyond twice its limit.
     """
-    beyond = 2 * problem.robot.limits.curvature_per_m
-
-    def runs_away(_s: float, at: Array) -> float:
-        return beyond - float(np.abs(at[3:]).max())
-
-    runs_away.terminal = True  # type: ignore[attr-defined]  # SciPy's way to stop at an event
-    size = problem.robot.coordinates.size
-    q, sigma, columns = np.zeros(size), np.zeros(size - POSE), np.zeros((INPUTS, size))
-    jacobian = InPlace(kinematics(problem.robot).jacobian, [q, sigma], [columns])
+    beyond, size = 2 * problem.robot.limits.curvature_per_m, problem.robot.coordinates.size
+    q, s = problem.start.configuration.copy(), np.empty(INPUTS)
+    after, told, integrators = np.empty(size), np.empty(2), dict[Mode, InPlace]()
     reached = np.full((len(samples), size), np.nan)
-    reached[0] = problem.start.configuration
+    reached[0] = q
     for first, last, direction, lengths in paths(samples):
         if not direction.any():
-            reached[first + 1 : last + 1] = reached[first]
+            reached[first + 1 : last + 1] = q
             continue
-        sigma[:] = samples.mode[first]
-
-        def rate(_s: float, at: Array, direction: Array = direction) -> Array:
-            q[:] = at
-            jacobian.evaluate()
-            return direction @ columns
-
-        marks = np.cumsum(lengths)
-        end = solve_ivp(
-            rate,
-            (0.0, float(marks[-1])),
-            reached[first],
-            method="DOP853",
-            t_eval=marks,
-            rtol=_RTOL,
-            atol=_ATOL,
-            events=runs_away,
-        )
-        passed = len(end.t)
-        reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (size, passed)).T
-        if end.status != 0:
-            break
+        mode, longest = tuple(samples.mode[first].tolist()), math.inf
+        if mode not in integrators:
+            step_in_mode = in_mode(step_of_order_8(problem.robot), mode)
+            integrators[mode] = InPlace(step_in_mode, [q, s], [after, told])
+        for row, left in enumerate(lengths.tolist(), start=first + 1):
+            while left > 0:
+                step = min(longest, left)
+                np.multiply(direction, step, out=s)
+                integrators[mode].evaluate()
+                error, curvature = told.tolist()
+                growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
+                if not error <= 1:
+                    longest = step * max(_LEAST_GROWTH, growth)
+                    if longest < _LEAST_STEP:
+                        return reached
+                    continue
+                if curvature > beyond:
+                    return reached
+                q[:] = after
+                left -= step
+                longest = max(longest, step * min(_MOST_GROWTH, growth))
+            reached[row] = q
     return reached
 
 

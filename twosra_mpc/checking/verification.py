@@ -1,4 +1,4 @@
-"""Independent check of a plan: SciPy re-integrates it, and every rule is tested on the outcome.
+"""Independent check of a plan: it is integrated anew, and every rule is tested on the outcome.
 
 Nothing here uses the transcription, the roll-out or the schedule: only the samples and transitions
 as they will be written to the file, the kinematics, and the robot description.
@@ -17,19 +17,13 @@ from twosra_mpc.checking.heating import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.model.kinematics import wheel_accelerations
 from twosra_mpc.model.outline import outline_points
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.plans.plan import Verification
-from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
+from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.problem.driven import Driven, driven, margins
 from twosra_mpc.problem.goals import GOAL_TOLERANCE
-from twosra_mpc.problem.limits import (
-    WHEEL_ACCELERATION,
-    WHEEL_SPEED,
-    WORKSPACE,
-    settled,
-    verified_margins,
-    workspace_margins,
-)
+from twosra_mpc.problem.limits import WHEEL_SPEED, WORKSPACE, settled, workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
@@ -70,14 +64,16 @@ def examine(trajectory: Trajectory) -> Findings:
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
     around = examine_around(trajectory)
-    limits = _margins(problem, samples)
+    dt_s = np.append(np.diff(samples.t_s), 0.0)
+    moving = driven(problem.robot, samples.q, samples.v, samples.a, dt_s, samples.mode)
+    limits = _margins(problem, samples, moving)
     for name, margin in around.margins.items():  # what is carried stays within the workspace, too
         limits[name] = min(limits.get(name, np.inf), margin)
     rules = grid | {
         "stiffness while moving": tuple(_stiffness_problems(trajectory)),
-        "steady speeds": tuple(_speed_problems(trajectory)),
+        "steady speeds": tuple(_speed_problems(trajectory, moving)),
         "samples and phases": tuple(_coverage_problems(trajectory)),
-        "wheels": tuple(_wheel_problems(trajectory)),
+        "wheels": tuple(_wheel_problems(samples, moving)),
         "transitions": tuple(transition_problems(trajectory)),
         "heating policy": tuple(heating_problems(trajectory)),
     }
@@ -137,17 +133,17 @@ def _coverage_problems(trajectory: Trajectory) -> Iterator[str]:
         yield f"at {when:.3f} s the samples move outside of a phase, or rest in one"
 
 
-def _wheel_problems(trajectory: Trajectory) -> Iterator[str]:
+def _wheel_problems(samples: Samples, moving: Driven) -> Iterator[str]:
     """Wheels turn as v asks."""
-    problem, samples = trajectory.problem, trajectory.samples
-    wheels = wheel_speeds(problem.robot, samples.q, samples.v, samples.mode)
+    wheels = np.zeros_like(samples.wheel_rad_s)
+    wheels[moving.rows] = moving.wheel_rad_s[0]
     apart = np.abs(samples.wheel_rad_s - wheels).max(axis=1)
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
         yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
 
 
-def _speed_problems(trajectory: Trajectory) -> Iterator[str]:
+def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
     """Inputs change along themselves only; with a limit on acceleration, no wheel's speed jumps.
 
     Then every phase goes from rest to rest as well, and is as long as the robot needs for one.
@@ -167,8 +163,9 @@ def _speed_problems(trajectory: Trajectory) -> Iterator[str]:
     most = problem.robot.limits.wheel_acceleration_rad_s2
     if most is None:
         return
-    before = wheel_speeds(problem.robot, samples.q[1:], end, samples.mode[:-1])
-    after = samples.wheel_rad_s
+    after, before = samples.wheel_rad_s, np.zeros_like(samples.wheel_rad_s)
+    before[moving.rows] = moving.wheel_rad_s[2]  # before the next sample
+    before = before[:-1]
     jump = np.abs(after[1:] - before).max(axis=1)
     if jump.max(initial=0.0) > _JUMP * problem.robot.limits.wheel_speed_rad_s:
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
@@ -192,25 +189,20 @@ def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array)
             yield f"goal.{name} is missed by {error:.3g} {unit}"
 
 
-def _margins(problem: Problem, samples: Samples) -> dict[str, float]:
+def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, float]:
     """Distance to each limit; rounding at an active limit counts as zero."""
     limits, heater = problem.robot.limits, problem.robot.heater
-    gained = samples.a * np.append(np.diff(samples.t_s), 0.0)[:, None]
-    motion = samples.q, samples.v, gained, samples.mode
-    margins = dict(verified_margins(problem.robot, *motion))
+    left = dict(margins(problem.robot, samples.q, samples.v, samples.a, moving))
     used = {  # wheel speeds: also what is sent, whatever the model says
         WHEEL_SPEED.name: (np.abs(samples.wheel_rad_s).max(), limits.wheel_speed_rad_s),
         "temperature_max_C": (samples.temperature_C.max(), heater.temperature_max_C),
         "heater_current_A": (samples.heater_current_A.max(), heater.current_max_A),
     }
-    if (most := limits.wheel_acceleration_rad_s2) is not None:
-        rates = _wheel_accelerations(problem, samples)
-        used[WHEEL_ACCELERATION] = rates.max(initial=0.0), most
     if problem.workspace is not None:
-        margins[WORKSPACE] = _workspace_margin(problem, samples)
+        left[WORKSPACE] = _workspace_margin(problem, samples)
     for name, (value, limit) in used.items():
-        margins[name] = min(margins.get(name, np.inf), settled(float(limit - value), limit))
-    return {name: margin for name, margin in margins.items() if np.isfinite(margin)}
+        left[name] = min(left.get(name, np.inf), settled(float(limit - value), limit))
+    return {name: margin for name, margin in left.items() if np.isfinite(margin)}
 
 
 def _workspace_margin(problem: Problem, samples: Samples) -> float:
@@ -223,29 +215,14 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
     q = reintegrate(problem, fine)
     if not np.isfinite(q).all():
         return -1.0  # it is anywhere
-    margins = workspace_margins(problem, q)
-    points = outline_points(problem.robot.geometry)(q.T).full().T.reshape(len(q), -1, 2)
+    within = workspace_margins(problem, q)
+    points = by_rows(outline_points(problem.robot.geometry), q)[0].reshape(len(q), -1, 2)
     bent = np.abs(np.diff(points, 2, axis=0)).max(axis=(1, 2), initial=0.0)
     off = np.zeros(len(q))
     off[1:-1] = np.where(at[2:] == at[:-2], bent, 0.0)  # corners of a path lie between intervals
     off[:-1] = np.maximum(off[:-1], off[1:])
     off[1:] = np.maximum(off[1:], off[:-1])
-    return float((margins - off / 4).min())
-
-
-def _wheel_accelerations(problem: Problem, samples: Samples) -> Array:
-    """Largest acceleration of a wheel as intervals begin, midway and as they end [rad/s2]."""
-    at, s = np.flatnonzero(samples.moves[:-1]), samples
-    if not len(at):
-        return np.zeros(1)
-    q, q_end, v, a, mode = s.q[at], s.q[at + 1], s.v[at], s.a[at], s.mode[at]
-    gained = a * np.diff(samples.t_s)[at, None]
-    shapes = np.concatenate([q, (q + q_end) / 2, q_end])
-    inputs = np.concatenate([v, v + gained / 2, v + gained])
-    rates, modes = np.tile(a, (3, 1)), np.tile(mode, (3, 1))
-    accelerations = wheel_accelerations(problem.robot).map(len(shapes))
-    worst: Array = np.abs(accelerations(shapes.T, inputs.T, rates.T, modes.T).full()).max(axis=0)
-    return worst
+    return float((within - off / 4).min())
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:

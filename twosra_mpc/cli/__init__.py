@@ -35,6 +35,9 @@ _COMMANDS = {
         "compare": ("comparisons", "Plan scenarios by both planners, side by side."),
         "compare-models": ("comparisons", "Plan under each path model, and run under the others."),
     },
+    "Thousands of plans": {
+        "atlas": ("atlas", "Say what the plans of a batch have in common."),
+    },
     "Use a plan": {
         "verify": ("plan_files", "Check plan files independently of what they say."),
         "resample": ("plan_files", "Write set-points at a regular rate, or a denser plan."),

@@ -37,10 +37,10 @@ _UNPROVED = 5e-4  # share of a reported bound that a certificate may leave open
 def verify_command(plans: tuple[str, ...], proof: bool, output: Output) -> int:
     """Check PLAN files independently of what they say of themselves.
 
-    The samples are integrated again by SciPy, and every rule is tested for the robot and the
-    scenario in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap are
-    worked out again. That the lower bound is one takes planning again, or a plan that was made with
-    --proof: then --proof checks its certificate, in interval arithmetic, by code that shares
+    The samples are integrated again by another method, and every rule is tested for the robot and
+    the scenario in the file: limits, goal, order of stiffness, heaters, metal. Energy, cost and gap
+    are worked out again. That the lower bound is one takes planning again, or a plan that was made
+    with --proof: then --proof checks its certificate, in interval arithmetic, by code that shares
     nothing with the planner.
 
     \b

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.intervals import enclose
@@ -28,7 +28,8 @@ Intervals = Sequence[tuple[float, float]]
 Known = tuple[tuple[float, float] | None, ...]  # (low, high) of each curvature [1/m], or anything
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-_PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0])  # rad; fine at 0, where spirals bend
+# rad; fine at 0, where spirals bend
+_PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0, math.inf])
 _TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
 _KNOWN_PER_M = 1e-4  # wider ranges count as unknown
@@ -39,6 +40,7 @@ _INVERSE_RAD = 1e-8  # more than the error of the inverse of W
 # what is not analytic, which fades with smoothing_rad: 2e-12 at worst. Elsewhere it is rounding.
 _QUADRATURE = 1e-11
 _PIECES = 40  # pieces of a bend whose least time is proved
+_ENDS = np.linspace(0.0, 1.0, _PIECES + 1)  # theirs, as shares of the bend
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,7 @@ class Bending:
 
     def curvature(self, coordinates: Array | float, segment: int = 0) -> Array:
         """Inverse of ``coordinate``, interpolated to 1e-9 rad; clipped just beyond the limits."""
-        inverse = _inverse(self.body, segment)
-        found: Array = inverse(np.clip(coordinates, inverse.x[0], inverse.x[-1]))
-        return found
+        return _inverse(self.body, segment)(np.asarray(coordinates))
 
     def curvatures(self, coordinates: Sequence[float]) -> tuple[float, ...]:
         """Curvatures of all segments [1/m] from their W."""
@@ -94,7 +94,7 @@ class Bending:
             turned.append(least * self.body.geometry.lengths_m[j] - _INVERSE_RAD)
         steady = max(turned) / (limits.bend_rate_rad_s or math.inf)
         shortest = limits.phase_s if abs(bend) > _MOVES else 0.0
-        return max(self._by_speed_s(mode, origin, bend), steady, shortest)
+        return max(_by_speed_s(self.body, mode, tuple(origin), bend), steady, shortest)
 
     def least_time_of_more(
         self, mode: Mode, origin: Intervals, bend: float, most: float
@@ -114,15 +114,8 @@ class Bending:
         """
         low, high = zip(*origin, strict=True)
         ends = (_along(mode, end, bend, most) for end in (low, high))
-        rate = float(_largest_rate(self.body, mode, *self._boxes(*ends)).max())
-        return self._by_speed_s(mode, origin, bend), 1 / rate
-
-    def _by_speed_s(self, mode: Mode, origin: Intervals, bend: float) -> float:
-        low, high = zip(*origin, strict=True)
-        boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
-        rates = _largest_rate(self.body, mode, *boxes)
-        at_speed = float(np.sum(self._surely(mode, bend) / _PIECES / rates))
-        return from_rest_to_rest(at_speed, _unit_ramp_s(self.body))
+        rate = float(_largest_rate(self.body, mode, *_boxes(self.body, *ends)).max())
+        return _by_speed_s(self.body, mode, tuple(origin), bend), 1 / rate
 
     def least_effort_s2(self, mode: Mode, origin: Intervals, bend: float) -> float:
         """Lower bound on effort times duration of such a bend [s2]; 0 where no wheel rolls v_j.
@@ -141,16 +134,10 @@ class Bending:
         if not path_model(self.body).rolls_v:
             return 0.0
         low, high = zip(*origin, strict=True)
-        boxes = self._boxes(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
+        boxes = _boxes(self.body, _along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
         paces = np.hypot(*_largest_paces(self.body, mode, *boxes))
         full_m_s = self.body.limits.wheel_speed_rad_s * self.body.geometry.wheel_radius_m
-        return float(np.sum(self._surely(mode, bend) / _PIECES / (paces * full_m_s))) ** 2
-
-    def _surely(self, mode: Mode, bend: float) -> float:
-        """Size of a change of W less what may be wrong with it, which follows from up to four W."""
-        limit = self.body.limits.curvature_per_m
-        largest = max(self.coordinate(limit, j) for j in soft_segments(mode))
-        return max(0.0, abs(bend) - 4 * _QUADRATURE * largest)
+        return float(np.sum(_surely(self.body, mode, bend) / _PIECES / (paces * full_m_s))) ** 2
 
     def shapes_on_the_way(self, mode: Mode, origin: Intervals, bend: float) -> tuple[Array, Array]:
         """Shapes that every such bend passes, and how far off they may be, (m, n) and (n,) [1/m].
@@ -180,10 +167,7 @@ class Bending:
             Lower and upper bounds in each box, each (2, 4, m): for LU1 and LU2 b0's twist
             (u, v, r) [m/s, m/s, rad/s] and dW/dt.
         """
-        boxes = tuple(
-            np.array([self._neighbours(j, values)[:, side] for j, values in enumerate(end)])
-            for side, end in enumerate((low, high))
-        )
+        boxes = _corners(self.body, low, high)
         twists = enclose(_twists(self.body, mode), *boxes)
         rates = enclose(_rates(self.body, mode), *boxes)
         speed = _unit_speed(self.body)
@@ -196,25 +180,6 @@ class Bending:
     def largest_speed_m_s(self, mode: Mode) -> float:
         """Upper bound of the speed of b0 in a soft mode, both locomotion units at full speed."""
         return _largest_speed(self.body, mode)
-
-    def _boxes(self, low: list[Array], high: list[Array]) -> tuple[Array, Array]:
-        """Lower and upper corners of boxes of curvatures between neighbouring W, each (n, m).
-
-        Args:
-            low: Least W of each segment at the ends of the boxes, (m + 1,).
-            high: Largest W there.
-        """
-        least = [self._neighbours(j, values)[:, 0] for j, values in enumerate(low)]
-        most = [self._neighbours(j, values)[:, 1] for j, values in enumerate(high)]
-        lower = np.array([np.minimum(edge[:-1], edge[1:]) for edge in least])
-        upper = np.array([np.maximum(edge[:-1], edge[1:]) for edge in most])
-        return lower, upper
-
-    def _neighbours(self, segment: int, coordinates: Array) -> Array:
-        """Curvatures between which W takes these values, (m, 2): grid neighbours of the inverse."""
-        kappa, table = _inverse_table(self.body, segment)
-        above = np.clip(np.searchsorted(table, coordinates), 1, _TABLE - 1)
-        return np.column_stack([kappa[above - 1], kappa[above]])
 
 
 def from_rest_to_rest(at_speed_s: float, ramp_s: float) -> float:
@@ -229,8 +194,61 @@ def from_rest_to_rest(at_speed_s: float, ramp_s: float) -> float:
 
 def _along(mode: Mode, origin: Sequence[float], begin: float, end: float) -> list[Array]:
     """W of every segment while a bend goes from ``begin`` to ``end``."""
-    pieces = begin + (end - begin) * np.linspace(0.0, 1.0, _PIECES + 1)
+    pieces = begin + (end - begin) * _ENDS
     return [w + soft * pieces for w, soft in zip(origin, mode, strict=True)]
+
+
+def _boxes(body: Body, low: list[Array], high: list[Array]) -> tuple[Array, Array]:
+    """Lower and upper corners of boxes of curvatures between neighbouring W, each (n, m).
+
+    Args:
+        body: The robot.
+        low: Least W of each segment at the ends of the boxes, (m + 1,).
+        high: Largest W there.
+    """
+    least, most = _corners(body, low, high)
+    return np.minimum(least[:, :-1], least[:, 1:]), np.maximum(most[:, :-1], most[:, 1:])
+
+
+def _corners(body: Body, low: Iterable[Array], high: Iterable[Array]) -> tuple[Array, Array]:
+    """Curvatures surely no larger than with W ``low``, and no less than with ``high``: neighbours.
+
+    On the grid of the inverse of W.
+    """
+    tables = [_inverse_table(body, j) for j in range(body.geometry.segments)]
+    least = [
+        kappa[np.searchsorted(table[1:-1], w)]
+        for w, (kappa, table) in zip(low, tables, strict=True)
+    ]
+    most = [
+        kappa[np.searchsorted(table[1:-1], w) + 1]
+        for w, (kappa, table) in zip(high, tables, strict=True)
+    ]
+    return np.array(least), np.array(most)
+
+
+def _surely(body: Body, mode: Mode, bend: float) -> float:
+    """Size of a change of W less what may be wrong with it, which follows from up to four W."""
+    return max(0.0, abs(bend) - 4 * _QUADRATURE * _largest_coordinate(body, mode))
+
+
+@per_body(64)
+def _largest_coordinate(body: Body, mode: Mode) -> float:
+    """Largest W of the soft segments within the curvature limit."""
+    limit = body.limits.curvature_per_m
+    return max(_coordinate(body, j, limit) for j in soft_segments(mode))
+
+
+@per_body(64)  # a bend is asked for more than once while its problem is planned
+def _by_speed_s(
+    body: Body, mode: Mode, origin: tuple[tuple[float, float], ...], bend: float
+) -> float:
+    """Lower bound on the time of a bend by what the units' speeds allow [s]."""
+    low, high = zip(*origin, strict=True)
+    boxes = _boxes(body, _along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend))
+    rates = _largest_rate(body, mode, *boxes)
+    at_speed = float(np.sum(_surely(body, mode, bend) / _PIECES / rates))
+    return from_rest_to_rest(at_speed, _unit_ramp_s(body))
 
 
 def bending(robot: Robot) -> Bending:
@@ -240,14 +258,17 @@ def bending(robot: Robot) -> Bending:
 
 @per_body(1024)
 def _coordinate(body: Body, segment: int, kappa: float) -> float:
-    upper = abs(kappa) * body.geometry.lengths_m[segment]
-    edges = np.append(_PANELS[upper > _PANELS], upper)
+    edges = np.minimum(_PANELS, abs(kappa) * body.geometry.lengths_m[segment])
     half = np.diff(edges)[:, None] / 2
-    if half.size == 0:
-        return 0.0
     points = edges[:-1, None] + half * (1 + _NODES)
-    values: Array = _density(body, segment)(points.reshape(1, -1)).full().reshape(points.shape)
-    return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values))
+    values: Array = _panel_density(body, segment)(points.reshape(1, -1)).full()
+    return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values.reshape(points.shape)))
+
+
+@per_body(32)
+def _panel_density(body: Body, segment: int) -> ca.Function:
+    """1 / g at all points of the quadrature at once."""
+    return _density(body, segment).map((len(_PANELS) - 1) * len(_NODES))
 
 
 @per_body(32)
@@ -270,13 +291,37 @@ def _inverse_table(body: Body, segment: int) -> tuple[Array, Array]:
     return kappa, np.concatenate([-cumulative[:0:-1], cumulative])
 
 
+class _Inverse(NamedTuple):
+    """W -> kappa: cubic in every cell of a table, clipped at its ends.
+
+    Attributes:
+        table: W at the ends of the cells, (m + 1,).
+        powers: Factors of the powers of what W is beyond a cell's lower end, cubic first, (4, m).
+    """
+
+    table: Array
+    powers: Array
+
+    def __call__(self, coordinates: Array) -> Array:
+        table, powers = self
+        w = np.minimum(np.maximum(coordinates, table[0]), table[-1])
+        cell = np.searchsorted(table[1:-1], w, side="right")
+        beyond, (cubic, square, slope, value) = w - table[cell], powers[:, cell]
+        found: Array = ((cubic * beyond + square) * beyond + slope) * beyond + value
+        return found
+
+
 @per_body(32)
-def _inverse(body: Body, segment: int) -> CubicHermiteSpline:
-    """W -> kappa through the table, with the slope dkappa / dW = g / l at its points."""
+def _inverse(body: Body, segment: int) -> _Inverse:
+    """Hermite's interpolation of the table, with the slope dkappa / dW = g / l at its points."""
     kappa, table = _inverse_table(body, segment)
     length = body.geometry.lengths_m[segment]
     slopes = 1 / (length * _density(body, segment)(kappa[None] * length).full()[0])
-    return CubicHermiteSpline(table, kappa, slopes)
+    widths = np.diff(table)
+    secants = np.diff(kappa) / widths
+    bent = (slopes[:-1] + slopes[1:] - 2 * secants) / widths
+    square = (secants - slopes[:-1]) / widths - bent
+    return _Inverse(table, np.array([bent / widths, square, slopes[:-1], kappa[:-1]]))
 
 
 @per_body(64)

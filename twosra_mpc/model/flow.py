@@ -9,23 +9,37 @@ and the temporal network decides when.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.path_models import path_model
+from twosra_mpc.model.rows import by_modes, in_mode
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
-from twosra_mpc.robot.modes import ModeSequence, is_rigid
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
-FINE_STEPS = 64  # most Runge-Kutta steps per interval
-STEP_TRAVEL_M = 1e-4  # of both locomotion units in a step; bends 155 1/m to within 5e-8 1/m
+FINE_STEPS = 64  # most parts of an interval
+_STEP_ERROR = 1e-11  # m, rad, 1/m: of a step by order 5, as by order 6
+# Verner's pair of orders 6 and 5 (SIAM J. Numer. Anal. 15, 1978, table 5), a row for each stage.
+_STAGES = (
+    (),
+    (1 / 6,),
+    (4 / 75, 16 / 75),
+    (5 / 6, -8 / 3, 5 / 2),
+    (-165 / 64, 55 / 6, -425 / 64, 85 / 96),
+    (12 / 5, -8, 4015 / 612, -11 / 36, 88 / 255),
+    (-8263 / 15000, 124 / 75, -643 / 680, -81 / 250, 2484 / 10625, 0),
+    (3501 / 1720, -300 / 43, 297275 / 52632, -319 / 2322, 24068 / 84065, 0, 3850 / 26703),
+)
+_SIXTH = (3 / 40, 0, 875 / 2244, 23 / 72, 264 / 1955, 0, 125 / 11592, 43 / 616)
+_FIFTH = (13 / 160, 0, 2375 / 5984, 5 / 16, 12 / 85, 3 / 44, 0, 0)
 
 
 def runge_kutta(rate: Callable[[ca.SX], ca.SX], start: ca.SX) -> ca.SX:
@@ -35,6 +49,20 @@ def runge_kutta(rate: Callable[[ca.SX], ca.SX], start: ca.SX) -> ca.SX:
     k3 = rate(start + k2 / 2)
     k4 = rate(start + k3)
     return start + (k1 + 2 * k2 + 2 * k3 + k4) / 6
+
+
+def verner(rate: Callable[[ca.SX], ca.SX], start: ca.SX) -> list[ca.SX]:
+    """State after a step of length 1 by order 6, and how far off order 5 is at most."""
+    slopes: list[ca.SX] = []
+    for stage in _STAGES:
+        slopes.append(rate(start + _weighted(stage, slopes)))
+    apart = _weighted([a - b for a, b in zip(_SIXTH, _FIFTH, strict=True)], slopes)
+    return [start + _weighted(_SIXTH, slopes), ca.mmax(ca.fabs(apart))]
+
+
+def _weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:
+    terms = (w * k for w, k in zip(weights, slopes, strict=True) if w)
+    return sum(terms, start=ca.SX(0))
 
 
 @per_body(64)
@@ -59,24 +87,20 @@ def _arguments(symbol: Any, body: Body) -> tuple[Any, Any, Any]:
     return symbol.sym("q", POSE + segments), symbol.sym("s", INPUTS), symbol.sym("sigma", segments)
 
 
-@per_body(64)
-def interval_chain(body: Body, intervals: int, steps: int) -> ca.Function:
-    """``interval_flow`` of intervals one after the other, all nodes returned."""
-    return interval_flow(body, steps).mapaccum(intervals)
+@per_body(32)
+def interval_step(body: Body) -> ca.Function:
+    """(q, s, sigma) -> (q after the displacement s in one step, its error)."""
+    jacobian, (q, s, sigma) = kinematics(body).jacobian, _arguments(ca.SX, body)
+    end = verner(lambda at: jacobian(at, sigma) @ s, q)
+    return ca.Function("interval_step", [q, s, sigma], end, {"cse": True})
 
 
-@per_body(64)
-def bending_chain(body: Body, intervals: int, steps: int) -> ca.Function:
-    """``bending_flow`` of intervals one after the other, all nodes returned."""
-    return bending_flow(body, steps).mapaccum(intervals)
+@per_body(32)
+def bending_step(body: Body) -> ca.Function:
+    """(q and travel, dW, shares, sigma) -> (q and travel, error) after W is bent by dW in one step.
 
-
-@per_body(64)
-def bending_flow(body: Body, steps: int) -> ca.Function:
-    """(q, dW, sigma, shares) -> (q, travel) after bending W of the soft segments by dW.
-
-    Locomotion unit j travels ``shares[j]`` times ``travel`` [m]; equally far is the fastest way to
-    bend. ``steps`` Runge-Kutta 4 steps in W itself, so that no travel has to be searched for.
+    In all soft segments. Locomotion unit j travels ``shares[j]`` times the travel [m]; equally far
+    is the fastest way to bend. In W itself, so that no travel has to be searched for.
     """
     jacobian, path, lengths = kinematics(body).jacobian, path_model(body), body.geometry.lengths_m
     q, _, sigma = _arguments(ca.SX, body)
@@ -88,16 +112,49 @@ def bending_flow(body: Body, steps: int) -> ca.Function:
         matrix = jacobian(at[:size], sigma)
         first, second = path.bends(at[POSE:size] * ca.DM(lengths), stiffness)
         moved = ca.vertcat(matrix[:, :2] @ shares, 1)
-        return moved / (shares[0] * first.pace + shares[1] * second.pace) * bend / steps
+        return moved / (shares[0] * first.pace + shares[1] * second.pace) * bend
 
-    after = runge_kutta(rate, travelled)
-    step = ca.Function("step", [travelled, bend, sigma, shares], [after], {"cse": True})
-    sym_q, _, sym_sigma = _arguments(ca.MX, body)
-    sym_bend, sym_shares = ca.MX.sym("dW"), ca.MX.sym("shares", 2)
-    chain = step.fold(steps) if steps > 1 else step
-    given = sym_bend, sym_sigma, sym_shares
-    end = chain(ca.vertcat(sym_q, 0), *(ca.repmat(each, 1, steps) for each in given))
-    return ca.Function("bending_flow", [sym_q, *given], [end[:size], end[size]])
+    given = [travelled, bend, shares, sigma]
+    return ca.Function("bending_step", given, verner(rate, travelled), {"cse": True})
+
+
+def passed(step: ca.Function, start: Array, changes: Array, *given: Array) -> Array:
+    """States (m + 1, k) from ``start`` (k,) on, by one change (m, c) after the other.
+
+    Each in steps so short that their errors are small; ``given`` are further arguments of a step.
+    """
+    at, change, after = start.astype(float), np.empty(changes.shape[1]), np.empty(len(start))
+    error, reached = np.empty(1), np.empty((len(changes) + 1, len(start)))
+    moved = InPlace(step, [at, change, *given], [after, error])
+    reached[0] = start
+    for k, whole in enumerate(changes):
+        left = share = 1.0
+        while left > 0:
+            np.multiply(whole, share, out=change)
+            moved.evaluate()
+            if error[0] > _STEP_ERROR and share > 1 / FINE_STEPS:
+                share /= 2
+                continue
+            at[:] = after
+            left -= share
+            share = min(share if error[0] > _STEP_ERROR / 64 else 2 * share, left)
+        reached[k + 1] = at
+    return reached
+
+
+def flown(
+    robot: Robot | Body, q: Array, s: Array, mode: NDArray[np.int64], parts: int = 1
+) -> Array:
+    """Where soft input displacements (m, 5) lead from q (m, 3 + n), row by row, in modes (m, n).
+
+    Rows whose error in one step would be too large are cut in half; ``parts`` says how often.
+    """
+    after, error = by_modes(interval_step(robot), q, s, mode)
+    far = np.flatnonzero(error > _STEP_ERROR)
+    if len(far) and parts < FINE_STEPS:
+        half = s[far] / 2, mode[far], 2 * parts
+        after[far] = flown(robot, flown(robot, q[far], *half), *half)
+    return after
 
 
 def drive(q: Array, s: Array) -> Array:
@@ -141,28 +198,20 @@ class Motion:
 
 def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) -> Motion:
     """Follow input displacements (phases, intervals, 5) from ``start`` with fine steps."""
-    phases, intervals, _ = inputs.shape
-    here = np.asarray(start, dtype=float)
-    states = np.empty((phases, intervals + 1, len(here)))
-    for i, mode in enumerate(sequence):
-        states[i, 0] = here
-        if not inputs[i].any():
-            states[i, 1:] = here
-        elif is_rigid(mode):
-            states[i, 1:] = drive(here, inputs[i, :, 2:])
-        else:
-            chain = interval_chain(robot, intervals, steps_for(inputs[i]))
-            modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
-            states[i, 1:] = chain(here, inputs[i].T, modes.T).full().T
-        here = states[i, -1]
-    fixed = inputs.copy()
-    states.setflags(write=False)
+    here, states = np.asarray(start, dtype=float), []
+    for mode, s in zip(sequence, inputs, strict=True):
+        states.append(followed(robot, here, s, mode))
+        here = states[-1][-1]
+    fixed, nodes = inputs.copy(), np.array(states)
+    nodes.setflags(write=False)
     fixed.setflags(write=False)
-    return Motion(robot, sequence, fixed, states)
+    return Motion(robot, sequence, fixed, nodes)
 
 
-def steps_for(s: Array) -> int:
-    """Runge-Kutta steps per interval for input displacements (n, 5): a power of two."""
-    travel = float(np.abs(s[:, :2]).sum(axis=1).max())
-    doublings = max(1, math.ceil(math.log2(max(travel / STEP_TRAVEL_M, 1.0))))
-    return min(FINE_STEPS, int(2**doublings))
+def followed(robot: Robot, q: Array, s: Array, mode: Mode) -> Array:
+    """Configurations (m + 1, 3 + n) from q on, by one displacement (m, 5) after the other."""
+    if not s.any():
+        return np.tile(q, (len(s) + 1, 1))
+    if is_rigid(mode):
+        return np.vstack([q, drive(q, s[:, 2:])])
+    return passed(in_mode(interval_step(robot), mode), q, s)

@@ -9,19 +9,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, reduce
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from twosra_mpc.robot.coordinates import Array
 
-Interval = tuple[Array, Array]
-
 _ROUNDING = 1e-12  # relative; a few thousand operations stay far below it
 
 
-def enclose(function: ca.Function, lower: Array, upper: Array) -> Interval:
+class Interval(NamedTuple):
+    """All values between two, in symbols.
+
+    Attributes:
+        low: Lower bound.
+        high: Upper bound.
+        never_negative: Whether the values are not, whatever the box.
+    """
+
+    low: ca.SX
+    high: ca.SX
+    never_negative: bool = False
+
+
+def enclose(function: ca.Function, lower: Array, upper: Array) -> tuple[Array, Array]:
     """Enclose the values of an SX function of one vector over many boxes.
 
     Args:
@@ -35,83 +48,96 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> Interval:
     Raises:
         NotImplementedError: If the function uses an operation without an interval rule.
     """
-    shape = (function.numel_out(0), lower.shape[1])
-    low, high = np.zeros(shape), np.zeros(shape)
-    work: dict[int, Interval] = {}
-    for operation, operands, results, constant in _tape(function):
-        if operation == ca.OP_OUTPUT:
-            low[results[1]], high[results[1]] = work[operands[0]]
-        elif operation == ca.OP_INPUT:
-            work[results[0]] = (lower[operands[1]], upper[operands[1]])
-        elif operation == ca.OP_CONST:
-            value = np.full(shape[1], constant)
-            work[results[0]] = (value, value)
-        else:
-            rule = _RULES.get(operation)
-            if rule is None:
-                raise NotImplementedError(f"no interval rule for CasADi operation {operation}")
-            work[results[0]] = rule(*(work[operand] for operand in operands))
+    low, high = np.split(_extension(function)(np.vstack([lower, upper])).full(), 2)
     size = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     return low - size, high + size
 
 
 @lru_cache(maxsize=64)
-def _tape(function: ca.Function) -> list[tuple[int, list[int], list[int], float]]:
-    """(operation, operands, results, constant) of every instruction."""
-    tape = []
+def _extension(function: ca.Function) -> ca.Function:
+    """Lower and upper corner of a box, stacked -> bounds of y, likewise: compiled."""
+    n, m = function.numel_in(0), function.numel_out(0)
+    corners, bounds = ca.SX.sym("corners", 2 * n), ca.SX.zeros(2 * m)
+    work: dict[int, Interval] = {}
     for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        constant = function.instruction_constant(k) if operation == ca.OP_CONST else math.nan
-        operands, results = function.instruction_input(k), function.instruction_output(k)
-        tape.append((operation, operands, results, constant))
-    return tape
+        operation, operands = function.instruction_id(k), function.instruction_input(k)
+        results = function.instruction_output(k)
+        if operation == ca.OP_OUTPUT:
+            bounds[results[1]], bounds[m + results[1]], _ = work[operands[0]]
+        elif operation == ca.OP_INPUT:
+            work[results[0]] = Interval(corners[operands[1]], corners[n + operands[1]])
+        elif operation == ca.OP_CONST:
+            value = function.instruction_constant(k)
+            work[results[0]] = Interval(ca.SX(value), ca.SX(value), value >= 0)
+        else:
+            rule = _RULES.get(operation)
+            if rule is None:
+                raise NotImplementedError(f"no interval rule for CasADi operation {operation}")
+            work[results[0]] = rule(*(work[operand] for operand in operands))
+    return ca.Function("extension", [corners], [bounds], {"cse": True})
 
 
 def _add(a: Interval, b: Interval) -> Interval:
-    return a[0] + b[0], a[1] + b[1]
+    return Interval(a.low + b.low, a.high + b.high, a.never_negative and b.never_negative)
 
 
 def _subtract(a: Interval, b: Interval) -> Interval:
-    return a[0] - b[1], a[1] - b[0]
+    return Interval(a.low - b.high, a.high - b.low)
 
 
 def _multiply(a: Interval, b: Interval) -> Interval:
-    products = np.array([a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]])
-    return products.min(axis=0), products.max(axis=0)
+    if not a.never_negative:
+        a, b = b, a
+    if a.never_negative:
+        low = ca.fmin(a.low * b.low, a.high * b.low)
+        return Interval(low, ca.fmax(a.low * b.high, a.high * b.high), b.never_negative)
+    products = [a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high]
+    return Interval(reduce(ca.fmin, products), reduce(ca.fmax, products))
+
+
+def _negate(a: Interval) -> Interval:
+    return Interval(-a.high, -a.low)
 
 
 def _invert(a: Interval) -> Interval:
     """1 / a; everything where a contains zero."""
-    safe = (a[0] > 0) | (a[1] < 0)
-    with np.errstate(divide="ignore"):
-        return np.where(safe, 1 / a[1], -np.inf), np.where(safe, 1 / a[0], np.inf)
+    safe = ca.logic_or(a.low > 0, a.high < 0)
+    low, high = ca.if_else(safe, 1 / a.high, -math.inf), ca.if_else(safe, 1 / a.low, math.inf)
+    return Interval(low, high)
 
 
 def _square(a: Interval) -> Interval:
-    ends = np.array([a[0] ** 2, a[1] ** 2])
-    return np.where((a[0] <= 0) & (a[1] >= 0), 0.0, ends.min(axis=0)), ends.max(axis=0)
+    ends = a.low**2, a.high**2
+    around = ca.logic_and(a.low <= 0, a.high >= 0)
+    return Interval(ca.if_else(around, 0.0, ca.fmin(*ends)), ca.fmax(*ends), never_negative=True)
+
+
+def _rising(operation: Callable[[ca.SX], ca.SX]) -> Callable[[Interval], Interval]:
+    """The rule of a function that rises."""
+    return lambda a: Interval(operation(a.low), operation(a.high))
 
 
 def _cosine(a: Interval) -> Interval:
-    ends = np.array([np.cos(a[0]), np.cos(a[1])])
-    top = np.floor(a[1] / (2 * np.pi)) >= np.ceil(a[0] / (2 * np.pi))
-    bottom = np.floor((a[1] / np.pi - 1) / 2) >= np.ceil((a[0] / np.pi - 1) / 2)
-    return np.where(bottom, -1.0, ends.min(axis=0)), np.where(top, 1.0, ends.max(axis=0))
+    ends = ca.cos(a.low), ca.cos(a.high)
+    top = ca.floor(a.high / (2 * math.pi)) >= ca.ceil(a.low / (2 * math.pi))
+    bottom = ca.floor((a.high / math.pi - 1) / 2) >= ca.ceil((a.low / math.pi - 1) / 2)
+    low, high = ca.if_else(bottom, -1.0, ca.fmin(*ends)), ca.if_else(top, 1.0, ca.fmax(*ends))
+    return Interval(low, high)
 
 
-_QUARTER_TURN = (np.array(np.pi / 2), np.array(np.pi / 2))
+_QUARTER_TURN = Interval(ca.SX(math.pi / 2), ca.SX(math.pi / 2))
 
 _RULES: dict[int, Callable[..., Interval]] = {
     ca.OP_ADD: _add,
     ca.OP_SUB: _subtract,
     ca.OP_MUL: _multiply,
     ca.OP_DIV: lambda a, b: _multiply(a, _invert(b)),
-    ca.OP_NEG: lambda a: (-a[1], -a[0]),
+    ca.OP_NEG: _negate,
     ca.OP_INV: _invert,
     ca.OP_SQ: _square,
-    ca.OP_TWICE: lambda a: (2 * a[0], 2 * a[1]),
-    ca.OP_SQRT: lambda a: (np.sqrt(a[0]), np.sqrt(a[1])),
-    ca.OP_EXP: lambda a: (np.exp(a[0]), np.exp(a[1])),
+    ca.OP_TWICE: _rising(lambda x: 2 * x),
+    ca.OP_SQRT: _rising(lambda x: ca.if_else(x < 0, 0.0, ca.sqrt(x))),  # where it is defined
+    ca.OP_EXP: _rising(ca.exp),
     ca.OP_COS: _cosine,
     ca.OP_SIN: lambda a: _cosine(_subtract(a, _QUARTER_TURN)),
 }

@@ -20,7 +20,13 @@ from twosra_mpc.planning.search.mode_tree import ModeTree
 from twosra_mpc.planning.single_goal.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
 from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.planning.single_goal.relaxed import mode_tree
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver, Solved, checked
+from twosra_mpc.planning.single_goal.sequence_solver import (
+    Check,
+    SequenceSolver,
+    Solved,
+    checked,
+    trusted,
+)
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
@@ -72,10 +78,31 @@ def plan_without(
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Result:
     """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
-    started = time.perf_counter()
     if (resting := _rest(problem)) is not None:
         return resting
-    deadline = started + problem.time_limit_s
+    started = time.perf_counter()
+    inside = problem.workspace is not None  # which guesses may leave between nodes
+    for guessed in [checked] if inside else [trusted, checked]:
+        result, tree, iterations = _searched(problem, excluded, guessed, on_progress)
+        if result.solution is None or result.solution.plan.verification.ok:
+            break
+    stats = Stats(
+        wall_s=time.perf_counter() - started,
+        sequences_bounded=result.bounded,
+        sequences_solved=result.solved,
+        nlp_iterations=iterations,
+    )
+    return _conclude(problem, result, tree, stats)
+
+
+def _searched(
+    problem: Problem,
+    excluded: frozenset[ModeSequence],
+    guessed: Check,
+    on_progress: Callable[[Progress], None] | None,
+) -> tuple[SearchResult[Solved], ModeTree[Solved], int]:
+    """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
+    deadline = time.perf_counter() + problem.time_limit_s
     if problem.obstacles or problem.tasks:
         from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
 
@@ -83,23 +110,16 @@ def plan_without(
         solver: SequenceSolver | Placer[Solved] = placer
         tree = mode_tree(problem, placer, excluded, placer.necessity)
     else:
-        solver = SequenceSolver(problem, deadline)
+        solver = SequenceSolver(problem, deadline, guessed)
         tree = mode_tree(problem, solver, excluded)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
-        out_of_time=lambda: time.perf_counter() - started > problem.time_limit_s,
+        out_of_time=lambda: time.perf_counter() > deadline,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         first_look=lambda: _drive(tree) if isinstance(solver, SequenceSolver) else None,
     )
-    result = as_asked(problem, result)
-    stats = Stats(
-        wall_s=time.perf_counter() - started,
-        sequences_bounded=result.bounded,
-        sequences_solved=result.solved,
-        nlp_iterations=solver.iterations,
-    )
-    return _conclude(problem, result, tree, stats)
+    return as_asked(result), tree, solver.iterations
 
 
 def _drive(tree: ModeTree[Solved]) -> tuple[float, Solved] | None:

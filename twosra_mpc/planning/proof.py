@@ -11,10 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linprog
 
 from twosra_mpc.checking.certificate import Checker, Prices, check
 from twosra_mpc.checking.events import ORIGIN
+from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import ModeSequence
 
@@ -143,12 +143,12 @@ class _Program:
         bounds[self._events[ORIGIN]] = (0.0, 0.0)
         missed = np.eye(self._width)[-1]
         for cost, most in ((self._cost, 0.0), (missed, None)):
-            rows = np.array(self._rows)
-            solved = linprog(cost, rows, self._limits, bounds=[*bounds, (0.0, most)])
-            if solved.status == 0:
+            rows, limits = np.array(self._rows), np.array(self._limits)
+            if (solved := minimise(cost, rows, limits, [*bounds, (0.0, most)])) is not None:
                 break
+        assert solved is not None, "limits can always be missed"
         del self._rows[known:], self._limits[known:]
-        return np.asarray(solved.x), -np.asarray(solved.ineqlin.marginals)
+        return solved.x, -solved.marginals
 
     def prices(self) -> Prices:
         """The best multipliers, rounded."""

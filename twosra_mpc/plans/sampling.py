@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples, flown, new_times, 
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import Transition, transition_model
 
 HOLD_SAMPLE_S = 5.0  # while the robot waits, temperatures are sampled at least this often
@@ -61,42 +59,45 @@ def sample(
     )
 
 
-class _Knot(NamedTuple):
-    """From ``t`` on the robot moves with input v + a (t' - t) in ``mode``, or rests."""
-
-    t: float
-    q: Array
-    v: Array
-    a: Array
-    mode: Mode
+Knots = tuple[Array, Array, Array, Array, NDArray[np.int64]]  # times, q, v, a and modes, by rows
 
 
 def _knots(
     motion: Motion, profiles: Sequence[SpeedProfile], phase_starts: Sequence[float]
-) -> list[_Knot]:
-    """The motion alone: the start of every piece of its profiles, and a stop after every phase."""
-    still = np.zeros(INPUTS)
-    knots = [_Knot(0.0, motion.states[0, 0], still, still, motion.sequence[0])]
-    for i, (mode, profile) in enumerate(zip(motion.sequence, profiles, strict=True)):
-        t = phase_starts[i]
+) -> Knots:
+    """The motion alone: the start of every piece of its profiles, and a stop after every phase.
+
+    From each row on the robot moves with input v + a (t' - t) in its mode, or rests.
+    """
+    still, modes = np.zeros((1, INPUTS)), np.array(motion.sequence)
+    found = [(np.zeros(1), motion.states[0, :1], still, still, modes[:1])]
+    for i, profile in enumerate(profiles):
+        start = phase_starts[i]
         if profile.duration_s <= SAME_TIME_S:
             continue
-        if t <= knots[-1].t + SAME_TIME_S:
-            t = knots.pop().t
+        stop = float(found[-1][0][-1])
+        if start <= stop + SAME_TIME_S:
+            start = stop
+            t, q, v, a, mode = found[-1]
+            found[-1] = t[:-1], q[:-1], v[:-1], a[:-1], mode[:-1]
         k = np.minimum(profile.x[:-1].astype(int), len(motion.inputs[i]) - 1)
         s = motion.inputs[i, k]
-        v, a = s * profile.speed[:, None], s * profile.acceleration[:, None]
-        rows = zip(t + profile.time_s[:-1], profile.q[:-1], v, a, strict=True)
-        knots += [_Knot(*row, mode) for row in rows]
-        knots.append(_Knot(t + profile.duration_s, motion.states[i, -1], still, still, mode))
-    return knots
+        found.append(
+            (
+                start + profile.time_s,
+                np.concatenate([profile.q[:-1], motion.states[i, -1:]]),
+                np.concatenate([s * profile.speed[:, None], still]),
+                np.concatenate([s * profile.acceleration[:, None], still]),
+                np.tile(modes[i], (len(k) + 1, 1)),
+            )
+        )
+    t, q, v, a, mode = (np.concatenate(column) for column in zip(*found, strict=True))
+    return t, q, v, a, mode
 
 
-def _on_path(
-    knots: list[_Knot], times: Array, robot: Robot
-) -> tuple[Array, Array, Array, Array, NDArray[np.int64]]:
-    """Times, configurations, inputs, their rates and modes of the knots, and at further times."""
-    known, q, v, a, mode = (np.array(column) for column in zip(*knots, strict=True))
+def _on_path(knots: Knots, times: Array, robot: Robot) -> Knots:
+    """The knots, and what is between them at further times."""
+    known, q, v, a, mode = knots
     further = new_times(times, known)
     at = np.searchsorted(known, further, side="right") - 1
     elapsed = (further - known[at])[:, None]

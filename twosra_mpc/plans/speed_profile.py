@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,9 @@ from numpy.typing import NDArray
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import SAME_TIME_S, flown, wheel_speeds
 from twosra_mpc.problem.goals import GOAL_TOLERANCE
-from twosra_mpc.problem.limits import interval_durations, least_times
+from twosra_mpc.problem.limits import interval_durations, least_times_and_turns
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, is_rigid
+from twosra_mpc.robot.modes import is_rigid
 
 _PIECES = 4  # grid points per interval of a bend, on which wheel speeds vary
 _BETWEEN = 3e-3  # of the limits is spared: shapes between grid points may use more of them
@@ -82,7 +82,12 @@ def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
         durations = interval_durations(motion)
         made = (_at_constant_speed(motion, i, own) for i, own in enumerate(durations))
         return tuple(map(_noticed, made))
-    return tuple(_phase(motion, i) for i in range(len(motion.sequence)))
+    parts = list(_smooth_parts(motion))
+    whole = list(zip(parts, _from_rest_to_rest(motion, parts), strict=True))
+    phases = range(len(motion.sequence))
+    return tuple(
+        _joined(motion, i, [own for part, own in whole if part.phase == i]) for i in phases
+    )
 
 
 def _noticed(profile: SpeedProfile) -> SpeedProfile:
@@ -113,16 +118,10 @@ def _at_constant_speed(motion: Motion, phase: int, durations: Array) -> SpeedPro
     )
 
 
-def _phase(motion: Motion, phase: int) -> SpeedProfile:
-    """From rest to rest, and to rest where the path has a corner."""
-    inputs, mode = motion.inputs[phase], motion.sequence[phase]
-    moving = np.flatnonzero(np.linalg.norm(inputs, axis=1) > _NOTHING)
-    if not len(moving):
-        return _at_constant_speed(motion, phase, np.zeros(len(inputs)))
-    parts = [
-        _between_corners(motion.robot, motion.states[phase], inputs, mode, part)
-        for part in _smooth_parts(motion, phase, moving)
-    ]
+def _joined(motion: Motion, phase: int, parts: list[SpeedProfile]) -> SpeedProfile:
+    """The parts of a phase one after the other."""
+    if not parts:
+        return _at_constant_speed(motion, phase, np.zeros(motion.inputs.shape[1]))
     start = np.append(0.0, np.cumsum([part.duration_s for part in parts]))
     made = SpeedProfile(
         x=np.concatenate([*(part.x[:-1] for part in parts), parts[-1].x[-1:]]),
@@ -139,65 +138,92 @@ def _phase(motion: Motion, phase: int) -> SpeedProfile:
     return made if made.duration_s >= least else made.lasting(least)
 
 
-def _smooth_parts(
-    motion: Motion, phase: int, moving: NDArray[np.intp]
-) -> Iterator[NDArray[np.intp]]:
-    """Runs of intervals between which the wheels' turn per length does not jump."""
-    states, inputs = motion.states[phase], _directions(motion.inputs[phase][moving])
-    mode = np.array([motion.sequence[phase]] * len(moving))
-    begin = wheel_speeds(motion.robot, states[moving], inputs, mode)
-    end = wheel_speeds(motion.robot, states[moving + 1], inputs, mode)
-    jump = np.abs(begin[1:] - end[:-1]).max(axis=1) > _CORNER * np.abs(begin[1:]).max(axis=1)
-    yield from np.split(moving, np.flatnonzero(jump | (np.diff(moving) > 1)) + 1)
+class _Part(NamedTuple):
+    """Intervals of a phase between which the wheels' turn per length does not jump.
+
+    Attributes:
+        phase: Its number.
+        intervals: Their numbers, (k,).
+        nodes: Length of the path at their ends, (k + 1,).
+        path: Length at the grid points, (m,).
+    """
+
+    phase: int
+    intervals: NDArray[np.intp]
+    nodes: Array
+    path: Array
 
 
-def _directions(inputs: Array) -> Array:
-    """Input displacements (m, 5) by their length."""
-    unit: Array = inputs / np.linalg.norm(inputs, axis=1, keepdims=True)
-    return unit
+def _smooth_parts(motion: Motion) -> Iterator[_Part]:
+    """Every phase from rest to rest, and to rest where its path has a corner."""
+    lengths = np.linalg.norm(motion.inputs, axis=2)
+    phase, k = np.nonzero(lengths > _NOTHING)
+    if not len(k):
+        return
+    ends = np.concatenate([motion.states[phase, k], motion.states[phase, k + 1]])
+    along = np.tile(motion.inputs[phase, k] / lengths[phase, k, None], (2, 1))
+    modes = np.tile(np.array(motion.sequence)[phase], (2, 1))
+    r, w = least_times_and_turns(motion.robot, ends, along, modes)
+    turn = np.abs(w).max(axis=1)
+    most = motion.robot.limits.wheel_acceleration_rad_s2 or np.inf
+    up, down = np.split(0.5 / r**2 * turn / most, 2)  # where full speed may be reached
+    begin, end = np.split(w, 2)
+    jump = np.abs(begin[1:] - end[:-1]).max(axis=1) > _CORNER * turn[1 : len(k)]
+    apart = jump | (np.diff(phase) > 0) | (np.diff(k) != 1)
+    for rows in np.split(np.arange(len(k)), np.flatnonzero(apart) + 1):
+        first, own = int(phase[rows[0]]), lengths[phase[rows], k[rows]]
+        nodes = np.append(0.0, np.cumsum(own))
+        pieces = len(own) * (1 if is_rigid(motion.sequence[first]) else _PIECES)
+        grid = np.interp(np.linspace(0, len(own), pieces + 1), np.arange(len(nodes)), nodes)
+        further = (up[rows[0]], nodes[-1] / 2, nodes[-1] - down[rows[-1]])
+        path = np.sort([*grid, *(at for at in further if 0 < at < nodes[-1])])
+        path = path[np.append(True, np.diff(path) > _APART * own.min())]
+        path[-1] = nodes[-1]
+        yield _Part(first, k[rows], nodes, path)
 
 
-def _between_corners(
-    robot: Robot, states: Array, inputs: Array, mode: Mode, part: NDArray[np.intp]
+def _from_rest_to_rest(motion: Motion, parts: list[_Part]) -> Iterator[SpeedProfile]:
+    """The quickest profile of every part; what the model says is asked once for all of them."""
+    if not parts:
+        return
+    at = [
+        np.clip(np.searchsorted(part.nodes, part.path, side="right") - 1, 0, len(part.nodes) - 2)
+        for part in parts
+    ]
+    length = [np.diff(part.nodes)[k] for part, k in zip(parts, at, strict=True)]
+    share = [
+        (part.path - part.nodes[k]) / own for part, k, own in zip(parts, at, length, strict=True)
+    ]
+    phase = np.repeat([part.phase for part in parts], [len(part.path) for part in parts])
+    k = np.concatenate([part.intervals[at] for part, at in zip(parts, at, strict=True)])
+    s, modes = motion.inputs[phase, k], np.array(motion.sequence)[phase]
+    q = flown(motion.robot, motion.states[phase, k], s * np.concatenate(share)[:, None], modes)
+    r, w = least_times_and_turns(motion.robot, q, s / np.concatenate(length)[:, None], modes)
+    ends = np.cumsum([len(part.path) for part in parts])[:-1]
+    asked = (np.split(each, ends) for each in (q, r, w, k + np.concatenate(share)))
+    for part, own, lengths in zip(parts, zip(*asked, strict=True), length, strict=True):
+        yield _profile(motion, part, lengths, *own)
+
+
+def _profile(
+    motion: Motion, part: _Part, length: Array, q: Array, r: Array, w: Array, x: Array
 ) -> SpeedProfile:
-    """From rest to rest over some intervals of a phase."""
-    lengths = np.linalg.norm(inputs[part], axis=1)
-    nodes = np.append(0.0, np.cumsum(lengths))
-    most = robot.limits.wheel_acceleration_rad_s2 or np.inf
-    spare = 0.0 if is_rigid(mode) else _BETWEEN
-
-    def along(path: Array) -> tuple[Array, Array, Array, Array]:
-        """Place in intervals, q there, least time and wheels' turn per length."""
-        k = np.clip(np.searchsorted(nodes, path, side="right") - 1, 0, len(part) - 1)
-        share = (path - nodes[k]) / lengths[k]
-        modes, s = np.tile(np.array(mode), (len(path), 1)), inputs[part[k]]
-        q = flown(robot, states[part[k]], s * share[:, None], modes)
-        unit = _directions(s)
-        r = least_times(robot, q, unit, modes)
-        return part[k] + share, q, r, wheel_speeds(robot, q, unit, modes)
-
-    pieces = len(part) * (1 if is_rigid(mode) else _PIECES)
-    path = np.interp(np.linspace(0, len(part), pieces + 1), np.arange(len(nodes)), nodes)
-    *_, r, w = along(path[[0, -1]])
-    ramps = (0.5 / r**2) * np.abs(w).max(axis=1) / most  # where full speed may be reached
-    further = (ramps[0], nodes[-1] / 2, nodes[-1] - ramps[1])
-    path = np.unique([*path, *(at for at in further if 0 < at < nodes[-1])])
-    path = path[np.append(True, np.diff(path) > _APART * lengths.min())]
-    path[-1] = nodes[-1]
-    x, q, r, w = along(path)
+    """The quickest way along a part, of what holds at its grid points."""
+    limits, path = motion.robot.limits, part.path
+    spare = 0.0 if is_rigid(motion.sequence[part.phase]) else _BETWEEN
+    most = limits.wheel_acceleration_rad_s2 or np.inf
     b = _squared_speeds(path, (1 + spare) * r, w, (1 - spare) * most)
     speed = np.sqrt(b)
     time = 2 * np.diff(path) / (speed[1:] + speed[:-1])
     turned = w * speed[:, None]
     middle = (turned[1:] ** 2 + turned[1:] * turned[:-1] + turned[:-1] ** 2).sum(axis=1) / 3
-    length = lengths[np.minimum(x[:-1].astype(int) - part[0], len(part) - 1)]
     return SpeedProfile(
         x=x,
         q=q,
         time_s=np.append(0.0, np.cumsum(time)),
-        speed=speed[:-1] / length,
-        acceleration=np.diff(b) / (2 * np.diff(path)) / length,
-        effort_s=float(middle @ time) / robot.limits.wheel_speed_rad_s**2,
+        speed=speed[:-1] / length[:-1],
+        acceleration=np.diff(b) / (2 * np.diff(path)) / length[:-1],
+        effort_s=float(middle @ time) / limits.wheel_speed_rad_s**2,
         peak_rad_s=float(np.abs(turned).max()),
     )
 
@@ -212,8 +238,8 @@ def _squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
     length = np.diff(path)[:, None]
     change = np.abs(np.diff(w, axis=0)) / length
     largest = np.maximum(np.maximum(np.abs(w[1:]), np.abs(w[:-1])), 1e-12)
-    gain = (2 * most * length / largest).tolist()
-    shrink = (1 + 2 * change * length / largest).tolist()
+    gain, shrink = 2 * most * length / largest, 1 + 2 * change * length / largest
+    of_wheels = np.stack([gain, shrink], axis=2).tolist()
     with np.errstate(divide="ignore"):
         cap = 1 / r**2
         curved = (most / change).min(axis=1)
@@ -225,6 +251,6 @@ def _squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
         step = order.step
         for i in order:
             here, there = (i, i + 1) if step > 0 else (i + 1, i)
-            reach = min((b[here] + g) / k for g, k in zip(gain[i], shrink[i], strict=True))
-            b[there] = min(b[there], reach)
+            before = b[here]
+            b[there] = min(b[there], *[(before + g) / k for g, k in of_wheels[i]])
     return np.array(b)

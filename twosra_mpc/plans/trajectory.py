@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.model.flow import interval_chain, interval_flow, screws, steps_for
+from twosra_mpc.model import flow
+from twosra_mpc.model.flow import screws
 from twosra_mpc.model.kinematics import wheel_travel
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
@@ -234,34 +236,10 @@ class Trajectory:
         v: Array = self.samples.v[at] + self.samples.a[at] * elapsed[:, None]
         return v
 
-    @cached_property
-    def _nodes(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Configurations at equal parts of every interval that bends: q, first of each, parts.
-
-        Integrated once, so that no time asked for is further than two steps from one of them.
-        """
-        robot, held, whole = self.problem.robot, self.samples, np.diff(self._moved, axis=0)
-        nodes = [held.q[k : k + 1] for k in range(len(held))]
-        for k in np.flatnonzero(held.mode[:-1].any(axis=1) & whole.any(axis=1)).tolist():
-            parts = steps_for(whole[k : k + 1]) // 2
-            equal, mode = whole[k, :, None] / parts, held.mode[k, :, None]
-            on = interval_chain(robot, parts, 2)(
-                held.q[k], np.tile(equal, parts), np.tile(mode, parts)
-            )
-            nodes[k] = np.vstack([held.q[k], on.full().T[:-1]])
-        parts_of = np.array([len(rows) for rows in nodes])
-        return np.concatenate(nodes), np.cumsum(parts_of) - parts_of, parts_of
-
     def _flown(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """Configuration ``elapsed`` [s] after the samples ``at``."""
-        (nodes, first, parts), mode = self._nodes, self.samples.mode[at]
         s = self._input(at, elapsed / 2) * elapsed[:, None]
-        end = self._moved[np.minimum(at + 1, len(first) - 1)]
-        part = (end - self._moved[at]) / parts[at, None]
-        step = np.linalg.norm(part, axis=1)
-        passed = np.linalg.norm(s, axis=1) // np.where(step > 0, step, np.inf)
-        k = np.minimum(passed.astype(int), parts[at] - 1)
-        return flown(self.problem.robot, nodes[first[at] + k], s - part * k[:, None], mode)
+        return flown(self.problem.robot, self.samples.q[at], s, self.samples.mode[at])
 
     def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
         """How far the wheels turn within ``elapsed`` [s] after the samples ``at``, by Simpson."""
@@ -300,8 +278,7 @@ def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
     rigid = ~mode.any(axis=1)
     reached[rigid, :POSE] += screws(q[rigid, 2], s[rigid, 2:])
     if soft.any():
-        flow = interval_flow(robot, steps_for(s[soft]))
-        reached[soft] = flow(q[soft].T, s[soft].T, mode[soft].T).full().T
+        reached[soft] = flow.flown(robot, q[soft], s[soft], mode[soft])
     return reached
 
 
@@ -310,6 +287,6 @@ def wheel_speeds(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> A
     speeds = np.zeros((len(q), WHEELS))
     moving = v.any(axis=1)
     if moving.any():
-        roll = wheel_travel(robot)
-        speeds[moving] = roll(q[moving].T, v[moving].T, mode[moving].T).full().T
+        rows = q[moving], v[moving], mode[moving]
+        (speeds[moving],) = by_rows(wheel_travel(robot), *rows)
     return speeds

@@ -7,16 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.intervals import Interval, enclose
+from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.limits import speed_function
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 
+Bounds = tuple[Array, Array]  # lower and upper
+
 
 def share_rates(
-    robot: Robot, kappa: Interval, v: Interval, a: Array, mode: NDArray[np.int64]
-) -> Interval:
+    robot: Robot, kappa: Bounds, v: Bounds, a: Array, mode: NDArray[np.int64]
+) -> Bounds:
     """Enclose d/dt of the shares of the speed limits that are used, (shares, m) [1/s].
 
     Interval arithmetic on the derivative along q' = J(q, sigma) v, v' = a. Shares are signed, in

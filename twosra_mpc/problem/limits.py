@@ -7,7 +7,7 @@ messages all ask these values. A further limit is one more value, in `SHAPE_LIMI
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -17,8 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
-from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence, wheel_travel
+from twosra_mpc.model.kinematics import (
+    kinematics,
+    unit_gap,
+    wheel_accelerations,
+    wheel_independence,
+    wheel_travel,
+)
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
@@ -179,11 +186,6 @@ def shape_function(body: Body) -> ca.Function:
     return ca.Function("shape_margins", [kappa], [ca.vertcat(*margins)], {"cse": True})
 
 
-@per_body(256)
-def _shape_functions(body: Body, count: int) -> ca.Function:
-    return shape_function(body).map(count)
-
-
 def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
     """How far shapes are from what the limits forbid, by name of the limit, each (m,).
 
@@ -194,10 +196,10 @@ def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
         kappa: Curvatures, (m, n) or (n,) [1/m].
     """
     shapes = np.atleast_2d(np.asarray(kappa, dtype=float))
-    values = _shape_functions(robot, len(shapes))(shapes.T).full()
+    (values,) = by_rows(shape_function(robot), shapes)
     return {
         limit.name: np.where(np.abs(row) <= limit.rounding, 0.0, row)
-        for limit, row in zip(SHAPE_LIMITS, values, strict=True)
+        for limit, row in zip(SHAPE_LIMITS, values.T, strict=True)
     }
 
 
@@ -254,7 +256,7 @@ def workspace_margins(problem: Problem, q: Array) -> Array:
     geometry, workspace = problem.robot.geometry, problem.workspace
     if workspace is None:
         return np.full(len(q), np.inf)
-    points = outline_points(geometry)(q.T).full().T.reshape(len(q), -1, 2)
+    points = by_rows(outline_points(geometry), q)[0].reshape(len(q), -1, 2)
     lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
     arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
     own = FEW_POINTS * geometry.segments
@@ -285,16 +287,29 @@ def speed_function(body: Body) -> ca.Function:
     return ca.Function("least_times", [q, s, sigma], list(map(ca.densify, times)), {"cse": True})
 
 
-@per_body(256)
-def _speed_functions(body: Body, count: int) -> ca.Function:
-    return speed_function(body).map(count)
+@per_body(32)
+def motion_function(body: Body) -> ca.Function:
+    """(q, v, a, sigma) -> shares of each speed limit, signed, and wheel accelerations."""
+    segments = body.geometry.segments
+    q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
+    sigma = ca.SX.sym("sigma", segments)
+    told = [*speed_function(body)(q, v, sigma), wheel_accelerations(body)(q, v, a, sigma)]
+    return ca.Function("motion", [q, v, a, sigma], told, {"cse": True})
 
 
 def least_times(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
     """Least time of input displacements within the speed limits, row by row at q, (m,) [s]."""
-    signed = _speed_functions(robot, len(q))(q.T, s.T, mode.T)
-    times: Array = np.abs(np.vstack([time.full() for time in signed])).max(axis=0)
+    times: Array = np.abs(np.hstack(by_rows(speed_function(robot), q, s, mode))).max(axis=1)
     return times
+
+
+def least_times_and_turns(
+    robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]
+) -> tuple[Array, Array]:
+    """Least times as of ``least_times``, and how far each wheel turns, (m, 4) [rad]."""
+    signed = by_rows(speed_function(robot), q, s, mode)
+    turns = signed[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
+    return np.abs(np.hstack(signed)).max(axis=1), turns
 
 
 def interval_durations(motion: Motion) -> Array:
@@ -309,8 +324,9 @@ def interval_durations(motion: Motion) -> Array:
     s = motion.inputs.reshape(-1, INPUTS)
     modes = np.repeat(np.array(motion.sequence), intervals, axis=0)
     places = (before, (before + after) / 2, after)
-    times = np.max([least_times(motion.robot, q, s, modes) for q in places], axis=0)
-    return np.asarray(times).reshape(phases, intervals)
+    given = np.concatenate(places), np.tile(s, (3, 1)), np.tile(modes, (3, 1))
+    times: Array = least_times(motion.robot, *given).reshape(3, phases, intervals).max(axis=0)
+    return times
 
 
 def shapes_allowed(motion: Motion, still: float) -> bool:
@@ -388,44 +404,9 @@ def rigid_ramp_s(robot: Robot, kappa: ArrayLike) -> float:
     return float(1 / (most * growth.max()))
 
 
-def verified_margins(
-    robot: Robot, q: Array, v: Array, gained: Array, mode: NDArray[np.int64]
-) -> Iterator[tuple[str, float]]:
-    """Yield (name, least margin) of every limit at samples of a plan, and midway between them.
-
-    Args:
-        robot: The robot.
-        q: Configurations, (m, 3 + n).
-        v: Inputs at each, (m, 5).
-        gained: What they grow by until the next one, at a steady rate, (m, 5).
-        mode: Stiffness until then, (m, n).
-    """
-    kappa = q[:, POSE:]
-    shapes = shape_margins(robot, np.concatenate([kappa, (kappa[1:] + kappa[:-1]) / 2]))
-    moving = v.any(axis=1) | gained.any(axis=1)
-    ends = q, np.append(q[1:], q[-1:], axis=0), v, v + gained
-    first, last, begin, end = (rows[moving] for rows in ends)
-    used = shares_used(
-        robot,
-        np.concatenate([first, (first + last) / 2, last]),
-        np.concatenate([begin, (begin + end) / 2, end]),
-        np.tile(mode[moving], (3, 1)),
-    )
-    for limit, shares in zip(speed_limits(robot), used, strict=True):
-        most = limit.most(robot)
-        yield limit.name, settled(most * (1 - float(shares.max(initial=0.0))), most)
-    driving = v[:, 2:].any(axis=1) | gained[:, 2:].any(axis=1)
-    for shape in SHAPE_LIMITS:
-        margins = shapes[shape.name]
-        counted = margins[: len(q)][driving] if shape.driving else margins
-        yield shape.name, float(counted.min(initial=np.inf))
-
-
 def shares_used(robot: Robot, q: Array, v: Array, mode: NDArray[np.int64]) -> list[Array]:
     """Share of each speed limit that inputs (m, 5) use at configurations (m, 3 + n), each (k, m).
 
     A limit may be one of several things: its share is then the largest of them.
     """
-    if not len(q):
-        return [np.zeros((0, 0))] * len(speed_limits(robot))
-    return [np.abs(share.full()) for share in _speed_functions(robot, len(q))(q.T, v.T, mode.T)]
+    return [np.abs(share.T) for share in by_rows(speed_function(robot), q, v, mode)]

@@ -149,8 +149,9 @@ def verification_sentence(check: Verification) -> str:
     if not check.ok:
         return f"Verification failed: {'; '.join(check.problems)}."
     return (
-        "Verification passed: SciPy integrated the samples anew with adaptive steps, and checked"
-        " limits, order of melts and freezes, heater commands and goal. The samples and their"
+        "Verification passed: the samples were integrated anew by another method, with adaptive"
+        " steps, and limits, order of melts and freezes, heater commands and goal were checked. The"
+        " samples and their"
         f" re-integration differ by at most {check.max_defect:.2g} (m, rad or 1/m; allowed are"
         f" {DEFECT_TOLERANCE:g}); the goal may be missed by {GOAL_TOLERANCE:g}."
     )

@@ -19,8 +19,9 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -38,7 +39,7 @@ from twosra_mpc.reproduction.published_model import (
     held_frames,
     inverse_kinematics,
 )
-from twosra_mpc.robot.modes import MODES, RIGID, Mode
+from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -79,6 +80,7 @@ class PublishedTrajectory:
         final_q: (5,) configuration at the end, after the last unrecorded steps.
         stop: why the loop ended.
         iterations: how many iterations were run.
+        every_mode: modes of all iterations, recorded or not, without repetitions.
     """
 
     q: FloatArray
@@ -88,11 +90,17 @@ class PublishedTrajectory:
     final_q: FloatArray
     stop: StopReason
     iterations: int
+    every_mode: ModeSequence
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
         for array in (self.q, self.mode, self.velocity, self.iteration, self.final_q):
             array.setflags(write=False)
+
+    @property
+    def sequence(self) -> ModeSequence:
+        """Recorded modes without repetitions; the start is not one."""
+        return without_repetitions((row[0], row[1]) for row in self.mode[1:].tolist())
 
 
 class _Problem(NamedTuple):
@@ -156,9 +164,11 @@ def published_trajectory(
     )
     step = _Step(first, RIGID, [0.0, 0.0, 0.0, 0.0, 0.0], moved=0.0)
     iterations, steps = [-1], [step]  # that are recorded
+    modes: list[Mode] = []  # of all iterations
     time_s, iteration = step_s, 0
     while (stop := _stop_reason(step.q, iteration, problem)) is None:
         step = _next_step(step, time_s, iteration, problem)
+        modes.append(step.mode)
         if step.moved > _RECORDED_STEP:
             iterations.append(iteration)
             steps.append(step)
@@ -172,7 +182,13 @@ def published_trajectory(
         final_q=np.array(step.q),
         stop=stop,
         iterations=iteration,
+        every_mode=without_repetitions(modes),
     )
+
+
+def without_repetitions(modes: Iterable[Mode]) -> ModeSequence:
+    """Return the sequence of modes, each once until it changes."""
+    return tuple(mode for mode, _ in groupby(modes))
 
 
 def _stop_reason(q: Vector, iteration: int, problem: _Problem) -> StopReason | None:

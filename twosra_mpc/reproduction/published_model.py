@@ -46,8 +46,8 @@ from twosra_mpc.robot.modes import MODES, RIGID, Mode
 FloatArray: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = list[float]  # five entries, as q or v
 
-_L = 0.04  # m, length of one segment
-_SPIRAL_A = (2.3250 * _L, 3.3041 * _L, 2.4471 * _L)  # m, Table I
+SEGMENT_M = 0.04  # length of one segment
+_SPIRAL_A = (2.3250 * SEGMENT_M, 3.3041 * SEGMENT_M, 2.4471 * SEGMENT_M)  # m, Table I
 _SPIRAL_B = (0.3165, 0.083, 0.2229)  # 1/rad, Table I
 _SPIRAL_M = (1.5, 1.0, 0.75)  # eqs. kappa_fit1 to kappa_fit3
 _ADJACENT, _OPPOSITE, _BOTH = 0, 1, 2  # spirals I, II, III
@@ -57,7 +57,7 @@ _SEGMENT_1, _SEGMENT_2 = -1.0, 1.0  # sides of the link
 _HALF_LINK = 0.0006  # m^2
 _L_OVER_M1 = 0.0266  # m
 
-CURVATURE_RANGE = 2.0 * math.pi / _L  # 1/m, the range the spirals are defined on
+CURVATURE_RANGE = 2.0 * math.pi / SEGMENT_M  # 1/m, the range the spirals are defined on
 
 
 class HeldFrame(NamedTuple):
@@ -153,7 +153,7 @@ def _link_rates(
         kappa: current curvature of the bending segment in 1/m.
         held: end frame of the bending segment, at the start of the whole plan.
     """
-    alpha = kappa * _L
+    alpha = kappa * SEGMENT_M
     # Spiral I shapes the displacement in every mode, and its d rho / d kappa is left out. The
     # angle is 0.0266 kappa, not alpha / m_1: the rounded constant is used throughout.
     arm = _L_OVER_M1 * _spiral_radius(_ADJACENT, kappa)
@@ -163,19 +163,19 @@ def _link_rates(
     x = held.cos * along - held.sin * across
     y = held.sin * along + held.cos * across
     radius = _spiral_radius(spiral, kappa)
-    bend = _SPIRAL_M[spiral] / (_L * radius)
+    bend = _SPIRAL_M[spiral] / (SEGMENT_M * radius)
     return x * bend, y * bend, -side * _SPIRAL_M[spiral] / radius, bend
 
 
 def _bend_rate(spiral: int, kappa: float) -> float:
     """Return K_k(kappa) in 1/m^2: curvature rate per unit speed of the moving LU."""
-    return _SPIRAL_M[spiral] / (_L * _spiral_radius(spiral, kappa))
+    return _SPIRAL_M[spiral] / (SEGMENT_M * _spiral_radius(spiral, kappa))
 
 
 def _spiral_radius(spiral: int, kappa: float) -> float:
     """Return rho_k(kappa) in m, even in kappa (the paper's formula jumps at 0)."""
     growth = _SPIRAL_B[spiral]
-    angle = kappa * _L / _SPIRAL_M[spiral] - math.pi
+    angle = kappa * SEGMENT_M / _SPIRAL_M[spiral] - math.pi
     if kappa > 0.0:
         growth = -growth
         angle += 2.0 * math.pi
@@ -188,7 +188,7 @@ def held_frames(start: Vector) -> HeldFrames:
     This is the paper's q_0. It is wrong as soon as the "held" LU has turned, by 3 to 22 mm in the
     published simulations, and is kept because they were made with it.
     """
-    headings = (start[2] - start[3] * _L, start[2] + start[4] * _L)
+    headings = (start[2] - start[3] * SEGMENT_M, start[2] + start[4] * SEGMENT_M)
     first, second = (HeldFrame(math.cos(heading), math.sin(heading)) for heading in headings)
     return first, second
 

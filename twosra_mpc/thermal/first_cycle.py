@@ -71,7 +71,7 @@ class FirstCycle:
     coldest_s: float
     coasting_s: float
 
-    @property
+    @cached_property
     def is_known(self) -> bool:
         """Whether constants say it all: nothing stays warm, and windows are those of cold metal."""
         start = self.heating.model.initial(self.temperature_C)

@@ -8,7 +8,6 @@ as early as the metal still stays liquid until its onset.
 
 from __future__ import annotations
 
-import itertools
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -18,9 +17,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
-from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.crossing import crossing
+from twosra_mpc.thermal.model import SegmentModel, State, Values
 from twosra_mpc.thermal.uncertainty import Windows
 
 Array = NDArray[np.float64]
@@ -58,26 +57,35 @@ class TemperatureTrajectory:
 
     def state_at(self, time_s: float) -> State:
         """State of the segment."""
-        start_s, state, current_A, _ = self._piece(time_s)
-        duration = max(0.0, time_s - start_s)
-        if current_A is None:
-            return self.model.hold(state, duration)
-        return self.model.propagate(state, current_A, duration)
+        piece = self._piece(time_s)
+        return self._since(piece, max(0.0, time_s - piece.start_s))
 
     def temperature_and_melt_fraction(self, t: Array) -> tuple[Array, Array]:
         """Temperature [C] and melt fraction at each time."""
-        states = [self.state_at(time) for time in t.tolist()]
-        temperature = [self.model.temperature_C(state) for state in states]
-        return np.array(temperature), np.array([self.model.melt_fraction(s) for s in states])
+        states = self.states_at(t)
+        return self.model.temperature_C(states), self.model.melt_fraction(states)
+
+    def states_at(self, t: Array) -> tuple[Array, ...]:
+        """Values of the segment's state, each at every time."""
+        number, found = self._numbers(t), np.empty((len(self.pieces[0].state), len(t)))
+        for k in np.unique(number).tolist():
+            during, piece = number == k, self.pieces[k]
+            found[:, during] = self._since(piece, np.maximum(t[during] - piece.start_s, 0.0))
+        return tuple(found)
 
     def setpoint_C(self, t: Array) -> Array:
         """Temperature set-point from each time to the next [C]."""
-        return np.array([self._piece(time).setpoint_C for time in t.tolist()])
+        setpoints: Array = np.array([piece.setpoint_C for piece in self.pieces])[self._numbers(t)]
+        return setpoints
 
     def current_A(self, t: Array) -> Array:
         """Heater current from each time to the next, of the right energy where it varies [A]."""
-        pairs = itertools.pairwise([*t.tolist(), np.inf])
-        return np.array([self._mean_current(a, b) for a, b in pairs])
+        currents: Array = np.array([piece.current_A for piece in self.pieces], dtype=float)
+        found, after = currents[self._numbers(t)], np.append(t[1:], np.inf)
+        lasting = np.where(np.isfinite(after), after - t, 0.0)
+        for k in np.flatnonzero(np.isnan(found)).tolist():
+            found[k] = self.model.holding_current_A(self.state_at(float(t[k])), float(lasting[k]))
+        return found
 
     def event_times(self) -> list[float]:
         """Times at which set-point or current change [s]."""
@@ -103,16 +111,15 @@ class TemperatureTrajectory:
     def _piece(self, time_s: float) -> Piece:
         return self.pieces[max(0, bisect_right(self._starts, time_s) - 1)]
 
-    def _mean_current(self, start_s: float, end_s: float) -> float:
-        piece = self._piece(start_s)
-        if piece.current_A is not None:
-            return piece.current_A
-        state, duration = self.state_at(start_s), end_s - start_s
-        steady = self.model.holding_current_A(state)
-        if not 0 < duration < np.inf or steady == 0:
-            return steady
-        mean_W = self.model.holding_energy_J(state, duration) / duration
-        return float(np.sqrt(mean_W / self.model.power_W(1.0, self.model.temperature_C(state))))
+    def _numbers(self, t: Array) -> NDArray[np.intp]:
+        """Which piece each time is in."""
+        return np.maximum(np.searchsorted(self._starts, t, side="right") - 1, 0)
+
+    def _since(self, piece: Piece, duration_s: Values) -> tuple[Values, ...]:
+        """State so long after a piece began."""
+        if piece.current_A is None:
+            return self.model.hold(piece.state, duration_s)
+        return self.model.propagate(piece.state, piece.current_A, duration_s)
 
 
 class KeepWarm(NamedTuple):
@@ -231,7 +238,10 @@ class HeatingPlan:
         def late(switch: float) -> float:
             return switch + early_s(trajectory.state_at(switch)) - onset
 
-        heater = since if late(since) >= 0 else float(brentq(late, since, onset, xtol=1e-12))
+        heater = since
+        if (at_once := late(since)) < 0:
+            lag = late(onset)  # of a switch at the onset; all others alike if the state rests
+            heater = crossing(late, (since, at_once), (onset, lag), max(since, onset - lag))
         state = trajectory.state_at(heater)
         made = SegmentTransition(to, heater, heater + early_s(state), heater + late_s(state))
         return trajectory.switched(heater, *self._from(to, heater, state)), made

@@ -18,8 +18,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
-State = tuple[float, ...]
+import numpy as np
+
+from twosra_mpc.thermal.model import State, Values
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Lumped:
         """Enthalpy from which on the segment is liquid."""
         return self.latent_J
 
-    def level(self, state: State) -> float:
+    def level(self, state: tuple[Values, ...]) -> Values:
         """Return the heat content that rises and falls through the thresholds: H [J]."""
         return state[0]
 
@@ -83,53 +86,72 @@ class Lumped:
             return state
         return (h + (self.heat_solid_J_per_K if h < 0 else self.heat_liquid_J_per_K) * by_K,)
 
-    def temperature_C(self, state: State) -> float:
+    def temperature_C(self, state: tuple[Values, ...]) -> Values:
         """Temperature of the metal [C]."""
         (h,) = state
+        if isinstance(h, np.ndarray):
+            solid, liquid = np.minimum(h, 0.0), np.maximum(h - self.latent_J, 0.0)
+            warmer = solid / self.heat_solid_J_per_K + liquid / self.heat_liquid_J_per_K
+            return self.melting_point_C + warmer
         if h < 0:
             return self.melting_point_C + h / self.heat_solid_J_per_K
         return self.melting_point_C + max(0.0, h - self.latent_J) / self.heat_liquid_J_per_K
 
-    def melt_fraction(self, state: State) -> float:
+    def melt_fraction(self, state: tuple[Values, ...]) -> Values:
         """Share of the metal that is liquid."""
-        return min(1.0, max(0.0, state[0] / self.latent_J))
+        share = state[0] / self.latent_J
+        if isinstance(share, np.ndarray):
+            return np.clip(share, 0.0, 1.0)
+        return min(1.0, max(0.0, share))
 
     def power_W(self, current_A: float, temperature_C: float) -> float:
         """Heater power at this current and coil temperature."""
         warmer = self.temperature_coefficient_per_K * (temperature_C - 25.0)
         return current_A**2 * self.resistance_ohm * (1 + warmer)
 
-    def hold(self, state: State, duration_s: float) -> State:
+    def hold(self, state: State, duration_s: Values) -> tuple[Values, ...]:
         """State after an ideal controller has held it: the same."""
-        del duration_s
+        if isinstance(duration_s, np.ndarray):
+            return (np.full(duration_s.shape, state[0]),)
         return state
 
-    def holding_current_A(self, state: State) -> float:
-        """Current whose heat makes up for the loss."""
-        lost = max(0.0, -self._rate(state[0], 0.0))
+    def holding_current_A(self, state: State, duration_s: float = 0.0) -> float:
+        """Current whose heat makes up for the loss, at any time."""
+        del duration_s
+        lost = max(0.0, -self._regime(state[0], 0.0).rate_W)
         return math.sqrt(lost / self.power_W(1.0, self.temperature_C(state)))
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heat that holding the state takes."""
-        return max(0.0, -self._rate(state[0], 0.0)) * duration_s
+        return max(0.0, -self._regime(state[0], 0.0).rate_W) * duration_s
 
-    def propagate(self, state: State, current_A: float, duration_s: float) -> State:
+    def propagate(self, state: State, current_A: float, duration_s: Values) -> tuple[Values, ...]:
         """State after a constant current, exactly, through however many regimes."""
-        ends = [after for _, after, _ in self._passed(state[0], current_A, duration_s)]
-        return (ends[-1],) if ends else state
+        if not isinstance(duration_s, np.ndarray):
+            (after,) = state
+            for _, _, end, _ in self._passed(after, current_A, duration_s):
+                after = end
+            return (after,)
+        each, since = np.full(duration_s.shape, state[0]), 0.0
+        longest = float(duration_s.max(initial=0.0))
+        for regime, h, _, spent in self._passed(state[0], current_A, longest):
+            later = duration_s > since
+            each[later] = regime.after(h, duration_s[later] - since)
+            since += spent
+        return (each,)
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until H reaches ``level`` [s]; inf if it never does."""
         (h,) = state
         total = 0.0
         while h != level:
-            rate = self._rate(h, current_A)
-            if rate == 0 or (level > h) != (rate > 0):
+            regime = self._regime(h, current_A)
+            if regime.rate_W == 0 or (level > h) != (regime.rate_W > 0):
                 return math.inf
-            edge = self._next_edge(h, current_A)
-            stop = level if edge is None or (level < edge) == (rate > 0) else edge
-            needed = self._time_within_regime(h, stop, current_A)
-            if not math.isfinite(needed):
+            edge = regime.edge
+            stop = level if edge is None or (level < edge) == (regime.rate_W > 0) else edge
+            needed = regime.time_to(h, stop)
+            if needed == math.inf:
                 return math.inf
             total, h = total + needed, stop
         return total
@@ -137,84 +159,78 @@ class Lumped:
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:
         """Heat the coil gives off at constant current."""
         passed = self._passed(state[0], current_A, duration_s)
-        spent = (self._energy_within_regime(h, end, current_A, time) for h, end, time in passed)
-        return sum(spent, start=0.0)
+        return sum((self._energy_within(*each, current_A) for each in passed), start=0.0)
 
     def _passed(
         self, h: float, current_A: float, duration_s: float
-    ) -> Iterator[tuple[float, float, float]]:
-        """Yield (H before, H after, duration) of each regime passed through."""
+    ) -> Iterator[tuple[_Regime, float, float, float]]:
+        """Yield (regime, H before, H after, duration) of each regime passed through."""
         left = duration_s
         while left > 0:
-            edge, spent = self._next_edge(h, current_A), left
-            after = self._within_regime(h, current_A, left, edge)
+            regime, spent = self._regime(h, current_A), left
+            after, edge = regime.after(h, left), regime.edge
             if edge is not None and (after < edge) != (h < edge):
-                after, spent = edge, self._time_within_regime(h, edge, current_A)
-            yield h, after, spent
+                after, spent = edge, regime.time_to(h, edge)
+            yield regime, h, after, spent
             h, left = after, left - spent
 
-    def _rate(self, h: float, current_A: float) -> float:
-        """Heater power less loss."""
+    def _regime(self, h: float, current_A: float) -> _Regime:
+        """The regime that H moves through at constant current."""
         temperature = self.temperature_C((h,))
         loss = self.loss_W_per_K * (temperature - self.ambient_C)
-        return self.power_W(current_A, temperature) - loss
-
-    def _next_edge(self, h: float, current_A: float) -> float | None:
-        """Regime boundary that H runs into, or None."""
-        rate = self._rate(h, current_A)
-        if rate > 0:
-            return 0.0 if h < 0 else self.latent_J if h < self.latent_J else None
-        if rate < 0:
-            return self.latent_J if h > self.latent_J else 0.0 if h > 0 else None
-        return None
-
-    def _regime(self, h: float, toward: float | None, current_A: float) -> float:
-        """Heat capacity of the regime that H moves through; 0 on the plateau."""
-        up = self._rate(h, current_A) > 0 if toward is None else toward > h
+        rate = self.power_W(current_A, temperature) - loss
+        up, liquid = rate > 0, self.latent_J
         if h < 0 or (h == 0 and not up):
-            return self.heat_solid_J_per_K
-        if h > self.latent_J or (h == self.latent_J and up):
-            return self.heat_liquid_J_per_K
-        return 0.0
-
-    def _slope(self, current_A: float) -> float:
-        """Return b of C dT/dt = A - b (T - T_a)."""
+            capacity, edge = self.heat_solid_J_per_K, 0.0 if up else None
+        elif h > liquid or (h == liquid and up):
+            capacity, edge = self.heat_liquid_J_per_K, liquid if rate < 0 else None
+        else:
+            capacity, edge = 0.0, liquid if up else 0.0 if rate < 0 else None
         warmer = self.temperature_coefficient_per_K * current_A**2 * self.resistance_ohm
-        return self.loss_W_per_K - warmer
+        return _Regime(rate, capacity, self.loss_W_per_K - warmer, edge)
 
-    def _time_within_regime(self, h: float, to: float, current_A: float) -> float:
-        capacity, rate = self._regime(h, to, current_A), self._rate(h, current_A)
-        if capacity == 0.0:
-            return (to - h) / rate
-        b = self._slope(current_A)
-        ratio = b * (to - h) / (capacity * rate)
-        if ratio == 0.0:
-            return (to - h) / rate
-        return -capacity / b * math.log1p(-ratio) if ratio < 1 else math.inf
-
-    def _within_regime(
-        self, h: float, current_A: float, duration_s: float, edge: float | None
-    ) -> float:
-        capacity = self._regime(h, edge, current_A)
-        rate = self._rate(h, current_A)
-        if capacity == 0.0:
-            return h + rate * duration_s
-        b = self._slope(current_A)
-        slow = -b * duration_s / capacity
-        grown = math.expm1(slow) / slow if slow else 1.0
-        return h + rate * duration_s * grown
-
-    def _energy_within_regime(
-        self, h: float, after: float, current_A: float, duration_s: float
+    def _energy_within(
+        self, regime: _Regime, h: float, after: float, duration_s: float, current_A: float
     ) -> float:
         """Integral of the heater power, from the heat balance E = H' - H + G int (T - T_a)."""
-        capacity = self._regime(h, after, current_A)
         here = self.temperature_C((h,))
-        if capacity == 0.0:
+        if regime.capacity_J_per_K == 0.0:
             return self.power_W(current_A, here) * duration_s
-        a, b = self.power_W(current_A, self.ambient_C), self._slope(current_A)
-        if abs(b) * duration_s < 1e-9 * capacity:
+        a, b = self.power_W(current_A, self.ambient_C), regime.slope_W_per_K
+        if abs(b) * duration_s < 1e-9 * regime.capacity_J_per_K:
             middle = (here + self.temperature_C((after,))) / 2
             return self.power_W(current_A, middle) * duration_s
         warm = (a * duration_s - (after - h)) / b
         return after - h + self.loss_W_per_K * warm
+
+
+class _Regime(NamedTuple):
+    """How H moves at constant current until it runs into an edge: C dT/dt = A - b (T - T_a).
+
+    Attributes:
+        rate_W: Heater power less loss where H is now.
+        capacity_J_per_K: C; 0 on the plateau.
+        slope_W_per_K: b.
+        edge: Enthalpy at which the regime ends [J]; None if H never comes to one.
+    """
+
+    rate_W: float
+    capacity_J_per_K: float
+    slope_W_per_K: float
+    edge: float | None
+
+    def time_to(self, h: float, to: float) -> float:
+        """Time from one enthalpy to another; inf if it is never reached [s]."""
+        rate, capacity, b, _ = self
+        ratio = b * (to - h) / (capacity * rate) if capacity else 0.0
+        if ratio == 0.0:
+            return (to - h) / rate
+        return -capacity / b * math.log1p(-ratio) if ratio < 1 else math.inf
+
+    def after(self, h: float, duration_s: Values) -> Values:
+        """Enthalpy after some time [J]."""
+        rate, capacity, b, _ = self
+        if capacity == 0.0 or b == 0.0:
+            return h + rate * duration_s
+        expm1 = np.expm1 if isinstance(duration_s, np.ndarray) else math.expm1
+        return h - rate * capacity / b * expm1(-b / capacity * duration_s)

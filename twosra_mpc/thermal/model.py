@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 State = tuple[float, ...]
+# A number, or one for each of many times: what is asked for many times at once is not asked often.
+Values = TypeVar("Values", float, NDArray[np.float64])
 
 
 class SegmentModel(Protocol):
@@ -37,7 +43,7 @@ class SegmentModel(Protocol):
     def initial(self, temperature_C: float) -> State:
         """State of a segment that has this temperature throughout."""
 
-    def level(self, state: State) -> float:
+    def level(self, state: tuple[Values, ...]) -> Values:
         """What rises and falls through the thresholds, in the model's own unit."""
 
     def level_at(self, temperature_C: float) -> float:
@@ -49,17 +55,17 @@ class SegmentModel(Protocol):
     def warmed(self, state: State, by_K: float) -> State:
         """State whose metal is so much warmer; where heat does not warm it, the same."""
 
-    def temperature_C(self, state: State) -> float:
-        """Temperature of the metal."""
+    def temperature_C(self, state: tuple[Values, ...]) -> Values:
+        """Temperature of the metal; of each, where the state's values are arrays."""
 
-    def melt_fraction(self, state: State) -> float:
-        """From 0 (solid) to 1 (liquid)."""
+    def melt_fraction(self, state: tuple[Values, ...]) -> Values:
+        """From 0 (solid) to 1 (liquid); of each, where the state's values are arrays."""
 
-    def propagate(self, state: State, current_A: float, duration_s: float) -> State:
-        """State after a constant current."""
+    def propagate(self, state: State, current_A: float, duration_s: Values) -> tuple[Values, ...]:
+        """State after a constant current; an array of durations gives arrays of values."""
 
-    def hold(self, state: State, duration_s: float) -> State:
-        """State after an ideal controller has kept the temperature."""
+    def hold(self, state: State, duration_s: Values) -> tuple[Values, ...]:
+        """State after an ideal controller has kept the temperature, likewise."""
 
     def time_until(self, state: State, current_A: float, level: float) -> float:
         """Time at constant current until the level is first reached [s]; inf if never."""
@@ -70,11 +76,36 @@ class SegmentModel(Protocol):
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:
         """Heater energy at constant current."""
 
-    def holding_current_A(self, state: State) -> float:
-        """Current that keeps the temperature now."""
+    def holding_current_A(self, state: State, duration_s: float = 0.0) -> float:
+        """Current that keeps the temperature now, or has the energy that keeps it for so long."""
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
         """Heater energy of keeping the temperature."""
+
+
+def exponential(values: Values) -> Values:
+    """Return e to the power of a number, or of each."""
+    return np.exp(values) if isinstance(values, np.ndarray) else math.exp(values)
+
+
+def replayed(
+    model: SegmentModel, state: State, t: NDArray[np.float64], current_A: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], ...]:
+    """Values of a segment's state at every time, each (m,).
+
+    Args:
+        model: The segment.
+        state: At the first time.
+        t: Times in order [s], (m,).
+        current_A: Heater current from each time to the next, (m,).
+    """
+    found = np.tile(np.array(state)[:, None], len(t))
+    turns = np.flatnonzero(np.diff(current_A[: len(t) - 1])) + 1
+    for begin, end in itertools.pairwise([0, *turns.tolist(), len(t) - 1]):
+        since = slice(begin + 1, end + 1)
+        here = tuple(found[:, begin].tolist())
+        found[:, since] = model.propagate(here, float(current_A[begin]), t[since] - t[begin])
+    return tuple(found)
 
 
 def thresholds_C(model: SegmentModel) -> tuple[float, float]:

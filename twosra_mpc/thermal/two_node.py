@@ -15,7 +15,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-State = tuple[float, ...]
+import numpy as np
+
+from twosra_mpc.thermal.crossing import crossing
+from twosra_mpc.thermal.model import State, Values, exponential
 
 _HORIZON_S = 1e5  # a threshold not passed in a day is never passed
 
@@ -46,7 +49,7 @@ class TwoNode:
     liquid_level: float
     ambient_C: float
 
-    def level(self, state: State) -> float:
+    def level(self, state: tuple[Values, ...]) -> Values:
         """Return what rises and falls through the thresholds: the core temperature [C]."""
         return state[0]
 
@@ -66,13 +69,15 @@ class TwoNode:
         """State with a warmer core."""
         return (state[0] + by_K, state[1])
 
-    def temperature_C(self, state: State) -> float:
+    def temperature_C(self, state: tuple[Values, ...]) -> Values:
         """Temperature of the core [C]."""
         return state[0]
 
-    def melt_fraction(self, state: State) -> float:
+    def melt_fraction(self, state: tuple[Values, ...]) -> Values:
         """How far between the two thresholds the core is, from 0 (solid) to 1 (liquid)."""
         share = (state[0] - self.solid_level) / (self.liquid_level - self.solid_level)
+        if isinstance(share, np.ndarray):
+            return np.clip(share, 0.0, 1.0)
         return min(1.0, max(0.0, share))
 
     def power_W(self, current_A: float, temperature_C: float) -> float:
@@ -80,27 +85,30 @@ class TwoNode:
         del temperature_C
         return self.core_heat_J_per_K * self._heating(current_A)
 
-    def propagate(self, state: State, current_A: float, duration_s: float) -> State:
+    def propagate(self, state: State, current_A: float, duration_s: Values) -> tuple[Values, ...]:
         """State after a constant current, exactly."""
         a = self.coupling_per_s
         core, body, fast, slow, c_fast, c_slow = self._course(state, current_A)
-        c_fast, c_slow = c_fast * math.exp(fast * duration_s), c_slow * math.exp(slow * duration_s)
-        c, b = c_fast + c_slow, c_fast * (1 + fast / a) + c_slow * (1 + slow / a)
-        return core + c, body + b
+        left_fast = c_fast * exponential(fast * duration_s)
+        left_slow = c_slow * exponential(slow * duration_s)
+        b = left_fast * (1 + fast / a) + left_slow * (1 + slow / a)
+        return core + (left_fast + left_slow), body + b
 
-    def hold(self, state: State, duration_s: float) -> State:
+    def hold(self, state: State, duration_s: Values) -> tuple[Values, ...]:
         """State after the core has been held at its temperature by an ideal controller."""
         core, body = state
         leave = self.coupling_per_s / self.body_ratio
         settled = (leave * core + self.body_loss_per_s * self.ambient_C) / (
             leave + self.body_loss_per_s
         )
-        decay = math.exp(-(leave + self.body_loss_per_s) * duration_s)
-        return (core, settled + (body - settled) * decay)
+        decay = exponential(-(leave + self.body_loss_per_s) * duration_s)
+        return (core + 0.0 * decay, settled + (body - settled) * decay)
 
-    def holding_current_A(self, state: State) -> float:
-        """Current that keeps the core at its temperature now."""
+    def holding_current_A(self, state: State, duration_s: float = 0.0) -> float:
+        """Current that keeps the core at its temperature now, or is right on average so long."""
         needed = max(0.0, self.coupling_per_s * (state[0] - state[1]))
+        if needed and duration_s > 0.0:
+            needed = self.holding_energy_J(state, duration_s) / duration_s / self.core_heat_J_per_K
         return self.full_current_A * math.sqrt(needed / self.power_K_per_s)
 
     def holding_energy_J(self, state: State, duration_s: float) -> float:
@@ -130,12 +138,10 @@ class TwoNode:
         ratio = -fast * c_fast / (slow * c_slow) if c_slow else 0.0
         turn = max(0.0, math.log(ratio) / (slow - fast)) if ratio > 0 else 0.0
         for low, high in ((0.0, turn), (turn, _HORIZON_S)):
-            if excess(low) <= 0:  # by rounding
+            if (before := excess(low)) <= 0:  # by rounding
                 return low
-            if high > low and excess(high) <= 0:
-                from scipy.optimize import brentq  # scenarios are listed without it
-
-                return float(brentq(excess, low, high, xtol=1e-12, rtol=1e-14))
+            if high > low and (after := excess(high)) <= 0:
+                return crossing(excess, (low, before), (high, after))
         return math.inf
 
     def energy_J(self, state: State, current_A: float, duration_s: float) -> float:

@@ -147,6 +147,13 @@ class TemporalNetwork:
         """Numbering of the events."""
         return EventLayout(len(self.sequence), len(self.last))
 
+    @cached_property
+    def earliest(self) -> tuple[float, ...] | None:
+        """Earliest time of every event [s]; None if the constraints contradict each other."""
+        constraints = [(u, v, least) for (u, v), least in self.least.items()]
+        times = _raised([0.0] * self.layout.count, constraints)
+        return None if times is None else tuple(times)
+
     @property
     def melt_onsets(self) -> list[int]:
         """Events at which melts begin that heaters may delay."""
@@ -158,13 +165,12 @@ class TemporalNetwork:
         return [self.layout.onset_of(event) for event in self.events if event.to == "rigid"]
 
 
-def earliest_times(network: TemporalNetwork) -> list[float] | None:
+def earliest_times(network: TemporalNetwork) -> tuple[float, ...] | None:
     """Earliest time of every event: longest paths from the origin [s].
 
     None if the constraints contradict each other.
     """
-    constraints = [(u, v, least) for (u, v), least in network.least.items()]
-    return _raised([0.0] * network.layout.count, constraints)
+    return network.earliest
 
 
 def longest_paths(network: TemporalNetwork, since: int) -> list[float]:

@@ -7,10 +7,9 @@ a given schedule needs.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
@@ -23,25 +22,15 @@ from twosra_mpc.thermal.heating import (
 )
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.thermal.uncertainty import windows
-from twosra_mpc.timing.network import (
-    Delay,
-    Dwell,
-    Event,
-    EventLayout,
-    Hold,
-    TemporalNetwork,
-    earliest_times,
-    events_of,
-    handovers,
-    longest_paths,
-    overlaps,
-    refused,
-)
+from twosra_mpc.timing.network import Event, TemporalNetwork, handovers, overlaps
+from twosra_mpc.timing.thermal_start import ThermalStart, thermal_start
 from twosra_mpc.timing.transitions import SegmentHeating, Transition, TransitionModel, model_of
 
 KEEP_WARM_BELOW_C = 3.0  # how far below its threshold a solid segment is kept warm
 _SETTLED_S = 1e-9
-_LATER_S = 4.0  # over which it is seen how much sooner a freeze is that begins later
+
+Onsets = tuple[tuple[Stiffness, float], ...]
+Heated = tuple[TemperatureTrajectory, list[SegmentTransition]]
 
 
 @model_of.register(ThermalTiming)
@@ -91,121 +80,28 @@ class Thermal(TransitionModel):
         )
 
     @cached_property
+    def start(self) -> ThermalStart:
+        """What problems that begin alike share."""
+        problem = self.problem
+        return thermal_start(self.plans, problem.temperatures, self.first, problem.heaters_at_once)
+
+    @property
     def least(self) -> tuple[LeastTimes, ...]:
-        """What no history of each segment can undercut; one for segments that are alike."""
-        return tuple(map(cache(LeastTimes), self.plans, self.problem.temperatures))
+        """What no history of each segment can undercut."""
+        return self.start.least
 
     def refusal(self, sequence: ModeSequence, last: Mode) -> str | None:
-        if self.problem.heaters_at_once == 1:
-            for one, two, mode in overlaps(sequence, self.first, last):
-                if not self._coasts(one, two) and not self._coasts(two, one):
-                    return refused(mode)
-        return None
-
-    def _coasts(self, liquid: Dwell, other: Dwell) -> bool:
-        """Whether a segment might stay liquid without heat while the other one melts."""
-        if other.melt is None:
-            return False
-        least, again = self.least[other.segment], other.melt.number > 0
-        needed = least.melting_s if again else least.warmest_lead_s + least.first_melting_s
-        return self.least[liquid.segment].longest_coasting_s > needed
+        return self.start.refusal(sequence, last)
 
     def network(
         self, sequence: ModeSequence, last: Mode, least_durations: Sequence[float]
     ) -> TemporalNetwork:
-        layout = EventLayout(len(sequence), len(last))
-        least, holds, energy, molten = layout.phase_order(), [], 0.0, 0
-        previous = layout.origin
-        before: float | None = None  # least time from the onset of the transition before
-        events = tuple(events_of(sequence, self.first, last))
-        for event in events:
-            history = self.least[event.segment]
-            onset, begin = layout.onset_of(event), layout.start(event.gap)
-            least[layout.end(event.gap - 1), onset] = 0.0
-            if event.number == 0:
-                previous, before = layout.origin, None
-            if event.to == "soft":
-                energy += history.first_energy_J if before is None else history.energy_J
-                least[previous, onset] = history.first_lead_s if before is None else before
-                before = history.first_melting_s if before is None else history.melting_s
-            else:
-                if event.number:
-                    holds.append(Hold(layout.start(molten), onset, history.liquid_power_W))
-                if before is None:
-                    least[previous, onset] = history.first_coasting_s
-                    least[previous, begin] = history.first_freezing_s
-                else:
-                    least[previous, onset] = before + history.coasting_s(event.number)
-                held = sum(least_durations[molten : event.gap]) if event.number else 0.0
-                before = history.freezing_s(event.number, held)
-            least[onset, begin] = before
-            previous, molten = onset, event.gap
-        network = TemporalNetwork(sequence, last, least, len(events), energy, tuple(holds), events)
-        if self.problem.heaters_at_once == 1:
-            network = replace(network, least=least | self._least_handovers(network))
-        return self._tightened(network, least_durations)
-
-    def _tightened(
-        self, network: TemporalNetwork, least_durations: Sequence[float]
-    ) -> TemporalNetwork:
-        """What the network says of when transitions begin, used for how long they take.
-
-        The metal of a melt waits liquid for its freeze as long as all that is in between takes, and
-        the first melt and freeze of a segment end as late as its first heating says.
-        """
-        known = [history.first_cycle.is_known for history in self.least]
-        layout, least, molten = network.layout, dict(network.least), dict[int, int]()
-        for event in sorted(network.events, key=lambda event: event.gap):
-            history, cycle = self.least[event.segment], self.least[event.segment].first_cycle
-            so_far = _lasting(replace(network, least=least), least_durations)
-            if known[event.segment] or (times := earliest_times(so_far)) is None:
-                continue
-            onset, begin = layout.onset_of(event), layout.start(event.gap)
-            done_s = 0.0
-            if event.to == "soft":
-                molten[event.segment] = begin
-                done_s = cycle.molten_s(times[onset]) if event.number == 0 else 0.0
-            elif event.number:
-                held_s = longest_paths(so_far, molten[event.segment])[onset]
-                least[onset, begin] = history.freezing_s(event.number, held_s)
-                done_s = history.frozen_s(event.number, times[onset], held_s)
-            if done_s > max(times[onset] + least[onset, begin], times[begin]):
-                least[layout.origin, begin] = done_s
-        return replace(network, least=least)
+        return self.start.network(sequence, last, tuple(least_durations))
 
     def with_delays(
         self, network: TemporalNetwork, least_durations: Sequence[float]
     ) -> TemporalNetwork:
-        lasting = _lasting(network, least_durations)
-        if (times := earliest_times(lasting)) is None:
-            return network
-        layout, found = network.layout, list[Delay]()
-        for melt, freeze in itertools.pairwise(network.events):
-            cycle = self.least[melt.segment].first_cycle
-            if melt.segment != freeze.segment or melt.number or freeze.to == "soft":
-                continue
-            if cycle.is_known:
-                continue
-            onset, begin = layout.onset_of(freeze), layout.start(freeze.gap)
-            held_s = longest_paths(lasting, layout.start(melt.gap))[onset]
-            now_s, later_s = (cycle.frozen_s(times[onset] + s, held_s) for s in (0.0, _LATER_S))
-            share = min(1.0, (later_s - now_s) / _LATER_S)
-            least = cycle.frozen_s(times[onset], held_s, share)
-            found.append(Delay(onset, begin, share, least))
-        return replace(network, delays=tuple(found))
-
-    def _least_handovers(self, network: TemporalNetwork) -> dict[tuple[int, int], float]:
-        """The earlier heater goes off when its segment is molten, and can coast only so long."""
-        layout, added = network.layout, {}
-        for melt, off, on in handovers(network.sequence, self.first, network.last):
-            lead = self.least[on.segment].warmest_lead_s if on.number == 0 else 0.0
-            coasting = self.least[off.segment].longest_coasting_s
-            added[layout.onset_of(off), layout.onset_of(on)] = lead - coasting
-            if melt is not None:
-                onset = layout.onset_of(melt)
-                molten = network.least[onset, layout.start(melt.gap)]
-                added[onset, layout.onset_of(on)] = molten + lead
-        return added
+        return self.start.with_delays(network, least_durations)
 
     def settle(self, network: TemporalNetwork, times: Sequence[float]) -> TemporalNetwork | None:
         layout, raised = network.layout, dict(network.least)
@@ -234,7 +130,7 @@ class Thermal(TransitionModel):
             yield Transition(event.segment + 1, *item)
 
     def segment_heating(self, segment: int, own: tuple[Transition, ...]) -> ThermalHeating:
-        made, _ = self._heated(segment, [(item.to, item.onset_s) for item in own])
+        made, _ = self._heated(segment, tuple((item.to, item.onset_s) for item in own))
         return ThermalHeating(bool(self.first[segment]), own, made.model, made.pieces)
 
     def _made(
@@ -244,22 +140,19 @@ class Thermal(TransitionModel):
         made: dict[Event, SegmentTransition] = {}
         for segment in range(len(self.first)):
             own = [event for event in network.events if event.segment == segment]
-            onsets = [(event.to, float(times[network.layout.onset_of(event)])) for event in own]
+            onsets = tuple((event.to, times[network.layout.onset_of(event)]) for event in own)
             made |= zip(own, self._heated(segment, onsets)[1], strict=True)
         return made
 
-    def _heated(
-        self, segment: int, onsets: Sequence[tuple[Stiffness, float]]
-    ) -> tuple[TemperatureTrajectory, list[SegmentTransition]]:
-        soft = bool(self.first[segment])
-        return self.plans[segment].heated(self.problem.temperatures[segment], soft, onsets)
+    @cached_property
+    def _heated(self) -> Callable[[int, Onsets], Heated]:
+        """How a segment is heated to melt and freeze at some onsets; asked over and over."""
 
+        def heated(segment: int, onsets: Onsets) -> Heated:
+            soft, now = bool(self.first[segment]), self.problem.temperatures[segment]
+            return self.plans[segment].heated(now, soft, onsets)
 
-def _lasting(network: TemporalNetwork, durations: Sequence[float]) -> TemporalNetwork:
-    """The network with these least durations of its phases [s]."""
-    layout = network.layout
-    phases = {(layout.start(i), layout.end(i)): least for i, least in enumerate(durations)}
-    return replace(network, least=network.least | phases)
+        return lru_cache(maxsize=64)(heated)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, singledispatch
+from functools import cached_property, lru_cache, singledispatch
 from typing import NamedTuple
 
 import numpy as np
@@ -185,8 +185,9 @@ class TransitionModel(ABC):
         return iter(())
 
 
+@lru_cache(maxsize=8)
 def transition_model(problem: Problem) -> TransitionModel:
-    """Build the transition model of the timing that a problem names."""
+    """The transition model of the timing that a problem names; the same one when asked again."""
     return model_of(problem.transition_times, problem)
 
 

@@ -57,8 +57,7 @@ def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | Non
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         first_look=lambda: dive(tree, width=_WIDTH, attempts=_ATTEMPTS, out_of_time=late),
     )
-    if result.solution is not None:
-        result = as_asked(result.solution.plan.problem, result)
+    result = as_asked(result)
     stats = Stats(time.perf_counter() - started, result.bounded, result.solved, 0)
     return _conclude(problem, result, tree, stats)
 

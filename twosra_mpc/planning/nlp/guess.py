@@ -8,6 +8,7 @@ of the chain to the goal. Where this fits the limits it is a plan already.
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import math
 from collections.abc import Sequence
@@ -15,18 +16,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import Motion, bending_chain, roll_out
+from twosra_mpc.model.flow import Motion, bending_step, passed, roll_out
 from twosra_mpc.model.outline import outline_points, outline_radii_m
+from twosra_mpc.model.rows import in_mode
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, rigid_rows, workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 
-_STEP_RAD = 0.01  # bending angle in a Runge-Kutta step
-_MOST_STEPS = 64
 _STRAYING_M = 2e-3  # out of a workspace between nodes
 _ASIDES = 360  # directions of a straight way
 _NO_CHOICE = 1e-9  # of W: boxes as narrow as that are numbers
@@ -92,8 +92,7 @@ def moved_inside(motion: Motion, problem: Problem) -> Motion:
         (first, states[first, 0, :3], states[first, -1, :3] + by),
         (last, states[last, 0, :3] + by, states[last, -1, :3]),
     ):
-        move = np.linalg.solve(_matrix(here), _matrix(end))
-        screw = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
+        screw = _screw(_place(end), here, float(end[2] - here[2]))
         inputs[i] = np.array([0.0, 0.0, *screw]) / inputs.shape[1]
     return roll_out(motion.robot, states[0, 0], motion.sequence, inputs)
 
@@ -110,8 +109,7 @@ def swerved(motion: Motion, turn_rad: float) -> Motion:
     inputs, poses = motion.inputs.copy(), motion.states[first, :, :POSE].copy()
     poses[:, 2] += turn_rad * np.sin(np.pi * np.linspace(0.0, 1.0, len(poses)))
     for k, (here, end) in enumerate(itertools.pairwise(poses)):
-        move = np.linalg.solve(_matrix(here), _matrix(end))
-        inputs[first, k, 2:] = _screw(float(move[0, 2]), float(move[1, 2]), float(end[2] - here[2]))
+        inputs[first, k, 2:] = _screw(_place(end), here, float(end[2] - here[2]))
     return roll_out(motion.robot, motion.states[0, 0], motion.sequence, inputs)
 
 
@@ -247,17 +245,11 @@ def bent(
         q at the nodes, (intervals + 1, 3 + n), and the travel of each locomotion unit in each
         interval, (intervals, 2) [m].
     """
-    facts, turned = bending(robot), 0.0
-    for j in soft_segments(mode):
-        passed = facts.coordinate(float(q[3 + j]), j) + bend * np.linspace(0, 1, intervals + 1)
-        steps = np.abs(np.diff(facts.curvature(passed, j))) * robot.geometry.lengths_m[j]
-        turned = max(turned, float(steps.max()))
-    doublings = math.ceil(math.log2(max(turned / _STEP_RAD, 1.0)))
-    chain = bending_chain(robot, intervals, min(_MOST_STEPS, 2**doublings))
-    modes = np.repeat(np.array([mode], dtype=float), intervals, axis=0)
-    each = np.repeat(np.array([shares]), intervals, axis=0)
-    states, travel = chain(q, np.full((1, intervals), bend / intervals), modes.T, each.T)
-    return np.vstack([q, states.full().T]), travel.full().T * each
+    step, changes = in_mode(bending_step(robot), mode), np.full((intervals, 1), bend / intervals)
+    states = passed(step, np.append(q, 0.0), changes, np.array(shares))
+    with np.errstate(invalid="ignore"):  # where it bends farther than anything can
+        travel = np.diff(states[:, -1])[:, None] * shares
+    return states[:, :-1], travel
 
 
 def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
@@ -268,19 +260,18 @@ def rigid_move(before: Array, after: Array, goal: GoalSet) -> Array:
     """
     here, end = before[:3], after[:3]
     wanted = goal.aim(after)[:3]
-    onward = np.linalg.solve(_matrix(here), _matrix(end))
     turn = float(wanted[2] - end[2])
-    move = np.linalg.solve(_matrix(here), _matrix(wanted)) @ np.linalg.inv(onward)
-    return np.array([0.0, 0.0, *_screw(float(move[0, 2]), float(move[1, 2]), turn)])
+    carried = _place(wanted) + cmath.rect(1.0, turn) * (_place(here) - _place(end))
+    return np.array([0.0, 0.0, *_screw(carried, here, turn)])
 
 
-def _matrix(pose: Array) -> Array:
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    return np.array([[c, -s, pose[0]], [s, c, pose[1]], [0.0, 0.0, 1.0]])
+def _place(pose: Array) -> complex:
+    return complex(pose[0], pose[1])
 
 
-def _screw(x: float, y: float, turn: float) -> tuple[float, float, float]:
-    """Logarithm on SE(2): the constant body twist displacement (su, sv, sr) of a pose change."""
+def _screw(there: complex, here: Array, turn: float) -> tuple[float, float, float]:
+    """Logarithm on SE(2): the constant body twist displacement (su, sv, sr) from a pose."""
     half = turn / 2
     along = half / math.tan(half) if abs(half) > 1e-8 else 1 - half**2 / 3
-    return along * x + half * y, -half * x + along * y, turn
+    moved = (there - _place(here)) * cmath.rect(1.0, -float(here[2])) * complex(along, -half)
+    return moved.real, moved.imag, turn

@@ -66,7 +66,7 @@ def block(
         shape: Curvatures at the beginning, (n,) [1/m].
         modes: Mode of each phase.
         bends: Change of W in each.
-        shares: Of the travel of the two locomotion units; see ``model.flow.bending_flow``.
+        shares: Of the travel of the two locomotion units; see ``model.flow.bending_step``.
         fine: Times as many nodes as usual.
     """
     nodes = [np.append(np.zeros(POSE), shape)[None]]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ Intervals = tuple[tuple[float, float], ...]  # (low, high) of every segment
 Known = tuple[tuple[float, float] | None, ...]  # the same; None: anything
 
 _DEPENDENT = 1e-9  # singular values that are zero
+_ROUNDING = 1e-9  # of the changes of W that limits allow
 
 
 class Conserved(NamedTuple):
@@ -29,7 +30,7 @@ class Conserved(NamedTuple):
     factor: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BendingTask:
     """What a plan must do to the bending coordinates, and how fast it can.
 
@@ -84,7 +85,7 @@ class BendingTask:
         low, high = self.met[segment]
         return not low <= 0 <= high
 
-    @property
+    @cached_property
     def met(self) -> Intervals:
         """(low, high) of each segment: changes of W with which the goal counts as met."""
         pairs = zip(self.change, self.within, strict=True)
@@ -150,15 +151,34 @@ def determined_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
     one linear equation for each segment. None also where they are no solution.
     """
     found = _ranges(sequence, task.change)
-    if found is None or (found[0] != found[1]).any():
+    if found is None or found[0] != found[1]:
         return None
+    bends = np.array(found[0])
     incidence = np.array(sequence, dtype=float).reshape(len(sequence), len(task.change)).T
-    reached = incidence @ found[0]
-    inside = zip(reached.tolist(), task.met, strict=True)
-    return found[0] if all(low <= w <= high for w, (low, high) in inside) else None
+    inside = zip((incidence @ bends).tolist(), task.met, strict=True)
+    return bends if all(low <= w <= high for w, (low, high) in inside) else None
 
 
-def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[Array, Array] | None:
+def least_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
+    """Change of W in each phase where all may bend their least at once, else None.
+
+    Then no other bends take less time in any phase, so event times are least with these.
+    """
+    if (steps := bend_steps(sequence, task)) is None:
+        return None
+    bends = np.array([step.surely for step in steps])
+    sums = np.cumsum(bends[:, None] * np.array(sequence), axis=0)
+    for j in task.segments:
+        soft = [i for i, mode in enumerate(sequence) if mode[j]]
+        rounding = _ROUNDING * (task.room[j][1] - task.room[j][0])
+        for i in soft:
+            low, high = task.met[j] if i == soft[-1] else task.room[j]
+            if not low - rounding <= sums[i, j] <= high + rounding:
+                return None
+    return bends
+
+
+def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[list[float], list[float]] | None:
     """Least and largest change of W in each phase; None if the soft modes are not independent.
 
     Then the bends d solve A d = w for some w in the box that is asked for, so d = A^+ w.
@@ -167,10 +187,10 @@ def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[Array, Array] | 
         return None
     low, high = np.array(change).T
     rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
-    return rise @ low + fall @ high, rise @ high + fall @ low
+    return (rise @ low + fall @ high).tolist(), (rise @ high + fall @ low).tolist()
 
 
-@functools.lru_cache(4096)
+@lru_cache(4096)
 def _inverse(sequence: ModeSequence) -> Array | None:
     """A^+, (phases, segments), zero for rigid phases; None if soft modes are not independent."""
     modes = np.array(sequence, dtype=float)
@@ -206,38 +226,50 @@ class BendStep(NamedTuple):
         return min(self.least, self.most, key=abs) if self.least * self.most > 0 else 0.0
 
 
-def bend_steps(sequence: ModeSequence, task: BendingTask) -> list[BendStep] | None:
+@lru_cache(maxsize=64)  # a sequence is looked at more than once while its problem is planned
+def bend_steps(sequence: ModeSequence, task: BendingTask) -> tuple[BendStep, ...] | None:
     """What is known of the bend of each phase; None if the soft modes are not independent."""
     if (ranges := _ranges(sequence, task.met)) is None:
         return None
-    within = np.array(task.origin_within or [0.0] * len(task.origin))
-    here, steps = task.origin + np.array([-within, within]), list[BendStep]()
-    for i, mode in enumerate(sequence):
-        bend, before = np.array([part[i] for part in ranges]), _pairs(here)
-        here = here + np.outer(bend, mode)
-        outermost = [
-            room if any(later[j] for later in sequence[i + 1 :]) else change
-            for j, (room, change) in enumerate(zip(task.room, task.change, strict=True))
+    off = task.origin_within or (0.0,) * len(task.origin)
+    here = tuple((w - by, w + by) for w, by in zip(task.origin, off, strict=True))
+    steps = list[BendStep]()
+    for i, (mode, least, most) in enumerate(zip(sequence, *ranges, strict=True)):
+        reached = [
+            (low + soft * least, high + soft * most)
+            for soft, (low, high) in zip(mode, here, strict=True)
         ]
-        beyond = next((j for j in task.segments if _misses(here[:, j], task, task.room, j)), None)
-        possible = not any(_misses(here[:, j], task, outermost, j) for j in task.segments)
-        low, high = (np.array(task.origin) + end for end in np.array(outermost).T)
-        here = np.array([np.clip(end, low, high) for end in here])
-        steps.append(BendStep(mode, before, float(bend[0]), float(bend[1]), possible, beyond))
-    return steps
+        outermost = [
+            task.room[j] if any(later[j] for later in sequence[i + 1 :]) else task.change[j]
+            for j in task.segments
+        ]
+        beyond = (j for j in task.segments if _misses(reached[j], task, task.room[j], j))
+        possible = not any(_misses(reached[j], task, outermost[j], j) for j in task.segments)
+        steps.append(BendStep(mode, here, least, most, possible, next(beyond, None)))
+        here = tuple(
+            (
+                _clipped(low, w + change[0], w + change[1]),
+                _clipped(high, w + change[0], w + change[1]),
+            )
+            for (low, high), w, change in zip(reached, task.origin, outermost, strict=True)
+        )
+    return tuple(steps)
+
+
+def _clipped(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
 
 
 def _misses(
-    bounds: Array, task: BendingTask, changes: Sequence[tuple[float, float]], segment: int
+    bounds: tuple[float, float], task: BendingTask, change: tuple[float, float], segment: int
 ) -> bool:
-    """Whether no W within bounds (2,) is one of the changes that a segment (from 0) may make."""
-    low, high = changes[segment]
-    least, most = (bounds - task.origin[segment]).tolist()
-    slack = task.within[segment]
-    return bool(least > high + slack or most < low - slack)
+    """Whether no W within bounds is one that a segment (from 0) may change to."""
+    (least, most), w, slack = bounds, task.origin[segment], task.within[segment]
+    return least - w > change[1] + slack or most - w < change[0] - slack
 
 
-def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
+@lru_cache(maxsize=64)
+def least_durations(sequence: ModeSequence, task: BendingTask) -> tuple[float, ...]:
     """Least durations of the phases, as far as the task says how far they bend [s].
 
     Infinite where a bend must pass a shape that is forbidden.
@@ -249,7 +281,7 @@ def least_durations(sequence: ModeSequence, task: BendingTask) -> list[float]:
             durations[i] = task.least_time(step.mode, before, bend)
         if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
             durations[i] = math.inf
-    return durations
+    return tuple(durations)
 
 
 def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
@@ -259,12 +291,6 @@ def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
         task.least_effort(step.mode, step.before, step.surely) if step.surely else 0.0
         for step in steps
     ]
-
-
-def _pairs(bounds: Array) -> Intervals:
-    """(low, high) of every segment, from (2, n)."""
-    low, high = bounds.tolist()
-    return tuple(zip(low, high, strict=True))
 
 
 def known_curvatures(sequence: ModeSequence, phase: int, task: BendingTask) -> Known:

@@ -39,6 +39,7 @@ from twosra_mpc.planning.search.bends import (
     bend_steps,
     determined_bends,
     known_curvatures,
+    least_bends,
     least_durations,
     least_efforts,
 )
@@ -76,10 +77,15 @@ def sequence_bound(
     weights: Weights,
     least_durations: Sequence[float],
 ) -> SequenceBound | None:
-    """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible."""
-    bends = determined_bends(network.sequence, task)
-    if bends is not None and weights.energy_s_per_J == weights.effort == 0:
-        return _longest_path_bound(network, bends, weights, least_durations)
+    """Solve the relaxation of one mode sequence (a linear program); None if it is infeasible.
+
+    Where only time counts and it is known which bends take least, that is a longest path.
+    """
+    if weights.energy_s_per_J == weights.effort == 0:
+        bends = determined_bends(network.sequence, task)
+        bends = least_bends(network.sequence, task) if bends is None else bends
+        if bends is not None:
+            return _longest_path_bound(network, bends, weights, least_durations)
     try:
         return _linear_program_bound(network, task, weights, least_durations)
     except (
@@ -215,19 +221,23 @@ def _linear_program_bound(
     pose: PoseConstraint | None = None,
 ) -> SequenceBound | None:
     efforts = least_efforts(network.sequence, task) if weights.effort else []
-    rates = [
-        task.rate(mode, known_curvatures(network.sequence, i, task)) if any(mode) else 0.0
-        for i, mode in enumerate(network.sequence)
-    ]
+    rates, lines = list[float](), dict[int, tuple[float, float, float]]()
+    steps = bend_steps(network.sequence, task) or [None] * len(network.sequence)
+    for i, (mode, step) in enumerate(zip(network.sequence, steps, strict=True)):
+        if step and (bend := step.surely) and step.least < step.most:
+            most = max(step.least, step.most, key=abs)
+            time, more = task.least_time_of_more(mode, step.before, bend, most)
+            lines[i] = time, more, bend
+            rates.append(max(1 / more, abs(bend) / time))  # which the line implies
+        else:
+            known = known_curvatures(network.sequence, i, task)
+            rates.append(task.rate(mode, known) if any(mode) else 0.0)
     program = Relaxation(network, weights, least_durations, rates, efforts)
     layout = network.layout
-    for i, step in enumerate(bend_steps(network.sequence, task) or ()):
-        if (bend := step.surely) and step.least < step.most:
-            most = max(step.least, step.most, key=abs)
-            time, more = task.least_time_of_more(step.mode, step.before, bend, most)
-            time -= more * abs(bend)
-            lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
-            program.at_least(lasting | {layout.count + i: -math.copysign(more, bend)}, time)
+    for i, (time, more, bend) in lines.items():
+        lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
+        beyond = {layout.count + i: -math.copysign(more, bend)}
+        program.at_least(lasting | beyond, time - more * abs(bend))
     for j in task.segments:
         bends: dict[int, float] = {}
         for i in (i for i, mode in enumerate(network.sequence) if mode[j]):

@@ -1,4 +1,4 @@
-r"""Linear programs (HiGHS through SciPy): their optima, and what is proved of them.
+r"""Linear programs (HiGHS): their optima, and what is proved of them.
 
 A solver's optimum is right to within its tolerances, and its word that there is none is no proof.
 ``proved_minimum`` believes only the multipliers, whatever they are: for y >= 0 and every feasible x
@@ -15,34 +15,102 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.optimize import linprog
+from numpy.typing import NDArray
 
 from twosra_mpc.robot.coordinates import Array
 
-_INFEASIBLE = 2  # SciPy's status code
 _NEVER = 1e9  # a cost that no plan has
 _UNIT = 2.0**-52
 
 Bounds = Sequence[tuple[float | None, float | None]]
 
 
-def minimise(
-    objective: Array, rows: Array | sparse.csr_matrix, limits: Array, bounds: Bounds
-) -> tuple[float, Array] | None:
+class Rows(NamedTuple):
+    """A sparse matrix, row by row.
+
+    Attributes:
+        starts: Where the entries of each row begin, and last how many there are, (m + 1,).
+        columns: Column of each entry.
+        values: Value of each entry.
+    """
+
+    starts: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    values: Array
+
+    @classmethod
+    def of(cls, matrix: Array) -> Rows:
+        """The entries of a matrix that are not 0."""
+        row, column = np.nonzero(matrix)
+        starts = np.searchsorted(row, np.arange(len(matrix) + 1))
+        return cls(starts, column, matrix[row, column])
+
+    @classmethod
+    def summed(
+        cls, count: int, row: NDArray[np.intp], column: NDArray[np.intp], value: Array
+    ) -> Rows:
+        """So many rows, from entries in any order; those in one place are added."""
+        width = int(column.max(initial=0)) + 1
+        place, which = np.unique(row * width + column, return_inverse=True)
+        starts = np.searchsorted(place, width * np.arange(count + 1))
+        return cls(starts, place % width, np.bincount(which, value).astype(float))
+
+    @classmethod
+    def stacked(cls, parts: Sequence[Rows]) -> Rows:
+        """One above the other."""
+        before = np.cumsum([0, *(len(part.values) for part in parts)])
+        starts = [part.starts[:-1] + first for part, first in zip(parts, before, strict=False)]
+        columns, values = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+        return cls(np.concatenate([*starts, before[-1:]]), columns, values)
+
+
+class Optimum(NamedTuple):
+    """The least cost, where it is reached, and what each row's limit is worth (never positive)."""
+
+    cost: float
+    x: Array
+    marginals: Array
+
+
+def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds) -> Optimum | None:
     """Minimise ``objective . x`` subject to ``rows @ x <= limits`` and bounds on x.
 
-    Returns the optimum and its x, or None if the constraints contradict each other, both as the
-    solver says.
+    None if the constraints contradict each other; all that as the solver says.
 
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    result = _solved(objective, rows, limits, bounds)
-    return None if result is None else (float(result.fun), np.asarray(result.x, dtype=float))
+    import highspy  # many problems are planned without
+
+    ends = np.array([(a, b) for a, b in bounds], dtype=float)
+    entries = rows if isinstance(rows, Rows) else Rows.of(rows)
+    program = highspy.HighsLp()
+    program.num_col_, program.num_row_ = len(objective), len(limits)
+    program.col_cost_ = objective
+    program.col_lower_, program.col_upper_ = np.where(
+        np.isnan(ends), (-np.inf, np.inf), ends
+    ).T.copy()
+    program.row_lower_, program.row_upper_ = np.full(len(limits), -np.inf), limits
+    matrix = program.a_matrix_
+    matrix.format_ = highspy.MatrixFormat.kRowwise
+    matrix.start_, matrix.index_, matrix.value_ = entries
+    solver = highspy.Highs()  # type: ignore[no-untyped-call]
+    solver.setOptionValue("output_flag", False)
+    solver.setOptionValue("threads", 1)
+    solver.passModel(program)
+    solver.run()
+    status = solver.getModelStatus()
+    if status == highspy.HighsModelStatus.kInfeasible:
+        return None
+    if status != highspy.HighsModelStatus.kOptimal:
+        words = solver.modelStatusToString(status)
+        raise ArithmeticError(f"linear program without optimum: {words}")
+    found = solver.getSolution()
+    cost = solver.getInfo().objective_function_value
+    return Optimum(cost, np.array(found.col_value), np.array(found.row_dual))
 
 
 def proved_minimum(
@@ -64,13 +132,13 @@ def proved_minimum(
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    result = _solved(objective, rows, limits, bounds)
+    result = minimise(objective, rows, limits, bounds)
     if result is not None:
         least, loose = _weak_duality(objective, rows, limits, bounds, per_cost, result)
         return max(0.0, least / (1 + loose)), result.x
     none = np.zeros(len(objective))
     elastic = np.column_stack([rows, -np.ones(len(rows))])
-    result = _solved(np.append(none, 1.0), elastic, limits, [*bounds, (0.0, None)])
+    result = minimise(np.append(none, 1.0), elastic, limits, [*bounds, (0.0, None)])
     if result is None:
         raise ArithmeticError("linear program whose bounds contradict each other")
     least, loose = _weak_duality(none, rows, limits, bounds, per_cost, result)
@@ -78,24 +146,11 @@ def proved_minimum(
     return math.inf if proved else 0.0, result.x[:-1]
 
 
-def _solved(
-    objective: Array, rows: Array | sparse.csr_matrix, limits: Array, bounds: Bounds
-) -> Any | None:
-    """SciPy's result; None if it calls the program infeasible."""
-    matrix: Any = rows  # the stubs know of no sparse ones
-    result = linprog(objective, A_ub=matrix, b_ub=limits, bounds=bounds, method="highs")
-    if result.status == _INFEASIBLE:
-        return None
-    if result.status != 0 or result.x is None or result.fun is None:
-        raise ArithmeticError(f"linear program without optimum: {result.message}")
-    return result
-
-
 def _weak_duality(
-    objective: Array, rows: Array, limits: Array, bounds: Bounds, per_cost: Array, result: Any
+    objective: Array, rows: Array, limits: Array, bounds: Bounds, per_cost: Array, result: Optimum
 ) -> tuple[float, float]:
     """Find v and rho as above, rounded so that the proof holds."""
-    y = np.maximum(-result.ineqlin.marginals, 0.0)
+    y = np.maximum(-result.marginals, 0.0)
     ends = np.array([(a, b) for a, b in bounds], dtype=float)
     unit = _UNIT * (len(y) + len(objective) + 4)
     off = unit * (np.abs(objective) + y @ np.abs(rows))

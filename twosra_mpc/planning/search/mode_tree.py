@@ -98,9 +98,7 @@ class ModeTree(Generic[Solution]):
 
     def bound(self, node: ModeSequence) -> float:
         """Transitions alone: every completion passes through the events of ``node``."""
-        everything = (*node, *self.modes)
-        reason = self.in_the_way.blocks(None) or unreachable_reason(everything, self.task)
-        if reason is not None:
+        if (reason := self.in_the_way.blocks(None) or self._beyond_all_modes) is not None:
             self.unreachable[node] = reason
             return math.inf
         if not node:
@@ -120,6 +118,11 @@ class ModeTree(Generic[Solution]):
             first = [self._least_time((*node, mode)) for mode in self.modes if mode[j]]
             least = max(least, min(first, default=math.inf))
         return least + self._least_fixed_cost(node, missing)
+
+    @cached_property
+    def _beyond_all_modes(self) -> str | None:
+        """Why no sequence of the modes brings about the bend, if none does."""
+        return unreachable_reason((*self.root(), *self.modes), self.task)
 
     @cached_property
     def _usable(self) -> tuple[Mode, ...]:
@@ -149,7 +152,8 @@ class ModeTree(Generic[Solution]):
         times = earliest_times(network)
         if times is None:
             return math.inf
-        return max(times[network.layout.finish], (self._motion_s or 0.0) + resting_s(network))
+        least = times[network.layout.finish]
+        return max(least, self._motion_s + resting_s(network)) if self._motion_s else least
 
     def _least_fixed_cost(self, node: ModeSequence, missing: list[int]) -> float:
         """Cost of the melts and freezes of ``node`` and of those that must still follow."""

@@ -36,9 +36,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
 
-from twosra_mpc.planning.search.linear_program import minimise
+from twosra_mpc.planning.search.linear_program import Rows, minimise
 from twosra_mpc.planning.search.pose_phases import BOXES, Indices, PhaseMotions, PoseTask
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import EventLayout
@@ -180,9 +179,7 @@ class PoseProgram:
         bounds[self.g : self.e, 0] = bounds[self.y : self.m, 0] = 0.0
         return bounds
 
-    def _balance(
-        self, layout: EventLayout, least: dict[tuple[int, int], float]
-    ) -> sparse.csr_matrix:
+    def _balance(self, layout: EventLayout, least: dict[tuple[int, int], float]) -> Rows:
         """At every event what flows in costs no more than the event: the dual of the network."""
         rows = np.zeros((layout.count, self.width))
         for column, (u, v) in enumerate(least, start=self.y):
@@ -191,9 +188,9 @@ class PoseProgram:
         for i in range(len(self.phases)):
             rows[layout.end(i), self.g + i] += 1.0
             rows[layout.start(i), self.g + i] -= 1.0
-        return sparse.csr_matrix(rows[: layout.origin])
+        return Rows.of(rows[: layout.origin])
 
-    def _switches(self) -> sparse.csr_matrix:
+    def _switches(self) -> Rows:
         """C_{i+1} - C_i <= e_i at every edge of a panel, hence everywhere."""
         rows = np.zeros((len(self.phases) - 1, self.panels, self.width))
         at = np.arange(self.panels)
@@ -201,16 +198,16 @@ class PoseProgram:
             row[at, self.c[i + 1] + at] = 1.0
             row[at, self.c[i] + at] = -1.0
             row[at, self.e + i] = -1.0
-        return sparse.csr_matrix(rows.reshape(-1, self.width))
+        return Rows.of(rows.reshape(-1, self.width))
 
-    def _least_gain(self) -> sparse.csr_matrix:
+    def _least_gain(self) -> Rows:
         """What is gained is no more than C_n at a heading of the goal; abs(p) are at least p."""
         rows = np.zeros((len(self.goal) + 4, self.width))
         rows[:-4, self.c[-1] : self.c[-1] + self.panels] = -self.goal
         rows[:-4, self.m] = 1.0
         rows[-4:, :2] = np.vstack([np.eye(2), -np.eye(2)])
         rows[-4:, self.m + 1 :] = -np.vstack([np.eye(2), np.eye(2)])
-        return sparse.csr_matrix(rows)
+        return Rows.of(rows)
 
     def _add(self, i: int, motion: Indices, panel: Indices, point: Indices) -> None:
         """Rows: growth of S_i by some motions, at some points of some panels, is at most g_i."""
@@ -222,21 +219,20 @@ class PoseProgram:
         values = [c * u - s * v, s * u + c * v, steep, -steep, -np.ones(count)]
         values += [bending] * len(pieces)
         columns = [
-            np.zeros(count),
-            np.ones(count),
+            np.zeros(count, dtype=np.intp),
+            np.ones(count, dtype=np.intp),
             self.c[i] + (panel + 1) % self.panels,
             self.c[i] + panel,
             np.full(count, self.g + i),
             *(self.b[i] + pieces),
         ]
-        where = (np.tile(np.arange(count), len(columns)), np.concatenate(columns))
-        shape = (count, self.width)
-        self.rows.append(sparse.csr_matrix((np.concatenate(values), where), shape=shape))
+        row, column = np.tile(np.arange(count), len(columns)), np.concatenate(columns)
+        self.rows.append(Rows.summed(count, row, column, np.concatenate(values)))
 
     def solve(self) -> Array | None:
         """Optimum of the program with the rows it has; None if the solver gives up."""
-        rows = sparse.vstack(self.rows, format="csr")
-        limits = np.pad(self.cost, (0, rows.shape[0] - len(self.cost)))
+        rows = Rows.stacked(self.rows)
+        limits = np.pad(self.cost, (0, len(rows.starts) - 1 - len(self.cost)))
         bounds = [(low, high) for low, high in self.bounds.tolist()]
         try:
             optimum = minimise(-self.gain, rows, limits, bounds)

@@ -7,11 +7,9 @@ from typing import NamedTuple
 
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.single_goal.gentle import ROUNDING, gentle
-from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.planning.single_goal.sequence_solver import Solved
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
 
 
@@ -29,27 +27,30 @@ ADVICE = {
 }
 
 
-def as_asked(problem: Problem, search: SearchResult[Solved]) -> SearchResult[Solved]:
+def as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
     """The outcome with a gentler plan if that costs no more than asked; Ctrl-C leaves it as is."""
-    if (found := search.solution) is None or not problem.drives_gently:
+    if (found := search.solution) is None or not found.problem.drives_gently:
         return search
     try:
-        return replace(search, solution=found._replace(plan=_gentler(problem, found, search)))
+        return replace(search, solution=_gentler(found, search.lower_bound))
     except KeyboardInterrupt:
         return replace(search, ending=Ending.INTERRUPTED)
 
 
-def _gentler(problem: Problem, found: Solved, search: SearchResult[Solved]) -> Plan:
-    """The plan that was found, or a gentler one of its sequence that costs no more than asked."""
-    within = (1 - 2 * ROUNDING) * search.lower_bound / (1 - problem.gap)
-    most = limit = max(found.plan.cost.total, within)
+def _gentler(found: Solved, lower_bound: float) -> Solved:
+    """What was found, or a gentler plan of its sequence that costs no more than asked."""
+    problem = found.problem
+    within = (1 - 2 * ROUNDING) * lower_bound / (1 - problem.gap)
+    most = limit = max(found.cost, within)
     for _ in range(2):  # what the energy costs is exactly known only of a plan that is made
         candidate = gentle(problem, found.candidate, found.network, most)
-        made = verified(problem, candidate, found.network) if candidate else found.plan
-        if made.verification.ok and made.cost.total <= (1 + ROUNDING) * limit:
-            return made
-        most -= 2 * abs(made.cost.total - limit)
-    return found.plan
+        if candidate is None:
+            break
+        slower = replace(found, candidate=candidate)
+        if slower.cost <= (1 + ROUNDING) * limit and slower.plan.verification.ok:
+            return slower
+        most -= 2 * abs(slower.cost - limit)
+    return found
 
 
 def quality(made: Plan, ending: Ending) -> str:

@@ -22,13 +22,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from scipy.optimize import LinearConstraint, minimize
 
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate, feasible_schedule
 from twosra_mpc.planning.search.schedule import cost_coefficients
+from twosra_mpc.planning.single_goal.interior_point import minimum
 from twosra_mpc.plans.speed_profile import SpeedProfile
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
@@ -126,11 +125,12 @@ def _least_effort(
 ) -> Array:
     """Durations of the convex program, (phases,) [s]; ``most`` is inf where effort has a weight."""
     times, network = made
-    layout, moving = network.layout, np.flatnonzero(quickest)
+    layout, moving = network.layout, np.flatnonzero(quickest > _STEP_S)
     cost, constant = cost_coefficients(network, problem.cost_weights)
     starts, ends = (np.array([at(i) for i in moving.tolist()]) for at in (layout.start, layout.end))
     kept = np.union1d(np.flatnonzero(cost), [*starts, *ends, layout.origin])
     longest, of = _longest_paths(network), np.eye(len(kept))
+    of[:, kept == layout.origin] = 0.0  # where time is 0
     apart = longest[np.ix_(kept, kept)]
     more = (most - float(cost @ times) - constant) / max(float(cost[layout.finish]), _STEP_S)
     spare = times[layout.finish] - longest[layout.origin, starts] - longest[ends, layout.finish]
@@ -143,32 +143,22 @@ def _least_effort(
     if weight:
         unit += scale / weight
         price = cost[kept] * scale / (weight * unit)
-
-    def effort(t: Array) -> tuple[float, Array]:
-        duration = np.maximum(lasting @ t, 1e-9)
-        each = efforts[moving] / (unit * scale) / duration
-        return float(each.sum() + price @ t), lasting.T @ (-each / duration) + price
-
-    constraints = [
-        LinearConstraint(of[until] - of[since], apart[since, until] / scale, np.inf),
-        LinearConstraint(lasting, quickest[moving] / scale, np.inf),
-        LinearConstraint(lasting, -np.inf, slowest / scale),
-    ]
+    rows = [of[until] - of[since], lasting, -lasting, of]
+    least = [apart[since, until], quickest[moving], -slowest, np.zeros(len(kept))]
     if not weight:
-        within = (most - _STEP_S - constant) / scale
-        constraints.append(LinearConstraint(cost[kept], -np.inf, within))
-    solver: Any = minimize  # its stubs know of no options of a single method
-    found = solver(
-        effort,
-        times[kept] / scale,
-        jac=True,
-        method="SLSQP",
-        bounds=[(0.0, 0.0 if event == layout.origin else None) for event in kept],
-        constraints=constraints,
-        options={"maxiter": 200, "ftol": 1e-10},
+        rows.append(-cost[None, kept])
+        least.append(np.array([min(_STEP_S + constant - most, -float(cost @ times))]))
+    free = kept != layout.origin
+    optimum = minimum(
+        efforts[moving] / (unit * scale),
+        lasting[:, free],
+        price[free],
+        np.concatenate(rows)[:, free],
+        np.concatenate(least) / scale,
+        times[kept][free] / scale,
     )
     durations = quickest.copy()
-    durations[moving] = np.clip(lasting @ found.x * scale, quickest[moving], slowest)
+    durations[moving] = np.clip(lasting[:, free] @ optimum * scale, quickest[moving], slowest)
     return durations
 
 

@@ -40,7 +40,7 @@ def verified(
     ends_s = [starts[end - 1] + profiles[end - 1].duration_s for end in candidate.stage_ends]
     done_s = _done_s(problem, ends_s, samples)
     trajectory = Trajectory(problem, samples, phases, transitions, done_s)
-    cost = _cost(problem, samples, transitions, candidate.effort_s)
+    cost = _cost(problem, float(samples.t_s[-1]), transitions, candidate.effort_s)
     return Plan(planner, trajectory, cost, verify(trajectory), lower_bound=None)
 
 
@@ -61,12 +61,17 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
     return tuple(done[1:])
 
 
+def cost_of(problem: Problem, candidate: Candidate, network: TemporalNetwork) -> Cost:
+    """Cost of the plan that a candidate makes."""
+    times = candidate.times.tolist()
+    transitions = transition_model(problem).transitions(network, times)
+    return _cost(problem, times[network.layout.finish], transitions, candidate.effort_s)
+
+
 def _cost(
-    problem: Problem, samples: Samples, transitions: Sequence[Transition], effort_s: float
+    problem: Problem, seconds: float, transitions: Sequence[Transition], effort_s: float
 ) -> Cost:
-    """Cost of what will be executed."""
-    seconds, count = float(samples.t_s[-1]), len(transitions)
-    heating = transition_model(problem).heating(transitions)
+    count, heating = len(transitions), transition_model(problem).heating(transitions)
     energy = sum(item.energy_J(seconds) for item in heating)
     weights = problem.cost_weights
     total = seconds + weights.energy_s_per_J * energy + weights.transition_s * count

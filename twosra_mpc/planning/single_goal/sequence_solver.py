@@ -1,11 +1,12 @@
-"""Verified plans of one mode sequence where nothing is in the way: guess first, then the NLP."""
+"""Plans of one mode sequence where nothing is in the way: guess first, then the NLP."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from twosra_mpc.planning.nlp.guess import (
 )
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.single_goal.gentle import cheapest
-from twosra_mpc.planning.single_goal.outcome import verified
+from twosra_mpc.planning.single_goal.outcome import cost_of, verified
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.problem import Problem
@@ -34,22 +35,41 @@ from twosra_mpc.timing import TemporalNetwork
 _ASIDE_RAD = 0.4  # of the second start of a drive
 
 
-class Solved(NamedTuple):
-    """A verified plan, and what it was made of."""
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What a plan is made of, and the plan, which is made and verified when it is asked for."""
 
-    plan: Plan
+    problem: Problem
     candidate: Candidate
     network: TemporalNetwork
 
+    @cached_property
+    def plan(self) -> Plan:
+        """The plan; its verification says whether it is one."""
+        return verified(self.problem, self.candidate, self.network)
+
+    @cached_property
+    def cost(self) -> float:
+        """What it costs [s]."""
+        return cost_of(self.problem, self.candidate, self.network).total
+
 
 Guessed = tuple[Motion, tuple[float, Solved] | None]  # a guess, and the plan that it is
+Check = Callable[
+    [Problem, Candidate | None, TemporalNetwork], tuple[float, Solved] | None
+]  # makes (cost, plan) of a candidate, or None
 
 
 class SequenceSolver:
-    """Yields verified plans of one mode sequence: the guess and, if it is not enough, the NLP's."""
+    """Yields plans of one mode sequence: the guess and, if it is not enough, the NLP's.
 
-    def __init__(self, problem: Problem, deadline: float = math.inf) -> None:
-        self.problem = problem
+    Those of the NLP are verified, and guesses unless they are to be ``trusted``.
+    """
+
+    def __init__(
+        self, problem: Problem, deadline: float = math.inf, guessed: Check | None = None
+    ) -> None:
+        self.problem, self._checked = problem, guessed or checked
         self._box = bend_changes(problem, problem.goal)
         least = np.clip(0.0, *self._box)
         nearest = np.array([least, least])  # where a margin does not fit, bending less may
@@ -66,7 +86,8 @@ class SequenceSolver:
         starts = [guess]
         if not any(map(any, network.sequence)):
             going = turned_to_go(guess)  # all there is to do is to drive
-            yield checked(problem, scheduled(going, network, problem, iterations=0), network)
+            candidate = scheduled(going, network, problem, iterations=0)
+            yield self._checked(problem, candidate, network)
             starts.append(going)
             if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
                 starts.append(swerved(guess, _ASIDE_RAD))
@@ -99,12 +120,12 @@ class SequenceSolver:
         guess, candidate = min(more, key=lambda each: _end_s(each[1]), default=(best[0], None))
         if _end_s(candidate) >= _end_s(best[1] and best[1][1].candidate):
             return best
-        return min(best, (guess, checked(problem, candidate, network)), key=_cost)
+        return min(best, (guess, self._checked(problem, candidate, network)), key=_cost)
 
     def _guessed(self, network: TemporalNetwork, bends: Array, drive: int | None) -> Guessed:
         """The guess that bends as told and drives in one phase, and the plan that it is."""
         guess, candidate = self._guess(network, bends, drive)
-        return guess, checked(self.problem, candidate, network)
+        return guess, self._checked(self.problem, candidate, network)
 
     def _guess(
         self, network: TemporalNetwork, bends: Array, drive: int | None
@@ -133,10 +154,15 @@ def checked(
     problem: Problem, candidate: Candidate | None, network: TemporalNetwork
 ) -> tuple[float, Solved] | None:
     """(cost, plan) of a candidate at its durations of least cost; None if it does not verify."""
+    found = trusted(problem, candidate, network)
+    return found if found and found[1].plan.verification.ok else None
+
+
+def trusted(
+    problem: Problem, candidate: Candidate | None, network: TemporalNetwork
+) -> tuple[float, Solved] | None:
+    """As ``checked``, but to be verified by whoever uses the plan."""
     if candidate is None:
         return None
-    candidate = cheapest(problem, candidate, network)
-    made = verified(problem, candidate, network)
-    if not made.verification.ok:
-        return None
-    return made.cost.total, Solved(made, candidate, network)
+    found = Solved(problem, cheapest(problem, candidate, network), network)
+    return found.cost, found

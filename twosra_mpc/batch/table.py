@@ -1,0 +1,105 @@
+"""The table of a batch: a row a problem, in Parquet files.
+
+pandas is the frame: most laboratories have it, and it writes Parquet with the frame's ``attrs``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import write_bytes
+from twosra_mpc.installation import require_batch
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RUNS, PARTS = "runs.parquet", "parts"  # in the folder of a batch: the whole table, and pieces of it
+
+# Column -> type in the table. A number that there is none of is NaN, a text is empty.
+RESULT_COLUMNS = {
+    **dict.fromkeys(("status", "message", "sequence"), "str"),
+    **dict.fromkeys(("cost", "lower_bound", "gap", "duration_s", "waiting_s"), "float64"),
+    **dict.fromkeys(("moving_s", "energy_J", "critical_melts", "critical_freezes"), "float64"),
+    **dict.fromkeys(("wall_s", "cpu_s"), "float64"),
+    "verified": "bool",
+}
+# With both planners, what the greedy rule came to.
+GREEDY_COLUMNS = {
+    f"greedy_{name}": RESULT_COLUMNS[name]
+    for name in (
+        *("status", "message", "sequence", "cost", "duration_s", "waiting_s", "moving_s"),
+        *("energy_J", "wall_s", "cpu_s"),
+    )
+}
+
+
+def read_runs(path: str | Path) -> pd.DataFrame:
+    """Read the table of a batch, finished or not, in the order of its problems.
+
+    ``attrs["varied"]`` lists the columns that say in what the problems differ. Status is that of a
+    plan (optimal, feasible, infeasible, failed), or "refused" for a problem that is bad input.
+
+    Args:
+        path: The folder that ``twosra batch`` wrote, or a Parquet file in it.
+
+    Raises:
+        InputError: If there is no such table, nothing is finished yet, or pandas is missing.
+    """
+    folder = Path(path)
+    if folder.is_dir() and (folder / RUNS).is_file():
+        return _read([folder / RUNS], str(path))
+    if folder.is_dir():
+        return _read(part_paths(folder), str(path))
+    return _read([folder], str(path))
+
+
+def part_paths(folder: Path) -> list[Path]:
+    """Paths of the pieces of a table that are finished; what a crash left half is none."""
+    return sorted((folder / PARTS).glob("[!.]*.parquet"))
+
+
+def _read(paths: Sequence[Path], source: str) -> pd.DataFrame:
+    require_batch("runs")
+    import pandas as pd
+
+    if not paths:
+        raise InputError("runs", source, "a folder of twosra batch with a finished problem in it")
+    try:
+        frames = [pd.read_parquet(one) for one in paths]
+        varied = frames[0].attrs["varied"]
+        whole = pd.concat(frames).drop_duplicates("problem").sort_values("problem")
+    except (OSError, ValueError, KeyError) as error:  # pyarrow's errors are ValueErrors
+        allowed = f"a folder or a Parquet file that twosra batch wrote ({error!r})"
+        raise InputError("runs", source, allowed) from error
+    whole.attrs["varied"] = varied
+    return whole.reset_index(drop=True)
+
+
+def frame_of(
+    rows: Iterable[Mapping[str, Any]], varied: Mapping[str, str], *, greedy: bool
+) -> pd.DataFrame:
+    """Make a table of rows.
+
+    Args:
+        rows: Column -> value of each problem.
+        varied: Column -> type of what is varied.
+        greedy: Whether there are plans of the greedy rule beside the others.
+    """
+    import pandas as pd
+
+    kinds = {"problem": "int64", **varied, **RESULT_COLUMNS, **(GREEDY_COLUMNS if greedy else {})}
+    frame = pd.DataFrame.from_records(list(rows), columns=list(kinds)).astype(kinds)
+    frame.attrs["varied"] = list(varied)
+    return frame
+
+
+def write_table(frame: pd.DataFrame, path: Path) -> None:
+    """Write a table as a whole or not at all; its ``attrs`` go into the file's metadata.
+
+    Raises:
+        InputError: If it cannot be written.
+    """
+    write_bytes(path, frame.to_parquet(index=False))

@@ -1,0 +1,50 @@
+"""CasADi functions at the rows of arrays: called once for all of them, and nothing converted."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.kinematics import InPlace
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode
+
+
+def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
+    """Values of a function of dense vectors: an array (m, k) for each argument and each result."""
+    count = len(rows[0])
+    values = [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
+    if count:
+        given = [np.ascontiguousarray(each, dtype=float) for each in rows]
+        at_all = InPlace(_mapped(function, count), given, values)
+        at_all.evaluate()
+    return values
+
+
+def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
+    """As ``by_rows``, where the last array says the mode of each row."""
+    *given, modes = rows
+    codes = modes @ (1 << np.arange(modes.shape[1]))
+    values = [np.empty((len(codes), function.numel_out(i))) for i in range(function.n_out())]
+    for code in set(codes.tolist()):
+        at = np.flatnonzero(codes == code)
+        own = in_mode(function, tuple(modes[at[0]].tolist()))
+        for whole, found in zip(values, by_rows(own, *(each[at] for each in given)), strict=True):
+            whole[at] = found
+    return values
+
+
+@lru_cache(512)
+def in_mode(function: ca.Function, mode: Mode) -> ca.Function:
+    """A function whose last argument is sigma in one mode: what that does not use falls away."""
+    given = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in() - 1)]
+    told = [ca.densify(each) for each in function.call([*given, ca.DM(mode)])]
+    return ca.Function(function.name(), given, told)
+
+
+@lru_cache(1024)
+def _mapped(function: ca.Function, count: int) -> ca.Function:
+    return function.map(count)

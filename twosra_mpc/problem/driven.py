@@ -1,0 +1,91 @@
+"""What limits say of a plan's samples and midway between them: every model evaluated once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.model.rows import by_modes
+from twosra_mpc.problem import limits
+from twosra_mpc.problem.limits import (
+    WHEEL_ACCELERATION,
+    WHEEL_SPEED,
+    motion_function,
+    settled,
+    shape_margins,
+    speed_limits,
+)
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
+from twosra_mpc.robot.description import Robot
+
+
+class Driven(NamedTuple):
+    """Samples of a plan from which on the robot moves, m of them.
+
+    Leading axes of the others: as each begins, midway to the next one, and there.
+
+    Attributes:
+        rows: Which they are, (m,).
+        shares: Of each speed limit, signed, (3, m, k) each.
+        wheel_rad_s: Wheel speeds, (3, m, 4).
+        wheel_rad_s2: Wheel accelerations, (3, m, 4).
+    """
+
+    rows: NDArray[np.intp]
+    shares: list[Array]
+    wheel_rad_s: Array
+    wheel_rad_s2: Array
+
+
+def driven(
+    robot: Robot, q: Array, v: Array, a: Array, dt_s: Array, mode: NDArray[np.int64]
+) -> Driven:
+    """Speeds and accelerations of a plan by its samples, (m, ...).
+
+    Args:
+        robot: The robot.
+        q: Configurations, (m, 3 + n).
+        v: Inputs at each, (m, 5).
+        a: Their rate of change until the next one, (m, 5) [per s].
+        dt_s: Time until the next one, 0 at the last, (m,).
+        mode: Stiffness until then, (m, n).
+    """
+    rows = np.flatnonzero(v.any(axis=1) | a.any(axis=1))
+    first, last = q[rows], q[np.minimum(rows + 1, len(q) - 1)]
+    begin, rate = v[rows], a[rows]
+    gained = rate * dt_s[rows, None]
+    *shares, accelerations = by_modes(
+        motion_function(robot),
+        np.concatenate([first, (first + last) / 2, last]),
+        np.concatenate([begin, begin + gained / 2, begin + gained]),
+        np.tile(rate, (3, 1)),
+        np.tile(mode[rows], (3, 1)),
+    )
+    places = [share.reshape(3, len(rows), share.shape[1]) for share in shares]
+    turning = places[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
+    return Driven(rows, places, turning, accelerations.reshape(3, len(rows), WHEELS))
+
+
+def margins(
+    robot: Robot, q: Array, v: Array, a: Array, found: Driven
+) -> Iterator[tuple[str, float]]:
+    """Yield (name, least margin) of every limit that a robot has; inf where nothing is limited."""
+    for limit, shares in zip(speed_limits(robot), found.shares, strict=True):
+        most = limit.most(robot)
+        yield limit.name, settled(most * (1 - float(np.abs(shares).max(initial=0.0))), most)
+    if (most_rad_s2 := robot.limits.wheel_acceleration_rad_s2) is not None:
+        fastest = float(np.abs(found.wheel_rad_s2).max(initial=0.0))
+        yield WHEEL_ACCELERATION, settled(most_rad_s2 - fastest, most_rad_s2)
+    kappa = q[:, POSE:]
+    changes = (kappa[1:] != kappa[:-1]).any(axis=1)
+    shapes = np.concatenate([kappa[:1], kappa[1:][changes]])
+    margin = shape_margins(robot, np.concatenate([shapes, (shapes[1:] + shapes[:-1]) / 2]))
+    driving = v[:, 2:].any(axis=1) | a[:, 2:].any(axis=1)
+    driven_in = np.append(0, np.cumsum(changes))[driving]
+    for shape in limits.SHAPE_LIMITS:
+        found_here = margin[shape.name]
+        counted = found_here[driven_in] if shape.driving else found_here
+        yield shape.name, float(counted.min(initial=np.inf))
