@@ -82,7 +82,7 @@ def step_of_order_8(body: Body) -> ca.Function:
     )
     error = fifth / ca.sqrt(fifth + 0.01 * third + _NO_ERROR)
     told = ca.vertcat(error, ca.mmax(ca.fabs(after[POSE:])))
-    return ca.Function("step_of_order_8", [q, s, sigma], [after, told], {"cse": True})
+    return ca.Function("step_of_order_8", [q, s, sigma], [after, told])
 
 
 def _weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:

@@ -93,7 +93,7 @@ def interval_step(body: Body) -> ca.Function:
     """(q, s, sigma) -> (q after the displacement s in one step, its error)."""
     jacobian, (q, s, sigma) = kinematics(body).jacobian, _arguments(ca.SX, body)
     end = verner(lambda at: jacobian(at, sigma) @ s, q)
-    return ca.Function("interval_step", [q, s, sigma], end, {"cse": True})
+    return ca.Function("interval_step", [q, s, sigma], end)
 
 
 @per_body(32)
@@ -109,14 +109,13 @@ def bending_step(body: Body) -> ca.Function:
     shares = ca.SX.sym("shares", 2)
     travelled = ca.vertcat(q, ca.SX.sym("travelled"))
 
-    def rate(at: ca.SX) -> ca.SX:
-        matrix = jacobian(at[:size], sigma)
-        first, second = path.bends(at[POSE:size] * ca.DM(lengths), stiffness)
-        moved = ca.vertcat(matrix[:, :2] @ shares, 1)
-        return moved / (shares[0] * first.pace + shares[1] * second.pace) * bend
-
-    given = [travelled, bend, shares, sigma]
-    return ca.Function("bending_step", given, verner(rate, travelled), {"cse": True})
+    matrix = jacobian(q, sigma)
+    first, second = path.bends(q[POSE:] * ca.DM(lengths), stiffness)
+    moved = ca.vertcat(matrix[:, :2] @ shares, 1)
+    moved *= bend / (shares[0] * first.pace + shares[1] * second.pace)
+    rate = ca.Function("rate", [q, bend, shares, sigma], [moved], {"cse": True})
+    after = verner(lambda at: rate(at[:size], bend, shares, sigma), travelled)
+    return ca.Function("bending_step", [travelled, bend, shares, sigma], after)
 
 
 def passed(step: ca.Function, start: Array, changes: Array, *given: Array) -> Array:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter
 
-from benchmarks.studies.tracker_step import solvers
+from benchmarks.studies.tracker_step import qp_solvers, solvers
 from benchmarks.studies.tracker_step.solvers import Answer, Array, Clock, Recorded, Solver
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import Plan, load_problem, plan
@@ -35,8 +35,10 @@ REST_S = 0.7
 HORIZON, PERIOD_S = 20, 1 / 15
 TRACKER = "**tracker**, whole step"
 RIVALS = {  # name: what it solves, the package it needs, what makes it, whether in rigid mode only
-    "OSQP, plain loop": ("QP", "osqp", solvers.plain_osqp, False),
-    "PIQP": ("QP", "piqp", solvers.piqp, False),
+    "OSQP, plain loop": ("QP", "osqp", qp_solvers.plain_osqp, False),
+    "DAQP": ("QP", "daqp", qp_solvers.daqp, False),
+    "ProxQP": ("QP", "proxsuite", qp_solvers.proxqp, False),
+    "PIQP": ("QP", "piqp", qp_solvers.piqp, False),
     "IPOPT": ("NLP", "casadi", solvers.ipopt, False),
     "fatrop": ("NLP", "casadi", solvers.fatrop, True),
     "GEKKO, local": ("NLP", "gekko", solvers.gekko, True),

@@ -1,15 +1,14 @@
-"""The tracker and other solvers of its program, each called with a recorded step and a clock."""
+"""The tracker and solvers of the nonlinear program, called with a recorded step and a clock."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-import osqp
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -17,15 +16,13 @@ from twosra_mpc import Plan
 from twosra_mpc.execution.tracking import linearisation
 from twosra_mpc.execution.tracking.linearisation import RATE_LIMITED_PERIODS, tracking_program
 from twosra_mpc.execution.tracking.prediction import believed_start, motion, stage_model
-from twosra_mpc.execution.tracking.setup import Setup, SolverSettings
+from twosra_mpc.execution.tracking.setup import Setup
 from twosra_mpc.execution.tracking.solver import QuadraticProgram
 from twosra_mpc.execution.tracking.tracker import CommandStatus, Measurement, Tracker
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.modes import rigid_mode
 
 Array = NDArray[np.float64]
-
-TOLERANCE = SolverSettings().tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,74 +77,15 @@ def tracker(of: Plan, phase: int) -> Solver:
         program = tracks.quadratic_program()
         assert program is not None
         success = command.status is CommandStatus.SOLVED and not command.message
-        return _qp_answer(success, program, program.x, program.y, step)
+        return qp_answer(success, program, program.x, program.y, step)
 
     return solve
 
 
-def plain_osqp(setup: Setup) -> Solver:
-    """OSQP through its Python class, defaults but the tolerance."""
-    solver, linearised = osqp.OSQP(), _linearised(setup)
-    begun: list[bool] = []
-
-    def solve(step: Recorded, clock: Clock) -> Answer:
-        with clock:
-            program = linearised(step)
-            matrix, bounds = program.constraints, {"l": program.lower, "u": program.upper}
-            if begun:
-                solver.update(q=program.cost, Ax=matrix.data, **bounds)
-            else:
-                hessian = sparse.csc_matrix(sparse.triu(program.hessian))
-                settings = {"eps_abs": TOLERANCE, "eps_rel": 0.0, "verbose": False}
-                solver.setup(hessian, program.cost, matrix, **bounds, **settings)
-                begun.append(True)
-            found = solver.solve(raise_error=False)
-        return _qp_answer(found.info.status == "solved", program, found.x, found.y, step)
-
-    return solve
-
-
-def piqp(setup: Setup) -> Solver:
-    """PIQP (interior point), sparse interface."""
-    import piqp
-
-    solver, linearised = piqp.SparseSolver(), _linearised(setup)
-    solver.settings.eps_abs, solver.settings.eps_rel = TOLERANCE, 0.0
-    change = [solver.update, solver.setup]
-
-    def solve(step: Recorded, clock: Clock) -> Answer:
-        with clock:
-            program = linearised(step)
-            bounds = {"G": program.constraints, "h_l": program.lower, "h_u": program.upper}
-            change[-1](P=program.hessian, c=program.cost, **bounds)
-            status, found = solver.solve(), solver.result
-        del change[1:]
-        multipliers = found.z_u - found.z_l
-        return _qp_answer(status == piqp.PIQP_SOLVED, program, found.x, multipliers, step)
-
-    return solve
-
-
-def _linearised(setup: Setup) -> Callable[[Recorded], QuadraticProgram]:
-    """Step -> the tracker's program, linearised by an ordinary CasADi call."""
-    program = tracking_program(setup)
-
-    def linearise(step: Recorded) -> QuadraticProgram:
-        arguments = (step.q, step.reference.T, step.previous, step.wheels)
-        values, lower, upper, changing = (
-            part.full().ravel() for part in program.linearise(*arguments)[:4]
-        )
-        cost, pattern = program.cost.copy(), program.constraints
-        cost[: len(changing)] = changing
-        matrix = sparse.csc_matrix((values, pattern.indices, pattern.indptr), shape=pattern.shape)
-        return replace(step.program, cost=cost, constraints=matrix, lower=lower, upper=upper)
-
-    return linearise
-
-
-def _qp_answer(
+def qp_answer(
     success: bool, program: QuadraticProgram, x: Array, y: Array, step: Recorded
 ) -> Answer:
+    """What a solver of the linearised program found, with its residuals."""
     rows = program.constraints @ x
     primal = np.maximum(program.lower - rows, rows - program.upper).max(initial=0.0)
     dual = np.abs(program.hessian @ x + program.cost + program.constraints.T @ y).max()
@@ -326,7 +264,7 @@ def gekko(setup: Setup) -> Solver:
             except Exception:  # GEKKO raises a bare Exception when its solver fails
                 success = False
         clock.taken_s[1] = np.nan  # another process works
-        first = np.array([float(item.value[0]) for item in y[1]])
+        first = np.array([np.ravel(item.value)[0] for item in y[1]], dtype=float)
         return Answer(success, (first - step.reference[1]) / setup.scale, np.nan, np.nan)
 
     return solve

@@ -79,7 +79,7 @@ class SolverSettings(Value):
             are small, and the step has failed otherwise.
     """
 
-    tolerance: Positive = 3e-4
+    tolerance: Positive = 1e-4
     max_iterations: Annotated[int, Field(ge=1)] = 400
 
 
