@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -140,6 +141,17 @@ def test_a_second_less_of_each_saves_what_the_table_says(
     assert saved == pytest.approx(before[f"critical_{what}s"], abs=0.05)
 
 
+@pytest.fixture
+def taken_port() -> Iterator[None]:
+    """Somebody else has the port of the dashboard."""
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # somebody has it indeed
+            taken.bind(("", 8787))
+            taken.listen()
+        yield
+
+
+@pytest.mark.usefixtures("taken_port")
 def test_the_program_writes_a_table_and_plans(run: Run, tmp_path: Path) -> None:
     (tmp_path / "corners.toml").write_text(CORNERS)
     asked = ("batch", "corners.toml", "--out", "runs", "--planner", "both", "--plans")
@@ -306,28 +318,12 @@ def test_a_worker_of_another_version_that_comes_later_is_refused(client: Client)
 def test_workers_of_several_threads_are_refused() -> None:
     with (
         LocalCluster(
-            *("threads", 1, 2), processes=False, dashboard_address=None, protocol="tcp"
+            *("threads", 1, 2), processes=False, dashboard_address=":0", protocol="tcp"
         ) as cluster,
         pytest.raises(InputError, match="--nthreads 1"),
         cluster_at(cluster.scheduler_address),
     ):
         pass
-
-
-def test_a_taken_dashboard_port_is_no_matter(
-    run: Run, tmp_path: Path, recwarn: pytest.WarningsRecorder
-) -> None:
-    (tmp_path / "one.toml").write_text('scenario = "rigid-move"\n')
-    with socket.socket() as taken:
-        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            taken.bind(("", 8787))
-            taken.listen()
-        except OSError:
-            pass  # somebody else has it: as well
-        code, _, err = run("batch", "one.toml", "--out", "runs", "--workers", 1)
-    assert (code, err) == (0, "")
-    assert not recwarn.list
 
 
 def test_other_folders_are_left_alone(run: Run, drawn: Path, tmp_path: Path) -> None:
