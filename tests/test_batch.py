@@ -44,7 +44,7 @@ CORNERS = """scenario = "shape-change"
 DRAWN = """[random]
 robot = "2sra-v1"
 seed = 7
-count = 12
+count = 20
 position_m = 0.25
 heading_rad = 3.14
 curvature_per_m = 60.0
@@ -87,8 +87,8 @@ def assert_same(found: pd.DataFrame, expected: pd.DataFrame) -> None:
 @pytest.fixture(scope="module")
 def undisturbed() -> pd.DataFrame:
     """The table of the random problems, made in this process without Dask."""
-    problems = Problems(Spec(random={**_random(), "count": 12}), Path())
-    every = list(problems.posed(np.zeros(12, dtype=bool)))
+    problems = Problems(Spec(random=_random()), Path())
+    every = list(problems.posed(np.zeros(20, dtype=bool)))
     rows = plan_chunk(every, Asked("ours", False)).rows
     return folder.frame_of(rows, problems.kinds, greedy=False)
 
@@ -99,7 +99,7 @@ def _random() -> dict[str, object]:
 
 
 def test_a_row_says_what_the_plan_is(undisturbed: pd.DataFrame) -> None:
-    (posed, *_) = Problems(Spec(random=_random()), Path()).posed(np.zeros(12, dtype=bool))
+    (posed, *_) = Problems(Spec(random=_random()), Path()).posed(np.zeros(20, dtype=bool))
     made = plan(Problem(**posed.document)).require()
     row = undisturbed.iloc[0]
     kinds = [activity.kind for activity in critical_path(made)]
@@ -193,47 +193,49 @@ def test_the_program_writes_a_table_and_plans(run: Run, tmp_path: Path) -> None:
     assert_frame_equal(frame, read_runs(tmp_path / "runs"))
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_a_batch_that_was_ended_goes_on(
-    number: signal.Signals, drawn: Path, run: Run, undisturbed: pd.DataFrame
+def test_a_batch_goes_on_whatever_ended_it(
+    drawn: Path, run: Run, undisturbed: pd.DataFrame
 ) -> None:
     runs = drawn.parent / "runs"
     words = ["batch", str(drawn), "--out", str(runs), "--workers", "1"]
     arguments = [sys.executable, "-m", "twosra_mpc", *words]
-    program = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    while program.poll() is None and not list((runs / "parts").glob("[!.]*")):
-        time.sleep(0.02)
-    os.killpg(program.pid, number) if number == signal.SIGINT else program.send_signal(number)
-    _, err = program.communicate(timeout=60)
-    done = read_runs(runs)
-    if number == signal.SIGKILL:
-        assert program.returncode == -signal.SIGKILL
-    else:
-        assert program.returncode == 130
-        said = f"twosra: interrupted: {len(done)} of 12 problems are planned; the same command"
-        assert err.startswith(said)
-        assert len(err.splitlines()) == 1
-    assert 0 < len(done) < 12
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        before = set((runs / "parts").glob("[!.]*"))
+        with subprocess.Popen(
+            arguments, stderr=subprocess.PIPE, text=True, start_new_session=True
+        ) as program:
+            while program.poll() is None and before == set((runs / "parts").glob("[!.]*")):
+                time.sleep(0.02)
+            if number == signal.SIGINT:
+                os.killpg(program.pid, number)  # as a terminal does it
+            else:
+                program.send_signal(number)
+            _, err = program.communicate(timeout=120)
+        done = read_runs(runs)
+        if number == signal.SIGKILL:
+            assert program.returncode == -signal.SIGKILL
+        else:
+            said = f"twosra: interrupted: {len(done)} of 20 problems are planned; the same command"
+            assert (program.returncode, len(err.splitlines())) == (130, 1)
+            assert err.startswith(said)
+    assert 6 <= len(done) < 20
     code, out, _ = run(*words, "--json")
     assert code == 0
-    assert json.loads(out)["planned now"] == 12 - len(done)
+    assert json.loads(out)["planned now"] == 20 - len(done)
     found = read_runs(runs)
     assert_same(found, undisturbed)
-    before = found[found["problem"].isin(done["problem"])]
-    assert before["wall_s"].tolist() == done["wall_s"].tolist()  # not planned again
+    kept = found[found["problem"].isin(done["problem"])]
+    assert kept["wall_s"].tolist() == done["wall_s"].tolist()  # not planned again
     assert sorted(path.name for path in runs.iterdir()) == [
         *("batch.json", "runs.parquet", "spec.toml"),
     ]
 
 
-def test_a_worker_that_dies_loses_nothing(
-    client: Client, undisturbed: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(engine, "_FIRST", 2)
+def test_a_worker_that_dies_loses_nothing(client: Client, undisturbed: pd.DataFrame) -> None:
     problems = Problems(Spec(random=_random()), Path())
     victim = next(iter(client.run(os.getpid).values()))
     rows = []
-    for found in planned(client, problems.posed(np.zeros(12, dtype=bool)), Asked("ours", False)):
+    for found in planned(client, problems.posed(np.zeros(20, dtype=bool)), Asked("ours", False)):
         if not rows:
             os.kill(victim, signal.SIGKILL)
         rows += found.rows
@@ -335,7 +337,7 @@ def test_other_folders_are_left_alone(run: Run, drawn: Path, tmp_path: Path) -> 
     code, _, err = run("batch", drawn, "--out", drawn)
     assert code == 2
     assert "a folder to write to" in err
-    assert load_spec(drawn).size == 12
+    assert load_spec(drawn).size == 20
 
 
 @pytest.mark.parametrize("what", ["empty", "text", "other"])

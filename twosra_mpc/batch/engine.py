@@ -21,7 +21,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.version import __version__
 
 CHUNK_S = 1.0  # what a task should take
-_FIRST, _MOST = 4, 500  # problems in the first chunks, and at most
+_FIRST, _MOST = 2, 500  # problems in the first chunks, and at most
 _EACH = 2  # chunks on their way for each worker: one is planned, one waits
 _ANSWER_S = 10.0
 # Numerical libraries would start a thread for every core in every worker.
@@ -94,7 +94,7 @@ def _together(
     client: Client, posed: Iterator[Posed], asked: Asked, suspects: list[Posed]
 ) -> Iterator[Chunk]:
     """Plan all but problems that kill workers; these are added to the suspects."""
-    flying: dict[Future, list[Posed]] = {}
+    flying: dict[Future[Chunk], list[Posed]] = {}
     finished = as_completed(loop=client.loop)
     size = _FIRST
 
