@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shlex
 import signal
 import socket
 import subprocess
@@ -21,6 +22,7 @@ import pytest
 from conftest import Run
 from distributed import Client, LocalCluster, Worker, WorkerPlugin
 from pandas.testing import assert_frame_equal
+from test_cli_output import examples
 
 from twosra_mpc import InputError, load_plan, plan
 from twosra_mpc.analysis.critical_path import critical_path
@@ -191,6 +193,18 @@ def test_the_program_writes_a_table_and_plans(run: Run, tmp_path: Path) -> None:
     assert "planner = 'greedy'" in err
     assert "plans = False" in err
     assert_frame_equal(frame, read_runs(tmp_path / "runs"))
+
+
+def test_the_examples_run(
+    client: Client, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "random.toml").write_text('scenario = "rigid-move"\n')
+    for name in ("local_cluster", "cluster_at"):
+        monkeypatch.setattr(engine, name, lambda _: contextlib.nullcontext(client))
+    for example in examples("batch"):
+        code, out, err = run(*shlex.split(example)[1:])
+        assert (code, err) == (0, "")
+        assert "problems 1" in out
 
 
 def test_a_batch_goes_on_whatever_ended_it(
