@@ -13,6 +13,8 @@ import pytest
 from conftest import Run, Solved
 
 from twosra_mpc import load_problem, load_robot, plan
+from twosra_mpc.batch.problems import Problems
+from twosra_mpc.batch.spec import load_spec
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
 from twosra_mpc.report.paper import applications, statistics
@@ -121,8 +123,11 @@ def test_the_python_runs(page: Path, code: str, folder: Path) -> None:
 def test_the_file_is_valid(block: Block, tmp_path: Path) -> None:
     path = tmp_path / str(block.title)
     path.write_text(block.text)
-    if {"goal", "tasks"} & tomllib.loads(block.text).keys():
+    keys = tomllib.loads(block.text).keys()
+    if {"goal", "tasks"} & keys:
         load_problem(path)
+    elif {"random", "grid"} & keys:
+        assert Problems(load_spec(path), tmp_path)
     else:
         load_robot(path)
 

@@ -21,7 +21,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.version import __version__
 
 CHUNK_S = 1.0  # what a task should take
-_FIRST, _MOST = 4, 500  # problems in the first chunks, and at most
+_FIRST, _MOST = 2, 500  # problems in the first chunks, and at most
 _EACH = 2  # chunks on their way for each worker: one is planned, one waits
 _ANSWER_S = 10.0
 # Numerical libraries would start a thread for every core in every worker.
@@ -48,11 +48,11 @@ def local_cluster(workers: int | None) -> Iterator[Client]:
 
 @contextmanager
 def cluster_at(scheduler: str) -> Iterator[Client]:
-    """Connect to a Dask scheduler, and check its workers.
+    """Connect to a Dask scheduler, and check it and its workers.
 
     Raises:
-        InputError: If it does not answer, or a worker has another version of this package, or
-            several threads.
+        InputError: If it does not answer, it or a worker has another version of this package, or a
+            worker several threads.
     """
     with _quiet():
         try:
@@ -62,7 +62,7 @@ def cluster_at(scheduler: str) -> Iterator[Client]:
             allowed = f"tcp://host:port of one that answers within {_ANSWER_S:g} s ({reason})"
             raise InputError("--scheduler", scheduler, allowed) from error
         with Client(scheduler, set_as_default=False) as client:
-            _check_workers(client)
+            _check_versions(client, scheduler)
             yield client
 
 
@@ -94,7 +94,7 @@ def _together(
     client: Client, posed: Iterator[Posed], asked: Asked, suspects: list[Posed]
 ) -> Iterator[Chunk]:
     """Plan all but problems that kill workers; these are added to the suspects."""
-    flying: dict[Future, list[Posed]] = {}
+    flying: dict[Future[Chunk], list[Posed]] = {}
     finished = as_completed(loop=client.loop)
     size = _FIRST
 
@@ -130,18 +130,27 @@ def about_worker(dask_worker: Worker) -> tuple[str, int]:
     return __version__, dask_worker.state.nthreads
 
 
-def _check_workers(client: Client) -> None:
+def about_scheduler() -> tuple[str, int]:
+    """Version of this package on a scheduler, which reads tasks, too."""
+    return __version__, 1
+
+
+def _check_versions(client: Client, scheduler: str) -> None:
     found = client.run(about_worker, on_error="return")
+    try:
+        found[scheduler] = client.run_on_scheduler(about_scheduler)
+    except Exception as error:  # whatever it lacks
+        found[scheduler] = error
     for address, told in found.items():
-        field = f"worker {address}"
+        who = "scheduler" if address == scheduler else "worker"
         if isinstance(told, Exception):
-            raise InputError(field, str(told), f"one with twosra_mpc {__version__}")
+            raise InputError(f"{who} {address}", str(told), f"one with twosra_mpc {__version__}")
         version, threads = told
         if version != __version__:
             allowed = f"{__version__}, the version here: plans of two versions are no table"
-            raise InputError(f"{field}: version of twosra_mpc", version, allowed)
+            raise InputError(f"{who} {address}: version of twosra_mpc", version, allowed)
         if threads != 1:
-            raise InputError(f"{field}: threads", threads, "1: dask worker --nthreads 1")
+            raise InputError(f"{who} {address}: threads", threads, "1: dask worker --nthreads 1")
 
 
 @contextmanager

@@ -90,7 +90,7 @@ class Problems:
         document = self._robots[self.spec.random.robot]
         names = (robot := Robot(**document)).coordinates.names
         for start, goal in self.spec.random.ends(robot):
-            varied = {
+            varied: dict[str, Scalar] = {
                 f"{end}.{name}": value
                 for end, table in (("start", start), ("goal", goal))
                 for name, value in zip(names, _coordinates(**table), strict=True)
