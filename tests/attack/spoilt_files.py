@@ -152,6 +152,8 @@ def _wrong(program: Callable[[list[str]], object], arguments: tuple[str, ...]) -
     said = out.getvalue() + err.getvalue()
     if code not in CODES:
         return f"exit code {code}: {err.getvalue()[-500:]}"
+    if "Warning: " in said:
+        return f"a library speaks: {said[-500:]}"
     if strange := {c for c in said if not c.isprintable() and c != "\n"}:
         return f"control characters: {strange}"
     return "says too much" if len(err.getvalue()) > _MOST_SAID else None

@@ -53,16 +53,17 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             return direction @ columns
 
         marks = np.cumsum(lengths)
-        end = solve_ivp(
-            rate,
-            (0.0, float(marks[-1])),
-            reached[first],
-            method="DOP853",
-            t_eval=marks,
-            rtol=_RTOL,
-            atol=_ATOL,
-            events=runs_away,
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # then its steps vanish, and it fails
+            end = solve_ivp(
+                rate,
+                (0.0, float(marks[-1])),
+                reached[first],
+                method="DOP853",
+                t_eval=marks,
+                rtol=_RTOL,
+                atol=_ATOL,
+                events=runs_away,
+            )
         passed = len(end.t)
         reached[first + 1 : first + 1 + passed] = np.reshape(end.y, (size, passed)).T
         if end.status != 0:
