@@ -43,15 +43,16 @@ def attacks(count: int) -> dict[str, tuple[int, Any]]:
 def attack(count: int, names: list[str]) -> bool:
     """Attack, and print a table, after Ctrl-C of what was tried; whether nothing went wrong."""
     console, found = Console(), dict[str, list[Any]]()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        for name, (total, outcomes) in attacks(count).items():
-            if names and name not in names:
-                continue
-            made = found[name] = []
-            made.extend(track(outcomes(), name, total, console=Console(stderr=True)))
-    except KeyboardInterrupt:
-        pass
+    asked = list[bool]()  # noted only: what is attacked must not take it for its own
+    signal.signal(signal.SIGINT, lambda *_: asked.append(True))
+    for name, (total, outcomes) in attacks(count).items():
+        if asked or (names and name not in names):
+            continue
+        made = found[name] = []
+        for outcome in track(outcomes(), name, total, console=Console(stderr=True)):
+            made.append(outcome)
+            if asked:
+                break
     table = Table("attack", "tried", "deviations")
     for name, made in found.items():
         wrong = [each for each in made if each is not None]

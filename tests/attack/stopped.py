@@ -154,8 +154,8 @@ def _program(name: str, there: int, after_s: float, quiet_s: float = QUIET_S) ->
                 program.kill()
                 program.communicate()
                 return f"still at work {quiet_s:g} s after the interrupt at {after_s:.3f} s"
-        if b"Traceback" in said and b"twosra_mpc" not in said:
-            return None  # Python itself had not begun
+        if b"Traceback" in said and b"__main__.py" not in said:
+            return None  # Python had not come to the program's first line
         code = program.returncode
         if code not in INTERRUPTED | _BEST_SO_FAR or b"Traceback" in said:
             return f"exit code {code}, interrupted at {after_s:.3f} s: {said.decode()[-500:]}"
