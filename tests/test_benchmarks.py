@@ -44,7 +44,7 @@ from benchmarks.studies.missions import Case as MissionCase
 from benchmarks.studies.missions import longer, reshapings_at_the_nearest
 from benchmarks.studies.scenes import blocks
 from benchmarks.studies.tracker_step import RIVALS, TRACKER
-from benchmarks.study import Study
+from benchmarks.study import Measured, Study
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import InputError, Robot, load_problem, load_robot, robot_shape
 from twosra_mpc.problem.ends import check_shapes
@@ -106,6 +106,19 @@ def test_scenes_are_reproducible_and_leave_start_and_goal_room() -> None:
             drawn = shapely.union_all([shapely.MultiPoint(part).convex_hull for part in parts[:6]])
             assert drawn.distance(solid) > LEAST_CLEARANCE_M
             assert min(problem.workspace.margin_m(part).min() for part in parts) > LEAST_CLEARANCE_M
+
+
+def test_memory_that_grows_is_told_per_robot(tmp_path: Path) -> None:
+    study = STUDIES["soak"].with_values(count=2, robots=2, time_limit_s=0.01)
+    made = [Measured(case, study.run(case)) for case in study.cases()]
+    assert all(record["plans"] == 1 and record["files"] < 100 for _, record in made)
+    for number, (_, record) in enumerate(made):
+        record["MB"] = 100.0 + 7.0 * number
+    rows = study.report(
+        [*made, made[-1]._replace(record={**made[-1].record, "MB": 114.0})], tmp_path
+    )
+    assert rows["slope"] == pytest.approx(7.0)
+    assert [plans for _, plans, _ in rows["rows"]] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("name", STUDIES)

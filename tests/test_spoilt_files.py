@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from attack.spoilt_files import KINDS, attacked
 from twosra_mpc import InputError, load_problem, load_robot
 from twosra_mpc.cli import main, planning
 from twosra_mpc.errors import printable
+from twosra_mpc.files import write_text
 from twosra_mpc.plans.document import load_plan
 
 
@@ -86,6 +88,17 @@ def test_a_bug_is_called_one(
     assert ended.value.code == 70
     assert "this is a bug (ZeroDivisionError: nobody foresaw this). Please report it" in said
     assert ("Traceback" in said) is debug
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files have names from the beginning")
+def test_what_a_killed_program_left_is_gone_with_the_next_write(tmp_path: Path) -> None:
+    out, dead = tmp_path / "plan.json", tmp_path / ".plan.json-4194305"  # beyond all numbers
+    alive, other = tmp_path / ".plan.json-1", tmp_path / ".plan.json-new"
+    for path in (out, dead, alive, other):
+        path.write_text("before")
+    write_text(out, "now")
+    assert out.read_text() == "now"
+    assert set(tmp_path.iterdir()) == {out, alive, other}
 
 
 def test_two_outputs_need_two_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,8 +11,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from twosra_mpc.version import __version__
-
 if TYPE_CHECKING:
     from twosra_mpc.analysis.explanation import Explanation, explain
     from twosra_mpc.analysis.model_comparison import compare_models
@@ -38,6 +36,7 @@ if TYPE_CHECKING:
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
     from twosra_mpc.schema import json_schema
+    from twosra_mpc.version import __version__
 
 # Module -> its public names, imported when they are first asked for: solvers take a second to load.
 _PUBLIC = {
@@ -65,6 +64,7 @@ _PUBLIC = {
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
     "schema": ("json_schema",),
+    "version": ("__version__",),
 }
 _MODULES = {name: module for module, names in _PUBLIC.items() for name in names}
 

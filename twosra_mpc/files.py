@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import glob
 import json
 import math
 import os
@@ -208,10 +209,19 @@ def _replace(real: Path, data: bytes, mode: int) -> None:
                 try:  # where nothing is to be replaced nothing else is ever seen
                     return _name(handle, real)
                 except FileExistsError:
+                    _clear(real)
                     _name(handle, beside)
         beside.replace(real)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def _clear(real: Path) -> None:
+    """Remove what programs have left beside a file that were killed as they gave it its name."""
+    for left in real.parent.glob(f".{glob.escape(real.name[:200])}-*"):
+        number = left.name.rpartition("-")[2]
+        if number.isdecimal() and not Path(f"/proc/{number}").exists():
+            left.unlink(missing_ok=True)
 
 
 def _name(handle: int, path: Path) -> None:

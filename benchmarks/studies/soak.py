@@ -72,12 +72,12 @@ class Soak(Study):
         del folder
         made = [record for _, record in results]
         half = len(made) // 2
-        slope = np.polyfit(range(half, len(made)), [one["MB"] for one in made[half:]], 1)[0]
+        slope = (made[-1]["MB"] - made[half]["MB"]) / max(1, len(made) - 1 - half)
         rows = [
             (k + 1, sum(one["plans"] for one in made[: k + 1]), made[k])
             for k in np.unique(np.linspace(0, len(made) - 1, 10).astype(int)).tolist()
         ]
-        return {"rows": rows, "slope": float(slope)}
+        return {"rows": rows, "slope": slope}
 
 
 _FOUND = ("optimal", "feasible")

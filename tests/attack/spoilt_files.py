@@ -26,7 +26,7 @@ from twosra_mpc.cli import main
 from twosra_mpc.export.authors_csv import save_authors_csv
 
 CODES = {0, 2, 3, 4}  # those of a program that knew what to do
-LONGEST_S = 15.0  # that a command may take
+LONGEST_S = 5.0  # of CPU time that a command may take
 _MOST_SAID = 6000  # characters on standard error
 _PACKAGE = Path(twosra_mpc.__file__).parent
 _LIMIT = ("--time-limit", "0.5")
@@ -136,22 +136,26 @@ def attacked(name: str, seeds: range) -> Iterator[Deviation | None]:
 def _wrong(program: Callable[[list[str]], object], arguments: tuple[str, ...]) -> str | None:
     """What the program does that it should not; None if nothing."""
     out, err = io.StringIO(), io.StringIO()
-    before = signal.signal(signal.SIGALRM, _hangs)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST_S)
+    before = signal.signal(signal.SIGPROF, _hangs)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
     try:
         with redirect_stdout(out), redirect_stderr(err):
             program(list(arguments))
         code: object = 0
     except SystemExit as ended:
         code = ended.code
+    except KeyboardInterrupt:  # of whoever attacks
+        raise
     except BaseException:
         return traceback.format_exc(limit=-3)
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
     said = out.getvalue() + err.getvalue()
     if code not in CODES:
         return f"exit code {code}: {err.getvalue()[-500:]}"
+    if "Warning: " in said:
+        return f"a library speaks: {said[-500:]}"
     if strange := {c for c in said if not c.isprintable() and c != "\n"}:
         return f"control characters: {strange}"
     return "says too much" if len(err.getvalue()) > _MOST_SAID else None

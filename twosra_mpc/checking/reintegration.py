@@ -54,8 +54,8 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
                 integrators[mode].evaluate()
                 error, curvature = told.tolist()
                 growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
-                if not error <= 1:
-                    longest = step * max(_LEAST_GROWTH, growth)
+                if not error <= 1:  # nor where it is no number
+                    longest = step * (max(_LEAST_GROWTH, growth) if error > 1 else _LEAST_GROWTH)
                     if longest < _LEAST_STEP:
                         return reached
                     continue

@@ -40,13 +40,14 @@ _RECORDED = 1e-5  # phases that move less than this are left out, as published
 _LONGEST_STEP_M = 0.003  # longer soft steps are split, so that the roll-out stays accurate
 _SHORTEST_STEP = 1e-5  # m or rad; shorter ones are joined to the step before
 _FLOW_STEPS = 4
+_OTHERWISE = 'allow more modes, or set planner to "optimal"'
 
 
 class GreedyEnding(enum.Enum):
     """Why the greedy loop ended."""
 
     REACHED = "the goal is reached"
-    STAGNATED = "no allowed mode comes nearer to the goal; allow more modes"
+    STAGNATED = "no allowed mode comes nearer to the goal"
     ITERATION_LIMIT = f"the goal is not reached within {MAX_ITERATIONS} iterations"
 
 
@@ -129,13 +130,14 @@ def plan_greedily(problem: Problem) -> Result:
             broken = broken_by_shapes(problem.robot, visited)
             words = "wheels lose control" if broken is None else broken.words(problem.robot.limits)
             reason = f"its path leads through shapes whose {words}"
-        status, message = Status.FAILED, f"the greedy rule found no plan: {reason}"
+        status, message = Status.FAILED, f"the greedy rule found no plan: {reason}; {_OTHERWISE}"
     else:
         status, message, check = made.status, str(made), made.verification
         if not check.ok:
             message += f", which does not verify: {'; '.join(check.problems)}"
             if problem.obstacles or problem.tasks:
                 message += " (the greedy rule knows neither obstacles nor tasks)"
+            message += f"; {_OTHERWISE}"
     return Result(problem, "greedy", status, message, None, None, stats, made)
 
 

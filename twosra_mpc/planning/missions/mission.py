@@ -91,7 +91,8 @@ def _conclude(
         status, message, lower = Status.INFEASIBLE, f"proved infeasible: {why}", None
     elif search.ending is Ending.EXHAUSTED:
         status = Status.FAILED
-        message = f"no plan of these tasks found ({search.solved} mode sequences tried)"
+        tried = f"no plan of these tasks found ({search.solved} mode sequences tried)"
+        message = f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"
     else:
         status = Status.FAILED
         message = _nothing(STOPPED[search.ending], ADVICE[search.ending])
