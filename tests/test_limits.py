@@ -203,7 +203,7 @@ def test_a_further_limit_is_kept_by_plans_and_named_by_messages(narrow: ShapeLim
     assert margins[narrow.name][0] == pytest.approx(-10.0)
     found = plan(problem).require()
     assert found.verification.limits[narrow.name] >= 0
-    rows = transcribe.__wrapped__(ARC.body, None, 2, 3, 1).rows["shape"]
+    rows = transcribe(ARC.body, None, 2, 3, 1).rows["shape"]
     assert rows.stop - rows.start == 2 * (2 * 4)  # it and the gap, at every node
     apart = load_problem("paper-4", robot="2sra-v1")  # starts at a difference of 44 1/m
     with pytest.raises(ValueError, match=r"start\.kappa_per_m .* curvatures differ by over 30"):

@@ -125,8 +125,8 @@ def test_room_enough_changes_nothing() -> None:
 
 
 def test_only_problems_with_a_workspace_have_its_rows() -> None:
-    without = transcribe.__wrapped__(ROBOT.body, None, 2, 3, 1)
-    with_it = transcribe.__wrapped__(ROBOT.body, None, 2, 3, 1, inside=True)
+    without = transcribe(ROBOT.body, None, 2, 3, 1)
+    with_it = transcribe(ROBOT.body, None, 2, 3, 1, inside=True)
     assert "inside" not in without.rows
     assert with_it.nlp["x"].shape == without.nlp["x"].shape
     assert with_it.rows["inside"].start == without.nlp["g"].numel()
