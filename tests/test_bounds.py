@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
-from twosra_mpc import Goal, Problem, plan
+from twosra_mpc import Goal, Problem, load_robot, plan
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled, solve
 from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.search.bends import least_durations, unreachable_reason
+from twosra_mpc.planning.search.bends import least_bends, least_durations, unreachable_reason
 from twosra_mpc.planning.search.bounds import pose_bound
 from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.planning.single_goal.relaxed import bending_task
+from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 
 SOFT_SEQUENCES = [
@@ -33,6 +34,32 @@ def sequences() -> list[ModeSequence]:
 
 # Thermal times, constant times, and metal so fast that driving counts: half of it, all of it.
 CASES = [(0, None), (3, 1.0), (2, 30.0), (1, 3000.0)]
+
+
+def test_where_the_least_bends_are_known_the_linear_program_finds_nothing_else() -> None:
+    known = 0
+    for seed in range(6):
+        problem = random_problem(seed, robot=load_robot("2sra-v1"))  # goals are boxes
+        task, energy = bending_task(problem), Weights(energy_s_per_J=1e-12)
+        for sequence in sequences():
+            if unreachable_reason(sequence, task) or least_bends(sequence, task) is None:
+                continue
+            bound = bound_of(problem, sequence)
+            solved = bound_of(problem.with_values(weights=energy), sequence)
+            assert (bound is None) == (solved is None)
+            if bound is not None and solved is not None:
+                assert bound.cost == pytest.approx(solved.cost, rel=1e-9)
+                known += 1
+    assert known >= 12
+
+
+def test_problems_that_begin_alike_share_their_networks() -> None:
+    one, other = (random_problem(seed) for seed in (0, 1))
+    sequence = sequences()[0]
+    assert network_of(one, sequence) is network_of(other, sequence)
+    warm = one.start.with_values(temperature_C=(40.0, 25.0))
+    assert network_of(one.with_values(start=warm), sequence) is not network_of(one, sequence)
+    assert network_of(one.with_values(ambient_C=20.0), sequence) is not network_of(one, sequence)
 
 
 @pytest.mark.parametrize(("seed", "factor"), CASES)

@@ -11,11 +11,11 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from twosra_mpc.model.bending_coordinate import bending_coordinate, inverse, inverse_table
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
@@ -27,10 +27,6 @@ from twosra_mpc.robot.modes import Mode, soft_segments
 Intervals = Sequence[tuple[float, float]]
 Known = tuple[tuple[float, float] | None, ...]  # (low, high) of each curvature [1/m], or anything
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-# rad; fine at 0, where spirals bend
-_PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0, math.inf])
-_TABLE = 2001  # points of the table that inverts W
 _BOXES = (1, 200, 40, 14, 7)  # boxes per curvature range, by number of unknown curvatures
 _KNOWN_PER_M = 1e-4  # wider ranges count as unknown
 _MOVES = 1e-5  # of W: plans may leave out what is less, and still end at the goal
@@ -51,15 +47,17 @@ class Bending:
 
     def coordinate(self, kappa: float, segment: int = 0) -> float:
         """W_j(kappa), odd and increasing; unit [m] for spirals and cardioids, [rad] for arcs."""
-        return _coordinate(self.body, segment, kappa)
+        return bending_coordinate(self.body, segment, kappa)
 
     def coordinates(self, kappa: Sequence[float]) -> tuple[float, ...]:
         """W of every segment, from all curvatures [1/m]."""
-        return tuple(_coordinate(self.body, j, float(value)) for j, value in enumerate(kappa))
+        return tuple(
+            bending_coordinate(self.body, j, float(value)) for j, value in enumerate(kappa)
+        )
 
     def curvature(self, coordinates: Array | float, segment: int = 0) -> Array:
         """Inverse of ``coordinate``, interpolated to 1e-9 rad; clipped just beyond the limits."""
-        return _inverse(self.body, segment)(np.asarray(coordinates))
+        return inverse(self.body, segment)(np.asarray(coordinates))
 
     def curvatures(self, coordinates: Sequence[float]) -> tuple[float, ...]:
         """Curvatures of all segments [1/m] from their W."""
@@ -147,13 +145,11 @@ class Bending:
             origin: Bounds of the W of every segment before.
             bend: Change of W, with its sign.
         """
-        low, high = (
-            np.column_stack(
-                [self.curvature(w, j) for j, w in enumerate(_along(mode, end, 0.0, bend))]
-            )
-            for end in zip(*origin, strict=True)
-        )
-        return (low + high) / 2, ((high - low) / 2).max(axis=0)
+        low, high = zip(*origin, strict=True)
+        ends = zip(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend), strict=True)
+        both = [self.curvature(np.array(w), j) for j, w in enumerate(ends)]
+        least, most = np.stack(both, axis=-1)
+        return (least + most) / 2, ((most - least) / 2).max(axis=0)
 
     def motions_between(self, mode: Mode, low: Array, high: Array) -> tuple[Array, Array]:
         """Enclose what each locomotion unit at full speed does to the robot in boxes of W.
@@ -215,7 +211,7 @@ def _corners(body: Body, low: Iterable[Array], high: Iterable[Array]) -> tuple[A
 
     On the grid of the inverse of W.
     """
-    tables = [_inverse_table(body, j) for j in range(body.geometry.segments)]
+    tables = [inverse_table(body, j) for j in range(body.geometry.segments)]
     least = [
         kappa[np.searchsorted(table[1:-1], w)]
         for w, (kappa, table) in zip(low, tables, strict=True)
@@ -236,7 +232,7 @@ def _surely(body: Body, mode: Mode, bend: float) -> float:
 def _largest_coordinate(body: Body, mode: Mode) -> float:
     """Largest W of the soft segments within the curvature limit."""
     limit = body.limits.curvature_per_m
-    return max(_coordinate(body, j, limit) for j in soft_segments(mode))
+    return max(bending_coordinate(body, j, limit) for j in soft_segments(mode))
 
 
 @per_body(64)  # a bend is asked for more than once while its problem is planned
@@ -254,74 +250,6 @@ def _by_speed_s(
 def bending(robot: Robot) -> Bending:
     """Describe how ``robot`` bends."""
     return Bending(robot.body)
-
-
-@per_body(1024)
-def _coordinate(body: Body, segment: int, kappa: float) -> float:
-    edges = np.minimum(_PANELS, abs(kappa) * body.geometry.lengths_m[segment])
-    half = np.diff(edges)[:, None] / 2
-    points = edges[:-1, None] + half * (1 + _NODES)
-    values: Array = _panel_density(body, segment)(points.reshape(1, -1)).full()
-    return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values.reshape(points.shape)))
-
-
-@per_body(32)
-def _panel_density(body: Body, segment: int) -> ca.Function:
-    """1 / g at all points of the quadrature at once."""
-    return _density(body, segment).map((len(_PANELS) - 1) * len(_NODES))
-
-
-@per_body(32)
-def _density(body: Body, segment: int) -> ca.Function:
-    alpha = ca.SX.sym("alpha")
-    share = ca.densify(1 / path_model(body).share(segment, alpha))
-    return ca.Function("density", [alpha], [share])
-
-
-@per_body(32)
-def _inverse_table(body: Body, segment: int) -> tuple[Array, Array]:
-    """A grid of curvatures a little beyond the limits, and W there."""
-    limit, length = 1.01 * body.limits.curvature_per_m, body.geometry.lengths_m[segment]
-    half = np.linspace(0.0, limit, _TABLE // 2 + 1)
-    widths = np.diff(half) * length
-    points = half[:-1, None] * length + widths[:, None] / 2 * (1 + _NODES)
-    values = _density(body, segment)(points.reshape(1, -1)).full().reshape(points.shape)
-    cumulative = np.concatenate([[0.0], np.cumsum(values @ _WEIGHTS * widths / 2)])
-    kappa = np.concatenate([-half[:0:-1], half])
-    return kappa, np.concatenate([-cumulative[:0:-1], cumulative])
-
-
-class _Inverse(NamedTuple):
-    """W -> kappa: cubic in every cell of a table, clipped at its ends.
-
-    Attributes:
-        table: W at the ends of the cells, (m + 1,).
-        powers: Factors of the powers of what W is beyond a cell's lower end, cubic first, (4, m).
-    """
-
-    table: Array
-    powers: Array
-
-    def __call__(self, coordinates: Array) -> Array:
-        table, powers = self
-        w = np.minimum(np.maximum(coordinates, table[0]), table[-1])
-        cell = np.searchsorted(table[1:-1], w, side="right")
-        beyond, (cubic, square, slope, value) = w - table[cell], powers[:, cell]
-        found: Array = ((cubic * beyond + square) * beyond + slope) * beyond + value
-        return found
-
-
-@per_body(32)
-def _inverse(body: Body, segment: int) -> _Inverse:
-    """Hermite's interpolation of the table, with the slope dkappa / dW = g / l at its points."""
-    kappa, table = _inverse_table(body, segment)
-    length = body.geometry.lengths_m[segment]
-    slopes = 1 / (length * _density(body, segment)(kappa[None] * length).full()[0])
-    widths = np.diff(table)
-    secants = np.diff(kappa) / widths
-    bent = (slopes[:-1] + slopes[1:] - 2 * secants) / widths
-    square = (secants - slopes[:-1]) / widths - bent
-    return _Inverse(table, np.array([bent / widths, square, slopes[:-1], kappa[:-1]]))
 
 
 @per_body(64)
@@ -356,6 +284,7 @@ def _twists(body: Body, mode: Mode) -> ca.Function:
     return ca.Function("twists", [kappa], [ca.densify(stacked)])
 
 
+@per_body(32)
 def _unit_speed(body: Body) -> float:
     """Full speed of a locomotion unit [m/s]."""
     speed = body.limits.unit_speed_m_s
@@ -364,6 +293,7 @@ def _unit_speed(body: Body) -> float:
     return speed
 
 
+@per_body(32)
 def _unit_ramp_s(body: Body) -> float:
     """Least time in which a locomotion unit gets from rest to full speed; 0 if it is not known.
 

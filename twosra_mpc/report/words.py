@@ -30,7 +30,7 @@ from twosra_mpc.timing import transition_model
 from twosra_mpc.version import __version__
 
 _NONE = "\N{EN DASH}"
-_LIBRARIES = ("casadi", "numpy", "scipy")  # those that a plan's numbers come from
+_LIBRARIES = ("casadi", "highspy", "numpy", "scipy")  # those that a plan's numbers come from
 _COORDINATES = ("x", "y", "heading φ", *(f"curvature κ{j}" for j in "₁₂₃₄"))
 
 

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Stiffness = Literal["soft", "rigid"]
 
 _ROUNDING_S = 1e-6  # what is saved must be more
+_SAME_S = 1e-12  # times that differ by rounding
 _SURELY_S = 1e-8  # after a transition's end the segment is beyond its threshold, not rounded to it
 
 
@@ -236,7 +237,8 @@ class HeatingPlan:
         )
 
         def late(switch: float) -> float:
-            return switch + early_s(trajectory.state_at(switch)) - onset
+            by = switch + early_s(trajectory.state_at(switch)) - onset
+            return by if abs(by) > _SAME_S else 0.0
 
         heater = since
         if (at_once := late(since)) < 0:

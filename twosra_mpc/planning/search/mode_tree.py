@@ -79,7 +79,7 @@ class ModeTree(Generic[Solution]):
     _bounds: dict[ModeSequence, SequenceBound] = field(default_factory=dict)
     _motion_s: float | None = None  # least time in which every plan moves, once it is asked for
 
-    @property
+    @cached_property
     def rigid(self) -> Mode:
         """The mode in which every segment is solid."""
         return rigid_mode(len(self.first))
