@@ -10,6 +10,7 @@ import numpy as np
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.path_models import path_model
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Body
 
@@ -49,7 +50,7 @@ def inverse_table(body: Body, segment: int) -> tuple[Array, Array]:
     half = np.linspace(0.0, limit, _TABLE // 2 + 1)
     widths = np.diff(half) * length
     points = half[:-1, None] * length + widths[:, None] / 2 * (1 + _NODES)
-    values = _density(body, segment)(points.reshape(1, -1)).full().reshape(points.shape)
+    values = by_rows(_density(body, segment), points.reshape(-1, 1))[0].reshape(points.shape)
     cumulative = np.concatenate([[0.0], np.cumsum(values @ _WEIGHTS * widths / 2)])
     kappa = np.concatenate([-half[:0:-1], half])
     return kappa, np.concatenate([-cumulative[:0:-1], cumulative])
@@ -81,7 +82,7 @@ def inverse(body: Body, segment: int) -> Inverse:
     """Hermite's interpolation of the table, with the slope dkappa / dW = g / l at its points."""
     kappa, table = inverse_table(body, segment)
     length = body.geometry.lengths_m[segment]
-    slopes = 1 / (length * _density(body, segment)(kappa[None] * length).full()[0])
+    slopes = 1 / (length * by_rows(_density(body, segment), kappa[:, None] * length)[0].ravel())
     widths = np.diff(table)
     secants = np.diff(kappa) / widths
     bent = (slopes[:-1] + slopes[1:] - 2 * secants) / widths

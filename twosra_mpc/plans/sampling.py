@@ -38,7 +38,7 @@ def sample(
     """
     heating = transition_model(problem).heating(transitions)
     events = [time for item in heating for time in item.event_times() if time <= finish_s]
-    times = np.unique([0.0, finish_s, *np.arange(0.0, finish_s, HOLD_SAMPLE_S), *events])
+    times = np.array(sorted({0.0, finish_s, *np.arange(0.0, finish_s, HOLD_SAMPLE_S), *events}))
     t, q, v, a, mode = _on_path(_knots(motion, profiles, phase_starts), times, problem.robot)
     just_after = t + 2 * SAME_TIME_S
     resting = ~(v.any(axis=1) | a.any(axis=1))

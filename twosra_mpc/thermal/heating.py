@@ -69,7 +69,7 @@ class TemperatureTrajectory:
     def states_at(self, t: Array) -> tuple[Array, ...]:
         """Values of the segment's state, each at every time."""
         number, found = self._numbers(t), np.empty((len(self.pieces[0].state), len(t)))
-        for k in np.unique(number).tolist():
+        for k in set(number.tolist()):
             during, piece = number == k, self.pieces[k]
             found[:, during] = self._since(piece, np.maximum(t[during] - piece.start_s, 0.0))
         return tuple(found)

@@ -108,7 +108,8 @@ class PoseProgram:
     ) -> None:
         self.cuts = cuts
         turns = [*np.linspace(0.0, 1.0, PANELS + 1), task.turn / math.tau % 1.0]
-        self.edges = math.tau * np.unique(np.round(turns, _GRID))  # of the panels, from the start's
+        edges = sorted({*np.round(turns, _GRID)})  # np.unique loads masked arrays, for 10 ms
+        self.edges = math.tau * np.array(edges)  # of the panels, from the start's
         half = np.diff(self.edges) / 2
         middle = (self.edges[1:] + self.edges[:-1]) / 2
         self.widths, self.panels = 2 * half, len(half)

@@ -128,7 +128,7 @@ def _least_effort(
     layout, moving = network.layout, np.flatnonzero(quickest > _STEP_S)
     cost, constant = cost_coefficients(network, problem.cost_weights)
     starts, ends = (np.array([at(i) for i in moving.tolist()]) for at in (layout.start, layout.end))
-    kept = np.union1d(np.flatnonzero(cost), [*starts, *ends, layout.origin])
+    kept = np.array(sorted({*np.flatnonzero(cost), *starts, *ends, layout.origin}))
     longest, of = _longest_paths(network), np.eye(len(kept))
     of[:, kept == layout.origin] = 0.0  # where time is 0
     apart = longest[np.ix_(kept, kept)]
