@@ -72,6 +72,8 @@ def test_what_is_said_has_no_control_characters_and_an_end() -> None:
     assert printable("x" * 1000, 10) == "xxxxxxxxxx..."
     error = InputError("start.x_m", list(range(10_000)), "one number")
     assert len(str(error)) < 200
+    told = str(error.among([InputError(f"k{n}", n, "less") for n in range(40)])).splitlines()
+    assert (len(told), told[-1]) == (14, "and 28 more")
 
 
 @pytest.mark.parametrize("debug", [False, True])

@@ -10,6 +10,7 @@ _SHORT.maxstring = _SHORT.maxother = 300
 _SHORT.maxlong = 80
 _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 8
 _LONGEST = 500  # characters of what else is said in a line
+_MOST = 12  # further problems that are told
 
 
 def printable(text: str, most: int = _LONGEST) -> str:
@@ -46,7 +47,8 @@ class InputError(TwosraError, ValueError):
         where = f"{source}: " if source else ""
         said = f"{printable(field)} = {_SHORT.repr(value)} is not acceptable"
         lines = [f"{printable(where)}{said}; allowed: {printable(allowed)}"]
-        super().__init__("\n".join([*lines, *map(str, others)]))
+        more = [f"and {len(others) - _MOST} more"] if len(others) > _MOST else []
+        super().__init__("\n".join([*lines, *map(str, others[:_MOST]), *more]))
 
     def __reduce__(self) -> tuple[object, ...]:
         return (type(self), (self.field, self.value, self.allowed, self.source, self.others))
