@@ -91,7 +91,7 @@ def undisturbed() -> pd.DataFrame:
     """The table of the random problems, made in this process without Dask."""
     problems = Problems(Spec(random=_random()), Path())
     every = list(problems.posed(np.zeros(20, dtype=bool)))
-    rows = plan_chunk(every, Asked("ours", False)).rows
+    rows = plan_chunk(every, Asked("optimal", False)).rows
     return folder.frame_of(rows, problems.kinds, greedy=False)
 
 
@@ -137,7 +137,7 @@ def test_a_second_less_of_each_saves_what_the_table_says(
     )
     problems = Problems(spec, Path())
     every = list(problems.posed(np.zeros(4, dtype=bool)))
-    before, after = plan_chunk([every[0], every[3]], Asked("ours", False)).rows
+    before, after = plan_chunk([every[0], every[3]], Asked("optimal", False)).rows
     assert before[f"critical_{what}s"] > 0
     saved = before["cost"] - after["cost"]
     assert saved == pytest.approx(before[f"critical_{what}s"], abs=0.05)
@@ -249,7 +249,7 @@ def test_a_worker_that_dies_loses_nothing(client: Client, undisturbed: pd.DataFr
     problems = Problems(Spec(random=_random()), Path())
     victim = next(iter(client.run(os.getpid).values()))
     rows = []
-    for found in planned(client, problems.posed(np.zeros(20, dtype=bool)), Asked("ours", False)):
+    for found in planned(client, problems.posed(np.zeros(20, dtype=bool)), Asked("optimal", False)):
         if not rows:
             os.kill(victim, signal.SIGKILL)
         rows += found.rows
@@ -328,7 +328,7 @@ def test_workers_of_another_version_are_refused(client: Client, undisturbed: pd.
 def test_a_worker_of_another_version_that_comes_later_is_refused(client: Client) -> None:
     problems = Problems(Spec(scenario="rigid-move"), Path()).posed(np.zeros(1, dtype=bool))
     with pytest.raises(InputError, match="version of a worker"):
-        list(planned(client, problems, Asked("ours", False, version="0.0.7")))
+        list(planned(client, problems, Asked("optimal", False, version="0.0.7")))
 
 
 def test_workers_of_several_threads_are_refused() -> None:

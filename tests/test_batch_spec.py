@@ -154,7 +154,7 @@ def test_unquoted_keys_are_the_same_as_quoted_ones(tmp_path: Path) -> None:
         ({"grid": {"gap": [0.1]}}, "grid.gap", "can be fixed"),
         ({"grid": {"goal.x_m": [0.1]}, "fixed": {"goal.x_m": 0.2}}, "grid.goal.x_m", "either"),
         ({"fixed": {"goal.x_m": "left"}}, "goal.x_m", "number"),
-        ({"planner": "fastest"}, "planner", "'ours', 'greedy' or 'both'"),
+        ({"planner": "fastest"}, "planner", "'optimal', 'greedy' or 'both'"),
     ],
 )
 def test_what_is_wrong_with_a_spec_is_named(

@@ -19,7 +19,7 @@ from twosra_mpc.validation import FrozenDict, Number, Value, plain
 MOST_PROBLEMS = 10_000_000
 
 Scalar = bool | int | float | str
-Planner = Literal["ours", "greedy", "both"]
+Planner = Literal["optimal", "greedy", "both"]
 
 _KINDS: dict[type, str] = {bool: "bool", int: "int64", float: "float64", str: "str"}
 
@@ -104,7 +104,7 @@ class Spec(Value):
         BeforeValidator(_by_dotted_key),
         AfterValidator(FrozenDict),
     ] = FrozenDict()
-    planner: Planner = "ours"
+    planner: Planner = "optimal"
     plans: bool = False
 
     @model_validator(mode="after")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from twosra_mpc.batch.folder import Folder
     from twosra_mpc.batch.problems import Problems
 
-_PLANNERS = click.Choice(["ours", "greedy", "both"])
+_PLANNERS = click.Choice(["optimal", "greedy", "both"])
 
 
 @command("batch")
