@@ -33,10 +33,10 @@ _COMMANDS = {
         "explain": ("comparisons", "Say why a plan is what it is, and what others cost."),
         "check-passage": ("world", "Say in which shapes the robot can drive to the goal."),
         "compare": ("comparisons", "Plan scenarios by both planners, side by side."),
-        "batch": ("batch", "Plan thousands of problems, on all cores or a cluster."),
         "compare-models": ("comparisons", "Plan under each path model, and run under the others."),
     },
     "Thousands of plans": {
+        "batch": ("batch", "Plan thousands of problems, on all cores or a cluster."),
         "atlas": ("atlas", "Say what the plans of a batch have in common."),
     },
     "Use a plan": {
