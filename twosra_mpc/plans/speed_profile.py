@@ -242,7 +242,7 @@ def _squared_speeds(path: Array, r: Array, w: Array, most: float) -> Array:
     largest = np.maximum(np.maximum(np.abs(w[1:]), np.abs(w[:-1])), 1e-12)
     gain, shrink = 2 * most * length / largest, 1 + 2 * change * length / largest
     of_wheels = np.stack([gain, shrink], axis=2).tolist()
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         cap = 1 / r**2
         curved = (most / change).min(axis=1)
     cap[1:] = np.minimum(cap[1:], curved)
