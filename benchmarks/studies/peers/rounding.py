@@ -20,6 +20,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import Bounds, LinearConstraint, milp
 
 _PER_SWITCH = 0.05  # stages of approximation error that one switch fewer is worth
 _DECIMALS = 4  # of the shares; what is left of vanished shares upsets HiGHS
@@ -60,7 +61,6 @@ def rounded(
     switched = ca.vertcat(on[0, :], opti.variable(stages - 1, modes))  # the first: on from there
     sums = ca.DM(np.tri(stages)) @ (shares.round(_DECIMALS) - on)
     changes = ca.sum1(ca.sum2(switched)) - 1
-    opti.set_domain(on, "integer")
     opti.subject_to(opti.bounded(0, ca.vec(on), 1))
     opti.subject_to(ca.vec(switched) >= 0)
     opti.subject_to(ca.sum2(on) == 1)
@@ -73,10 +73,18 @@ def rounded(
         opti.subject_to(sum(ca.sum1(on[:, m]) for m in group) >= 1)
     opti.subject_to(changes <= max_switches)
     opti.minimize(error + _PER_SWITCH * changes)
-    settings = {"output_flag": False, "time_limit": time_limit_s}
-    opti.solver("highs", {"print_time": False, "error_on_fail": False, "highs": settings})
-    try:
-        choice = np.reshape(opti.solve().value(on), (stages, modes)).argmax(axis=1)
-    except RuntimeError:
-        return Rounding(opti.stats()["return_status"], None, np.inf)
-    return Rounding(opti.stats()["return_status"], tuple(choice.tolist()), float(opti.value(error)))
+    # By SciPy: CasADi's own HiGHS and that of highspy, in the planner, do not share a process.
+    at_0 = ca.Function("rows", [opti.x], [opti.f, opti.g, opti.lbg, opti.ubg])(0)
+    offset, low, high = (part.full().ravel() for part in at_0[1:])
+    matrix = ca.evalf(ca.jacobian(opti.g, opti.x)).sparse()
+    found = milp(
+        ca.evalf(ca.gradient(opti.f, opti.x)).full().ravel(),
+        integrality=np.arange(opti.nx) < on.numel(),
+        bounds=Bounds(-np.inf, np.inf),
+        constraints=LinearConstraint(matrix, low - offset, high - offset),
+        options={"time_limit": time_limit_s},
+    )
+    if found.x is None:
+        return Rounding(found.message, None, np.inf)
+    choice = np.reshape(found.x[: on.numel()], (stages, modes), order="F").argmax(axis=1)
+    return Rounding(found.message, tuple(choice.tolist()), float(found.x[on.numel()]))
