@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -48,7 +49,8 @@ class Output:
     @contextmanager
     def progress(self, words: str) -> Iterator[Tell]:
         """Show a line of progress on standard error where that is a terminal; yields its update."""
-        if self.quiet or not sys.stderr.isatty():
+        terminal = sys.stderr.isatty() or os.environ.get("FORCE_COLOR")  # as rich has it
+        if self.quiet or not terminal:
             yield lambda _: None
             return
         from rich.console import Console
