@@ -45,7 +45,6 @@ FAR = {"x_m": 60.0, "y_m": -40.0}
 ROOM = {"x_m": [-100.0, 100.0], "y_m": [-100.0, 100.0]}
 LONG = {  # each would take seconds more than it may
     "contacts": mission("grasp-cube"),
-    "greedy rule": mission("paper-1", planner="greedy"),
     "a far goal, all of it inside": mission("rigid-move", goal=FAR, workspace=ROOM, gap=0.0),
     "slices": mission("doorway"),
     "roads": mission("scattered"),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 
 import pytest
 
-from twosra_mpc import installation
 from twosra_mpc.installation import install_command
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
@@ -46,7 +46,7 @@ class _Distribution:
 def test_an_extra_comes_from_where_the_package_came_from(
     monkeypatch: pytest.MonkeyPatch, origin: object, command: str
 ) -> None:
-    monkeypatch.setattr(installation, "distribution", lambda _: _Distribution(origin))
+    monkeypatch.setattr(importlib.metadata, "distribution", lambda _: _Distribution(origin))
     assert install_command("mcap") == command
 
 
