@@ -53,6 +53,7 @@ ENDS = [  # executor, fault, scenario, when it begins [s], and how the run ends 
     ("greedy", "frozen camera", "rigid-move", 2.0, "right cause"),
     ("greedy", "thermistor -127", MELTS, 1.0, "right cause"),
     ("greedy", "dead heater", MELTS, 0.0, "right cause"),
+    ("greedy", "dead heater", "paper-1", 0.0, "right cause"),  # both at once
     ("greedy", "read raises", "rigid-move", 2.0, "right cause"),
     ("greedy", "interrupt", "rigid-move", 2.0, "right cause"),
 ]

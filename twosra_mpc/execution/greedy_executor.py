@@ -83,13 +83,16 @@ class _GreedyRun:
 
     def run(self) -> tuple[Ending, str]:
         """Drive until there is an ending, without segments that cannot be heated."""
+        lost: SegmentError | None = None
         while True:
             try:
+                if lost is not None:
+                    self._lost(lost.segment, "soft")
                 return self._driven()
-            except SegmentError as trouble:
-                if trouble.cause != "heater":
+            except SegmentError as trouble:  # the other one's, perhaps, while the first is given up
+                if trouble.cause != "heater" or trouble.segment + 1 in self.broken:
                     return trouble.ending, str(trouble)
-                self._lost(trouble.segment, "soft")
+                lost = trouble
             except DoubtError as doubt:
                 return Ending.SENSOR_FAILED if doubt.bends else Ending.NOT_MOVING, str(doubt)
             except TooNearError as near:
@@ -201,8 +204,9 @@ class _GreedyRun:
         self.session.tell("failure", f"segment {segment + 1} does not become {to}")
         if segment + 1 not in self.broken:
             self.broken.append(segment + 1)
-        setpoint_C = self.session.setpoint_C.copy()
-        setpoint_C[segment] = self.problem.robot.heater.rigid_setpoint_C
-        self.session.rest(setpoint_C, self.session.period_s)
         self.modes = [mode for mode in self.modes if not mode[segment]]
+        setpoint_C = self.session.setpoint_C.copy()
+        for each in self.broken:
+            setpoint_C[each - 1] = self.problem.robot.heater.rigid_setpoint_C
+        self.session.rest(setpoint_C, self.session.period_s)
         return False
