@@ -45,12 +45,13 @@ CORNERS = """scenario = "shape-change"
 """
 DRAWN = """[random]
 robot = "2sra-v1"
-seed = 7
-count = 20
+seed = 2
+count = 80
 position_m = 0.25
 heading_rad = 3.14
 curvature_per_m = 60.0
 """
+COUNT = 80
 TIMES = ["wall_s", "cpu_s", "greedy_wall_s", "greedy_cpu_s"]
 
 cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not have the tests
@@ -90,7 +91,7 @@ def assert_same(found: pd.DataFrame, expected: pd.DataFrame) -> None:
 def undisturbed() -> pd.DataFrame:
     """The table of the random problems, made in this process without Dask."""
     problems = Problems(Spec(random=_random()), Path())
-    every = list(problems.posed(np.zeros(20, dtype=bool)))
+    every = list(problems.posed(np.zeros(COUNT, dtype=bool)))
     rows = plan_chunk(every, Asked("optimal", False)).rows
     return folder.frame_of(rows, problems.kinds, greedy=False)
 
@@ -101,7 +102,7 @@ def _random() -> dict[str, object]:
 
 
 def test_a_row_says_what_the_plan_is(undisturbed: pd.DataFrame) -> None:
-    (posed, *_) = Problems(Spec(random=_random()), Path()).posed(np.zeros(20, dtype=bool))
+    (posed, *_) = Problems(Spec(random=_random()), Path()).posed(np.zeros(COUNT, dtype=bool))
     made = plan(Problem(**posed.document)).require()
     row = undisturbed.iloc[0]
     kinds = [activity.kind for activity in critical_path(made)]
@@ -229,13 +230,13 @@ def test_a_batch_goes_on_whatever_ended_it(
         if number == signal.SIGKILL:
             assert program.returncode == -signal.SIGKILL
         else:
-            said = f"twosra: interrupted: {len(done)} of 20 problems are planned; the same command"
+            said = f"twosra: interrupted: {len(done)} of {COUNT} problems are planned; the same"
             assert (program.returncode, len(err.splitlines())) == (130, 1)
             assert err.startswith(said)
-    assert 6 <= len(done) < 20
+    assert 6 <= len(done) < COUNT
     code, out, _ = run(*words, "--json")
     assert code == 0
-    assert json.loads(out)["planned now"] == 20 - len(done)
+    assert json.loads(out)["planned now"] == COUNT - len(done)
     found = read_runs(runs)
     assert_same(found, undisturbed)
     kept = found[found["problem"].isin(done["problem"])]
@@ -249,7 +250,9 @@ def test_a_worker_that_dies_loses_nothing(client: Client, undisturbed: pd.DataFr
     problems = Problems(Spec(random=_random()), Path())
     victim = next(iter(client.run(os.getpid).values()))
     rows = []
-    for found in planned(client, problems.posed(np.zeros(20, dtype=bool)), Asked("optimal", False)):
+    for found in planned(
+        client, problems.posed(np.zeros(COUNT, dtype=bool)), Asked("optimal", False)
+    ):
         if not rows:
             os.kill(victim, signal.SIGKILL)
         rows += found.rows
@@ -351,7 +354,7 @@ def test_other_folders_are_left_alone(run: Run, drawn: Path, tmp_path: Path) -> 
     code, _, err = run("batch", drawn, "--out", drawn)
     assert code == 2
     assert "a folder to write to" in err
-    assert load_spec(drawn).size == 20
+    assert load_spec(drawn).size == COUNT
 
 
 @pytest.mark.parametrize("what", ["empty", "text", "other"])

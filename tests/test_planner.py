@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
+import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.deadline import time_limit
+from twosra_mpc.planning.nlp.fixed_sequence import Candidate
 from twosra_mpc.planning.planner import Progress
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.planning.single_goal.relaxed import bending_task
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
+from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver, Solved, trusted
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
+from twosra_mpc.timing.network import TemporalNetwork
 
 PAPER = [f"paper-{n}" for n in range(1, 6)]
 
@@ -209,6 +214,56 @@ def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPat
     assert "interrupted" in result.message
     assert result.gap is not None
     assert 0 < result.gap < 0.2
+
+
+def broken(
+    problem: Problem, candidate: Candidate | None, network: TemporalNetwork
+) -> tuple[float, Solved] | None:
+    """A guess in place of a trusted one that drives a millimetre too far in every phase."""
+    found = trusted(problem, candidate, network)
+    if found is None:
+        return None
+    cost, solved = found
+    motion = solved.candidate.motion
+    far = replace(
+        motion, states=motion.states + 1e-3 * np.arange(len(motion.states))[:, None, None]
+    )
+    moved = replace(solved.candidate, motion=far)
+    return cost, Solved(problem, moved, network)
+
+
+def test_a_trusted_guess_that_does_not_verify_is_searched_for_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = load_problem("paper-3", robot=ROBOT)
+    expected = plan(problem)
+    monkeypatch.setattr(planner, "trusted", broken)
+    result = plan(problem)
+    assert result.require().verification.ok
+    assert result.status is Status.OPTIMAL
+    assert result.require().cost.total == expected.require().cost.total
+    assert result.lower_bound == expected.lower_bound
+
+
+def test_an_interrupt_before_any_plan_verifies_ends_the_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    searched = []
+
+    def interrupted(*arguments: Any) -> Any:
+        result, *others = search(*arguments)
+        searched.append(result)
+        return replace(result, ending=Ending.INTERRUPTED), *others
+
+    search = planner._searched
+    monkeypatch.setattr(planner, "trusted", broken)
+    monkeypatch.setattr(planner, "_searched", interrupted)
+    result = plan(load_problem("paper-3", robot=ROBOT))
+    assert len(searched) == 1
+    assert searched[0].solution is not None
+    assert (result.status, result.ending) == (Status.FAILED, Ending.INTERRUPTED)
+    assert result.plan is None
+    assert "no plan found (interrupted" in result.message
 
 
 def test_a_gap_that_cannot_be_proved_is_reported_as_it_is() -> None:

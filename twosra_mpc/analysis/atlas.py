@@ -1,4 +1,4 @@
-"""What a batch of plans says: which sequences are best, what was saved, what a change is worth."""
+"""What a batch of plans says: sequences, durations, what was saved, what a change is worth."""
 
 from __future__ import annotations
 

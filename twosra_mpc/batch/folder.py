@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.batch.chunk import Chunk
 from twosra_mpc.batch.problems import Problems
@@ -33,7 +34,6 @@ class Folder:
 
     Attributes:
         path: The folder.
-        done: Whether each problem is finished, (n,).
     """
 
     def __init__(self, path: Path, problems: Problems, spec: str) -> None:
@@ -53,9 +53,13 @@ class Folder:
         except OSError as error:
             raise InputError("--out", str(path), f"a folder to write to ({error})") from error
         write_text(path / _SPEC, spec)
-        self.done = np.zeros(len(problems), dtype=bool)
-        for part in table_paths(path):
-            self.done[problems_in(part)] = True
+
+    def done(self) -> NDArray[np.bool_]:
+        """Whether each problem is finished, (n,): read from the disk, whatever was interrupted."""
+        done = np.zeros(len(self._problems), dtype=bool)
+        for part in table_paths(self.path):
+            done[problems_in(part)] = True
+        return done
 
     def add(self, chunk: Chunk) -> None:
         """Write what problems came to; their plans first, so that no row is without its plan.
@@ -68,7 +72,6 @@ class Folder:
         greedy = self._problems.spec.planner == "both"
         frame = frame_of(chunk.rows, self._problems.kinds, greedy=greedy)
         write_table(frame, self.path / PARTS / f"{chunk.rows[0]['problem']:08}.parquet")
-        self.done[frame["problem"].to_numpy()] = True
 
     def finish(self) -> None:
         """Join the pieces of a table that has all problems.

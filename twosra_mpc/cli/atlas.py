@@ -27,7 +27,7 @@ def atlas_command(
 ) -> None:
     """Say what the plans of a batch have in common: RUNS is the folder of "twosra batch".
 
-    It need not be finished. Which sequences are best, how long plans take, what they save against
+    It need not be finished. Which sequences plans have, how long plans take, what they save against
     the greedy rule, what a second less freezing is worth, and what failed and why.
 
     \b
@@ -54,7 +54,7 @@ def _print(found: Atlas) -> None:
     print_table(("problems that are", "how many"), list(count.items()))
     plans = sum(found.sequences.values())
     shares = [(name, f"{number} of {plans}") for name, number in found.sequences.items()]
-    print_table(("best mode sequence", "plans"), _first(shares))
+    print_table(("mode sequence", "plans"), _first(shares))
     quantities = {
         "duration [s]": _cells(found.duration_s),
         "proved gap [%]": _cells(found.gap, 100.0),

@@ -17,8 +17,10 @@ from twosra_mpc.installation import require_batch
 from twosra_mpc.interrupts import noted_interrupts
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from twosra_mpc.batch.chunk import Chunk
-    from twosra_mpc.batch.folder import Folder
     from twosra_mpc.batch.problems import Problems
 
 _PLANNERS = click.Choice(["optimal", "greedy", "both"])
@@ -61,36 +63,40 @@ def batch_command(
     from twosra_mpc.batch.folder import Folder  # CasADi takes a second
 
     folder = Folder(out, problems, read_text(spec, str(spec)))
-    before, started = int(folder.done.sum()), time.perf_counter()
+    done, started = folder.done(), time.perf_counter()
     try:
         with noted_interrupts() as interrupts:
-            for chunk in _planned(problems, folder, workers, scheduler, output):
+            for chunk in _planned(problems, done, workers, scheduler, output):
                 folder.add(chunk)
                 interrupts.check()  # an exception may be lost in a callback of Dask
         folder.finish()
     except KeyboardInterrupt:
-        done = f"{folder.done.sum()} of {len(problems)} problems are planned"
-        click.echo(f"twosra: interrupted: {done}; the same command goes on", err=True)
+        told = f"{folder.done().sum()} of {len(problems)} problems are planned"
+        click.echo(f"twosra: interrupted: {told}; the same command goes on", err=True)
         return EXIT_INTERRUPTED
-    _report(out, len(problems) - before, time.perf_counter() - started, output)
+    _report(out, len(problems) - int(done.sum()), time.perf_counter() - started, output)
     return EXIT_PLANNED
 
 
 def _planned(
-    problems: Problems, folder: Folder, workers: int | None, scheduler: str | None, output: Output
+    problems: Problems,
+    done: NDArray[np.bool_],
+    workers: int | None,
+    scheduler: str | None,
+    output: Output,
 ) -> Iterator[Chunk]:
     """Yield what problems that are not done come to; show how far it is."""
-    if folder.done.all():
+    if done.all():
         return
     from twosra_mpc.batch.chunk import Asked
     from twosra_mpc.batch.engine import cluster_at, local_cluster, planned
 
     asked = Asked(problems.spec.planner, problems.spec.plans)
     with (
-        _bar(output, len(problems), int(folder.done.sum())) as advance,
+        _bar(output, len(problems), int(done.sum())) as advance,
         local_cluster(workers) if scheduler is None else cluster_at(scheduler) as client,
     ):
-        for chunk in planned(client, problems.posed(folder.done), asked):
+        for chunk in planned(client, problems.posed(done), asked):
             yield chunk
             advance(len(chunk.rows))
 

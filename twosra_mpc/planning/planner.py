@@ -118,6 +118,9 @@ def _search(
         with finishing():
             if result.solution is None or result.solution.plan.verification.ok:
                 break
+        result = replace(result, solution=None)  # a guess that is no plan
+        if result.ending is Ending.INTERRUPTED:  # nobody waits for another search
+            break
     stats = Stats(
         wall_s=time.perf_counter() - started,
         sequences_bounded=result.bounded,

@@ -1,4 +1,4 @@
-"""Pictures of a batch: best sequences and durations over what was varied, savings, gaps."""
+"""Pictures of a batch: sequences and durations over what was varied, savings, gaps."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def chosen_keys(runs: DataFrame, x: str | None, y: str | None) -> tuple[str, str
 
 
 def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> Axes:
-    """Draw which mode sequence is best where; over one key, with the durations."""
+    """Draw which mode sequence the plan has where; over one key, with the durations."""
     ranks = _ranks(runs)
     coded = runs.assign(code=runs["sequence"].map(ranks))
     colours = ListedColormap([_NO_PLAN, *_COLOURS, _OTHER])
@@ -108,7 +108,7 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> Axes:
     ax.legend(
         handles, list(keys), fontsize=6.5, loc="upper left", bbox_to_anchor=(0, -0.16), ncols=2
     )
-    ax.set_title("best mode sequence")
+    ax.set_title("mode sequence of the plan")
     return ax
 
 

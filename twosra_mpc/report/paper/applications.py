@@ -9,7 +9,7 @@ from twosra_mpc.plotting import plot_plan
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.report.paper.claims import Claim, Reading
 from twosra_mpc.report.paper.kept import Data, Part, Tell
-from twosra_mpc.report.paper.section import Picture, Section, Table
+from twosra_mpc.report.paper.section import Picture, Section, Table, percent
 from twosra_mpc.robot.modes import sequence_name
 
 SCENARIOS = {"conform-cylinder": "conform to a cylinder", "grasp-cube": "grip a cube and move it"}
@@ -53,7 +53,7 @@ def section(data: Data) -> Section:
             name,
             sequence_name(one["sequence"]),
             f"{one['duration_s']:.1f}",
-            "none" if one["gap"] is None else f"{100 * one['gap']:.2f} %",
+            percent(one["gap"]),
         )
         for name, one in data.items()
     ]

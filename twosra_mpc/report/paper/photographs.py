@@ -21,6 +21,7 @@ from twosra_mpc.report.paper.kept import Data, Part, Tell, digest
 from twosra_mpc.report.paper.section import Picture, Section, Table
 
 STEPS_FIGURE, SPREAD_FIGURE = "curvature-steps.png", "curvature-spread.png"
+_WHERE = "section Curvature Estimation"
 BANDS = (0.0, 10.0, 20.0, 35.0, 50.0, np.inf)  # |reference| [1/m]
 STRAIGHT_PER_M = 6.0  # below, the published steps hardly know anything
 MSE_PER_M2, SPREAD_PER_M, REPEATS = 41.32, 12.93, 5  # published
@@ -152,16 +153,17 @@ def section(data: Data | None) -> Section:
 
 
 def _claims(data: Data | None) -> tuple[Claim, ...]:
-    where = "section Curvature Estimation"
     got: Data = {} if data is None else data
+    return (*_of_errors(got), *_of_the_test(got), *_of_arcs(got))
+
+
+def _of_errors(got: Data) -> tuple[Claim, ...]:
     published = got.get("deviations", {}).get("published", {})
-    low, high = got.get("bend_range_rad", (None, None))
-    scatter, length = got.get("median_scatter_m"), got.get("length_m")
     mse = {"holds": _CLOSE * MSE_PER_M2, "caveat": 0.1 * MSE_PER_M2}
     return (
         Claim(
             "The mean square error is 41.32",
-            f"{where}; Fig. 7(d)",
+            f"{_WHERE}; Fig. 7(d)",
             (
                 equal(
                     "means of the repeats",
@@ -175,7 +177,7 @@ def _claims(data: Data | None) -> tuple[Claim, ...]:
         ),
         Claim(
             "The mean standard deviation along the segment is 12.93",
-            f"{where}; Fig. 7(d)",
+            f"{_WHERE}; Fig. 7(d)",
             (
                 equal(
                     "single photographs",
@@ -187,9 +189,16 @@ def _claims(data: Data | None) -> tuple[Claim, ...]:
                 ),
             ),
         ),
+    )
+
+
+def _of_the_test(got: Data) -> tuple[Claim, ...]:
+    published = got.get("deviations", {}).get("published", {})
+    low, high = got.get("bend_range_rad", (None, None))
+    return (
         Claim(
             "The test was repeated five times",
-            where,
+            _WHERE,
             (
                 equal(
                     "loads and unloads found in the references, both directions",
@@ -201,15 +210,21 @@ def _claims(data: Data | None) -> tuple[Claim, ...]:
         ),
         Claim(
             "The segment was bent from -pi to pi",
-            where,
+            _WHERE,
             (
                 equal("least bend", -np.pi, low, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi),
                 equal("largest bend", np.pi, high, "rad", holds=0.05 * np.pi, caveat=0.2 * np.pi),
             ),
         ),
+    )
+
+
+def _of_arcs(got: Data) -> tuple[Claim, ...]:
+    scatter, length = got.get("median_scatter_m"), got.get("length_m")
+    return (
         Claim(
             "Small curvatures agree, and the difference grows with the bend",
-            where,
+            _WHERE,
             (
                 every(
                     f"points with an estimate, below {STRAIGHT_PER_M:g} 1/m",
@@ -226,7 +241,7 @@ def _claims(data: Data | None) -> tuple[Claim, ...]:
         ),
         Claim(
             "Constant curvature represents the segment adequately",
-            where,
+            _WHERE,
             (
                 every(
                     "photographs compatible with one arc (p of 0.05 and more)",
@@ -265,7 +280,7 @@ def _bands(data: Data) -> Table:
         "slope",
         "MSE [1/m2]",
         "of mean repeats",
-        *(f"{low:g} to {high:g} 1/m" for low, high in _pairs()),
+        *(f"from {low:g}" if high == np.inf else f"{low:g} to {high:g}" for low, high in _pairs()),
     )
     refused = f"; {data['refused']} of {data['pictures']} refused" if data["refused"] else ""
-    return Table(f"Mean square error, by size of the reference{refused}", header, tuple(rows))
+    return Table(f"Mean square error, by size of the reference [1/m]{refused}", header, tuple(rows))

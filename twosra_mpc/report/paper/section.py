@@ -46,3 +46,10 @@ class Section:
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = ()
     missing: str = ""
+
+
+def percent(share: float | None) -> str:
+    """A share of 0 to 1 in a table; what is too small for it is not called zero."""
+    if share is None:
+        return "none"
+    return "below 0.01 %" if 0 < share < 1e-4 else f"{100 * share:.2f} %"

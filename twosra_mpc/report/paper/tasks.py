@@ -22,7 +22,7 @@ from twosra_mpc.plotting.paper_figures import (
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.report.paper.claims import Claim, equal, every
 from twosra_mpc.report.paper.kept import Data, Part, Tell, digest
-from twosra_mpc.report.paper.section import Picture, Section, Table
+from twosra_mpc.report.paper.section import Picture, Section, Table, percent
 from twosra_mpc.reproduction.published import PublishedTrajectory, published_trajectory
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, sequence_name
@@ -242,7 +242,7 @@ def _durations(of: dict[str, Any]) -> Table:
             f"{one['greedy_duration_s']:.1f}",
             sequence_name(one["sequence_planned"]),
             f"{one['duration_s']:.1f}",
-            "none" if one["gap"] is None else f"{100 * one['gap']:.2f} %",
+            percent(one["gap"]),
         )
         for task, one in of.items()
     ]
