@@ -39,7 +39,7 @@ def made(start: Array, sequence: ModeSequence, inputs: Array, **asked: Any) -> P
     network = transition_model(problem).network(sequence, RIGID, lasting)
     found = feasible_schedule(network, np.array(lasting), problem)
     assert found is not None
-    return verified(problem, Candidate(motion, profiles, found[0], 0), found[1])
+    return verified(problem, Candidate(motion, profiles, *found, 0), found[1])
 
 
 def repeated(displacement: tuple[float, ...]) -> Array:

@@ -115,7 +115,7 @@ def as_plan(made: Attack, intervals: int = 12) -> tuple[float, float]:
     for event in network.events:
         times[layout.onset_of(event)] = onsets[event.segment, event.to, event.number]
     times[layout.finish] = slower.timeline.finish_s
-    plan = verified(problem, Candidate(motion, tuple(profiles), times, 0), network)
+    plan = verified(problem, Candidate(motion, tuple(profiles), times, network, 0), network)
     assert plan.verification.ok, plan.verification.problems
     return plan.cost.total, slower.cost
 

@@ -147,7 +147,7 @@ def test_a_bend_takes_the_effort_of_its_bound(
     if np.abs(motion.states[..., 3:]).max() >= robot.limits.curvature_per_m:
         return
     facts, profile = bending(robot), fastest(motion)[0]
-    before, after = (facts.coordinates(q[3:].tolist()) for q in motion.states[0, [0, -1]])
+    before, after = (facts.coordinates(q[3:]) for q in motion.states[0, [0, -1]])
     bend = after[mode.index(1)] - before[mode.index(1)]
     least = facts.least_effort_s2(mode, [(w, w) for w in before], bend)
     assert least <= profile.effort_s * profile.duration_s * (1 + 1e-3) + 1e-12

@@ -165,7 +165,7 @@ def test_bending_coordinates_of_soft_segments_change_alike(robot: Robot) -> None
     facts, q, bend = bending(robot), shapes(robot, 5) / 3, 0.2
     for mode in robot.modes[1:]:
         nodes, travel = bent(robot, q, mode, bend, 1)
-        before, after = (facts.coordinates(at[3:].tolist()) for at in nodes)
+        before, after = (facts.coordinates(at[3:]) for at in nodes)
         assert np.subtract(after, before) == pytest.approx(bend * np.array(mode), abs=1e-8)
         end = interval_flow(robot, 64)(q, [*travel[0], 0, 0, 0], mode).full().ravel()
         assert end[3:] == pytest.approx(nodes[1, 3:], abs=2e-2)

@@ -46,12 +46,13 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
         if mode not in integrators:
             step_in_mode = in_mode(step_of_order_8(problem.robot), mode)
             integrators[mode] = InPlace(step_in_mode, [q, s], [after, told])
+        evaluate = integrators[mode].evaluate
         for row, left in enumerate(lengths.tolist(), start=first + 1):
             while left > 0:
                 check_time()
                 step = min(longest, left)
                 np.multiply(direction, step, out=s)
-                integrators[mode].evaluate()
+                evaluate()
                 error, curvature = told.tolist()
                 growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
                 if not error <= 1:  # nor where it is no number

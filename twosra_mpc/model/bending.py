@@ -14,8 +14,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
-from twosra_mpc.model.bending_coordinate import bending_coordinate, inverse, inverse_table
+from twosra_mpc.model.bending_coordinate import (
+    bending_coordinate,
+    bending_coordinates,
+    inverse,
+    inverse_table,
+)
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.intervals import enclose
 from twosra_mpc.model.kinematics import kinematics
@@ -49,11 +55,12 @@ class Bending:
         """W_j(kappa), odd and increasing; unit [m] for spirals and cardioids, [rad] for arcs."""
         return bending_coordinate(self.body, segment, kappa)
 
-    def coordinates(self, kappa: Sequence[float]) -> tuple[float, ...]:
-        """W of every segment, from all curvatures [1/m]."""
-        return tuple(
-            bending_coordinate(self.body, j, float(value)) for j, value in enumerate(kappa)
-        )
+    def coordinates(self, kappa: ArrayLike) -> Array:
+        """W of every segment in one shape or several, from the curvatures (n,) or (m, n) [1/m]."""
+        shapes = np.asarray(kappa, dtype=float)
+        of_segments = np.atleast_2d(shapes).T
+        found = [bending_coordinates(self.body, j, each) for j, each in enumerate(of_segments)]
+        return np.stack(found, axis=-1).reshape(shapes.shape)
 
     def curvature(self, coordinates: Array | float, segment: int = 0) -> Array:
         """Inverse of ``coordinate``, interpolated to 1e-9 rad; clipped just beyond the limits."""

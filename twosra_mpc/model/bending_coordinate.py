@@ -23,17 +23,18 @@ _TABLE = 2001  # points of the table that inverts W
 @per_body(1024)
 def bending_coordinate(body: Body, segment: int, kappa: float) -> float:
     """W of a segment (from 0) at a curvature [1/m]."""
-    edges = np.minimum(_PANELS, abs(kappa) * body.geometry.lengths_m[segment])
-    half = np.diff(edges)[:, None] / 2
-    points = edges[:-1, None] + half * (1 + _NODES)
-    values: Array = _panel_density(body, segment)(points.reshape(1, -1)).full()
-    return float(np.sign(kappa) * np.sum(half * _WEIGHTS * values.reshape(points.shape)))
+    return float(bending_coordinates(body, segment, np.array([kappa]))[0])
 
 
-@per_body(32)
-def _panel_density(body: Body, segment: int) -> ca.Function:
-    """1 / g at all points of the quadrature at once."""
-    return _density(body, segment).map((len(_PANELS) - 1) * len(_NODES))
+def bending_coordinates(body: Body, segment: int, kappa: Array) -> Array:
+    """W of a segment (from 0) at curvatures (m,) [1/m]."""
+    edges = np.minimum(_PANELS, np.abs(kappa)[:, None] * body.geometry.lengths_m[segment])
+    half = np.diff(edges)[..., None] / 2
+    points = edges[:, :-1, None] + half * (1 + _NODES)
+    (values,) = by_rows(_density(body, segment), points.reshape(-1, 1))
+    parts = half * _WEIGHTS * values.reshape(points.shape)
+    found: Array = np.sign(kappa) * parts.sum(axis=(1, 2))
+    return found
 
 
 @per_body(32)

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from twosra_mpc.deadline import check_time
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import Array
 
 _ROUNDING = 1e-12  # relative; a few thousand operations stay far below it
@@ -50,7 +51,8 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> tuple[Array, A
         NotImplementedError: If the function uses an operation without an interval rule.
     """
     check_time()
-    low, high = np.split(_extension(function)(np.vstack([lower, upper])).full(), 2)
+    (found,) = by_rows(_extension(function), np.vstack([lower, upper]).T)
+    low, high = np.split(found.T, 2)
     size = _ROUNDING * np.maximum(np.abs(low), np.abs(high))
     return low - size, high + size
 

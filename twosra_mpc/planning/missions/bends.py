@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from twosra_mpc.model.bending import bending
-from twosra_mpc.planning.nlp.guess import inner_bends
+from twosra_mpc.planning.nlp.guess import inner_bends, inner_goal
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -30,14 +30,16 @@ def stage_bends(
         sequences: Its modes.
         relaxed: Change of W in each phase of all, (phases,), by the relaxation.
     """
-    here = np.array(bending(problem.robot).coordinates(problem.start.kappa_per_m))
+    here = bending(problem.robot).coordinates(problem.start.kappa_per_m)
     parts = np.split(relaxed, np.cumsum([len(each) for each in sequences])[:-1])
     found = []
     for sequence, bends, outer, inner in zip(
         sequences,
         parts,
         _kept_boxes([_w_box(problem, goal) for goal in goals], sequences),
-        _kept_boxes([_w_box(problem, _inside(problem, goal)) for goal in goals], sequences),
+        _kept_boxes(
+            [_w_box(problem, inner_goal(problem.robot, goal)) for goal in goals], sequences
+        ),
         strict=True,
     ):
         inner = inner if (inner[0] <= inner[1]).all() else outer
@@ -60,7 +62,7 @@ def _into(sequence: ModeSequence, bends: Array, box: Array) -> Array:
 def shapes(problem: Problem, sequences: Sequence[ModeSequence], bends: Sequence[Array]) -> Array:
     """Curvatures where each stage ends, (stages, n) [1/m]."""
     facts = bending(problem.robot)
-    here = np.array(facts.coordinates(problem.start.kappa_per_m))
+    here = facts.coordinates(problem.start.kappa_per_m)
     found = []
     for sequence, each in zip(sequences, bends, strict=True):
         here = here + np.array(sequence, dtype=float).T @ each
@@ -83,15 +85,6 @@ def _kept_boxes(boxes: Sequence[Box], sequences: Sequence[ModeSequence]) -> Iter
 
 
 def _w_box(problem: Problem, goal: GoalSet) -> Box:
-    limit, facts = problem.robot.limits.curvature_per_m, bending(problem.robot)
-    ends = goal.box(problem.start.configuration)
-    low, high = (
-        np.array(facts.coordinates(np.clip(end[POSE:], -limit, limit).tolist())) for end in ends
-    )
+    limit, ends = problem.robot.limits.curvature_per_m, goal.box(problem.start.configuration)
+    low, high = bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
     return low, high
-
-
-def _inside(problem: Problem, goal: GoalSet) -> GoalSet:
-    """Where in a goal plans should end, for the sake of their runs."""
-    accuracy, coordinates = problem.robot.accuracy, problem.robot.coordinates
-    return goal.loosened(-accuracy.planned(coordinates)) if accuracy else goal

@@ -28,7 +28,7 @@ def relaxation(problem: Problem) -> MissionRelaxation:
     """Rates, speeds and room of a problem's robot."""
     robot, facts = problem.robot, bending(problem.robot)
     n, limits = robot.coordinates.segments, robot.limits
-    here = facts.coordinates(problem.start.kappa_per_m)
+    here = facts.coordinates(problem.start.kappa_per_m).tolist()
     most = [facts.coordinate(limits.curvature_per_m, j) for j in range(n)]
 
     def speed_m_s(mode: Mode) -> float:
@@ -79,8 +79,7 @@ def stage_tasks(problem: Problem, members: Sequence[Sequence[Stage]]) -> tuple[S
 def _w(problem: Problem, end: Array) -> Array:
     """W of the shape of one end of a box, clipped to the limits."""
     limit = problem.robot.limits.curvature_per_m
-    shape = np.clip(end[POSE:], -limit, limit)
-    return np.array(bending(problem.robot).coordinates(shape.tolist()))
+    return bending(problem.robot).coordinates(np.clip(end[POSE:], -limit, limit))
 
 
 def _changes(problem: Problem, after: Box) -> Intervals:

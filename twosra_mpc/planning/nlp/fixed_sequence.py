@@ -69,6 +69,7 @@ class Candidate:
         motion: The corrected motion.
         profiles: How fast each phase is travelled.
         times: Event times of the temporal network [s].
+        settled: The network that they fulfil, with what the metal needs at these times.
         iterations: Iterations of the nonlinear program spent on it.
         stage_ends: Number of phases up to the end of each stage of a mission.
     """
@@ -76,6 +77,7 @@ class Candidate:
     motion: Motion
     profiles: tuple[SpeedProfile, ...]
     times: Array
+    settled: TemporalNetwork
     iterations: int
     stage_ends: tuple[int, ...] = ()
 
@@ -112,7 +114,7 @@ def timed(
     profiles = fastest(motion)
     durations = np.array([profile.duration_s for profile in profiles])
     found = feasible_schedule(network, durations, problem)
-    return None if found is None else Candidate(motion, profiles, found[0], iterations, stage_ends)
+    return None if found is None else Candidate(motion, profiles, *found, iterations, stage_ends)
 
 
 def feasible_schedule(

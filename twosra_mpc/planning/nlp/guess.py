@@ -155,19 +155,20 @@ def spared_corners(problem: Problem, workspace: Workspace) -> Array:
     return np.array([low + inward, high - inward])
 
 
-def bend_changes(problem: Problem, goal: GoalSet) -> Array:
-    """Least and largest change of W with which each segment ends in a goal, (2, n)."""
-    facts, start = bending(problem.robot), problem.start.configuration
-    limit = problem.robot.limits.curvature_per_m
-    ends = [np.clip(end, -limit, limit)[POSE:].tolist() for end in goal.box(start)]
-    changes: Array = np.array([*map(facts.coordinates, ends)])
-    return changes - facts.coordinates(start[POSE:].tolist())
+def bend_changes(problem: Problem, *goals: GoalSet) -> Array:
+    """Least and largest change of W with which each segment ends in goals, (goals, 2, n)."""
+    start, limit = problem.start.configuration, problem.robot.limits.curvature_per_m
+    boxes = (end for goal in goals for end in goal.box(start))
+    shapes = np.clip([start, *boxes], -limit, limit)[:, POSE:]
+    w = bending(problem.robot).coordinates(shapes)
+    changes: Array = (w[1:] - w[0]).reshape(len(goals), 2, -1)
+    return changes
 
 
-def inner_goal(problem: Problem) -> GoalSet:
-    """Where in the goal plans should end, for the sake of their runs."""
-    accuracy, coordinates = problem.robot.accuracy, problem.robot.coordinates
-    return problem.goal.loosened(-accuracy.planned(coordinates)) if accuracy else problem.goal
+def inner_goal(robot: Robot, goal: GoalSet) -> GoalSet:
+    """Where in a goal plans should end, for the sake of their runs."""
+    accuracy = robot.accuracy
+    return goal.loosened(-accuracy.planned(robot.coordinates)) if accuracy else goal
 
 
 def inner_bends(sequence: ModeSequence, bends: Array, box: Array, inner: Array) -> Array:
@@ -206,7 +207,7 @@ def bends_around(problem: Problem, sequence: ModeSequence, bends: Array) -> Arra
     _, singular, right = np.linalg.svd(modes.T)
     free = right[int((singular > _NO_CHOICE).sum()) :][:, modes.any(axis=1)]
     most = np.array([facts.coordinate(limits.curvature_per_m, j) for j in range(modes.shape[1])])
-    here = np.array(facts.coordinates(problem.start.kappa_per_m))
+    here = facts.coordinates(problem.start.kappa_per_m)
     share = np.linspace(0.0, 1.0, _LOOKS)[:, None]
     found = []
     for direction in np.unique(free[np.abs(free).max(axis=1, initial=0.0) > _NO_CHOICE], axis=0):

@@ -57,8 +57,8 @@ class Placer(Generic[Solution]):
         self.iterations = self._several = 0
         self.necessity = Necessity(problem)
         self._drives: dict[bytes, Drives] = {}
-        self._box = bend_changes(problem, problem.goal)
-        self._aim = bend_changes(problem, inner_goal(problem))
+        inner = inner_goal(problem.robot, problem.goal)
+        self._box, self._aim = bend_changes(problem, problem.goal, inner)
 
     def __call__(
         self, network: TemporalNetwork, bound: SequenceBound
@@ -117,7 +117,7 @@ class Placer(Generic[Solution]):
         facts, runs = bending(self.problem.robot), soft_runs(sequence)
         step, free = facts.coordinate(_STEP_PER_M), _null_space(sequence)
         start = self.problem.start.configuration[POSE:]
-        origin, modes = np.array(facts.coordinates(start.tolist())), np.array(sequence, dtype=float)
+        origin, modes = facts.coordinates(start), np.array(sequence, dtype=float)
         found = []
         ways = itertools.product(range(-_STEPS, _STEPS + 1), repeat=len(free))
         for counts in itertools.islice(ways, _MOST_WAYS):

@@ -51,9 +51,10 @@ def _gentler(found: Solved, lower_bound: float) -> Solved:
         if candidate is None:
             break
         slower = replace(found, candidate=candidate)
-        if slower.cost <= (1 + ROUNDING) * limit and slower.plan.verification.ok:
+        cost = slower.plan.cost.total
+        if cost <= (1 + ROUNDING) * limit and slower.plan.verification.ok:
             return slower
-        most -= 2 * abs(slower.cost - limit)
+        most -= 2 * abs(cost - limit)
     return found
 
 

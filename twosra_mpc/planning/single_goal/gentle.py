@@ -52,7 +52,7 @@ def cheapest(problem: Problem, candidate: Candidate, network: TemporalNetwork) -
     """
     weight, best = problem.cost_weights.effort, candidate
     quickest, slowest, efforts = _durations_and_efforts(problem, candidate)
-    made = feasible_schedule(network, quickest, problem) if weight and quickest.any() else None
+    made = (candidate.times, candidate.settled) if weight and quickest.any() else None
     least = math.inf if made is None else _cost(made, problem) + weight * candidate.effort_s
     for _ in _SHARES:
         if made is None:
@@ -79,9 +79,9 @@ def gentle(
         most: What it may cost [s].
     """
     quickest, slowest, efforts = _durations_and_efforts(problem, candidate)
-    made = feasible_schedule(network, quickest, problem)
-    if made is None or (slowest <= quickest).all():
+    if (slowest <= quickest).all():
         return None
+    made = candidate.times, candidate.settled
     for share in _SHARES:
         wanted = _least_effort(problem, made, efforts, quickest, slowest, most)
         durations = quickest + np.floor(share * (wanted - quickest) / _STEP_S) * _STEP_S
@@ -105,7 +105,7 @@ def _lasting(candidate: Candidate, durations: Array, found: Schedule) -> Candida
     """The candidate with phases of these durations."""
     slower = zip(candidate.profiles, durations.tolist(), strict=True)
     stretched = tuple(profile.lasting(duration) for profile, duration in slower)
-    return replace(candidate, profiles=stretched, times=found[0])
+    return replace(candidate, profiles=stretched, times=found[0], settled=found[1])
 
 
 def _slower(profile: SpeedProfile, problem: Problem) -> float:

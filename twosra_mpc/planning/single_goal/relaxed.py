@@ -12,8 +12,8 @@ import numpy as np
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.planning.nlp.guess import bend_changes, guess_motion
-from twosra_mpc.planning.search.bends import BendingTask, Conserved
+from twosra_mpc.planning.nlp.guess import guess_motion
+from twosra_mpc.planning.search.bends import BendingTask, Conserved, Intervals
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.drive_bound import least_drive_time
 from twosra_mpc.planning.search.mode_tree import InTheWay, ModeTree
@@ -29,7 +29,7 @@ from twosra_mpc.problem.limits import (
     surely_broken,
 )
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
@@ -61,45 +61,43 @@ def mode_tree(
 
 def bending_task(problem: Problem) -> BendingTask:
     """What the plan must do to the bending coordinates, from start, goal and path model."""
-    facts = bending(problem.robot)
-    start = problem.start.configuration
-    ends = list(zip(*(end[POSE:].tolist() for end in problem.goal.box(start)), strict=True))
-    limit = problem.robot.limits.curvature_per_m
-    origin = facts.coordinates(start[POSE:].tolist())
-    room, known, within, words = [], list[tuple[float, float] | None](), [], []
-    for j, (here, (low, high)) in enumerate(zip(origin, ends, strict=True)):
-        most = facts.coordinate(limit, j)
-        room.append((-most - here, most - here))
-        met = (low - GOAL_TOLERANCE, high + GOAL_TOLERANCE)
-        known.append(met if math.isfinite(high - low) else None)
-        least, most = (min(max(end, -limit), limit) for end in (low, high))
-        under = facts.coordinate(least, j) - facts.coordinate(least - GOAL_TOLERANCE, j)
-        over = facts.coordinate(most + GOAL_TOLERANCE, j) - facts.coordinate(most, j)
-        within.append(max(under, over))
-        words.append(_asked(f"kappa{j + 1}", float(start[POSE + j]), low, high))
+    facts, limit = bending(problem.robot), problem.robot.limits.curvature_per_m
+    here = problem.start.configuration
+    start, low, high = np.array([here, *problem.goal.box(here)])[:, POSE:]
+    least, most = np.clip([low, high], -limit, limit)
+    outside = least - GOAL_TOLERANCE, most + GOAL_TOLERANCE
+    origin, least_w, most_w, under, over = facts.coordinates([start, least, most, *outside])
+    top = np.array([facts.coordinate(limit, j) for j in range(len(start))])
+    met = zip((low - GOAL_TOLERANCE).tolist(), (high + GOAL_TOLERANCE).tolist(), strict=True)
+    asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
 
     def forbidden(mode: Mode, before: tuple[tuple[float, float], ...], bend: float) -> str | None:
         limit = surely_broken(problem.robot, *facts.shapes_on_the_way(mode, before, bend))
         return None if limit is None else limit.words(problem.robot.limits)
 
     return BendingTask(
-        change=tuple(map(tuple, bend_changes(problem, problem.goal).T.tolist())),
-        within=tuple(within),
-        room=tuple(room),
-        start=tuple(start[POSE:].tolist()),
-        goal=tuple(known),
+        change=_intervals(least_w - origin, most_w - origin),
+        within=tuple(np.maximum(least_w - under, over - most_w).tolist()),
+        room=_intervals(-top - origin, top - origin),
+        start=tuple(start.tolist()),
+        goal=tuple(each if math.isfinite(each[1] - each[0]) else None for each in met),
         rate=facts.fastest,
-        origin=origin,
+        origin=tuple(origin.tolist()),
         least_time=facts.least_time,
         least_time_of_more=facts.least_time_of_more,
         least_effort=facts.least_effort_s2,
         forbidden=forbidden,
         beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
-        shape=", ".join(words),
+        shape=", ".join(_asked(f"kappa{j}", *numbers) for j, numbers in asked),
         conserved=Conserved(*path_model(problem.robot).conserved),
         curvature=facts.curvatures,
         pose=pose_task(problem),
     )
+
+
+def _intervals(low: Array, high: Array) -> Intervals:
+    """(low, high) of each segment, from (n,) each."""
+    return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
 
 def _asked(name: str, start: float, low: float, high: float) -> str:

@@ -68,10 +68,11 @@ class SequenceSolver:
 
     def __init__(self, problem: Problem, guessed: Check | None = None) -> None:
         self.problem, self._checked = problem, guessed or checked
-        self._box = bend_changes(problem, problem.goal)
+        inner = inner_goal(problem.robot, problem.goal)
+        self._box, aim = bend_changes(problem, problem.goal, inner)
         least = np.clip(0.0, *self._box)
         nearest = np.array([least, least])  # where a margin does not fit, bending less may
-        self._aims = (bend_changes(problem, inner_goal(problem)), nearest)
+        self._aims = (aim, nearest)
         self.iterations = 0
 
     def __call__(
