@@ -89,9 +89,7 @@ def _unary(operation: int) -> Callable[[ca.SX | float], ca.SX]:
 
 
 _plus, _minus, _times, _over = map(_binary, (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV))
-_lesser, _greater, _less, _at_most = map(
-    _binary, (ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE)
-)
+_lesser, _greater, _less, _at_most = map(_binary, (ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE))
 _both, _either, _zero_unless = map(_binary, (ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO))
 _not, _inverse, _squared, _root = map(_unary, (ca.OP_NOT, ca.OP_INV, ca.OP_SQ, ca.OP_SQRT))
 _floor, _ceiling, _cos = map(_unary, (ca.OP_FLOOR, ca.OP_CEIL, ca.OP_COS))
