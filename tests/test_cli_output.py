@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import inspect
+import io
 import json
 import shlex
 import subprocess
@@ -25,6 +26,9 @@ from matplotlib.figure import Figure
 from melts import made_up
 from melts import write as write_rows
 from photographs import write_folder
+from rich import box
+from rich.console import Console
+from rich.table import Table
 from simulated_firmware import SimulatedFirmware
 from test_cli import SHARED_BEND
 from test_occupancy_map import write_map
@@ -213,6 +217,29 @@ def test_the_path_model_asked_for_is_planned_with(run: Run) -> None:
 def test_a_search_can_be_limited_wherever_there_is_one(name: str) -> None:
     known = {opt for param in command(name).params for opt in param.opts}
     assert {"--robot", "--timing", "--gap", "--time-limit"} <= known
+
+
+# --- tables --------------------------------------------------------------------------------------
+
+TABLES = [
+    (("robot", "optimal"), [("status", "ok"), ("drive [0,0]", "    0.00 s to     4.80 s")]),
+    (("", "no row", "é"), []),
+    (("a", "longer"), [("two\nlines", "1"), ("", "[0,0] > [1,0]\n\nand [bold] :smile:\n...")]),
+]
+
+
+@pytest.mark.parametrize(("header", "rows"), TABLES)
+def test_a_table_in_a_pipe_is_what_rich_draws(
+    header: tuple[str, ...], rows: list[tuple[str, ...]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    output.print_table(header, rows)
+    table = Table(*header, box=box.SIMPLE_HEAD, pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
+    drawn = Console(file=io.StringIO(), width=240, highlight=False, markup=False, emoji=False)
+    drawn.print(table)
+    assert isinstance(drawn.file, io.StringIO)
+    assert capsys.readouterr().out == drawn.file.getvalue()
 
 
 # --- progress ------------------------------------------------------------------------------------

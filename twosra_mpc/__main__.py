@@ -12,7 +12,7 @@ def main() -> None:
     What a command makes lives as long as its process. So it is rarely searched for what nobody
     needs any more, and not at the end, which takes as long as a plan.
     """
-    gc.set_threshold(50_000, 20, 20)
+    gc.set_threshold(200_000, 20, 20)
     from twosra_mpc.cli import main as run
 
     signal.signal(signal.SIGINT, signal.default_int_handler)

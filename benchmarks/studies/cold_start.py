@@ -28,7 +28,7 @@ AT_MOST = {PLAN: 4.0, IMPORT: 2.5, VERSION: 1.0, HELP: 1.0}  # times as long as 
 PACKAGES = ("casadi", "numpy", "scipy", "pydantic", "matplotlib", "click", "rich", "twosra_mpc")
 _PLAN_TWICE = """
 import gc, json, sys, time
-gc.set_threshold(50_000, 20, 20)  # as the program does
+gc.set_threshold(200_000, 20, 20)  # as the program does
 from twosra_mpc import load_problem, plan
 problem = load_problem(sys.argv[1])
 times = [time.perf_counter()]

@@ -8,7 +8,8 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from itertools import zip_longest
+from typing import Any, TextIO
 
 import click
 
@@ -49,8 +50,7 @@ class Output:
     @contextmanager
     def progress(self, words: str) -> Iterator[Tell]:
         """Show a line of progress on standard error where that is a terminal; yields its update."""
-        terminal = sys.stderr.isatty() or os.environ.get("FORCE_COLOR")  # as rich has it
-        if self.quiet or not terminal:
+        if self.quiet or not _is_terminal(sys.stderr):
             yield lambda _: None
             return
         from rich.console import Console
@@ -68,6 +68,9 @@ def _cell(value: Any) -> str:
 
 def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     """Print a table; in files and pipes its lines are not broken."""
+    if not _is_terminal(sys.stdout):
+        click.echo(_drawn(header, rows))
+        return
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -76,11 +79,24 @@ def print_table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Non
     for row in rows:
         table.add_row(*row)
     console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = 240
     with console.capture() as captured:
         console.print(table)
     click.echo(captured.get(), nl=False)
+
+
+def _drawn(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    """Draw a table as rich does, which takes longer to import than a plan."""
+    cells = [[cell.split("\n") for cell in row] for row in (header, *rows)]
+    lines = [line for row in cells for line in zip_longest(*row, fillvalue="")]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    first, *others = ["   ".join(map(str.ljust, line, widths)) for line in lines]
+    blank, rule = " " * len(first), "─" * len(first)
+    return "\n".join(f" {line} " for line in (blank, first, rule, *others, blank))
+
+
+def _is_terminal(stream: TextIO) -> bool:
+    """Whether somebody watches it, as rich decides."""
+    return stream.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 
 def numbers(values: Any) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 from typing import NamedTuple
 
 import casadi as ca
@@ -78,42 +78,64 @@ def _extension(function: ca.Function) -> ca.Function:
             if rule is None:
                 raise NotImplementedError(f"no interval rule for CasADi operation {operation}")
             work[results[0]] = rule(*(work[operand] for operand in operands))
-    return ca.Function("extension", [corners], [bounds], {"cse": True})
+    return ca.Function("extension", [corners], [bounds])
+
+
+def _binary(operation: int) -> Callable[[ca.SX | float, ca.SX | float], ca.SX]:
+    """An operation by its code: an operator tries numbers first, which takes 25 times as long."""
+    return partial(ca.SX.binary, operation)
+
+
+def _unary(operation: int) -> Callable[[ca.SX | float], ca.SX]:
+    return partial(ca.SX.unary, operation)
+
+
+_plus, _minus, _times, _over = map(_binary, (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV))
+_lesser, _greater, _less, _at_most = map(_binary, (ca.OP_FMIN, ca.OP_FMAX, ca.OP_LT, ca.OP_LE))
+_both, _either, _zero_unless = map(_binary, (ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO))
+_not, _inverse, _squared, _root = map(_unary, (ca.OP_NOT, ca.OP_INV, ca.OP_SQ, ca.OP_SQRT))
+_floor, _ceiling, _cos = map(_unary, (ca.OP_FLOOR, ca.OP_CEIL, ca.OP_COS))
+
+
+def _if_else(true: ca.SX, value: ca.SX | float, other: ca.SX | float) -> ca.SX:
+    return _plus(_zero_unless(true, value), _zero_unless(_not(true), other))
 
 
 def _add(a: Interval, b: Interval) -> Interval:
-    return Interval(a.low + b.low, a.high + b.high, a.never_negative and b.never_negative)
+    never_negative = a.never_negative and b.never_negative
+    return Interval(_plus(a.low, b.low), _plus(a.high, b.high), never_negative)
 
 
 def _subtract(a: Interval, b: Interval) -> Interval:
-    return Interval(a.low - b.high, a.high - b.low)
+    return Interval(_minus(a.low, b.high), _minus(a.high, b.low))
 
 
 def _multiply(a: Interval, b: Interval) -> Interval:
     if not a.never_negative:
         a, b = b, a
     if a.never_negative:
-        low = ca.fmin(a.low * b.low, a.high * b.low)
-        return Interval(low, ca.fmax(a.low * b.high, a.high * b.high), b.never_negative)
-    products = [a.low * b.low, a.low * b.high, a.high * b.low, a.high * b.high]
-    return Interval(reduce(ca.fmin, products), reduce(ca.fmax, products))
+        low = _lesser(_times(a.low, b.low), _times(a.high, b.low))
+        high = _greater(_times(a.low, b.high), _times(a.high, b.high))
+        return Interval(low, high, b.never_negative)
+    products = [_times(one, other) for one in a[:2] for other in b[:2]]
+    return Interval(reduce(_lesser, products), reduce(_greater, products))
 
 
 def _negate(a: Interval) -> Interval:
-    return Interval(-a.high, -a.low)
+    return _subtract(_ZERO, a)
 
 
 def _invert(a: Interval) -> Interval:
     """1 / a; everything where a contains zero."""
-    safe = ca.logic_or(a.low > 0, a.high < 0)
-    low, high = ca.if_else(safe, 1 / a.high, -math.inf), ca.if_else(safe, 1 / a.low, math.inf)
-    return Interval(low, high)
+    safe = _either(_less(0, a.low), _less(a.high, 0))
+    low, high = _inverse(a.high), _inverse(a.low)
+    return Interval(_if_else(safe, low, -math.inf), _if_else(safe, high, math.inf))
 
 
 def _square(a: Interval) -> Interval:
-    ends = a.low**2, a.high**2
-    around = ca.logic_and(a.low <= 0, a.high >= 0)
-    return Interval(ca.if_else(around, 0.0, ca.fmin(*ends)), ca.fmax(*ends), never_negative=True)
+    ends = _squared(a.low), _squared(a.high)
+    around = _both(_at_most(a.low, 0), _at_most(0, a.high))
+    return Interval(_if_else(around, 0.0, _lesser(*ends)), _greater(*ends), never_negative=True)
 
 
 def _rising(operation: Callable[[ca.SX], ca.SX]) -> Callable[[Interval], Interval]:
@@ -122,13 +144,18 @@ def _rising(operation: Callable[[ca.SX], ca.SX]) -> Callable[[Interval], Interva
 
 
 def _cosine(a: Interval) -> Interval:
-    ends = ca.cos(a.low), ca.cos(a.high)
-    top = ca.floor(a.high / (2 * math.pi)) >= ca.ceil(a.low / (2 * math.pi))
-    bottom = ca.floor((a.high / math.pi - 1) / 2) >= ca.ceil((a.low / math.pi - 1) / 2)
-    low, high = ca.if_else(bottom, -1.0, ca.fmin(*ends)), ca.if_else(top, 1.0, ca.fmax(*ends))
-    return Interval(low, high)
+    ends = _cos(a.low), _cos(a.high)
+    low = _if_else(_holds(a, math.pi), -1.0, _lesser(*ends))
+    return Interval(low, _if_else(_holds(a, 0.0), 1.0, _greater(*ends)))
 
 
+def _holds(a: Interval, angle: float) -> ca.SX:
+    """Whether it holds this angle, up to full turns."""
+    first, last = (_over(_minus(end, angle), 2 * math.pi) for end in a[:2])
+    return _at_most(_ceiling(first), _floor(last))
+
+
+_ZERO = Interval(ca.SX(0), ca.SX(0))
 _QUARTER_TURN = Interval(ca.SX(math.pi / 2), ca.SX(math.pi / 2))
 
 _RULES: dict[int, Callable[..., Interval]] = {
@@ -139,9 +166,9 @@ _RULES: dict[int, Callable[..., Interval]] = {
     ca.OP_NEG: _negate,
     ca.OP_INV: _invert,
     ca.OP_SQ: _square,
-    ca.OP_TWICE: _rising(lambda x: 2 * x),
-    ca.OP_SQRT: _rising(lambda x: ca.if_else(x < 0, 0.0, ca.sqrt(x))),  # where it is defined
-    ca.OP_EXP: _rising(ca.exp),
+    ca.OP_TWICE: _rising(_unary(ca.OP_TWICE)),
+    ca.OP_SQRT: _rising(lambda x: _if_else(_less(x, 0), 0.0, _root(x))),  # where it is defined
+    ca.OP_EXP: _rising(_unary(ca.OP_EXP)),
     ca.OP_COS: _cosine,
     ca.OP_SIN: lambda a: _cosine(_subtract(a, _QUARTER_TURN)),
 }

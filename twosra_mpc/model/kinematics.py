@@ -95,17 +95,6 @@ def wheel_travel(body: Body) -> ca.Function:
     return ca.Function("wheel_travel", [q, s, sigma], [matrix @ s])
 
 
-@per_body(32)
-def wheel_accelerations(body: Body) -> ca.Function:
-    """(q, v, a, sigma) -> d/dt V(q, sigma) v [rad/s2] with v' = a, (4,)."""
-    segments = body.geometry.segments
-    q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
-    sigma = ca.SX.sym("sigma", segments)
-    jacobian, matrix = kinematics(body).shared(q, sigma)
-    rate = ca.densify(matrix @ a + ca.jtimes(matrix @ v, q, jacobian @ v))
-    return ca.Function("wheel_acceleration", [q, v, a, sigma], [rate])
-
-
 def hybrid_jacobian(geometry: Geometry, path: PathModel, q: ca.SX, sigma: ca.SX) -> ca.SX:
     """J(q, sigma), (3 + n) x 5, columns (v1, v2, u0, v0, r0); sigma may be a symbol.
 

@@ -17,13 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
-from twosra_mpc.model.kinematics import (
-    kinematics,
-    unit_gap,
-    wheel_accelerations,
-    wheel_independence,
-    wheel_travel,
-)
+from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.problem.problem import Problem
@@ -71,7 +65,7 @@ class SpeedLimit:
     Attributes:
         name: Of its number in ``robot.limits``, unit included; a robot without it is not limited.
         unit: Unit of the margin.
-        travel: (body, q, s, sigma) -> what an input displacement s moves, (m,); linear in s.
+        travel: (body, s, J s, V s) -> what an input displacement s moves, (m,); linear in s.
         words: What is wrong with a motion that is too fast, to complete "a motion in which ...".
         overstated: How many times more than what is really travelled ``travel`` may say.
     """
@@ -133,34 +127,32 @@ SHAPE_LIMITS = (CURVATURE, UNIT_GAP, WHEEL_INDEPENDENCE)
 WHEEL_SPEED = SpeedLimit(
     name="wheel_speed_rad_s",
     unit="rad/s",
-    travel=lambda body, q, s, sigma: wheel_travel(body)(q, s, sigma),
+    travel=lambda body, s, moved, turned: turned,
     words=lambda limits: f"wheels turn faster than {limits.wheel_speed_rad_s:g} rad/s",
 )
 UNIT_SPEED = SpeedLimit(
     name="unit_speed_m_s",
     unit="m/s",
-    travel=lambda body, q, s, sigma: s[:2],
+    travel=lambda body, s, moved, turned: s[:2],
     words=lambda limits: f"locomotion units move faster than {limits.unit_speed_m_s:g} m/s",
 )
 BEND_RATE = SpeedLimit(
     name="bend_rate_rad_s",
     unit="rad/s",
-    travel=lambda body, q, s, sigma: (
-        (kinematics(body).jacobian(q, sigma) @ s)[POSE:] * ca.DM(body.geometry.lengths_m)
-    ),
+    travel=lambda body, s, moved, turned: moved[POSE:] * ca.DM(body.geometry.lengths_m),
     words=lambda limits: f"segments bend faster than {limits.bend_rate_rad_s:g} rad/s",
 )
 SPEED = SpeedLimit(
     name="speed_m_s",
     unit="m/s",
-    travel=lambda body, q, s, sigma: ca.DM(_SPEED_AXES) @ s[2:4],
+    travel=lambda body, s, moved, turned: ca.DM(_SPEED_AXES) @ s[2:4],
     words=lambda limits: f"the middle link drives faster than {limits.speed_m_s:g} m/s",
     overstated=1 / _WITHIN,
 )
 TURN_RATE = SpeedLimit(
     name="turn_rate_rad_s",
     unit="rad/s",
-    travel=lambda body, q, s, sigma: s[4],
+    travel=lambda body, s, moved, turned: s[4],
     words=lambda limits: f"the robot turns faster than {limits.turn_rate_rad_s:g} rad/s",
 )
 WHEEL_ACCELERATION = "wheel_acceleration_rad_s2"  # with it, every phase goes from rest to rest
@@ -283,18 +275,28 @@ def speed_function(body: Body) -> ca.Function:
     segments = body.geometry.segments
     q, s = ca.SX.sym("q", POSE + segments), ca.SX.sym("s", INPUTS)
     sigma = ca.SX.sym("sigma", segments)
-    times = [limit.travel(body, q, s, sigma) / limit.most(body) for limit in speed_limits(body)]
-    return ca.Function("least_times", [q, s, sigma], list(map(ca.densify, times)), {"cse": True})
+    jacobian, wheels = kinematics(body).shared(q, sigma)
+    times = _shares(body, s, jacobian @ s, wheels @ s)
+    return ca.Function("least_times", [q, s, sigma], times)
 
 
 @per_body(32)
 def motion_function(body: Body) -> ca.Function:
-    """(q, v, a, sigma) -> shares of each speed limit, signed, and wheel accelerations."""
+    """(q, v, a, sigma) -> shares of each speed limit, signed, and d/dt V v with v' = a [rad/s2]."""
     segments = body.geometry.segments
     q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
     sigma = ca.SX.sym("sigma", segments)
-    told = [*speed_function(body)(q, v, sigma), wheel_accelerations(body)(q, v, a, sigma)]
-    return ca.Function("motion", [q, v, a, sigma], told, {"cse": True})
+    jacobian, wheels = kinematics(body).shared(q, sigma)  # once: what all share is written once
+    moved, turned = jacobian @ v, wheels @ v
+    turning = ca.densify(wheels @ a + ca.jtimes(turned, q, moved))
+    told = [*_shares(body, v, moved, turned), turning]
+    return ca.Function("motion", [q, v, a, sigma], told)
+
+
+def _shares(body: Body, s: ca.SX, moved: ca.SX, turned: ca.SX) -> list[ca.SX]:
+    """What an input displacement takes up of each speed limit, signed; ``moved`` is J s."""
+    limits = speed_limits(body)
+    return [ca.densify(each.travel(body, s, moved, turned) / each.most(body)) for each in limits]
 
 
 def least_times(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
