@@ -18,7 +18,7 @@ from typing import Any
 from twosra_mpc.errors import InputError
 
 _PACKAGE = Path(__file__).parent
-MOST_BYTES = 200_000_000  # of a file that is read
+MOST_SIGNS = 200_000_000  # of a file that is read
 LARGEST = 1e12  # number in a table
 
 
@@ -49,14 +49,16 @@ def read_text(path: Path, source: str) -> str:
     """Read a UTF-8 text file, with or without a byte order mark.
 
     Raises:
-        InputError: If the file cannot be read, or is larger than ``MOST_BYTES``.
+        InputError: If the file cannot be read, or is longer than ``MOST_SIGNS``.
     """
     try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            raise InputError("file", source, f"at most {MOST_BYTES} bytes, not {size}")
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        with path.open(encoding="utf-8-sig") as file:  # maybe a device that never ends
+            text = file.read(MOST_SIGNS + 1)
+    except (OSError, ValueError) as error:
         raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+    if len(text) > MOST_SIGNS:
+        raise InputError("file", source, f"at most {MOST_SIGNS} characters")
+    return text
 
 
 def number(text: str | None, field: str, source: str) -> float:

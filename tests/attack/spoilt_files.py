@@ -81,7 +81,8 @@ def _read_set(arguments: list[str]) -> None:
 @cache
 def _run_log() -> tuple[bytes, ...]:
     with tempfile.TemporaryDirectory() as folder:
-        _finish([str(Path(folder) / NAME)])
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            _finish([str(Path(folder) / NAME)])
         return ((Path(folder) / NAME).read_bytes(),)
 
 
