@@ -77,11 +77,18 @@ def number(text: str | None, field: str, source: str) -> float:
 
 
 @contextmanager
-def reading(source: str, what: str = "file") -> Iterator[None]:
+def reading(
+    source: str, what: str = "file", allowed: str = "values that fit together"
+) -> Iterator[None]:
     """Name the file in whatever goes wrong while the block makes something of it.
 
     A file can be wrong in more ways than a reader knows of: numbers of 5000 digits, tables a
     thousand deep, matrices without an inverse.
+
+    Args:
+        source: The file.
+        what: Field to name.
+        allowed: What is allowed; what went wrong is added.
 
     Raises:
         InputError: In place of every exception.
@@ -91,8 +98,8 @@ def reading(source: str, what: str = "file") -> Iterator[None]:
     except InputError as error:
         raise error.within("", source) from None
     except Exception as error:
-        allowed = f"values that fit together ({type(error).__name__}: {error})"
-        raise InputError(what, source, allowed, source) from error
+        found = f"{type(error).__name__}: {error}"
+        raise InputError(what, source, f"{allowed} ({found})", source) from error
 
 
 def read_document(path: Path, source: str) -> dict[str, Any]:
