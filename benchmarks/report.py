@@ -13,6 +13,7 @@ from benchmarks.measurement import PlanRecord
 from benchmarks.run import results_of
 from benchmarks.run_log import RunLog
 from benchmarks.study import Study
+from twosra_mpc.errors import printable
 from twosra_mpc.files import reading, write_text
 
 NAME = "report.md"
@@ -32,6 +33,7 @@ def write_report(study: Study, log: RunLog, folder: Path) -> str:
     given = {"study": study, "results": results, "loads": log.loads, "about": log.about}
     with reading(str(log.path), "records"):
         text = template.render(**given, **study.report(results, folder))
+    text = printable(text, len(text))  # whatever words a record has
     write_text(folder / NAME, text)
     return text
 
