@@ -13,7 +13,8 @@ from benchmarks.measurement import PlanRecord
 from benchmarks.run import results_of
 from benchmarks.run_log import RunLog
 from benchmarks.study import Study
-from twosra_mpc.files import write_text
+from twosra_mpc.errors import printable
+from twosra_mpc.files import reading, write_text
 
 NAME = "report.md"
 
@@ -23,11 +24,16 @@ def write_report(study: Study, log: RunLog, folder: Path) -> str:
 
     Its template has the name of the study's module. It gets the study, its results, the log's
     facts, and what the study's own ``report`` adds.
+
+    Raises:
+        InputError: If records in the log are not such as the study makes.
     """
     template = _ENVIRONMENT.get_template(f"{type(study).__module__.rpartition('.')[2]}.md")
     results = results_of(study, log)
-    more = study.report(results, folder)
-    text = template.render(study=study, results=results, loads=log.loads, about=log.about, **more)
+    given = {"study": study, "results": results, "loads": log.loads, "about": log.about}
+    with reading(str(log.path), "records"):
+        text = template.render(**given, **study.report(results, folder))
+    text = printable(text, len(text))  # whatever words a record has
     write_text(folder / NAME, text)
     return text
 

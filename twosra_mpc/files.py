@@ -18,7 +18,7 @@ from typing import Any
 from twosra_mpc.errors import InputError
 
 _PACKAGE = Path(__file__).parent
-MOST_BYTES = 200_000_000  # of a file that is read
+MOST_SIGNS = 200_000_000  # of a file that is read
 LARGEST = 1e12  # number in a table
 
 
@@ -49,14 +49,16 @@ def read_text(path: Path, source: str) -> str:
     """Read a UTF-8 text file, with or without a byte order mark.
 
     Raises:
-        InputError: If the file cannot be read, or is larger than ``MOST_BYTES``.
+        InputError: If the file cannot be read, or is longer than ``MOST_SIGNS``.
     """
     try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            raise InputError("file", source, f"at most {MOST_BYTES} bytes, not {size}")
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        with path.open(encoding="utf-8-sig") as file:  # maybe a device that never ends
+            text = file.read(MOST_SIGNS + 1)
+    except (OSError, ValueError) as error:
         raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+    if len(text) > MOST_SIGNS:
+        raise InputError("file", source, f"at most {MOST_SIGNS} characters")
+    return text
 
 
 def number(text: str | None, field: str, source: str) -> float:
@@ -75,11 +77,18 @@ def number(text: str | None, field: str, source: str) -> float:
 
 
 @contextmanager
-def reading(source: str, what: str = "file") -> Iterator[None]:
+def reading(
+    source: str, what: str = "file", allowed: str = "values that fit together"
+) -> Iterator[None]:
     """Name the file in whatever goes wrong while the block makes something of it.
 
     A file can be wrong in more ways than a reader knows of: numbers of 5000 digits, tables a
     thousand deep, matrices without an inverse.
+
+    Args:
+        source: The file.
+        what: Field to name.
+        allowed: What is allowed; what went wrong is added.
 
     Raises:
         InputError: In place of every exception.
@@ -89,8 +98,8 @@ def reading(source: str, what: str = "file") -> Iterator[None]:
     except InputError as error:
         raise error.within("", source) from None
     except Exception as error:
-        allowed = f"values that fit together ({type(error).__name__}: {error})"
-        raise InputError(what, source, allowed, source) from error
+        found = f"{type(error).__name__}: {error}"
+        raise InputError(what, source, f"{allowed} ({found})", source) from error
 
 
 def read_document(path: Path, source: str) -> dict[str, Any]:

@@ -68,6 +68,17 @@ def values_changed(rng: random.Random, text: bytes) -> bytes:
     return text
 
 
+def sizes_changed(rng: random.Random, text: bytes) -> bytes:
+    """Make a few numbers larger or smaller, so that most files can still be read and used."""
+    found = list(_NUMBER.finditer(text))
+    for match in sorted(
+        rng.sample(found, min(len(found), rng.randint(1, 3))), key=lambda m: -m.start()
+    ):
+        value = float(match.group()) * rng.choice([-1, 0, 0.1, 0.5, 0.9, 0.99, 1.01, 1.1, 2, 10])
+        text = text[: match.start()] + b"%.12g" % value + text[match.end() :]
+    return text
+
+
 def structure_changed(rng: random.Random, text: bytes) -> bytes:
     """Cut the file off, nest or double it, or change the kind of something in a JSON document."""
     try:
@@ -104,5 +115,6 @@ MUTATIONS: dict[str, Mutation] = {
     "bytes": bytes_changed,
     "tokens": tokens_changed,
     "values": values_changed,
+    "sizes": sizes_changed,
     "structure": structure_changed,
 }

@@ -26,6 +26,7 @@ _BEFORE = b"what was there before"
 _LONGEST_S = 60.0  # of a command that nobody stops
 QUIET_S = 5.0  # from an interrupt to the end of the program
 INTERRUPTED = {130, -signal.SIGINT}  # as a shell sees it, the same
+_PYTHON = {1, -signal.SIGINT}  # what it ends with when interrupted while it starts
 _BEST_SO_FAR = {0, 4}
 
 
@@ -154,9 +155,9 @@ def _program(name: str, there: int, after_s: float, quiet_s: float = QUIET_S) ->
                 program.kill()
                 program.communicate()
                 return f"still at work {quiet_s:g} s after the interrupt at {after_s:.3f} s"
-        if b"Traceback" in said and b"__main__.py" not in said:
-            return None  # Python had not come to the program's first line
         code = program.returncode
+        if code in _PYTHON and b"Traceback" in said and b"__main__.py" not in said:
+            return None  # Python had not come to the program's first line
         if code not in INTERRUPTED | _BEST_SO_FAR or b"Traceback" in said:
             return f"exit code {code}, interrupted at {after_s:.3f} s: {said.decode()[-500:]}"
         return _left(name, there, out)

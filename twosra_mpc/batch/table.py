@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import write_bytes
+from twosra_mpc.files import reading, write_bytes
 from twosra_mpc.installation import require_batch
 
 if TYPE_CHECKING:
@@ -83,14 +83,12 @@ def problems_in(path: Path) -> NDArray[np.int64]:
 def _read(path: Path, columns: list[str] | None = None) -> pd.DataFrame:
     import pandas as pd
 
-    try:
+    with reading(str(path), "runs", "a Parquet file that twosra batch wrote"):
         frame = pd.read_parquet(path, columns=columns)
-        if "problem" in frame and "varied" in frame.attrs:
-            return frame
-        found = "its columns are others"
-    except (OSError, ValueError) as error:  # pyarrow's errors are either
-        found = str(error)
-    raise InputError("runs", str(path), f"a Parquet file that twosra batch wrote ({found})")
+        if columns is None:
+            columns = ["problem", *frame.attrs["varied"], *RESULT_COLUMNS]
+        frame[columns]  # are there
+        return frame.astype({name: RESULT_COLUMNS.get(name, frame[name].dtype) for name in columns})
 
 
 def frame_of(

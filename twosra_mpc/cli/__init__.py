@@ -172,6 +172,9 @@ def main(arguments: list[str] | None = None) -> None:
     except (click.Abort, KeyboardInterrupt):
         click.echo("twosra: interrupted before there was a result", err=True)
         code = EXIT_INTERRUPTED
+    except MemoryError:
+        click.echo("twosra: this takes more memory than there is", err=True)
+        code = EXIT_BAD_INPUT
     except Exception as error:  # the last resort
         click.echo(f"twosra: {_bug(error)}", err=True)
         if "--debug" in (sys.argv if arguments is None else arguments):

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.files import reading
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Positive, Value
 
@@ -89,14 +90,11 @@ def read_photograph(path: str | Path) -> Photograph:
     Raises:
         InputError: If the file is no image, or not one of 8 bits a colour.
     """
-    try:
-        with Image.open(path) as image:
-            if image.mode not in ("1", "L", "LA", "P", "RGB", "RGBA", "YCbCr"):
-                allowed = "an image of 8 bits a colour (scale temperatures to 0 to 255 first)"
-                raise InputError("picture", f"mode {image.mode}", allowed, str(path))
-            grey = np.asarray(image.convert("L"), dtype=float)
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError) as error:
-        raise InputError("picture", Path(path).name, "an image file", str(path)) from error
+    with reading(str(path), "picture", "an image file"), Image.open(path) as image:
+        if image.mode not in ("1", "L", "LA", "P", "RGB", "RGBA", "YCbCr"):
+            allowed = "an image of 8 bits a colour (scale temperatures to 0 to 255 first)"
+            raise InputError("picture", f"mode {image.mode}", allowed, str(path))
+        grey = np.asarray(image.convert("L"), dtype=float)
     return Photograph(Path(path), grey)
 
 

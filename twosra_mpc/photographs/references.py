@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text
+from twosra_mpc.files import read_text, reading
 from twosra_mpc.photographs.picture import number_of
 from twosra_mpc.robot.coordinates import Array
 
@@ -59,8 +59,13 @@ def read_references(path: str | Path, column: str, pictures: Sequence[Path]) -> 
         InputError: If the file cannot be read, a column is missing or given twice, a curvature is
             no finite number (with its row, the first being 0), or a picture has none or two.
     """
+    with reading(str(path), "references"):
+        return _read(Path(path), column, pictures)
+
+
+def _read(path: Path, column: str, pictures: Sequence[Path]) -> Array:
     source = str(path)
-    rows = csv.reader(read_text(Path(path), source).removeprefix("\ufeff").splitlines())
+    rows = csv.reader(read_text(path, source).splitlines())
     names = [name.strip() for name in next(rows, [])]
     if names.count(column) != 1:
         given = "given twice" if column in names else "missing"

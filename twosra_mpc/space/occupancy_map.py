@@ -183,10 +183,10 @@ def _pixels(path: Path, source: str) -> tuple[Array, NDArray[np.bool_]]:
             if image.mode not in _MODES:
                 raise InputError("image", str(path), "an image of 8 bits a channel", source)
             pixels = np.asarray(image.convert("LA"))
-    except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError("image", str(path), f"a readable image ({error})", source) from None
+    except InputError:
+        raise
+    except Exception as error:  # a spoilt image fails in many ways
+        raise InputError("image", str(path), f"an image file ({error})", source) from None
     return pixels[..., 0] / 255.0, pixels[..., 1] == 255
 
 

@@ -53,7 +53,7 @@ class Kept:
             document = json.loads((self.folder / f"{part.name}.json").read_text(encoding="utf-8"))
             same = document["computed_from"] == self._origin(part)
             data = document["data"] if same else None
-        except (OSError, ValueError, TypeError, KeyError):
+        except (OSError, ValueError, TypeError, KeyError, RecursionError):
             return None
         drawn = all((self.folder.parent / figure).is_file() for figure in part.figures)
         return data if drawn and isinstance(data, dict) else None
