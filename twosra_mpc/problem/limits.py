@@ -178,7 +178,7 @@ UNITS |= {WORKSPACE: "m", CLEARANCE: "m", CONTACT: "m", SOFT_TRAVEL: "m"}
 # Shapes.
 
 
-@per_body(32)
+@per_body()
 def shape_function(body: Body) -> ca.Function:
     """Kappa (n,) -> margin of every shape limit, in their order."""
     kappa = ca.SX.sym("kappa", body.geometry.segments)
@@ -274,7 +274,7 @@ def speed_limits(robot: Robot | Body) -> tuple[SpeedLimit, ...]:
     return tuple(limit for limit in SPEED_LIMITS if limit.limits(robot))
 
 
-@per_body(32)
+@per_body()
 def speed_function(body: Body) -> ca.Function:
     """(q, s, sigma) -> for each speed limit the least time [s] that it leaves to a displacement.
 
@@ -287,7 +287,7 @@ def speed_function(body: Body) -> ca.Function:
     return ca.Function("least_times", [q, s, sigma], list(map(ca.densify, times)), {"cse": True})
 
 
-@per_body(32)
+@per_body()
 def motion_function(body: Body) -> ca.Function:
     """(q, v, a, sigma) -> shares of each speed limit, signed, and wheel accelerations."""
     segments = body.geometry.segments
@@ -377,7 +377,7 @@ def rigid_rows_between(robot: Robot, least: ArrayLike, most: ArrayLike) -> tuple
     return rows[kept], off[kept]
 
 
-@per_body(32)
+@per_body()
 def _rigid_rows(body: Body) -> ca.Function:
     q, twist = ca.SX.sym("q", POSE + body.geometry.segments), ca.SX.sym("twist", 3)
     rigid = ca.DM.zeros(body.geometry.segments)
