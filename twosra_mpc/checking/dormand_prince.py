@@ -62,7 +62,7 @@ _RTOL, _ATOL = 1e-12, 1e-14  # at 1e-10 a long step can miss the kink of the spi
 _NO_ERROR = 1e-300
 
 
-@per_body(32)
+@per_body()
 def step_of_order_8(body: Body) -> ca.Function:
     """(q, s, sigma) -> (q after the input displacement s, (error, largest curvature there)).
 

@@ -235,14 +235,14 @@ def _surely(body: Body, mode: Mode, bend: float) -> float:
     return max(0.0, abs(bend) - 4 * _QUADRATURE * _largest_coordinate(body, mode))
 
 
-@per_body(64)
+@per_body(8)
 def _largest_coordinate(body: Body, mode: Mode) -> float:
     """Largest W of the soft segments within the curvature limit."""
     limit = body.limits.curvature_per_m
     return max(bending_coordinate(body, j, limit) for j in soft_segments(mode))
 
 
-@per_body(64)  # a bend is asked for more than once while its problem is planned
+@per_body(16)  # a bend is asked for more than once while its problem is planned
 def _by_speed_s(
     body: Body, mode: Mode, origin: tuple[tuple[float, float], ...], bend: float
 ) -> float:
@@ -259,7 +259,7 @@ def bending(robot: Robot) -> Bending:
     return Bending(robot.body)
 
 
-@per_body(64)
+@per_body(8)
 def _rates(body: Body, mode: Mode) -> ca.Function:
     """Kappa (n,) -> dW/ds of the soft segments per travel of LU1 and of LU2."""
     lengths = body.geometry.lengths_m
@@ -282,7 +282,7 @@ def _largest_paces(body: Body, mode: Mode, lower: Array, upper: Array) -> Array:
     return np.where(np.isnan(per_travel), np.inf, per_travel)
 
 
-@per_body(64)
+@per_body(8)
 def _twists(body: Body, mode: Mode) -> ca.Function:
     """Kappa (n,) -> twists (u, v, r) of b0 per travel of LU1 and of LU2, stacked (6,)."""
     kappa = ca.SX.sym("kappa", body.geometry.segments)
@@ -291,7 +291,7 @@ def _twists(body: Body, mode: Mode) -> ca.Function:
     return ca.Function("twists", [kappa], [ca.densify(stacked)])
 
 
-@per_body(32)
+@per_body()
 def _unit_speed(body: Body) -> float:
     """Full speed of a locomotion unit [m/s]."""
     speed = body.limits.unit_speed_m_s
@@ -300,7 +300,7 @@ def _unit_speed(body: Body) -> float:
     return speed
 
 
-@per_body(32)
+@per_body()
 def _unit_ramp_s(body: Body) -> float:
     """Least time in which a locomotion unit gets from rest to full speed; 0 if it is not known.
 
@@ -312,12 +312,12 @@ def _unit_ramp_s(body: Body) -> float:
     return _unit_speed(body) / (body.geometry.wheel_radius_m * most)
 
 
-@per_body(512)
+@per_body(128)
 def _fastest(body: Body, mode: Mode, kappa: Known) -> float:
     return float(_largest_rate(body, mode, *_grid(body, kappa)).max())
 
 
-@per_body(32)
+@per_body(8)
 def _largest_speed(body: Body, mode: Mode) -> float:
     with np.errstate(invalid="ignore"):  # wide boxes may hold shapes of unbounded speed
         low, high = enclose(_twists(body, mode), *_grid(body, (None,) * len(mode)))

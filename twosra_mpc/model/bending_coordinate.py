@@ -20,7 +20,7 @@ _PANELS = np.array([0.0, 0.02, 0.1, 0.5, 1.5, 4.0, 8.0, math.inf])
 _TABLE = 2001  # points of the table that inverts W
 
 
-@per_body(1024)
+@per_body(256)
 def bending_coordinate(body: Body, segment: int, kappa: float) -> float:
     """W of a segment (from 0) at a curvature [1/m]."""
     return float(bending_coordinates(body, segment, np.array([kappa]))[0])
@@ -37,14 +37,14 @@ def bending_coordinates(body: Body, segment: int, kappa: Array) -> Array:
     return found
 
 
-@per_body(32)
+@per_body(4)
 def _density(body: Body, segment: int) -> ca.Function:
     alpha = ca.SX.sym("alpha")
     share = ca.densify(1 / path_model(body).share(segment, alpha))
     return ca.Function("density", [alpha], [share])
 
 
-@per_body(32)
+@per_body(4)
 def inverse_table(body: Body, segment: int) -> tuple[Array, Array]:
     """A grid of curvatures a little beyond the limits, and W there."""
     limit, length = 1.01 * body.limits.curvature_per_m, body.geometry.lengths_m[segment]
@@ -78,7 +78,7 @@ class Inverse(NamedTuple):
         return found
 
 
-@per_body(32)
+@per_body(4)
 def inverse(body: Body, segment: int) -> Inverse:
     """Hermite's interpolation of the table, with the slope dkappa / dW = g / l at its points."""
     kappa, table = inverse_table(body, segment)

@@ -1,9 +1,13 @@
-"""Compiled functions, kept by what they depend on: robots of one body share them."""
+"""Compiled functions, kept by what they depend on: robots of one body share them.
+
+What is compiled for a robot weighs 3 MiB, so it is kept of few robots at a time: a process that
+plans for thousands of them holds no more than one that plans for these few.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache, update_wrapper
+from functools import lru_cache, partial, update_wrapper
 from typing import Concatenate, ParamSpec, TypeVar
 
 from twosra_mpc.robot.description import Body, Robot
@@ -11,14 +15,18 @@ from twosra_mpc.robot.description import Body, Robot
 Arguments = ParamSpec("Arguments")
 Made = TypeVar("Made")
 
+BODIES = 6  # whose functions are kept: more than are compared in one go, and 20 MiB
+
 
 def per_body(
-    maxsize: int,
+    each: int = 1, bodies: int = BODIES
 ) -> Callable[
     [Callable[Concatenate[Body, Arguments], Made]],
     Callable[Concatenate[Robot | Body, Arguments], Made],
 ]:
     """Keep what a function makes of a body and further arguments; call it with a robot or a body.
+
+    It is kept of the last ``bodies`` bodies, of each for its last ``each`` further arguments.
 
     Compiling takes a hundred times as long as planning, and a robot that differs in its name or its
     heat moves like the other one.
@@ -27,12 +35,14 @@ def per_body(
     def decorate(
         make: Callable[Concatenate[Body, Arguments], Made],
     ) -> Callable[Concatenate[Robot | Body, Arguments], Made]:
-        kept = lru_cache(maxsize)(make)
+        @lru_cache(bodies)
+        def kept(body: Body) -> Callable[Arguments, Made]:
+            return lru_cache(each)(partial(make, body))  # type: ignore[return-value]  # hashable
 
         def of_robot(
             robot: Robot | Body, /, *args: Arguments.args, **kwargs: Arguments.kwargs
         ) -> Made:
-            return kept(robot.body, *args, **kwargs)  # type: ignore[arg-type]  # hashable arguments
+            return kept(robot.body)(*args, **kwargs)
 
         return update_wrapper(of_robot, make)
 

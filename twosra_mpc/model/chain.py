@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import casadi as ca
 
+from twosra_mpc.model.cache import BODIES
 from twosra_mpc.model.series import sinc, versine_ratio
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.geometry import Geometry
@@ -62,7 +63,7 @@ def wheel_pose_matrix(geometry: Geometry, q: ca.SX) -> ca.SX:
     return wheel_poses(geometry)(q)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=BODIES)
 def wheel_poses(geometry: Geometry) -> ca.Function:
     """Q -> ``wheel_pose_matrix``, written down once and called from then on."""
     q, placement = ca.SX.sym("q", POSE + geometry.segments), ca.DM(geometry.wheel_placement).T

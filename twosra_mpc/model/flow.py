@@ -66,7 +66,7 @@ def _weighted(weights: Sequence[float], slopes: list[ca.SX]) -> ca.SX:
     return sum(terms, start=ca.SX(0))
 
 
-@per_body(64)
+@per_body(2)
 def interval_flow(body: Body, steps: int) -> ca.Function:
     """(q, s, sigma) -> q at the end of the interval, with ``steps`` Runge-Kutta 4 steps."""
     jacobian = kinematics(body).jacobian
@@ -88,7 +88,7 @@ def _arguments(symbol: Any, body: Body) -> tuple[Any, Any, Any]:
     return symbol.sym("q", POSE + segments), symbol.sym("s", INPUTS), symbol.sym("sigma", segments)
 
 
-@per_body(32)
+@per_body()
 def interval_step(body: Body) -> ca.Function:
     """(q, s, sigma) -> (q after the displacement s in one step, its error)."""
     jacobian, (q, s, sigma) = kinematics(body).jacobian, _arguments(ca.SX, body)
@@ -96,7 +96,7 @@ def interval_step(body: Body) -> ca.Function:
     return ca.Function("interval_step", [q, s, sigma], end)
 
 
-@per_body(32)
+@per_body()
 def bending_step(body: Body) -> ca.Function:
     """(q and travel, dW, shares, sigma) -> (q and travel, error) after W is bent by dW in one step.
 

@@ -63,7 +63,7 @@ class InPlace:
             self._memory.set_res(place, memoryview(array.data))
 
 
-@per_body(32)
+@per_body()
 def kinematics(body: Body) -> Kinematics:
     """Write down the kinematics of a robot and compile it."""
     segments = body.geometry.segments
@@ -85,7 +85,7 @@ def kinematics(body: Body) -> Kinematics:
     )
 
 
-@per_body(32)
+@per_body()
 def wheel_travel(body: Body) -> ca.Function:
     """(q, s, sigma) -> V(q, sigma) s: angle each wheel rolls over an interval [rad], shape (4,)."""
     segments = body.geometry.segments

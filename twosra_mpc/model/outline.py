@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -11,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.model.cache import BODIES
 from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed, wheel_pose_matrix
+from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
 
@@ -60,15 +61,15 @@ def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShap
         raise InputError("q", at.shape, f"an array of shape (..., {size})")
     n, rows = geometry.segments, at.reshape(-1, size)
     shapes = ((n, points, 2), (n + 1, 2, 2), (2, 4, 2), (4, 4, 2), (2, 3))
-    columns = (part.full().T.ravel() for part in _outline(geometry, points)(rows.T))
-    parts = (  # CasADi evaluates at least once, even for no rows
-        values[: len(rows) * math.prod(shape)].reshape(*at.shape[:-1], *shape)
+    columns = by_rows(_outline(geometry, points), rows)
+    parts = (
+        values.reshape(*at.shape[:-1], *shape)
         for values, shape in zip(columns, shapes, strict=True)
     )
     return RobotShape(at[..., :2], *parts)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=BODIES)
 def outline_points(geometry: Geometry) -> ca.Function:
     """Q -> points whose hull holds the robot but for the arcs between them, (2, m).
 
@@ -95,7 +96,7 @@ def outline_radii_m(geometry: Geometry) -> Array:
     return radii
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=16)
 def _outline(geometry: Geometry, points: int) -> ca.Function:
     """Q -> the parts of ``RobotShape`` but the first, their points as columns."""
     q = ca.SX.sym("q", Coordinates(geometry.segments).size)

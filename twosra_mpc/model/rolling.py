@@ -47,7 +47,7 @@ class Drift(NamedTuple):
 NO_DRIFT = Drift()
 
 
-@per_body(64)
+@per_body(8)
 def rolling(body: Body, mode: Mode) -> ca.Function:
     """(q, turned, drift) -> q after the wheels have turned evenly by ``turned`` (4,) [rad].
 

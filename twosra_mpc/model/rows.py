@@ -12,15 +12,19 @@ from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
 
+_BLOCK = 256  # rows at once: a function for so many rows weighs as much as their arrays
+
 
 def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
     """Values of a function of dense vectors: an array (m, k) for each argument and each result."""
     count = len(rows[0])
     values = [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
-    if count:
-        given = [np.ascontiguousarray(each, dtype=float) for each in rows]
-        at_all = InPlace(_mapped(function, count), given, values)
-        at_all.evaluate()
+    given, block = [np.ascontiguousarray(each, dtype=float) for each in rows], min(count, _BLOCK)
+    for first in range(0, count, _BLOCK):
+        at = slice(min(first, count - block), min(first, count - block) + block)  # ends with rows
+        reads, writes = [each[at] for each in given], [each[at] for each in values]
+        in_block = InPlace(_mapped(function, block), reads, writes)  # must outlive its call
+        in_block.evaluate()
     return values
 
 
@@ -37,7 +41,7 @@ def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Ar
     return values
 
 
-@lru_cache(512)
+@lru_cache(128)
 def in_mode(function: ca.Function, mode: Mode) -> ca.Function:
     """A function whose last argument is sigma in one mode: what that does not use falls away."""
     given = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in() - 1)]
@@ -45,6 +49,6 @@ def in_mode(function: ca.Function, mode: Mode) -> ca.Function:
     return ca.Function(function.name(), given, told)
 
 
-@lru_cache(1024)
+@lru_cache(256)
 def _mapped(function: ca.Function, count: int) -> ca.Function:
     return function.map(count)

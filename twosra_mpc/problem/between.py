@@ -35,7 +35,7 @@ def share_rates(
     return enclose(_share_rates(robot), lower, upper)
 
 
-@per_body(32)
+@per_body()
 def _share_rates(body: Body) -> ca.Function:
     """(kappa, v, a, sigma) as one vector -> rates of the shares."""
     segments = body.geometry.segments

@@ -170,7 +170,7 @@ UNITS |= {WORKSPACE: "m", CLEARANCE: "m", CONTACT: "m", SOFT_TRAVEL: "m"}
 # Shapes.
 
 
-@per_body(32)
+@per_body()
 def shape_function(body: Body) -> ca.Function:
     """Kappa (n,) -> margin of every shape limit, in their order."""
     kappa = ca.SX.sym("kappa", body.geometry.segments)
@@ -266,7 +266,7 @@ def speed_limits(robot: Robot | Body) -> tuple[SpeedLimit, ...]:
     return tuple(limit for limit in SPEED_LIMITS if limit.limits(robot))
 
 
-@per_body(32)
+@per_body()
 def speed_function(body: Body) -> ca.Function:
     """(q, s, sigma) -> for each speed limit the least time [s] that it leaves to a displacement.
 
@@ -280,7 +280,7 @@ def speed_function(body: Body) -> ca.Function:
     return ca.Function("least_times", [q, s, sigma], times)
 
 
-@per_body(32)
+@per_body()
 def motion_function(body: Body) -> ca.Function:
     """(q, v, a, sigma) -> shares of each speed limit, signed, and d/dt V v with v' = a [rad/s2]."""
     segments = body.geometry.segments
@@ -379,7 +379,7 @@ def rigid_rows_between(robot: Robot, least: ArrayLike, most: ArrayLike) -> tuple
     return rows[kept], off[kept]
 
 
-@per_body(32)
+@per_body()
 def _rigid_rows(body: Body) -> ca.Function:
     q, twist = ca.SX.sym("q", POSE + body.geometry.segments), ca.SX.sym("twist", 3)
     rigid = ca.DM.zeros(body.geometry.segments)

@@ -126,7 +126,7 @@ def transcribe(
         ]
     )
 
-    flow = interval_flow(body, steps).expand().map(phases * intervals)
+    flow = _flow(body, steps).map(phases * intervals)
     arrive = flow(q[:, before], s, mode_of)
     link = states[:, nodes[1:, 0].tolist()] - states[:, nodes[:-1, -1].tolist()]
     least_times = limits.speed_function(body).map(phases * intervals)(q[:, before], s, mode_of)
@@ -161,6 +161,12 @@ def transcribe(
     return Transcription(scale, layout, intervals, nlp, rows)
 
 
+@per_body()
+def _flow(body: Body, steps: int) -> ca.Function:
+    """The flow of an interval, written out; programs that live at a time share its derivatives."""
+    return interval_flow(body, steps).expand()
+
+
 def _terminal(goal: GoalSet | None, end: ca.MX) -> ca.MX:
     """What is zero where the motion ends in the goal, within its box."""
     if goal is None:
@@ -189,7 +195,7 @@ def _stacked(blocks: dict[str, ca.MX]) -> tuple[ca.MX, dict[str, slice]]:
     return ca.vertcat(*[ca.vec(block) for block in blocks.values()]), rows
 
 
-@per_body(2)  # of 12 to 40 MiB each; to build one again takes a fifth of what it takes to solve it
+@per_body(4, bodies=1)  # the first one weighs 11 MiB or more, another one of its robot 1 to 4
 def ipopt(
     robot: Body,
     goal: GoalSet | None,

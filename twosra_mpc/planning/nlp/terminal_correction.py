@@ -92,7 +92,7 @@ def available_inputs(sequence: ModeSequence, intervals: int) -> Array:
     return np.repeat(mask, intervals, axis=0).ravel()
 
 
-@per_body(64)
+@per_body(8)
 def _terminal_jacobian(body: Body, intervals: int) -> ca.Function:
     """(q0, s and sigma of all intervals) -> d q_end / d s, (3 + n) x (5 intervals)."""
     segments = body.geometry.segments
