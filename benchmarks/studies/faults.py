@@ -52,9 +52,9 @@ class Faults(Study):
     executors: Executors = ("optimal", "greedy")
 
     def cases(self) -> Iterator[Case]:
-        """Yield the runs."""
+        """Yield the runs, all faults in turns."""
         problems = list(labelled(self.problems))
-        for drives, fault, seed in itertools.product(self.executors, FAULTS, range(self.count)):
+        for seed, drives, fault in itertools.product(range(self.count), self.executors, FAULTS):
             if (drives, fault) != ("greedy", "planner raises"):
                 yield Case(drives, fault, problems[seed % len(problems)], seed)
 
