@@ -103,6 +103,8 @@ def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) 
             run = Executor(robot, meanwhile=robot.meanwhile).run(made)
         ending, reason = str(run.ending), run.reason
     except (BrokenError, KeyboardInterrupt) as error:
+        if isinstance(error, KeyboardInterrupt) and fault != "interrupt":
+            raise  # whoever runs the study wants it to end
         ending, reason = type(error).__name__, str(error)
     off = made.robot.ends_within.of(made.problem.judged_goal.error(robot.q.copy()))
     came_to = "wrong cause"
