@@ -267,12 +267,8 @@ class ForeignRobot:
 def rolled(robot: Robot, q: Array, wheel_rad_s: Array, soft: list[int]) -> Array:
     """Rate of q, (5,), with which the wheels slip least; two soft segments bend alike."""
     free, step = [0, 1, 2, *(3 + j for j in soft)], 1e-6
-    directions, places = wheels_at(robot, q)
-    rows = np.empty((4, len(free)))
-    for column, k in enumerate(free):
-        moved = q.copy()
-        moved[k] += step
-        rows[:, column] = ((wheels_at(robot, moved)[1] - places) * directions).sum(axis=1) / step
+    directions, places = wheels_at(robot, np.vstack([q, q + step * np.eye(_SIZE)[free]]))
+    rows = ((places[1:] - places[0]) * directions[0]).sum(axis=2).T / step
     wanted = wheel_rad_s * robot.geometry.wheel_radius_m
     if len(soft) == 2:
         rows, wanted = np.vstack([rows, [0, 0, 0, 1e-2, -1e-2]]), np.append(wanted, 0.0)
@@ -282,21 +278,17 @@ def rolled(robot: Robot, q: Array, wheel_rad_s: Array, soft: list[int]) -> Array
 
 
 def wheels_at(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Directions in which the wheels drive, (4, 2), and where they are, (4, 2) [m]."""
-    geometry, directions, places = robot.geometry, [], []
+    """Where the wheels drive to, and where they are [m], each (m, 4, 2), for each of q (m, 5)."""
+    geometry, (x_m, y_m, phi) = robot.geometry, q[:, :3].T
+    directions, places = [], []
     for unit, sense in ((0, -1.0), (1, 1.0)):
-        half, length, kappa = (
-            sense * geometry.half_link_m,
-            sense * geometry.lengths_m[unit],
-            q[3 + unit],
-        )
-        heading = q[2] + kappa * length
-        chord = length * np.sinc(kappa * length / (2 * math.pi))
-        middle = q[2] + kappa * length / 2
-        x = q[0] + half * math.cos(q[2]) + chord * math.cos(middle)
-        y = q[1] + half * math.sin(q[2]) + chord * math.sin(middle)
+        half_m, length_m = sense * geometry.half_link_m, sense * geometry.lengths_m[unit]
+        turn = q[:, 3 + unit] * length_m
+        chord_m = length_m * np.sinc(turn / (2 * math.pi))
+        end_x_m = x_m + half_m * np.cos(phi) + chord_m * np.cos(phi + turn / 2)
+        end_y_m = y_m + half_m * np.sin(phi) + chord_m * np.sin(phi + turn / 2)
+        c, s = np.cos(phi + turn), np.sin(phi + turn)
         for at_x, at_y, angle in geometry.wheel_placement[2 * unit : 2 * unit + 2]:
-            c, s = math.cos(heading), math.sin(heading)
-            places.append((x + c * at_x - s * at_y, y + s * at_x + c * at_y))
-            directions.append((math.cos(heading + angle), math.sin(heading + angle)))
-    return np.array(directions), np.array(places)
+            places.append((end_x_m + c * at_x - s * at_y, end_y_m + s * at_x + c * at_y))
+            directions.append((np.cos(phi + turn + angle), np.sin(phi + turn + angle)))
+    return np.array(directions).transpose(2, 0, 1), np.array(places).transpose(2, 0, 1)

@@ -52,9 +52,9 @@ class Faults(Study):
     executors: Executors = ("optimal", "greedy")
 
     def cases(self) -> Iterator[Case]:
-        """Yield the runs."""
+        """Yield the runs, all faults in turns."""
         problems = list(labelled(self.problems))
-        for drives, fault, seed in itertools.product(self.executors, FAULTS, range(self.count)):
+        for seed, drives, fault in itertools.product(range(self.count), self.executors, FAULTS):
             if (drives, fault) != ("greedy", "planner raises"):
                 yield Case(drives, fault, problems[seed % len(problems)], seed)
 
@@ -103,6 +103,8 @@ def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) 
             run = Executor(robot, meanwhile=robot.meanwhile).run(made)
         ending, reason = str(run.ending), run.reason
     except (BrokenError, KeyboardInterrupt) as error:
+        if isinstance(error, KeyboardInterrupt) and fault != "interrupt":
+            raise  # whoever runs the study wants it to end
         ending, reason = type(error).__name__, str(error)
     off = made.robot.ends_within.of(made.problem.judged_goal.error(robot.q.copy()))
     came_to = "wrong cause"

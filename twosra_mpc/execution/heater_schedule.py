@@ -52,10 +52,15 @@ class HeaterSchedule:
         """Set-point at which a segment is kept warm, surely solid."""
         return warm_setpoint_C(self.plan.problem)
 
+    @cached_property
+    def _start_mode(self) -> Mode:
+        """Asked for in every period of a run."""
+        return self.plan.problem.start_mode
+
     @property
     def last_mode(self) -> Mode:
         """Mode that the plan ends in: the goal's, or as the last task leaves the segments."""
-        mode = list(self.plan.problem.start_mode)
+        mode = list(self._start_mode)
         for item in sorted(self.plan.transitions, key=lambda item: item.done_s):
             mode[item.segment - 1] = int(item.to == "soft")
         return tuple(mode)
@@ -82,7 +87,7 @@ class HeaterSchedule:
     def _setpoint(self, segment: int, now: Progress, planned_C: float) -> float:
         heater = self.plan.robot.heater
         soft, rigid = heater.soft_setpoint_C, heater.rigid_setpoint_C
-        value = soft if self.plan.problem.start_mode[segment] else rigid
+        value = soft if self._start_mode[segment] else rigid
         for item in own_transitions(self.plan.transitions, segment):
             if self._commanded(item, now):
                 value = soft if item.to == "soft" else rigid
