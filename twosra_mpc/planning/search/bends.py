@@ -313,6 +313,17 @@ def least_durations(
     return tuple(durations)
 
 
+def passes_forbidden(sequence: ModeSequence, task: BendingTask, bends: Array) -> bool:
+    """Whether these changes of W, one of each phase, lead through a shape that is forbidden."""
+    here = np.array(task.origin)
+    for mode, bend in zip(sequence, bends.tolist(), strict=True):
+        before = tuple((w, w) for w in here.tolist())
+        if any(mode) and task.forbidden(mode, before, bend):
+            return True
+        here = here + bend * np.array(mode)
+    return False
+
+
 def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:
     """Least effort times duration of the phases, as far as the task says how far they bend [s2]."""
     steps = bend_steps(sequence, task) or ()

@@ -13,7 +13,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic, TypeVar
 
-from twosra_mpc.planning.search.bends import BendingTask, least_durations, unreachable_reason
+from twosra_mpc.planning.search.bends import (
+    BendingTask,
+    least_durations,
+    passes_forbidden,
+    unreachable_reason,
+)
 from twosra_mpc.planning.search.bounds import (
     SequenceBound,
     pose_bound,
@@ -246,28 +251,35 @@ class ModeTree(Generic[Solution]):
     def _by_parts(
         self, leaf: ModeSequence, network: TemporalNetwork, known_s: Sequence[float], enough: float
     ) -> float:
-        """What is proved of all parts of what a sequence may do; its bound takes it over."""
+        """What is proved of all parts of what a sequence may do.
+
+        Its bound takes that over, and the bends, where its own pass a forbidden shape.
+        """
         found = bound_by_parts(network, self.task, self.weights, known_s, enough)
         if found is None:
             return -math.inf
         known = self._bounds[leaf]
-        self._bounds[leaf] = replace(known, cost=max(found.cost, known.cost), bends=found.bends)
+        bends = found.bends if passes_forbidden(leaf, self.task, known.bends) else known.bends
+        self._bounds[leaf] = replace(known, cost=max(found.cost, known.cost), bends=bends)
         return found.cost
 
     def solve(self, node: ModeSequence) -> Iterator[tuple[float, Solution] | None]:
         """Hand the complete sequence to the fixed-sequence solver.
 
-        Where its first attempt fails, again with bends on whose way no shape is forbidden.
+        Where its first attempt fails because the bound's bends pass a forbidden shape, again with
+        others; after another failure, as by then another leaf may have the least bound.
         """
         leaf = self.leaf(node)
         if leaf is None:
             return
-        least_s = [0.0] * len(leaf)
+        least_s, known = [0.0] * len(leaf), self._bounds[leaf]
         network = self.timing.network(leaf, self.last, least_s)
-        attempts = iter(self.solver(network, self._bounds[leaf]))
+        attempts = iter(self.solver(network, known))
         first = next(attempts, None)
         yield first
-        if first is None and self._by_parts(leaf, network, least_s, math.inf) > -math.inf:
-            yield None  # another leaf may have the least bound now
+        if first is None and passes_forbidden(leaf, self.task, known.bends):
+            if self._bounds[leaf] is known:
+                self._by_parts(leaf, network, least_s, math.inf)
+                yield None
             attempts = iter(self.solver(network, self._bounds[leaf]))
         yield from attempts
