@@ -155,6 +155,19 @@ def test_a_tighter_bound_spares_the_second_attempt() -> None:
     assert helped.tried == [6.0, 7.0]
 
 
+def test_first_attempts_at_leaves_as_good_come_before_a_second_one_at_a_leaf_without_luck() -> None:
+    costs = {(0,): 9.0, (1,): 10.0, (2,): 12.0}
+    found: dict[Path, float | None] = {(0,): None, (1,): 10.0, (2,): 12.0}
+    tree = RandomTree(costs, {}, found, 3)
+    result = search(tree, gap=0.2)  # 9 is within it of the first attempt at the second leaf, at 11
+    assert result.ending is Ending.CLOSED
+    assert (result.cost, result.lower_bound) == (11.0, 9.0)
+    assert tree.tried == [math.inf, 11.0]
+    strict = RandomTree(costs, {}, found, 3)
+    search(strict, gap=0.05)
+    assert strict.tried[:3] == [math.inf, math.inf, 11.0]
+
+
 def test_a_tree_without_leaves_is_proved_infeasible() -> None:
     result = search(exact({}, {}))
     assert result.ending is Ending.EXHAUSTED

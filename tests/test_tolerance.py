@@ -16,7 +16,7 @@ from twosra_mpc.planning.nlp.guess import bends_around, guess_motion
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search import bounds
 from twosra_mpc.planning.search.bends import bend_steps, least_durations
-from twosra_mpc.planning.search.bounds import bound_by_parts
+from twosra_mpc.planning.search.parts import bound_by_parts
 from twosra_mpc.planning.single_goal.relaxed import bending_task
 from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
@@ -95,7 +95,9 @@ def test_no_goal_of_a_box_costs_less_than_the_bounds_of_the_box(seed: int) -> No
         if whole is None:
             continue
         least = least_durations(sequence, task)
-        parts = bound_by_parts(network, task, box.cost_weights, least, np.inf)
+        cut = bound_by_parts(network, task, box.cost_weights, least, np.inf)
+        assert cut is not None
+        parts = cut.cost
         assert (1 - 1e-3) * whole.cost <= parts  # it is cut into other pieces
         for corner in ((-1, -1), (1, 1), (-1, 1), tuple(rng.uniform(-1, 1, 2))):
             shape = tuple(np.add(exact.goal.kappa_per_m, corner))

@@ -144,16 +144,19 @@ class Bending:
         full_m_s = self.body.limits.wheel_speed_rad_s * self.body.geometry.wheel_radius_m
         return float(np.sum(_surely(self.body, mode, bend) / _PIECES / (paces * full_m_s))) ** 2
 
-    def shapes_on_the_way(self, mode: Mode, origin: Intervals, bend: float) -> tuple[Array, Array]:
+    def shapes_on_the_way(
+        self, mode: Mode, origin: Intervals, bend: float, begin: float = 0.0
+    ) -> tuple[Array, Array]:
         """Shapes that every such bend passes, and how far off they may be, (m, n) and (n,) [1/m].
 
         Args:
             mode: A soft mode.
             origin: Bounds of the W of every segment before.
             bend: Change of W, with its sign.
+            begin: From where on the way to look, as a change of W.
         """
         low, high = zip(*origin, strict=True)
-        ends = zip(_along(mode, low, 0.0, bend), _along(mode, high, 0.0, bend), strict=True)
+        ends = zip(_along(mode, low, begin, bend), _along(mode, high, begin, bend), strict=True)
         both = [self.curvature(np.array(w), j) for j, w in enumerate(ends)]
         least, most = np.stack(both, axis=-1)
         return (least + most) / 2, ((most - least) / 2).max(axis=0)

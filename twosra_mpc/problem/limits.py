@@ -207,13 +207,21 @@ def surely_broken(
 ) -> ShapeLimit | None:
     """A limit broken by one of these shapes (m, n) whichever they are, if ``off_per_m`` (n,) off.
 
-    By so much that shapes known only to a micrometre cannot feign it. A segment j that bends by
-    more moves no point of a unit, as seen from the other one, by more than l_j times as much times
-    the distance. Curvatures are left to whoever knows their bending coordinates exactly.
+    Curvatures are left to whoever knows their bending coordinates exactly.
     """
-    least = shape_margins(robot, kappa)[UNIT_GAP.name].min()
+    return UNIT_GAP if most_gaps_m(robot, kappa, off_per_m).min() < 0 else None
+
+
+def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0) -> Array:
+    """No less than the gaps between units in shapes (m, n) that may be ``off_per_m`` (n,), (m,).
+
+    By so much that shapes known only to a micrometre are not taken for others. A segment j that
+    bends by more moves no point of a unit, as seen from the other one, by more than l_j times as
+    much times the distance.
+    """
     certain = _CERTAIN * (UNIT_GAP.scale or 1.0) + units_moved_m(robot, off_per_m).max()
-    return UNIT_GAP if least < -certain else None
+    gaps_m: Array = shape_margins(robot, kappa)[UNIT_GAP.name] + certain
+    return gaps_m
 
 
 def units_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:

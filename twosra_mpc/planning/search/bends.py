@@ -178,27 +178,51 @@ def least_bends(sequence: ModeSequence, task: BendingTask) -> Array | None:
     return bends
 
 
-def _ranges(sequence: ModeSequence, change: Intervals) -> tuple[list[float], list[float]] | None:
-    """Least and largest change of W in each phase; None if the soft modes are not independent.
+def _ranges(
+    sequence: ModeSequence, change: Intervals, free: Intervals = ()
+) -> tuple[list[float], list[float]] | None:
+    """Least and largest change of W in each phase; None if some are free and not bounded.
 
-    Then the bends d solve A d = w for some w in the box that is asked for, so d = A^+ w.
+    The bends d solve A d = w for some w in the box that is asked for. With those d_f of the free
+    phases chosen, too, the others are d_b = A_b^+ (w - A_f d_f).
     """
-    if (inverse := _inverse(sequence)) is None:
+    solution, chosen = _solution(sequence)
+    if len(free) != len(chosen):
         return None
-    low, high = np.array(change).T
-    rise, fall = np.maximum(inverse, 0), np.minimum(inverse, 0)
+    low, high = np.array([*change, *free]).T
+    rise, fall = np.maximum(solution, 0), np.minimum(solution, 0)
     return (rise @ low + fall @ high).tolist(), (rise @ high + fall @ low).tolist()
 
 
 @lru_cache(4096)
-def _inverse(sequence: ModeSequence) -> Array | None:
-    """A^+, (phases, segments), zero for rigid phases; None if soft modes are not independent."""
-    modes = np.array(sequence, dtype=float)
-    inverse, soft = np.zeros_like(modes), modes.any(axis=1)
-    if np.linalg.matrix_rank(modes) < soft.sum():
-        return None
-    inverse[soft] = np.linalg.pinv(modes[soft].T)
-    return inverse
+def _solution(sequence: ModeSequence) -> tuple[Array, tuple[int, ...]]:
+    """Bends of all phases from (w, d_f), (phases, segments + free), 0 in rigid ones; the free."""
+    modes, segments = np.array(sequence, dtype=float), len(sequence[0])
+    basic, free = list[int](), list[int]()
+    for i in np.flatnonzero(modes.any(axis=1)).tolist():
+        more = np.linalg.matrix_rank(modes[[*basic, i]]) > len(basic)
+        (basic if more else free).append(i)
+    solution = np.zeros((len(sequence), segments + len(free)))
+    solution[basic, :segments] = np.linalg.pinv(modes[basic].T)
+    solution[basic, segments:] = -solution[basic, :segments] @ modes[free].T
+    solution[free, segments:] = np.eye(len(free))
+    return solution, tuple(free)
+
+
+def free_bends(sequence: ModeSequence, task: BendingTask) -> Intervals:
+    """Bounds of the bends that the shape at the end leaves free: of each later phase of a kind."""
+    rooms = [high - low + 2 * by for (low, high), by in zip(task.room, task.within, strict=True)]
+    most = [
+        min(room for room, soft in zip(rooms, sequence[i], strict=True) if soft)
+        for i in _solution(sequence)[1]
+    ]
+    return tuple((-each, each) for each in most)
+
+
+def middle_bends(sequence: ModeSequence, change: Intervals, free: Intervals) -> Array:
+    """Change of W in each phase to the middle of the boxes of what is asked for and of choices."""
+    middle: Array = _solution(sequence)[0] @ np.array([*change, *free]).mean(axis=1)
+    return middle
 
 
 class BendStep(NamedTuple):
@@ -227,9 +251,11 @@ class BendStep(NamedTuple):
 
 
 @lru_cache(maxsize=64)  # a sequence is looked at more than once while its problem is planned
-def bend_steps(sequence: ModeSequence, task: BendingTask) -> tuple[BendStep, ...] | None:
-    """What is known of the bend of each phase; None if the soft modes are not independent."""
-    if (ranges := _ranges(sequence, task.met)) is None:
+def bend_steps(
+    sequence: ModeSequence, task: BendingTask, free: Intervals = ()
+) -> tuple[BendStep, ...] | None:
+    """What is known of the bend of each phase; None if some are ``free`` and not bounded."""
+    if (ranges := _ranges(sequence, task.met, free)) is None:
         return None
     off = task.origin_within or (0.0,) * len(task.origin)
     here = tuple((w - by, w + by) for w, by in zip(task.origin, off, strict=True))
@@ -269,19 +295,33 @@ def _misses(
 
 
 @lru_cache(maxsize=64)
-def least_durations(sequence: ModeSequence, task: BendingTask) -> tuple[float, ...]:
+def least_durations(
+    sequence: ModeSequence, task: BendingTask, free: Intervals = ()
+) -> tuple[float, ...]:
     """Least durations of the phases, as far as the task says how far they bend [s].
 
-    Infinite where a bend must pass a shape that is forbidden.
+    Infinite where a bend must pass a shape that is forbidden. Bends that the task leaves free are
+    within ``free``, or anything without.
     """
     durations = [0.0] * len(sequence)
-    for i, step in enumerate(bend_steps(sequence, task) or ()):
+    for i, step in enumerate(bend_steps(sequence, task, free) or ()):
         before, bend = step.before, step.surely
         if bend:
             durations[i] = task.least_time(step.mode, before, bend)
         if any(step.mode) and (not step.possible or task.forbidden(step.mode, before, bend)):
             durations[i] = math.inf
     return tuple(durations)
+
+
+def passes_forbidden(sequence: ModeSequence, task: BendingTask, bends: Array) -> bool:
+    """Whether these changes of W, one of each phase, lead through a shape that is forbidden."""
+    here = np.array(task.origin)
+    for mode, bend in zip(sequence, bends.tolist(), strict=True):
+        before = tuple((w, w) for w in here.tolist())
+        if any(mode) and task.forbidden(mode, before, bend):
+            return True
+        here = here + bend * np.array(mode)
+    return False
 
 
 def least_efforts(sequence: ModeSequence, task: BendingTask) -> list[float]:

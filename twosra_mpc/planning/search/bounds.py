@@ -13,23 +13,22 @@ the change of W in soft phase i,
 and the partial sums after every phase within what the curvature limits allow. Where the sequence
 leaves no choice of d, the least time of each bend is integrated instead of divided by one rate, and
 a bend that must pass a forbidden shape rules the sequence out. Where the goal is a box, the least
-bend is integrated so, what a bend takes beyond it is at least a line, and the box is cut into parts
-where that is not enough. The changes of W asked for are those of every shape that counts as in the
-goal, so the bound holds for every plan that verifies. Where the cost weighs effort by w_u,
-w_u sum e_i is added, with e_i at least tangents of E_i / (t_{end,i} - t_{start,i}) for the least
-effort times duration E_i that such a bend takes (rigid drives: none). Every plan of the sequence
-satisfies these constraints, because R is an upper bound of abs(dW/dt) and W_j rests while segment j
-is rigid; so the optimum of this linear program bounds its cost from below. Where that is not
-enough, a goal pose adds the constraint of ``pose_bound``. A sequence that never melts anything is
-bounded by ``rigid_motion.least_time`` as well.
+bend is integrated so, and what a bend takes beyond it is at least a line. The changes of W asked
+for are those of every shape that counts as in the goal, so the bound holds for every plan that
+verifies. Where the cost weighs effort by w_u, w_u sum e_i is added, with e_i at least tangents of
+E_i / (t_{end,i} - t_{start,i}) for the least effort times duration E_i that such a bend takes
+(rigid drives: none). Every plan of the sequence satisfies these constraints, because R is an upper
+bound of abs(dW/dt) and W_j rests while segment j is rigid; so the optimum of this linear program
+bounds its cost from below. Where that is not enough, what the sequence may do is cut into
+``parts``, and a goal pose adds the constraint of ``pose_bound``. A sequence that never melts
+anything is bounded by ``rigid_motion.least_time`` as well.
 """
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,7 +39,6 @@ from twosra_mpc.planning.search.bends import (
     determined_bends,
     known_curvatures,
     least_bends,
-    least_durations,
     least_efforts,
 )
 from twosra_mpc.planning.search.linear_program import proved_minimum
@@ -52,7 +50,6 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, soft_segments
 from twosra_mpc.timing import TemporalNetwork, earliest_times
 
-_PARTS = 8  # into which a box of shapes is cut
 _TANGENTS = np.geomspace(1e-5, 4.0, 30)  # their slopes: minus effort over duration
 
 
@@ -85,7 +82,7 @@ def sequence_bound(
         bends = determined_bends(network.sequence, task)
         bends = least_bends(network.sequence, task) if bends is None else bends
         if bends is not None:
-            return _longest_path_bound(network, bends, weights, least_durations)
+            return longest_path_bound(network, bends, weights, least_durations)
     try:
         return _linear_program_bound(network, task, weights, least_durations)
     except (
@@ -93,13 +90,16 @@ def sequence_bound(
     ):  # the solver gave up: what each phase takes by itself holds all the same
         middle = np.array(task.change).mean(axis=1)
         bends = np.linalg.pinv(np.array(network.sequence, dtype=float).T) @ middle
-        return _longest_path_bound(network, bends, weights, least_durations)
+        return longest_path_bound(network, bends, weights, least_durations)
 
 
-def _longest_path_bound(
+def longest_path_bound(
     network: TemporalNetwork, bends: Array, weights: Weights, least_durations: Sequence[float]
 ) -> SequenceBound | None:
-    """The earliest finish is a longest path; what holding segments liquid costs is left out."""
+    """The earliest finish is a longest path; what holding segments liquid costs is left out.
+
+    None if no durations, or no times, fulfil the constraints.
+    """
     if not all(map(math.isfinite, least_durations)):
         return None
     times = earliest_times(with_durations(network, least_durations))
@@ -107,41 +107,6 @@ def _longest_path_bound(
         return None
     _, constant = cost_coefficients(network, weights)
     return SequenceBound(times[network.layout.finish] + constant, np.array(times), bends)
-
-
-def bound_by_parts(
-    network: TemporalNetwork,
-    task: BendingTask,
-    weights: Weights,
-    known_s: Sequence[float],
-    enough: float,
-) -> float:
-    """Raise the bound of a sequence by cutting the box of shapes to end in; -inf if that is none.
-
-    How fast the robot bends depends on its shape, which is better known in a smaller part. The
-    worst part is cut in two until ``enough`` is reached, or there are eight.
-    """
-    sequence = network.sequence
-    if determined_bends(sequence, task) is not None or bend_steps(sequence, task) is None:
-        return -math.inf
-
-    def bound_of(change: Intervals) -> float:
-        part = replace(task, change=change)
-        durations = np.maximum(least_durations(sequence, part), known_s).tolist()
-        if not all(map(math.isfinite, durations)):
-            return math.inf
-        found = sequence_bound(network, part, weights, durations)
-        return math.inf if found is None else found.cost
-
-    parts = [(-math.inf, task.change)]
-    while len(parts) < _PARTS and parts[0][0] < enough:
-        whole, change = heapq.heappop(parts)
-        j = max(task.segments, key=lambda j: change[j][1] - change[j][0])
-        middle = sum(change[j]) / 2
-        for half in ((change[j][0], middle), (middle, change[j][1])):
-            cut = (*change[:j], half, *change[j + 1 :])
-            heapq.heappush(parts, (max(whole, bound_of(cut)), cut))
-    return parts[0][0]
 
 
 def pose_bound(

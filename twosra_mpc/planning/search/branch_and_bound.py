@@ -218,12 +218,24 @@ class _Search(Generic[Node, Solution]):
         bound = self.tree.bound(self.queue[0].node) if self.learnt else -math.inf
         if bound > self.queue[0].bound:
             heapq.heapreplace(self.queue, replace(self.queue[0], bound=bound))
-        elif self.queue[0].branch:
-            self._branch(self.queue[0])
+        elif (entry := self._next()).branch:
+            self._branch(entry)
         else:
-            self._attempt(self.queue[0])
+            self._attempt(entry)
         while self.queue and self.queue[0].done:
             heapq.heappop(self.queue)
+
+    def _next(self) -> _Entry[Node, Solution]:
+        """The entry with the least bound; before a leaf without luck one that is as good.
+
+        That is within the gap of it, and first attempts cost least: it may be all that it takes.
+        """
+        first = self.queue[0]
+        if self.solution is not None or first.attempts is None:
+            return first
+        most = first.bound / (1 - self.gap)
+        fresh = (each for each in self.queue if each.attempts is None and not each.done)
+        return min((each for each in fresh if each.bound <= most), default=first)
 
     def _entry(self, bound: float, *, branch: bool, node: Node) -> _Entry[Node, Solution]:
         return _Entry(bound, branch, next(self.order), node)
@@ -256,14 +268,16 @@ class _Search(Generic[Node, Solution]):
             self.solved += 1
         try:
             found = next(attempts)
-        except StopIteration:  # what was learnt while it was tried may rule it out
+        except StopIteration:  # the same
             bound = max(bound, self.tree.leaf_bound(entry.node))
             _check(entry.found, bound)
             self.kept = min(self.kept, bound)
-            heapq.heappop(self.queue)
+            entry.done = True
             return
         least = entry.found if found is None else min(entry.found, found[0])
-        if found is not None and found[0] < self.cost:
+        if found is None:  # what was learnt meanwhile may rule it out
+            bound = max(bound, self.tree.leaf_bound(entry.node))
+        elif found[0] < self.cost:
             self.cost, self.solution = found
         if not tight and self.cost - bound > self.gap * self.cost:
             tighter = self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost)
@@ -272,4 +286,5 @@ class _Search(Generic[Node, Solution]):
             tight = True
         _check(least, bound)
         worked = replace(entry, bound=bound, attempts=attempts, found=least, tight=tight)
-        heapq.heapreplace(self.queue, worked)
+        heapq.heappush(self.queue, worked)
+        entry.done = True

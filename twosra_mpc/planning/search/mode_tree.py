@@ -8,19 +8,24 @@ nothing), and no phase repeats the mode before it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic, TypeVar
 
-from twosra_mpc.planning.search.bends import BendingTask, least_durations, unreachable_reason
+from twosra_mpc.planning.search.bends import (
+    BendingTask,
+    least_durations,
+    passes_forbidden,
+    unreachable_reason,
+)
 from twosra_mpc.planning.search.bounds import (
     SequenceBound,
-    bound_by_parts,
     pose_bound,
     sequence_bound,
 )
 from twosra_mpc.planning.search.motion_bound import least_motion_s
+from twosra_mpc.planning.search.parts import bound_by_parts
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode, sequence_name
 from twosra_mpc.timing import TemporalNetwork, TransitionModel, earliest_times, resting_s
@@ -190,12 +195,8 @@ class ModeTree(Generic[Solution]):
         if (reason := self.timing.refusal(leaf, self.last)) is not None:
             self.unreachable[leaf] = reason
             return math.inf
-        durations = least_durations(leaf, self.task)
-        bound = None
-        if all(map(math.isfinite, durations)):
-            network = self.timing.network(leaf, self.last, durations)
-            bound = sequence_bound(network, self.task, self.weights, durations)
-        if bound is None:
+        bound = self._bounds.get(leaf) or self._relaxed(leaf)
+        if bound is None or bound.cost == math.inf:
             self.unreachable[leaf] = (
                 f"{sequence_name(leaf)} cannot reach this shape within the shape limits"
             )
@@ -207,6 +208,13 @@ class ModeTree(Generic[Solution]):
         if self._motion_s is None and pose is not None and pose.known_s > bound.cost:
             self._motion_s = least_motion_s(self.task, self.modes)  # driving outlasts the metal
         return max(bound.cost, self.bound(node)) if self._motion_s else bound.cost
+
+    def _relaxed(self, leaf: ModeSequence) -> SequenceBound | None:
+        durations = least_durations(leaf, self.task)
+        if not all(map(math.isfinite, durations)):
+            return None
+        network = self.timing.network(leaf, self.last, durations)
+        return sequence_bound(network, self.task, self.weights, durations)
 
     def _only_drives(self, leaf: ModeSequence) -> bool:
         """Whether plans of this sequence never melt anything."""
@@ -228,7 +236,7 @@ class ModeTree(Generic[Solution]):
         if self._only_drives(leaf):
             bound = max(bound, self.rigid_time(enough))
         if bound < enough:
-            bound = max(bound, bound_by_parts(delayed, self.task, self.weights, longer, enough))
+            bound = max(bound, self._by_parts(leaf, delayed, longer, enough))
         if bound < enough:
             bound = max(bound, pose_bound(delayed, self.task, self.weights, longer, enough))
         far = max(bound, self._bounds[leaf].cost) < (1 - _MOVING) * enough
@@ -240,10 +248,38 @@ class ModeTree(Generic[Solution]):
             bound = max(bound, math.inf if relaxed is None else relaxed.cost)
         return bound
 
-    def solve(self, node: ModeSequence) -> Iterable[tuple[float, Solution] | None]:
-        """Hand the complete sequence to the fixed-sequence solver."""
+    def _by_parts(
+        self, leaf: ModeSequence, network: TemporalNetwork, known_s: Sequence[float], enough: float
+    ) -> float:
+        """What is proved of all parts of what a sequence may do.
+
+        Its bound takes that over, and the bends, where its own pass a forbidden shape.
+        """
+        found = bound_by_parts(network, self.task, self.weights, known_s, enough)
+        if found is None:
+            return -math.inf
+        known = self._bounds[leaf]
+        bends = found.bends if passes_forbidden(leaf, self.task, known.bends) else known.bends
+        self._bounds[leaf] = replace(known, cost=max(found.cost, known.cost), bends=bends)
+        return found.cost
+
+    def solve(self, node: ModeSequence) -> Iterator[tuple[float, Solution] | None]:
+        """Hand the complete sequence to the fixed-sequence solver.
+
+        Where its first attempt fails because the bound's bends pass a forbidden shape, again with
+        others; after another failure, as by then another leaf may have the least bound.
+        """
         leaf = self.leaf(node)
         if leaf is None:
-            return ()
-        network = self.timing.network(leaf, self.last, [0.0] * len(leaf))
-        return self.solver(network, self._bounds[leaf])
+            return
+        least_s, known = [0.0] * len(leaf), self._bounds[leaf]
+        network = self.timing.network(leaf, self.last, least_s)
+        attempts = iter(self.solver(network, known))
+        first = next(attempts, None)
+        yield first
+        if first is None and passes_forbidden(leaf, self.task, known.bends):
+            if self._bounds[leaf] is known:
+                self._by_parts(leaf, network, least_s, math.inf)
+                yield None
+            attempts = iter(self.solver(network, self._bounds[leaf]))
+        yield from attempts

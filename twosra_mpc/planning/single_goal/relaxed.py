@@ -22,11 +22,12 @@ from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import (
     CURVATURE,
+    UNIT_GAP,
     interval_durations,
+    most_gaps_m,
     rigid_ramp_s,
     rigid_rows,
     rigid_rows_between,
-    surely_broken,
 )
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -35,6 +36,8 @@ from twosra_mpc.timing import TemporalNetwork, transition_model
 from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
 
 Solution = TypeVar("Solution")
+
+_CLOSE_M, _LOOKS = 0.01, 2  # gaps in which to look closer, and how often
 
 
 def mode_tree(
@@ -72,8 +75,18 @@ def bending_task(problem: Problem) -> BendingTask:
     asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
 
     def forbidden(mode: Mode, before: tuple[tuple[float, float], ...], bend: float) -> str | None:
-        limit = surely_broken(problem.robot, *facts.shapes_on_the_way(mode, before, bend))
-        return None if limit is None else limit.words(problem.robot.limits)
+        begin, end = 0.0, bend
+        for _ in range(_LOOKS):
+            shapes = facts.shapes_on_the_way(mode, before, end, begin)
+            gaps_m = most_gaps_m(problem.robot, *shapes)
+            least, last = int(gaps_m.argmin()), len(gaps_m) - 1
+            if gaps_m[least] < 0:
+                return UNIT_GAP.words(problem.robot.limits)
+            if gaps_m[least] > _CLOSE_M:
+                break
+            step = (end - begin) / last
+            begin, end = begin + max(least - 1, 0) * step, begin + min(least + 1, last) * step
+        return None
 
     return BendingTask(
         change=_intervals(least_w - origin, most_w - origin),

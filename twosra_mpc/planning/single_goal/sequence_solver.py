@@ -106,7 +106,7 @@ class SequenceSolver:
         if tried[0][1] is None:
             tried += [
                 self._guessed(network, bends, drive)
-                for bends in (nearest, bends_around(problem, sequence, inside))
+                for bends in (bound.bends, nearest, bends_around(problem, sequence, inside))
                 if bends is not None and not np.array_equal(bends, inside)
             ]
         best = min(tried, key=_cost)
