@@ -68,10 +68,12 @@ def per_function(
         def of_function(
             function: ca.Function, /, *args: Arguments.args, **kwargs: Arguments.kwargs
         ) -> Made:
-            if function not in kept:
+            try:
+                own = kept[function]
+            except KeyError:
                 same = ca.Function(function)  # another name of it, so that this one is let go
-                kept[function] = lru_cache(each)(partial(make, same))  # type: ignore[assignment]
-            return kept[function](*args, **kwargs)
+                own = kept[function] = lru_cache(each)(partial(make, same))  # type: ignore[assignment]
+            return own(*args, **kwargs)
 
         return update_wrapper(of_function, make)
 
