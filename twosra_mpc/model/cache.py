@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache, partial, update_wrapper
 from typing import Concatenate, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
+
+import casadi as ca
 
 from twosra_mpc.robot.description import Body, Robot
 
@@ -45,5 +48,33 @@ def per_body(
             return kept(robot.body)(*args, **kwargs)
 
         return update_wrapper(of_robot, make)
+
+    return decorate
+
+
+def per_function(
+    each: int = 1,
+) -> Callable[
+    [Callable[Concatenate[ca.Function, Arguments], Made]],
+    Callable[Concatenate[ca.Function, Arguments], Made],
+]:
+    """Keep what is made of a function and its last ``each`` further arguments, while it lives."""
+
+    def decorate(
+        make: Callable[Concatenate[ca.Function, Arguments], Made],
+    ) -> Callable[Concatenate[ca.Function, Arguments], Made]:
+        kept: WeakKeyDictionary[ca.Function, Callable[Arguments, Made]] = WeakKeyDictionary()
+
+        def of_function(
+            function: ca.Function, /, *args: Arguments.args, **kwargs: Arguments.kwargs
+        ) -> Made:
+            try:
+                own = kept[function]
+            except KeyError:
+                same = ca.Function(function)  # another name of it, so that this one is let go
+                own = kept[function] = lru_cache(each)(partial(make, same))  # type: ignore[assignment]
+            return own(*args, **kwargs)
+
+        return update_wrapper(of_function, make)
 
     return decorate

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache, partial, reduce
+from functools import partial, reduce
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from twosra_mpc.deadline import check_time
+from twosra_mpc.model.cache import per_function
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import Array
 
@@ -57,7 +58,7 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> tuple[Array, A
     return low - size, high + size
 
 
-@lru_cache(maxsize=64)
+@per_function()
 def _extension(function: ca.Function) -> ca.Function:
     """Lower and upper corner of a box, stacked -> bounds of y, likewise: compiled."""
     n, m = function.numel_in(0), function.numel_out(0)

@@ -25,6 +25,7 @@ import casadi as ca
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.model import series
+from twosra_mpc.model.cache import BODIES
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
@@ -293,7 +294,7 @@ class Arc:
         return sign * along, sign * across, side * x, y
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=BODIES)
 def _bends_of_arc(arc: Arc) -> ca.Function:
     """(alpha, sigma) -> the twists, bendings and paces of both units, a column each."""
     segments = arc.geometry.segments

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.model.cache import per_function
 from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode
@@ -41,7 +40,7 @@ def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Ar
     return values
 
 
-@lru_cache(128)
+@per_function(16)
 def in_mode(function: ca.Function, mode: Mode) -> ca.Function:
     """A function whose last argument is sigma in one mode: what that does not use falls away."""
     given = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in() - 1)]
@@ -49,6 +48,6 @@ def in_mode(function: ca.Function, mode: Mode) -> ca.Function:
     return ca.Function(function.name(), given, told)
 
 
-@lru_cache(256)
+@per_function(32)
 def _mapped(function: ca.Function, count: int) -> ca.Function:
     return function.map(count)

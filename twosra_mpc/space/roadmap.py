@@ -25,6 +25,7 @@ from twosra_mpc.space.triangles import triangles
 
 _MOST = 1000  # grid nodes in a slice
 _SEEN = 16  # nearest nodes to which a pose is joined
+_FEW = 10_000  # edges whose times are found at once: 2 MiB on the way
 _NEAREST = 4  # by which the way to a pose is estimated
 _APART = 1e3  # times as far apart as the plane is wide are slices, where they are told apart
 
@@ -51,7 +52,9 @@ class Roadmap:
     def graph(self) -> csr_array:
         """Time of each edge at full speed [s], (N, N)."""
         one, other = self.edges.T
-        times = times_at_speed_s(self.rows, twists(self.poses[one], self.poses[other]))
+        few = np.array_split(self.edges, 1 + len(self.edges) // _FEW)
+        ends = (self.poses[each.T] for each in few)
+        times = np.concatenate([times_at_speed_s(self.rows, twists(*each)) for each in ends])
         size = len(self.poses)
         return csr_array((times + 1e-9, (one, other)), shape=(size, size))
 

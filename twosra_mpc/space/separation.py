@@ -18,7 +18,7 @@ from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint
 
 FAR_M = 0.25  # distances beyond this are not told apart
-_BATCH = 256  # poses
+_BATCH = 64  # poses: of a robot of 50 pieces, some MiB on the way
 
 
 class Surroundings:
@@ -93,7 +93,9 @@ class Separation:
 
     def distances(self, poses: Array) -> Array:
         """Least distance at each pose (m, 3), (m,) [m]; see `Surroundings.distances`."""
-        return self.surroundings.distances(placed(self._pieces, poses))
+        batches = (poses[i : i + _BATCH] for i in range(0, len(poses), _BATCH))
+        found = (self.surroundings.distances(placed(self._pieces, each)) for each in batches)
+        return np.concatenate([np.zeros(0), *found])
 
     def kept_from_m(self, poses: Array) -> float:
         """What drives that start at one of these poses (m, 3) must keep: no more than all do."""

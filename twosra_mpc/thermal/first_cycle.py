@@ -25,7 +25,7 @@ import heapq
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 from twosra_mpc.thermal.heating import HeatingPlan, TemperatureTrajectory
@@ -166,11 +166,11 @@ class FirstCycle:
             state = self._courses[course].state_at(on_s)
             return self.heating.model.time_until(state, self.heating.melt_current_A, level)
 
-        return cache(heating_s)
+        return lru_cache(4096)(heating_s)
 
     @cached_property
     def _span(self) -> Callable[[int, float, float], _Span]:
-        return cache(self._span_of)
+        return lru_cache(4096)(self._span_of)
 
     def _span_of(self, course: int, low: float, high: float) -> _Span:
         model, windows = self.heating.model, self.heating.windows
@@ -198,7 +198,7 @@ class FirstCycle:
     @cached_property
     def _frozen(self) -> Callable[[State], float]:
         model = self.heating.model
-        return cache(lambda onset: model.time_until(onset, 0.0, model.solid_level))
+        return lru_cache(4096)(lambda onset: model.time_until(onset, 0.0, model.solid_level))
 
     def _freezing_s(self, onset: State) -> float:
         """Least time through the plateau of a freeze from a state, rounded to be asked again."""

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 
 from twosra_mpc.thermal.first_cycle import FirstCycle
 from twosra_mpc.thermal.heating import HeatingPlan
@@ -193,7 +193,7 @@ class LeastTimes:
         The number is that of the transitions the segment made before, ``held_s`` the least time
         since the melt before it was done; 0 if it was liquid at t = 0.
         """
-        return cache(self._freezing_s)
+        return lru_cache(4096)(self._freezing_s)
 
     def _freezing_s(self, number: int, held_s: float) -> float:
         windows = self.heating.windows

@@ -137,6 +137,13 @@ def shortest_chain(
     return best
 
 
+def _direct_s(driver: Driver | None, here: Array, there: Array, hidden_s: float) -> Array:
+    """What direct drives between poses (..., 3) add to the plan [s]; without a driver none may."""
+    if driver is None:
+        return np.where(np.abs(twists(here, there)).max(axis=-1) < _SAME, 0.0, np.inf)
+    return np.maximum(0.0, driver.leg_times_s(here, there) - hidden_s)
+
+
 class _Legs:
     """Times of the drives between stations, direct until they are looked at."""
 
@@ -154,15 +161,12 @@ class _Legs:
         self._arrive = [*(layer.begin for layer in layers), goals(final)]
         self._cost: list[Array] = []
         for k, driver in enumerate(drivers):
-            here, there = self._leave[k][:, None], self._arrive[k][None]
+            here, there = self._leave[k], self._arrive[k]
             if k == len(layers):  # every station has a goal of its own
-                here, there = self._leave[k], self._arrive[k]
-            if driver is None:
-                apart = np.abs(twists(here, there)).max(axis=-1)
-                cost = np.where(apart < _SAME, 0.0, np.inf)
-            else:
-                cost = np.maximum(0.0, driver.leg_times_s(here, there) - hidden_s[k])
-            self._cost.append(cost)
+                self._cost.append(_direct_s(driver, here, there, hidden_s[k]))
+            else:  # station by station: what is computed on the way weighs 20 times as much
+                costs = [_direct_s(driver, one, there, hidden_s[k]) for one in here]
+                self._cost.append(np.array(costs).reshape(len(here), len(there)))
         self._found: dict[tuple[int, int, int], Array] = {}
         self._parted: set[int] = set()
         self._surveyed: set[int] = set()

@@ -1,0 +1,126 @@
+"""What a process keeps does not grow with what it has planned."""
+
+from __future__ import annotations
+
+import ast
+import gc
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import twosra_mpc
+from tests.problems import ROBOT
+from twosra_mpc import load_problem, plan
+from twosra_mpc.model.cache import BODIES, per_body, per_function
+from twosra_mpc.model.rows import by_rows
+from twosra_mpc.planning.nlp.multiple_shooting import transcribe
+from twosra_mpc.robot.description import Robot
+
+PACKAGE = Path(twosra_mpc.__file__).parent
+FEW = {  # functions asked for few things ever, so that their caches need no bound
+    "cli/doctor.py": "_packages_of_modules: of nothing",
+    "model/series.py": "_series: three series",
+    "plotting/paper_figures.py": "_plans, _published: five tasks",
+    "report/paper/kept.py": "package_digest: of nothing",
+    "reproduction/simulations.py": "run: five simulations",
+    "timing/thermal_start.py": "least: gone once its segments have been asked for",
+}
+
+
+def test_every_cache_has_a_bound() -> None:
+    unbounded = set()
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)) if "cache" in text else ():
+            name = node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
+            if name == "cache" or (name == "lru_cache" and "lru_cache(None" in ast.unparse(node)):
+                unbounded.add(path.relative_to(PACKAGE).as_posix())
+    assert unbounded == set(FEW)
+
+
+def robots(count: int) -> list[Robot]:
+    """Robots of different limits, hence of different compiled functions."""
+    speeds_m_s = ROBOT.limits.unit_speed_m_s * np.linspace(0.9, 0.99, count)
+    return [
+        ROBOT.with_values(limits=ROBOT.limits.with_values(unit_speed_m_s=speed))
+        for speed in speeds_m_s.tolist()
+    ]
+
+
+def alive() -> int:
+    gc.collect()
+    return sum(isinstance(each, ca.Function) for each in gc.get_objects())
+
+
+def test_no_more_functions_are_kept_of_many_robots_than_of_few() -> None:
+    problem, kept = load_problem("paper-1"), []
+    for robot in robots(BODIES + 3):
+        assert plan(problem.with_values(robot=robot)).plan is not None
+        kept.append(alive())
+    assert kept[1] > kept[0]
+    assert max(kept[BODIES:]) <= kept[BODIES]
+
+
+def test_what_is_made_of_a_body_goes_with_it() -> None:
+    made: list[float] = []
+
+    @per_body(2, bodies=1)
+    def compiled(body: object, number: int) -> int:
+        made.append(number)
+        return number
+
+    one, other = robots(2)
+    assert [compiled(one, number) for number in (1, 2, 1, 2)] == [1, 2, 1, 2]
+    assert made == [1, 2]
+    compiled(one, 3), compiled(one, 1)
+    assert made == [1, 2, 3, 1]
+    compiled(other, 1), compiled(one, 1)
+    assert made == [1, 2, 3, 1, 1, 1]
+
+
+def test_what_is_made_of_a_function_goes_with_it() -> None:
+    x = ca.SX.sym("x")
+
+    @per_function()
+    def doubled(function: ca.Function) -> ca.Function:
+        return ca.Function("twice", [x], [2 * function(x)])
+
+    before, square = alive(), ca.Function("square", [x], [x**2])
+    assert float(doubled(square)(3)) == 18.0
+    assert doubled(square) is doubled(square)
+    del square
+    assert alive() == before
+
+
+@pytest.mark.parametrize("count", [0, 1, 255, 256, 257, 1000])
+def test_rows_are_evaluated_in_blocks_as_one_by_one(count: int) -> None:
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    function = ca.Function("f", [x, y], [ca.vertcat(x * y, ca.sin(x[0])), x[1] - y])
+    rng = np.random.default_rng(count)
+    a, b = rng.normal(size=(count, 2)), rng.normal(size=(count, 1))
+    first, second = by_rows(function, a, b)
+    np.testing.assert_array_equal(first, np.column_stack([a * b, np.sin(a[:, :1])]))
+    np.testing.assert_array_equal(second, a[:, 1:] - b)
+
+
+def test_long_arrays_of_any_length_share_one_function() -> None:
+    x = ca.SX.sym("x")
+    function, kept = ca.Function("f", [x], [2 * x]), []
+    for count in (300, 1000, 5000):
+        by_rows(function, np.ones((count, 1)))
+        kept.append(alive())
+    assert kept == kept[:1] * 3
+
+
+def test_programs_of_one_robot_share_its_flow() -> None:
+    """Its derivatives weigh ten times what else a program does."""
+
+    def flows(phases: int) -> set[int]:
+        nlp = transcribe(ROBOT, None, phases, 2, 2).nlp
+        within = ca.Function("g", [nlp["x"], nlp["p"]], [nlp["g"]]).find_functions()
+        return {hash(each) for each in within if each.name() == "interval_flow"}
+
+    assert len(flows(1)) == 1
+    assert flows(1) == flows(2)
