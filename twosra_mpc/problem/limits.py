@@ -202,22 +202,13 @@ def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None
     return next((limit for limit in broken if (margins[limit.name] < 0).any()), None)
 
 
-def surely_broken(
-    robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0
-) -> ShapeLimit | None:
-    """A limit broken by one of these shapes (m, n) whichever they are, if ``off_per_m`` (n,) off.
-
-    Curvatures are left to whoever knows their bending coordinates exactly.
-    """
-    return UNIT_GAP if most_gaps_m(robot, kappa, off_per_m).min() < 0 else None
-
-
 def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0) -> Array:
-    """No less than the gaps between units in shapes (m, n) that may be ``off_per_m`` (n,), (m,).
+    """Upper bounds of the gaps left in shapes (m, n) that may be ``off_per_m`` (n,) off, (m,).
 
-    By so much that shapes known only to a micrometre are not taken for others. A segment j that
-    bends by more moves no point of a unit, as seen from the other one, by more than l_j times as
-    much times the distance.
+    Where it is negative, the limit is broken by so much that shapes known only to a micrometre
+    cannot feign it. A segment j that bends by more moves no point of a unit, as seen from the other
+    one, by more than l_j times as much times the distance. Curvatures are left to whoever knows
+    their bending coordinates exactly.
     """
     certain = _CERTAIN * (UNIT_GAP.scale or 1.0) + units_moved_m(robot, off_per_m).max()
     gaps_m: Array = shape_margins(robot, kappa)[UNIT_GAP.name] + certain

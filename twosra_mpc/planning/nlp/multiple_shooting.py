@@ -218,7 +218,7 @@ def ipopt(
         "print_time": False,
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
-        "ipopt.max_wall_time": 10.0,
+        "ipopt.max_cpu_time": 10.0,
         "ipopt.tol": 1e-8,
         "ipopt.mu_strategy": "adaptive",
         "ipopt.bound_relax_factor": 0.0,

@@ -268,14 +268,14 @@ class _Search(Generic[Node, Solution]):
             self.solved += 1
         try:
             found = next(attempts)
-        except StopIteration:  # the same
+        except StopIteration:  # what was learnt while it was tried may rule it out
             bound = max(bound, self.tree.leaf_bound(entry.node))
             _check(entry.found, bound)
             self.kept = min(self.kept, bound)
             entry.done = True
             return
         least = entry.found if found is None else min(entry.found, found[0])
-        if found is None:  # what was learnt meanwhile may rule it out
+        if found is None:  # as may what was learnt by this attempt
             bound = max(bound, self.tree.leaf_bound(entry.node))
         elif found[0] < self.cost:
             self.cost, self.solution = found
