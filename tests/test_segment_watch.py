@@ -82,6 +82,17 @@ def test_single_readings_that_are_far_off_and_lags_are_no_trouble() -> None:
     assert trouble(rows(OFF_C, lambda t: math.nan, None, 100), reports=False) is None
 
 
+@pytest.mark.parametrize(("setpoint_C", "asked"), [(SOFT_C, "soft"), (OFF_C, "rigid")])
+def test_a_report_that_flickers_long_after_the_change_is_no_trouble(
+    setpoint_C: float, asked: str
+) -> None:
+    """Times are those of a change, and begin when it does."""
+    flickers = (
+        (setpoint_C, setpoint_C, "changing" if k == 1200 else asked, False) for k in range(1300)
+    )
+    assert trouble(flickers) is None
+
+
 def test_time_passes_for_a_simulated_robot_while_somebody_plans() -> None:
     problem = load_problem("rigid-move", robot=ROBOT.name)
     robot = SimulatedRobot(problem, "arc", LEVELS["moderate"])

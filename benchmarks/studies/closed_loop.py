@@ -87,6 +87,8 @@ class ClosedLoop(Study):
             "ran": ran,
             "unplanned": [found for found in results if found not in ran],
             "around": around,
-            "false": [made for _, made in ran if made["ending"] == REACHED and not made["reached"]],
+            "untrue": [
+                made for _, made in ran if made["ending"] == REACHED and not made["reached"]
+            ],
             "extra": sum(made["transitions"] > made["allowed"] for made in ours),
         }

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Planned
+from numpy.typing import NDArray
 
 from benchmarks.foreign import TICK_S, ForeignRobot
 from twosra_mpc.execution import Executor, Reading, RobotError
@@ -71,6 +72,37 @@ def test_frames_of_where_no_robot_can_be_are_lost_frames(
     assert driven(robot, made, executor).ending is Ending.CAMERA_LOST
     assert robot.off
     assert robot.time_s < FROM_S + 10.0
+
+
+@pytest.mark.parametrize("executor", ["optimal", "greedy"])
+def test_reports_that_flicker_are_no_failed_heaters(executor: str, planned: Planned) -> None:
+    rng, made = np.random.default_rng(1), planned("paper-2", robot=ARC)
+
+    def flickers(reading: Reading) -> Reading:
+        told = [known if rng.random() > 0.1 else "changing" for known in reading.stiffness]
+        return replace(reading, stiffness=tuple(told))
+
+    run = driven(Spoilt(made.problem, flickers), made, executor)
+    assert run.ending is Ending.REACHED, run.reason
+
+
+class Reversed(ForeignRobot):
+    """A robot whose wheels turn the other way."""
+
+    def send(
+        self, wheel_rad_s: NDArray[np.float64], heater_setpoint_C: NDArray[np.float64]
+    ) -> None:
+        super().send(-wheel_rad_s, heater_setpoint_C)
+
+
+def test_the_greedy_rule_does_not_go_away_from_its_goal_for_hours(planned: Planned) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Reversed(made.problem)
+    run = driven(robot, made, "greedy")
+    assert run.ending is Ending.NOT_MOVING
+    assert "goes away from the goal" in run.reason
+    assert robot.off
+    assert np.linalg.norm(robot.q[:2] - made.problem.start.configuration[:2]) < 1.0
 
 
 def test_the_longest_time_of_a_run_holds_while_it_drives(planned: Planned) -> None:

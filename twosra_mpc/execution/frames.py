@@ -16,7 +16,7 @@ _FAR_M, _BENT_PER_M = 100.0, 1e3  # no robot of this kind goes, or bends, so far
 
 
 def usable(reading: Reading, newest_s: float) -> Reading:
-    """The reading without frames that cannot be: not finite, too far, old, from the future, no news.
+    """The reading without frames that are not finite, too far, too old, ahead of time, or no news.
 
     Args:
         reading: What was read.

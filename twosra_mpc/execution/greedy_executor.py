@@ -28,10 +28,11 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.modes import Mode, mode_name
+from twosra_mpc.robot.modes import Mode, is_rigid, mode_name
 
 GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
 LEFT, KEPT = 0.3, 0.65  # of the accuracy: errors that a mode leaves, and that need no other mode
+AWAY = 0.5  # [m, rad]: farther from the goal than where a rigid drive began, none goes
 STAGNATED = 0.02  # of the accuracy: a mode that moves less per measurement is done
 
 
@@ -152,6 +153,8 @@ class _GreedyRun:
     def _drive(self, mode: Mode) -> None:
         """Move in a mode until it no longer moves the robot, or is lost."""
         session, robot = self.session, self.problem.robot
+        away = AWAY if is_rigid(mode) else self.settings.patience.stiff_per_m
+        farthest = float(np.linalg.norm(session.error)) + away
         while session.mode == mode and session.now_s < self.settings.longest_s:
             if not session.seen(session.setpoint_C):
                 return
@@ -164,6 +167,9 @@ class _GreedyRun:
             slower = max(1.0, most / limits.wheel_speed_rad_s)
             slower = max(slower, float(np.abs(v[:2]).max()) / limits.unit_speed_m_s)
             session.drive(mode, self.pulses.shape(wheels / slower), session.setpoint_C)
+            if float(np.linalg.norm(session.error)) > farthest:
+                words = f"driven in mode {mode_name(mode)} it goes away from the goal"
+                raise DoubtError(f"{words}: do all its wheels turn?", bends=False)
 
     def _proposal(self, mode: Mode, error: Array) -> tuple[Array, Array]:
         """Input displacement with which a mode removes most of the error, and what it moves."""
@@ -186,13 +192,14 @@ class _GreedyRun:
     def _changed_to(self, mode: Mode) -> bool:
         """Wait for a mode; False if a heater fails meanwhile, or time is up."""
         session, heater = self.session, self.problem.robot.heater
+        begun_s = session.now_s
         setpoint_C = np.where(mode, heater.soft_setpoint_C, heater.rigid_setpoint_C)
         while session.mode != mode and session.now_s < self.settings.longest_s:
             session.rest(setpoint_C, self.settings.patience.rest_s)
             for segment in (0, 1):
                 to = "soft" if mode[segment] else "rigid"
                 latest_s = self.settings.patience.late * self.expected_s[to]
-                late = session.asked_for_s(segment) > latest_s
+                late = min(session.now_s - begun_s, session.asked_for_s(segment)) > latest_s
                 if session.reading.stiffness[segment] != to and (
                     late or session.reading.faulty[segment]
                 ):

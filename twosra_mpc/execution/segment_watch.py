@@ -68,7 +68,7 @@ class SegmentWatch:
         self._segment, self._patience, self._reports = segment, patience, reports
         self._heater = robot.heater
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
-        self._unread_s = self._changed_s = self._fault_s = math.nan
+        self._unread_s = self._changed_s = self._apart_s = self._fault_s = math.nan
         self._asked: Stiffness | Literal["warm"] = "rigid"
         self._hot, self._lowest_C, self._first_C = 0, math.inf, math.nan
         self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
@@ -88,7 +88,7 @@ class SegmentWatch:
         """
         asked = self._asked_by(setpoint_C)
         if asked != self._asked or math.isnan(self._changed_s):
-            self._asked, self._changed_s = asked, time_s
+            self._asked, self._changed_s, self._apart_s = asked, time_s, time_s
             self._lowest_C, self._first_C = math.inf, math.nan
             self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
         if not self._readable(time_s, temperature_C, stiffness):
@@ -103,7 +103,7 @@ class SegmentWatch:
         self._check_heat(since_s, temperature_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         self._check_warming(time_s, temperature_C)
-        self._check_progress(since_s, temperature_C, stiffness)
+        self._check_progress(time_s, temperature_C, stiffness)
 
     def _asked_by(self, setpoint_C: float) -> Stiffness | Literal["warm"]:
         if setpoint_C >= self._heater.soft_setpoint_C:
@@ -173,12 +173,13 @@ class SegmentWatch:
             self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
 
     def _check_progress(
-        self, since_s: float, here_C: float, stiffness: KnownStiffness | None
+        self, time_s: float, here_C: float, stiffness: KnownStiffness | None
     ) -> None:
-        """Changes that take longer than the model's times allow."""
+        """Changes that take longer than the model's times allow, once begun."""
         if self._asked == "warm" or stiffness == self._asked:
+            self._apart_s = time_s
             return
-        risen_K = here_C - self._first_C
+        since_s, risen_K = time_s - self._apart_s, here_C - self._first_C
         if since_s <= self._longest_s[self._asked]:
             return
         known = f"{stiffness} at {here_C:.1f} C, not {self._asked} after {since_s:.0f} s"
