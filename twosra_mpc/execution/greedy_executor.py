@@ -27,7 +27,6 @@ from twosra_mpc.execution.stopping import stopped_at_the_end
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, is_rigid, mode_name
 
 GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
@@ -75,12 +74,6 @@ class _GreedyRun:
         self.pulses = Pulses(settings.dead_zone_rad_s)
         self.modes = list(self.problem.modes)
         self.broken: list[int] = []
-        heater = self.problem.robot.heater
-        models = [segment_model(self.problem.robot, self.problem.ambient, j) for j in (0, 1)]
-        melt_A, soft_C = heater.melt_current_A, heater.soft_setpoint_C
-        melts = [m.time_until(m.initial(m.ambient_C), melt_A, m.liquid_level) for m in models]
-        freezes = [m.time_until(m.initial(soft_C), 0.0, m.solid_level) for m in models]
-        self.expected_s = {"soft": max(melts), "rigid": max(freezes)}
 
     def run(self) -> tuple[Ending, str]:
         """Drive until there is an ending, without segments that cannot be heated."""
@@ -192,17 +185,13 @@ class _GreedyRun:
     def _changed_to(self, mode: Mode) -> bool:
         """Wait for a mode; False if a heater fails meanwhile, or time is up."""
         session, heater = self.session, self.problem.robot.heater
-        begun_s = session.now_s
         setpoint_C = np.where(mode, heater.soft_setpoint_C, heater.rigid_setpoint_C)
         while session.mode != mode and session.now_s < self.settings.longest_s:
             session.rest(setpoint_C, self.settings.patience.rest_s)
-            for segment in (0, 1):
+            for segment in (0, 1):  # one that is slow: see `SegmentWatch`
                 to = "soft" if mode[segment] else "rigid"
-                latest_s = self.settings.patience.late * self.expected_s[to]
-                late = min(session.now_s - begun_s, session.asked_for_s(segment)) > latest_s
-                if session.reading.stiffness[segment] != to and (
-                    late or session.reading.faulty[segment]
-                ):
+                known = session.reading
+                if known.stiffness[segment] != to and known.faulty[segment]:
                     return self._lost(segment, to)
         return session.mode == mode
 

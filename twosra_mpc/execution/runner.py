@@ -160,7 +160,7 @@ class PlanRunner:
                 continue
             planned_s = self.schedule.expected_s(segment, to)
             latest_s = self.patience.late * max(planned_s, self.patience.least_transition_s)
-            asked_s = min(waited_s, session.asked_for_s(segment))
+            asked_s = min(waited_s, session.in_vain_s(segment))
             if now not in (None, to) and asked_s > latest_s:
                 known = session.reading.describe(segment)
                 text = f"{known}, not {to} after {asked_s:.0f} s, planned were {planned_s:.0f} s"

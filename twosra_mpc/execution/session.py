@@ -160,8 +160,8 @@ class Session:
             return None
         return tuple(int(now == "soft") for now in reported)
 
-    def asked_for_s(self, segment: int) -> float:
-        """How long the set-point of a segment (from 0) has been what it is."""
+    def in_vain_s(self, segment: int) -> float:
+        """How long a segment (from 0) has been asked for what it is not."""
         return self.now_s - self._since[segment]
 
     def tell(self, kind: run.EventKind, text: str) -> None:
@@ -373,7 +373,10 @@ class Session:
 
     def _note_changes(self) -> None:
         """Write down each segment that has become soft or rigid, and was not so before."""
+        soft_C = self.problem.robot.heater.soft_setpoint_C
         for segment, now in enumerate(self.reading.stiffness):
+            if now == ("soft" if self.setpoint_C[segment] >= soft_C else "rigid"):
+                self._since[segment] = self.now_s
             if now is None or now == "changing" or now == self._last_known[segment]:
                 continue
             if self._last_known[segment] != "changing":
