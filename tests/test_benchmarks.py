@@ -392,7 +392,7 @@ def test_the_closed_loop_names_what_did_not_work(tmp_path: Path) -> None:
     (case,) = study.cases()
     errors = {"position_m": 3e-3, "heading_rad": 0.0, "curvature_per_m": 0.0}
     counts = {"transitions": 3, "allowed": 2, "replans": 1, "corrections": 0}
-    told = {"reached": False, "ending": "gave up", "reason": "3 mm too far"}
+    told = {"reached": False, "ending": "gave up", "reason": "3 mm too far", "off": True}
     times = {
         "time_s": 100.0,
         "planned_s": 80.0,
@@ -405,6 +405,8 @@ def test_the_closed_loop_names_what_did_not_work(tmp_path: Path) -> None:
     assert "| this package | exact arcs | hard | 0 of 1 | 100 / 100 / 100 | 1.25 / 1.25 |" in text
     assert "- optimal, arc, paper-1, seed 1: gave up: 3 mm too far" in text
     assert "transitions that no plan asked for: 1." in text
+    assert "a goal which they had not reached: 0." in text
+    assert "ended with a wheel or a heater on: 0." in text
     assert "while metal was changing: 1.0 s." in text
 
 

@@ -53,6 +53,12 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
     ("dead", rows(SOFT_C, lambda t: 25 + 0.01 * t, "rigid", 200), "heater", 40),
     ("hot", rows(SOFT_C, lambda t: 65 + t, "soft", 100), "hot", 22),
     ("welded", rows(OFF_C, lambda t: 40 + 0.5 * t, "changing", 200), "relay", 52),
+    (
+        "was hot",
+        rows(OFF_C, lambda t: 84 + 5 * (1 - math.exp(-t / 5)) - t / 20, "soft", 99),
+        "hot",
+        32,
+    ),
     ("slow", rows(OFF_C, lambda t: 65 - 0.005 * t, "changing", 2000), "cooling", 800),
     ("weak", rows(SOFT_C, lambda t: min(25 + t, 60.0), "changing", 2000), "heater", 250),
     (
@@ -75,11 +81,22 @@ def test_each_trouble_has_its_name_and_comes_in_time(
 
 
 def test_single_readings_that_are_far_off_and_lags_are_no_trouble() -> None:
-    odd = {7.0: -127.0, 20.0: 99.0, 50.0: math.nan}
+    odd = {7.0: -127.0, 20.0: 99.0, 50.0: math.nan, 60.0: 5.0, 80.0: 60.0}
     assert trouble(rows(OFF_C, lambda t: odd.get(t, 25.0), "rigid", 100)) is None
     coasting = rows(OFF_C, lambda t: 55 + 12 * (1 - math.exp(-t / 8)) - 0.1 * t, "changing", 200)
     assert trouble(coasting) is None
     assert trouble(rows(OFF_C, lambda t: math.nan, None, 100), reports=False) is None
+
+
+@pytest.mark.parametrize(("setpoint_C", "asked"), [(SOFT_C, "soft"), (OFF_C, "rigid")])
+def test_a_report_that_flickers_long_after_the_change_is_no_trouble(
+    setpoint_C: float, asked: str
+) -> None:
+    """Times are those of a change, and begin when it does."""
+    flickers = (
+        (setpoint_C, setpoint_C, "changing" if k == 1200 else asked, False) for k in range(1300)
+    )
+    assert trouble(flickers) is None
 
 
 def test_time_passes_for_a_simulated_robot_while_somebody_plans() -> None:

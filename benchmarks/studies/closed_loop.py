@@ -17,10 +17,11 @@ from pydantic import BeforeValidator, TypeAdapter
 from benchmarks.problems import Choices, labelled
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import InputError, NoPlanError, with_path_model
+from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.validation import plain
 
-UNPLANNED = "not planned"
+UNPLANNED, REACHED = "not planned", str(Ending.REACHED)
 
 Executors = Annotated[tuple[Literal["optimal", "greedy"], ...], BeforeValidator(plain)]
 PathModels = Annotated[tuple[Literal["arc", "log_spiral"], ...], BeforeValidator(plain)]
@@ -62,7 +63,7 @@ class ClosedLoop(Study):
             yield from (Case(drives, model, label, seed) for label in labelled(self.problems))
 
     def run(self, case: Case) -> dict[str, Any]:
-        """Run one case on a robot of exact arcs; its ``Metrics``, and what its plan asked for."""
+        """Run one case on a robot of exact arcs; its ``Metrics``, plan, and last command."""
         problem = labelled(self.problems)[case.problem]
         problem = problem.with_values(robot=with_path_model(problem.robot, case.path_model))
         drawn: dict[str, Any] = {"disturbance": self.level, "seed": case.seed}
@@ -72,7 +73,9 @@ class ClosedLoop(Study):
             return {"ending": UNPLANNED, "reason": str(error)}
         planned_s = done.run.plans[0].duration_s if done.run.plans else None
         over = None if planned_s is None else done.run.duration_s / planned_s
-        return {**done.metrics._asdict(), "planned_s": planned_s, "over_planned": over}
+        log, rigid_C = done.run.log, problem.robot.heater.rigid_setpoint_C
+        off = not log.wheel_rad_s[-1].any() and bool((log.setpoint_C[-1] <= rigid_C).all())
+        return {**done.metrics._asdict(), "planned_s": planned_s, "over_planned": over, "off": off}
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """Runs that melted or froze more than their plans asked for."""
@@ -84,5 +87,8 @@ class ClosedLoop(Study):
             "ran": ran,
             "unplanned": [found for found in results if found not in ran],
             "around": around,
+            "untrue": [
+                made for _, made in ran if made["ending"] == REACHED and not made["reached"]
+            ],
             "extra": sum(made["transitions"] > made["allowed"] for made in ours),
         }

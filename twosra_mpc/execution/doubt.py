@@ -21,7 +21,7 @@ ARM_M = 0.1
 BENT_SHARE = 0.03  # the paper's wheel map makes 0.17 of a bend, and slip 0.3 of that
 BENT_PER_M = 3.0  # seen: a segment that has bent so far is soft; beyond the noise of the belief
 _BENT = (BEND_PER_M, math.inf)
-STANDS = 0.25  # of the way that bending makes: a solid robot that is bent drives
+STANDS = 0.1  # of the way that bending makes: a solid robot that is bent drives 0.2 of it or more
 
 
 class DoubtError(TwosraError):

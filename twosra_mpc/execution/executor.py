@@ -28,6 +28,8 @@ from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import sequence_name
 
+_LONGER = 2  # doublings: two melts of 2sra-v1, after which all of it is liquid
+
 Meanwhile = Callable[[Callable[[], Result], Callable[[], None]], Result]
 
 
@@ -222,9 +224,9 @@ class _Execution:
         return stuck
 
     def _melt_on(self) -> None:
-        """Hold the soft segments for a while, twice as long each time, so that all of it melts."""
+        """Hold the soft segments for a while, longer the next times, so that all of it melts."""
         end_s = self.session.now_s + self.settings.patience.melt_on_s * 2**self.melted_on
-        self.melted_on += 1
+        self.melted_on = min(self.melted_on + 1, _LONGER)
         while self.session.now_s < end_s:
             self.session.rest(self._as_they_become(), self.settings.patience.rest_s)
 

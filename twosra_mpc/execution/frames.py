@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from twosra_mpc.execution.camera_filter import REMEMBERED_S
 from twosra_mpc.execution.robot_interface import Reading, RobotError
+from twosra_mpc.robot.coordinates import POSE
 
 _AHEAD_S = 0.2  # clocks of camera and robot may differ by
+_FAR_M, _BENT_PER_M = 100.0, 1e3  # no robot of this kind goes, or bends, so far: see `Metres`
 
 
 def usable(reading: Reading, newest_s: float) -> Reading:
-    """The reading without frames that are not finite, too old, from the future, or no news.
+    """The reading without frames that are not finite, too far, too old, ahead of time, or no news.
 
     Args:
         reading: What was read.
@@ -26,7 +28,9 @@ def usable(reading: Reading, newest_s: float) -> Reading:
     if not np.isfinite(reading.time_s):
         raise RobotError(f"the robot's clock shows {reading.time_s}")
     taken_s = reading.taken_s
-    sound = np.isfinite(taken_s) & np.isfinite(reading.frames).all(axis=1)
+    away = np.abs(reading.frames)
+    sound = np.isfinite(taken_s) & np.isfinite(away).all(axis=1)
+    sound &= (away[:, :2] <= _FAR_M).all(axis=1) & (away[:, POSE:] <= _BENT_PER_M).all(axis=1)
     sound &= (taken_s >= reading.time_s - REMEMBERED_S) & (taken_s <= reading.time_s + _AHEAD_S)
     newest = np.maximum.accumulate(np.where(sound, taken_s, -np.inf))
     sound &= taken_s > np.maximum(newest_s, np.concatenate([[-np.inf], newest[:-1]]))

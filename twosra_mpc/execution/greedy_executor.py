@@ -27,11 +27,11 @@ from twosra_mpc.execution.stopping import stopped_at_the_end
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.modes import Mode, mode_name
+from twosra_mpc.robot.modes import Mode, is_rigid, mode_name
 
 GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
 LEFT, KEPT = 0.3, 0.65  # of the accuracy: errors that a mode leaves, and that need no other mode
+AWAY = 0.5  # [m, rad]: farther from the goal than where a rigid drive began, none goes
 STAGNATED = 0.02  # of the accuracy: a mode that moves less per measurement is done
 
 
@@ -74,12 +74,6 @@ class _GreedyRun:
         self.pulses = Pulses(settings.dead_zone_rad_s)
         self.modes = list(self.problem.modes)
         self.broken: list[int] = []
-        heater = self.problem.robot.heater
-        models = [segment_model(self.problem.robot, self.problem.ambient, j) for j in (0, 1)]
-        melt_A, soft_C = heater.melt_current_A, heater.soft_setpoint_C
-        melts = [m.time_until(m.initial(m.ambient_C), melt_A, m.liquid_level) for m in models]
-        freezes = [m.time_until(m.initial(soft_C), 0.0, m.solid_level) for m in models]
-        self.expected_s = {"soft": max(melts), "rigid": max(freezes)}
 
     def run(self) -> tuple[Ending, str]:
         """Drive until there is an ending, without segments that cannot be heated."""
@@ -152,6 +146,8 @@ class _GreedyRun:
     def _drive(self, mode: Mode) -> None:
         """Move in a mode until it no longer moves the robot, or is lost."""
         session, robot = self.session, self.problem.robot
+        away = AWAY if is_rigid(mode) else self.settings.patience.stiff_per_m
+        farthest = float(np.linalg.norm(session.error)) + away
         while session.mode == mode and session.now_s < self.settings.longest_s:
             if not session.seen(session.setpoint_C):
                 return
@@ -164,6 +160,9 @@ class _GreedyRun:
             slower = max(1.0, most / limits.wheel_speed_rad_s)
             slower = max(slower, float(np.abs(v[:2]).max()) / limits.unit_speed_m_s)
             session.drive(mode, self.pulses.shape(wheels / slower), session.setpoint_C)
+            if float(np.linalg.norm(session.error)) > farthest:
+                words = f"driven in mode {mode_name(mode)} it goes away from the goal"
+                raise DoubtError(f"{words}: do all its wheels turn?", bends=False)
 
     def _proposal(self, mode: Mode, error: Array) -> tuple[Array, Array]:
         """Input displacement with which a mode removes most of the error, and what it moves."""
@@ -189,13 +188,10 @@ class _GreedyRun:
         setpoint_C = np.where(mode, heater.soft_setpoint_C, heater.rigid_setpoint_C)
         while session.mode != mode and session.now_s < self.settings.longest_s:
             session.rest(setpoint_C, self.settings.patience.rest_s)
-            for segment in (0, 1):
+            for segment in (0, 1):  # one that is slow: see `SegmentWatch`
                 to = "soft" if mode[segment] else "rigid"
-                latest_s = self.settings.patience.late * self.expected_s[to]
-                late = session.asked_for_s(segment) > latest_s
-                if session.reading.stiffness[segment] != to and (
-                    late or session.reading.faulty[segment]
-                ):
+                known = session.reading
+                if known.stiffness[segment] != to and known.faulty[segment]:
                     return self._lost(segment, to)
         return session.mode == mode
 

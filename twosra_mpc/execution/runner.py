@@ -140,8 +140,10 @@ class PlanRunner:
         return left
 
     def _broken(self) -> Abort | None:
-        """A segment that is heated and whose controller has given up."""
+        """A run without end, or a segment that is heated and whose controller has given up."""
         session, soft_C = self.session, self.plan.robot.heater.soft_setpoint_C
+        if session.now_s > self.longest_s:
+            return Abort("time", f"the run has taken more than {self.longest_s:.0f} s")
         for segment, faulty in enumerate(session.reading.faulty):
             if faulty and session.setpoint_C[segment] >= soft_C:
                 here = f"{session.reading.temperature_C[segment]:.1f} C: heater or sensor?"
@@ -150,17 +152,15 @@ class PlanRunner:
         return None
 
     def _late(self, mode: Mode, waited_s: float) -> Abort | None:
-        """A segment that should have become what ``mode`` needs long ago, or a run without end."""
+        """A segment that should have become what ``mode`` needs long ago."""
         session = self.session
-        if session.now_s > self.longest_s:
-            return Abort("time", f"the run has taken more than {self.longest_s:.0f} s")
         for segment, (soft, now) in enumerate(zip(mode, session.reading.stiffness, strict=True)):
             to: Stiffness = "soft" if soft else "rigid"
             if to == "rigid":  # by its model's time, and with its cause: see `SegmentWatch`
                 continue
             planned_s = self.schedule.expected_s(segment, to)
             latest_s = self.patience.late * max(planned_s, self.patience.least_transition_s)
-            asked_s = min(waited_s, session.asked_for_s(segment))
+            asked_s = min(waited_s, session.in_vain_s(segment))
             if now not in (None, to) and asked_s > latest_s:
                 known = session.reading.describe(segment)
                 text = f"{known}, not {to} after {asked_s:.0f} s, planned were {planned_s:.0f} s"

@@ -33,7 +33,7 @@ _TWICE = 2  # readings: single ones can be far off
 _SAME_K = 0.5  # metal that freezes shows more between its set-point and its melting point
 _WARMED_K, _SURELY_SOLID_K = 2.0, 5.0  # as the stiffness controller has it
 _CAUGHT_UP_S = 30.0  # after which the sensor shows what the heater does
-_LAGGED_S = 10.0  # what is hotter then was not hot before
+_LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
 
 
@@ -68,9 +68,9 @@ class SegmentWatch:
         self._segment, self._patience, self._reports = segment, patience, reports
         self._heater = robot.heater
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
-        self._unread_s = self._changed_s = self._fault_s = math.nan
+        self._unread_s = self._changed_s = self._apart_s = self._fault_s = math.nan
         self._asked: Stiffness | Literal["warm"] = "rigid"
-        self._hot, self._lowest_C, self._first_C = 0, math.inf, math.nan
+        self._hot, self._lowest_C, self._first_C, self._last_C = 0, math.inf, math.nan, math.inf
         self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
 
     def take(
@@ -88,22 +88,23 @@ class SegmentWatch:
         """
         asked = self._asked_by(setpoint_C)
         if asked != self._asked or math.isnan(self._changed_s):
-            self._asked, self._changed_s = asked, time_s
+            self._asked, self._changed_s, self._apart_s = asked, time_s, time_s
             self._lowest_C, self._first_C = math.inf, math.nan
             self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
         if not self._readable(time_s, temperature_C, stiffness):
             return
         since_s = time_s - self._changed_s
-        if since_s >= _CAUGHT_UP_S:
-            self._lowest_C = min(self._lowest_C, temperature_C)
+        pair_C, self._last_C = (self._last_C, temperature_C), temperature_C
+        if since_s >= _LAGGED_S:
+            self._lowest_C = min(self._lowest_C, max(pair_C))
         if math.isnan(self._first_C):
             self._first_C = temperature_C
         coldest_C, hottest_C = self._shown_C
         self._shown_C = min(coldest_C, temperature_C), max(hottest_C, temperature_C)
-        self._check_heat(since_s, temperature_C)
+        self._check_heat(since_s, temperature_C, min(pair_C) - self._lowest_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         self._check_warming(time_s, temperature_C)
-        self._check_progress(since_s, temperature_C, stiffness)
+        self._check_progress(time_s, temperature_C, stiffness)
 
     def _asked_by(self, setpoint_C: float) -> Stiffness | Literal["warm"]:
         if setpoint_C >= self._heater.soft_setpoint_C:
@@ -131,17 +132,17 @@ class SegmentWatch:
             self._raise("sensor", f"{words}, {allowed}: nobody knows how warm it is")
         return False
 
-    def _check_heat(self, since_s: float, here_C: float) -> None:
+    def _check_heat(self, since_s: float, here_C: float, risen_K: float) -> None:
         """Too hot, or warmed by a heater that is told to be off."""
         hot = here_C >= self._heater.temperature_max_C
         self._hot = self._hot + 1 if hot else 0
         if self._asked == "rigid":
-            risen_K = here_C - self._lowest_C  # since the sensor shows that it is off
-            if self._hot and since_s < _LAGGED_S:
-                return  # it is off already, and the sensor lags
-            if risen_K >= _RISEN_K or self._hot >= _TWICE:
+            enough_K = _RISEN_K / 2 if self._hot else _RISEN_K
+            if risen_K >= enough_K:  # since the sensor could show that it is off
                 known = f"{here_C:.1f} C and rising, its heater off for {since_s:.0f} s"
                 self._raise("relay", f"{known}: the heater does not go off (a welded relay?)")
+            if since_s < _CAUGHT_UP_S:
+                return  # it is off already, and the sensor lags
         if self._hot >= _TWICE:
             limit_C = self._heater.temperature_max_C
             words = f"too hot, {here_C:.1f} C: at most temperature_max_C = {limit_C:g}"
@@ -173,12 +174,13 @@ class SegmentWatch:
             self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
 
     def _check_progress(
-        self, since_s: float, here_C: float, stiffness: KnownStiffness | None
+        self, time_s: float, here_C: float, stiffness: KnownStiffness | None
     ) -> None:
-        """Changes that take longer than the model's times allow."""
+        """Changes that take longer than the model's times allow, once begun."""
         if self._asked == "warm" or stiffness == self._asked:
+            self._apart_s = time_s
             return
-        risen_K = here_C - self._first_C
+        since_s, risen_K = time_s - self._apart_s, here_C - self._first_C
         if since_s <= self._longest_s[self._asked]:
             return
         known = f"{stiffness} at {here_C:.1f} C, not {self._asked} after {since_s:.0f} s"

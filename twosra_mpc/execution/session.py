@@ -14,7 +14,7 @@ from twosra_mpc.execution.doubt import Doubt, DoubtError
 from twosra_mpc.execution.frames import only, usable
 from twosra_mpc.execution.guard import Guard, TooNearError
 from twosra_mpc.execution.objects_seen import ObjectsSeen
-from twosra_mpc.execution.robot_interface import Reading, RobotInterface
+from twosra_mpc.execution.robot_interface import Reading, RobotError, RobotInterface
 from twosra_mpc.execution.segment_watch import SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
@@ -25,6 +25,7 @@ from twosra_mpc.robot.modes import Mode
 _STILL = np.zeros(WHEELS)
 _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
+_STOOD = 10  # waits that take no time: news may end one early, for each segment
 _STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
 _CODES: dict[KnownStiffness | None, float] = {
     **{"rigid": 0.0, "changing": run.CHANGING, "soft": 1.0},
@@ -97,7 +98,7 @@ class Session:
         self.changes: list[run.Change] = []
         self.drives: list[run.Drive] = []
         self._compared: tuple[Mode | None, Array] = None, self.q
-        self._turns = False
+        self._turns, self._stood = False, 0
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
         self._planned, self._no_mode = self._unknown, (np.nan,) * segments
@@ -159,8 +160,8 @@ class Session:
             return None
         return tuple(int(now == "soft") for now in reported)
 
-    def asked_for_s(self, segment: int) -> float:
-        """How long the set-point of a segment (from 0) has been what it is."""
+    def in_vain_s(self, segment: int) -> float:
+        """How long a segment (from 0) has been asked for what it is not."""
         return self.now_s - self._since[segment]
 
     def tell(self, kind: run.EventKind, text: str) -> None:
@@ -334,9 +335,19 @@ class Session:
         self.setpoint_C, self._turns = setpoint_C.copy(), bool(wheels.any())
         self.robot.send(wheels, setpoint_C)
         self._on_command(self)
+        before_s = self.now_s
         self.robot.wait(at_most_s)
         self.reading = usable(self.robot.read(), self._newest_s)
+        self._check_clock(self.now_s - before_s)
         self._note_changes()
+
+    def _check_clock(self, passed_s: float) -> None:
+        """Without a clock nothing would ever be late, or lost."""
+        self._stood = 0 if passed_s else self._stood + 1
+        if passed_s < 0.0:
+            raise RobotError(f"the robot's clock goes back, by {-passed_s:g} s")
+        if self._stood >= _STOOD:
+            raise RobotError(f"the robot's clock stands still, at {self.now_s:g} s")
 
     def _believe(self, moved: Array) -> None:
         """Take in how the robot should have moved, and what was read."""
@@ -362,7 +373,10 @@ class Session:
 
     def _note_changes(self) -> None:
         """Write down each segment that has become soft or rigid, and was not so before."""
+        soft_C = self.problem.robot.heater.soft_setpoint_C
         for segment, now in enumerate(self.reading.stiffness):
+            if now == ("soft" if self.setpoint_C[segment] >= soft_C else "rigid"):
+                self._since[segment] = self.now_s
             if now is None or now == "changing" or now == self._last_known[segment]:
                 continue
             if self._last_known[segment] != "changing":

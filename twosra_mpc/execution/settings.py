@@ -16,7 +16,7 @@ class Patience(Value):
         least_transition_s: What is taken for the planned time, at least.
         longest_change_s: A segment that has been changing for so long keeps nobody waiting.
         melt_on_s: How long a segment that seems to be stiff is held soft before planning again;
-            twice as long each time.
+            twice as long the next time, and four times from then on.
         come_nearer_s: How long the end of a phase is tried for after its time.
         look_s: Longest look at the resting robot.
         objects_s: How long objects are looked at when a task is judged.

@@ -1,0 +1,128 @@
+"""What no robot can truly report ends a run, or is not believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Planned
+from numpy.typing import NDArray
+
+from benchmarks.foreign import TICK_S, ForeignRobot
+from benchmarks.problems import labelled
+from twosra_mpc import plan
+from twosra_mpc.execution import Executor, Reading, RobotError
+from twosra_mpc.execution.executor import ExecutorSettings, _Execution
+from twosra_mpc.execution.greedy_executor import GreedyExecutor
+from twosra_mpc.execution.run import Ending, Run
+
+ARC, FROM_S = "2sra-v1", 2.0
+Spoil = Callable[[Reading], Reading]
+
+
+class Spoilt(ForeignRobot):
+    """A robot whose readings are spoilt from a time on, while it drives."""
+
+    def __init__(self, problem: Any, spoil: Spoil) -> None:
+        self.spoil = spoil
+        super().__init__(problem)
+
+    def read(self) -> Reading:
+        reading = super().read()
+        return self.spoil(reading) if reading.time_s >= FROM_S else reading
+
+
+def stands(reading: Reading) -> Reading:
+    return replace(reading, time_s=FROM_S, taken_s=np.minimum(reading.taken_s, FROM_S))
+
+
+def goes_back(reading: Reading) -> Reading:
+    return replace(reading, time_s=reading.time_s - 1.0, taken_s=reading.taken_s - 1.0)
+
+
+def driven(robot: ForeignRobot, made: Any, executor: str) -> Run:
+    """Drive the robot as far as it goes."""
+    if executor == "greedy":
+        return GreedyExecutor(robot).run(made.problem)
+    return Executor(robot).run(made)
+
+
+@pytest.mark.parametrize("executor", ["optimal", "greedy"])
+@pytest.mark.parametrize(("spoil", "words"), [(stands, "stands still"), (goes_back, "goes back")])
+def test_a_clock_that_does_not_go_on_stops_the_robot(
+    spoil: Spoil, words: str, executor: str, planned: Planned
+) -> None:
+    """Otherwise its wheels would turn for ever, for nothing is ever late."""
+    made = planned("rigid-move", robot=ARC)
+    robot = Spoilt(made.problem, spoil)
+    with pytest.raises(RobotError, match=f"clock {words}"):
+        driven(robot, made, executor)
+    assert robot.off
+    assert robot.time_s < FROM_S + 5.0
+
+
+@pytest.mark.parametrize("executor", ["optimal", "greedy"])
+@pytest.mark.parametrize("far", [1e3, 1e300])
+def test_frames_of_where_no_robot_can_be_are_lost_frames(
+    far: float, executor: str, planned: Planned
+) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Spoilt(made.problem, lambda reading: replace(reading, frames=reading.frames + far))
+    assert driven(robot, made, executor).ending is Ending.CAMERA_LOST
+    assert robot.off
+    assert robot.time_s < FROM_S + 10.0
+
+
+@pytest.mark.parametrize(("executor", "problem"), [("optimal", 1), ("greedy", 0)])
+def test_reports_that_flicker_are_no_failed_heaters(executor: str, problem: int) -> None:
+    """However long a segment was soft before, or has to wait for the other one."""
+    rng = np.random.default_rng(1)
+    made = plan(list(labelled(("random-100:2",)).values())[problem]).require()
+
+    def flickers(reading: Reading) -> Reading:
+        told = [known if rng.random() > 0.1 else "changing" for known in reading.stiffness]
+        return replace(reading, stiffness=tuple(told))
+
+    run = driven(Spoilt(made.problem, flickers), made, executor)
+    assert run.ending is Ending.REACHED, run.reason
+
+
+class Reversed(ForeignRobot):
+    """A robot whose wheels turn the other way."""
+
+    def send(
+        self, wheel_rad_s: NDArray[np.float64], heater_setpoint_C: NDArray[np.float64]
+    ) -> None:
+        super().send(-wheel_rad_s, heater_setpoint_C)
+
+
+def test_the_greedy_rule_does_not_go_away_from_its_goal_for_hours(planned: Planned) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot = Reversed(made.problem)
+    run = driven(robot, made, "greedy")
+    assert run.ending is Ending.NOT_MOVING
+    assert "goes away from the goal" in run.reason
+    assert robot.off
+    assert np.linalg.norm(robot.q[:2] - made.problem.start.configuration[:2]) < 1.0
+
+
+def test_the_longest_time_of_a_run_holds_while_it_drives(planned: Planned) -> None:
+    made = planned("rigid-move", robot=ARC)
+    robot, longest_s = ForeignRobot(made.problem), made.duration_s / 2
+    run = Executor(robot, ExecutorSettings(longest_s=longest_s)).run(made)
+    assert run.ending is Ending.TIME_LIMIT
+    assert robot.off
+    assert longest_s < robot.time_s < longest_s + 2 * TICK_S
+
+
+def test_a_robot_that_does_not_bend_is_not_heated_for_hours(planned: Planned) -> None:
+    """With a dead wheel it never bends, however long it melts."""
+    made = planned("rigid-move", robot=ARC)
+    robot = ForeignRobot(made.problem)
+    run, melt_on_s = _Execution(Executor(robot), made), ExecutorSettings().patience.melt_on_s
+    for _ in range(ExecutorSettings().replans):
+        run._melt_on()
+    assert robot.time_s < 4.1 * melt_on_s * ExecutorSettings().replans
