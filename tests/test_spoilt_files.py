@@ -10,7 +10,7 @@ import pytest
 from attack.mutations import MUTATIONS
 from attack.spoilt_files import KINDS, attacked
 
-from twosra_mpc import InputError, load_problem, load_robot
+from twosra_mpc import InputError, files, load_problem, load_robot
 from twosra_mpc.cli import main, planning
 from twosra_mpc.errors import printable
 from twosra_mpc.files import write_text
@@ -101,6 +101,33 @@ def test_what_a_killed_program_left_is_gone_with_the_next_write(tmp_path: Path) 
     write_text(out, "now")
     assert out.read_text() == "now"
     assert set(tmp_path.iterdir()) == {out, alive, other}
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no endless device")
+def test_a_device_that_never_ends_is_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "MOST_SIGNS", 1000)
+    with pytest.raises(InputError, match="at most 1000 characters"):
+        load_plan("/dev/zero")
+
+
+def test_a_link_that_leads_round_in_a_circle_is_no_output(tmp_path: Path) -> None:
+    (circle := tmp_path / "plan.json").symlink_to(circle)
+    with pytest.raises(InputError, match="do not go round in a circle"):
+        write_text(circle, "now")
+    assert circle.is_symlink()
+
+
+def test_no_memory_is_not_called_a_bug(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def too_large(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(planning, "plan", too_large)
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1"])
+    assert ended.value.code == 2
+    assert "more memory than there is" in capsys.readouterr().err
 
 
 def test_two_outputs_need_two_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

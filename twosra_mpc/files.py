@@ -166,7 +166,9 @@ def check_writable(target: str | Path) -> None:
     Raises:
         InputError: If nothing can be written there.
     """
-    real = Path(target).resolve()  # what a link points to is written
+    real = Path(os.path.realpath(target))  # what a link points to is written
+    if real.is_symlink():
+        raise InputError("output", str(target), "a path whose links do not go round in a circle")
     if real.is_dir():
         raise InputError("output", str(target), "the path of a file, not of a folder")
     special = real.exists() and not real.is_file()
@@ -184,7 +186,7 @@ def write_bytes(target: str | Path, data: bytes) -> None:
         InputError: If it cannot be written, e.g. on a full disk.
     """
     check_writable(target)
-    real = Path(target).resolve()
+    real = Path(os.path.realpath(target))
     try:
         if real.exists() and not real.is_file():
             with real.open("wb") as file:
