@@ -9,6 +9,7 @@ import math
 import os
 import stat
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -100,6 +101,21 @@ def reading(
     except Exception as error:
         found = f"{type(error).__name__}: {error}"
         raise InputError(what, source, f"{allowed} ({found})", source) from error
+
+
+@contextmanager
+def open_image(path: Path) -> Iterator[Any]:
+    """Open an image (of Pillow) for a block.
+
+    Raises:
+        Exception: Of many kinds, if it is none; also if it is so large that Pillow warns of it.
+    """
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        with Image.open(path) as image:
+            yield image
 
 
 def read_document(path: Path, source: str) -> dict[str, Any]:
