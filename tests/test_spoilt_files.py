@@ -128,7 +128,7 @@ def test_an_image_too_large_to_be_one_is_refused_quietly(
 ) -> None:
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
     Image.new("L", (30, 40)).save(path := tmp_path / "shot.png")
-    with pytest.raises(InputError, match="an image file .*DecompressionBombWarning"):
+    with pytest.raises(InputError, match=r"an image file .*DecompressionBombWarning"):
         read_photograph(path)
 
 
