@@ -437,6 +437,11 @@ def test_the_controller_needs_short_steps(step_s: float) -> None:
         V1.run([(0.0, "soft")], 50.0, step_s=step_s)
 
 
+def test_a_run_has_a_million_steps_at_most() -> None:
+    with pytest.raises(InputError, match=r"duration_s = 1e\+308 .* at most 100000 s"):
+        V1.run([(0.0, "soft")], 1e308)
+
+
 @pytest.mark.parametrize("start_C", [-50.0, 130.0, math.nan])
 def test_a_start_must_be_within_the_sensors_range(start_C: float) -> None:
     with pytest.raises(InputError, match="start_temperature_C"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -74,8 +75,9 @@ def test_a_goal_that_leaves_its_shape_open_has_no_verdict() -> None:
 def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="two segments"):
         find_passages(load_problem("three-segments"))
-    with pytest.raises(InputError, match="step_per_m = 0"):
-        find_passages(load_problem("doorway"), 0)
+    for step in (0, 1e-300, math.inf, math.nan):
+        with pytest.raises(InputError, match=r"step_per_m = .* at least"):
+            find_passages(load_problem("doorway"), step)
 
 
 def test_the_command_tells_and_draws(run_as_is: Run, tmp_path: Path) -> None:

@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 from attack.mutations import MUTATIONS
 from attack.spoilt_files import KINDS, attacked
+from PIL import Image
 
-from twosra_mpc import InputError, load_problem, load_robot
+from twosra_mpc import InputError, files, load_problem, load_robot
 from twosra_mpc.cli import main, planning
 from twosra_mpc.errors import printable
 from twosra_mpc.files import write_text
+from twosra_mpc.photographs.picture import read_photograph
 from twosra_mpc.plans.document import load_plan
 
 
@@ -101,6 +103,60 @@ def test_what_a_killed_program_left_is_gone_with_the_next_write(tmp_path: Path) 
     write_text(out, "now")
     assert out.read_text() == "now"
     assert set(tmp_path.iterdir()) == {out, alive, other}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("animate", "plan.json", "film.gif", "--seconds", "nan"),
+        ("import-map", "map.yaml", "--tolerance", "nan"),
+        ("simulate", "paper-1", "--seed", "-1"),
+        ("simulate-heater", "--seed", "-1"),
+    ],
+)
+def test_numbers_that_are_none_are_bad_input(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert ended.value.code == 2
+    assert f"Invalid value for '{arguments[-2]}'" in capsys.readouterr().err
+
+
+def test_an_image_too_large_to_be_one_is_refused_quietly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
+    Image.new("L", (30, 40)).save(path := tmp_path / "shot.png")
+    with pytest.raises(InputError, match=r"an image file .*DecompressionBombWarning"):
+        read_photograph(path)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="there is no endless device")
+def test_a_device_that_never_ends_is_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "MOST_SIGNS", 1000)
+    with pytest.raises(InputError, match="at most 1000 characters"):
+        load_plan("/dev/zero")
+
+
+def test_a_link_that_leads_round_in_a_circle_is_no_output(tmp_path: Path) -> None:
+    (circle := tmp_path / "plan.json").symlink_to(circle)
+    with pytest.raises(InputError, match="do not go round in a circle"):
+        write_text(circle, "now")
+    assert circle.is_symlink()
+
+
+def test_no_memory_is_not_called_a_bug(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def too_large(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(planning, "plan", too_large)
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1"])
+    assert ended.value.code == 2
+    assert "more memory than there is" in capsys.readouterr().err
 
 
 def test_two_outputs_need_two_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ import math
 import os
 import stat
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -102,6 +103,21 @@ def reading(
         raise InputError(what, source, f"{allowed} ({found})", source) from error
 
 
+@contextmanager
+def open_image(path: Path) -> Iterator[Any]:
+    """Open an image (of Pillow) for a block.
+
+    Raises:
+        Exception: Of many kinds, if it is none; also if it is so large that Pillow warns of it.
+    """
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        with Image.open(path) as image:
+            yield image
+
+
 def read_document(path: Path, source: str) -> dict[str, Any]:
     """Read a TOML or (by its ending: json, geojson) JSON file into a dictionary.
 
@@ -166,7 +182,9 @@ def check_writable(target: str | Path) -> None:
     Raises:
         InputError: If nothing can be written there.
     """
-    real = Path(target).resolve()  # what a link points to is written
+    real = Path(os.path.realpath(target))  # what a link points to is written
+    if real.is_symlink():
+        raise InputError("output", str(target), "a path whose links do not go round in a circle")
     if real.is_dir():
         raise InputError("output", str(target), "the path of a file, not of a folder")
     special = real.exists() and not real.is_file()
@@ -184,7 +202,7 @@ def write_bytes(target: str | Path, data: bytes) -> None:
         InputError: If it cannot be written, e.g. on a full disk.
     """
     check_writable(target)
-    real = Path(target).resolve()
+    real = Path(os.path.realpath(target))
     try:
         if real.exists() and not real.is_file():
             with real.open("wb") as file:

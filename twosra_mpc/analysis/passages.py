@@ -29,6 +29,9 @@ Headings = Literal["free", "given"]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
+_MOST_STEPS = 200  # of the grid, from straight to the most that is allowed
+
+
 @dataclass(frozen=True, eq=False)
 class Passages:
     """What was decided of shapes on a grid.
@@ -70,14 +73,16 @@ def find_passages(
         progress: Told the number of shapes done, and of all.
 
     Raises:
-        InputError: If the robot has not two segments, or the step is not positive.
+        InputError: If the robot has not two segments, or the step is not positive or too small.
     """
     robot = problem.robot
     if robot.coordinates.segments != 2:
         raise InputError("robot", robot.name, "one of two segments: shapes are drawn in a plane")
-    if not step_per_m > 0:
-        raise InputError("step_per_m", step_per_m, "a positive number")
-    count = math.floor(robot.limits.curvature_per_m / step_per_m)
+    most = robot.limits.curvature_per_m
+    if not most / _MOST_STEPS <= step_per_m < math.inf:
+        allowed = f"a finite number, at least {most / _MOST_STEPS:g} 1/m"
+        raise InputError("step_per_m", step_per_m, allowed)
+    count = math.floor(most / step_per_m)
     kappa = step_per_m * np.arange(-count, count + 1, dtype=float)
     ends = [problem.start.configuration, problem.goal.configuration]
     shapes = [*itertools.product(kappa.tolist(), repeat=2), *(tuple(q[POSE:]) for q in ends)]

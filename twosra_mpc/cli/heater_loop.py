@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
+from twosra_mpc.cli.options import ROBOT, SEED, choice_option, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.control import thermistor
 from twosra_mpc.control.controller import stiffness_controller
@@ -29,7 +29,7 @@ _SENSORS: dict[str, thermistor.Characteristic] = {
 @click.option("--ambient", type=float, help="Air [C]; default: the robot's.")
 @click.option("--start-temperature", type=float, help="Segment at the start [C]; default: the air.")
 @choice_option("Thermistor in a divider, or the paper's straight line.", [*_SENSORS], "--sensor")
-@click.option("--seed", type=int, default=0, help="Of the sensor's noise.")
+@click.option("--seed", type=SEED, default=0, help="Of the sensor's noise.")
 @file_option("--out", "Write every sample as CSV.")
 @plot_option("Draw the run")
 def simulate_heater_command(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ SCENARIO: dict[str, Any] = {"shell_complete": _built_in("scenarios")}
 ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots")}
 
 FILE = click.Path(path_type=Path)
+SEED = click.IntRange(min=0)
 
 _JSON = click.Option(["--json", "as_json"], is_flag=True, help="Print JSON instead of tables.")
 _QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; see the exit code.")
@@ -107,6 +109,17 @@ def _load(
     from twosra_mpc.identification.path_choice import with_path_model  # CasADi takes a second
 
     return problem.with_values(robot=with_path_model(problem.robot, path_model))
+
+
+class Finite(click.FloatRange):
+    """A range of numbers, among which NaN is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Turn what was given into a number, and check it."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number", param, ctx)
+        return number
 
 
 class NewFile(click.Path):

@@ -12,6 +12,7 @@ from twosra_mpc.checking.plan_file import Check, PlanCheck, check_plan
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import (
     FILE,
+    Finite,
     animation,
     command,
     ending,
@@ -206,7 +207,7 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
     output.record((given.problem.robot.name, "report"), document)
 
 
-_FILM_S = click.FloatRange(1.0, 120.0)
+_FILM_S = Finite(1.0, 120.0)
 
 
 @command("animate")

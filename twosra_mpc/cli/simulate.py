@@ -40,7 +40,7 @@ _PLANTS, _LEVELS = ", ".join(PLANTS), ", ".join(LEVELS)
 @click.argument("scenario", **options.SCENARIO)
 @click.option("--plant", default="arc", help=f"How its fibre bends: {_PLANTS}.")
 @click.option("--disturbance", default="moderate", help=f"How far from its description: {_LEVELS}.")
-@click.option("--seed", type=int, default=0, help="Of all that is drawn.")
+@click.option("--seed", type=options.SEED, default=0, help="Of all that is drawn.")
 @options.choice_option(
     "Follow an optimal plan, or act by the greedy rule.", EXECUTORS, "--executor"
 )

@@ -106,6 +106,8 @@ def stream_command(
 ) -> int:
     """Send a plan; see ``_HELP``."""
     robot_line.check_line(port, dry_run)
+    if dry_run and (camera or log):
+        raise click.UsageError("--dry-run sends nothing: there is nothing to follow or to --log")
     robot = robot_line.numbered(plan.robot, robot_id)
     problem = plan.problem.with_values(robot=robot)
     plan = replace(plan, trajectory=replace(plan.trajectory, problem=problem))

@@ -10,6 +10,7 @@ import click
 from twosra_mpc.cli.options import (
     FILE,
     SCENARIO,
+    Finite,
     Load,
     choice_option,
     command,
@@ -21,7 +22,7 @@ from twosra_mpc.cli.options import (
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.files import write_json
 
-_LENGTH, _AREA = click.FloatRange(min=0.0), click.FloatRange(min=0.0)
+_LENGTH, _AREA = Finite(min=0.0), Finite(min=0.0)
 
 
 @command("import-map")

@@ -29,6 +29,7 @@ Profile = Sequence[tuple[float, Stiffness]]
 
 SETTLED_K = 2.0  # settled: this close to the set-point from then on
 LONGEST_STEP_S = 0.2
+MOST_STEPS = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,11 +123,13 @@ def simulate_heater(
 
     Raises:
         InputError: On an empty profile, times that do not increase from 0, a step that is too
-            long, or a start outside the sensor's range.
+            long, more than a million steps, or a start outside the sensor's range.
     """
     check_profile(profile, duration_s)
     if not 0 < step_s <= LONGEST_STEP_S:
         raise InputError("step_s", step_s, f"more than 0, at most {LONGEST_STEP_S} s")
+    if not duration_s <= MOST_STEPS * step_s:
+        raise InputError("duration_s", duration_s, f"at most {MOST_STEPS * step_s:g} s")
     start_C = plant.ambient_C if start_temperature_C is None else start_temperature_C
     coldest, hottest = sensor.assumed.range_C
     if not coldest <= start_C <= hottest:

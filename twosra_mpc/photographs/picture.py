@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import reading
+from twosra_mpc.files import open_image, reading
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import Pair, Positive, Value
 
@@ -90,7 +89,7 @@ def read_photograph(path: str | Path) -> Photograph:
     Raises:
         InputError: If the file is no image, or not one of 8 bits a colour.
     """
-    with reading(str(path), "picture", "an image file"), Image.open(path) as image:
+    with reading(str(path), "picture", "an image file"), open_image(Path(path)) as image:
         if image.mode not in ("1", "L", "LA", "P", "RGB", "RGBA", "YCbCr"):
             allowed = "an image of 8 bits a colour (scale temperatures to 0 to 255 first)"
             raise InputError("picture", f"mode {image.mode}", allowed, str(path))

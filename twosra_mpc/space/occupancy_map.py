@@ -13,10 +13,9 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import read_text, reading
+from twosra_mpc.files import open_image, read_text, reading
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
@@ -179,7 +178,7 @@ def _unpinched(polygon: Any) -> Any:
 def _pixels(path: Path, source: str) -> tuple[Array, NDArray[np.bool_]]:
     """How light each pixel is, from 0 to 1, and whether it is opaque; (rows, columns)."""
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             if image.mode not in _MODES:
                 raise InputError("image", str(path), "an image of 8 bits a channel", source)
             pixels = np.asarray(image.convert("LA"))

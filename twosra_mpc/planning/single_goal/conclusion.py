@@ -23,7 +23,7 @@ class Progress(NamedTuple):
 
 STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
 ADVICE = {
-    Ending.LIMIT: "raise time_limit_s or gap",
+    Ending.LIMIT: "raise time_limit_s",
     Ending.INTERRUPTED: "run again to continue the search",
 }
 
@@ -69,4 +69,5 @@ def quality(made: Plan, ending: Ending) -> str:
         tried = f"no mode sequence of up to {phases} is left to try"
         elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
         return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
-    return f"{made}; {STOPPED[ending]}: {ADVICE[ending]}"
+    or_gap = " or gap" if ending is Ending.LIMIT else ""
+    return f"{made}; {STOPPED[ending]}: {ADVICE[ending]}{or_gap}"
