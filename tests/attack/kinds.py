@@ -255,7 +255,7 @@ KINDS = {
     "plan driven": Kind(".json", _plans, lambda path: ("stream", str(path), "--dry-run")),
     "plan exported": Kind(".json", _plans, lambda path: ("export", str(path), f"{path}.mcap")),
     "map": Kind(".yaml", lambda: (_MAP,), lambda path: ("import-map", str(path)), _map_of),
-    "map's picture": Kind(".pgm", _cells, lambda path: ("import-map", str(path)), _map_of),
+    "map picture": Kind(".pgm", _cells, lambda path: ("import-map", str(path)), _map_of),
     "photograph": Kind(".png", _photographs, lambda path: (str(path),), _estimate),
     "references": Kind(
         ".csv", lambda: (b"kappa_per_m\n21.5\n",), lambda path: (str(path),), _estimate
