@@ -27,11 +27,11 @@ from twosra_mpc.execution.stopping import stopped_at_the_end
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.modes import Mode, is_rigid, mode_name
+from twosra_mpc.robot.modes import Mode, mode_name
 
 GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
 LEFT, KEPT = 0.3, 0.65  # of the accuracy: errors that a mode leaves, and that need no other mode
-AWAY = 0.5  # [m, rad]: farther from the goal than where a rigid drive began, none goes
+AWAY_M = 0.5  # a drive that leads so much farther from the goal leads nowhere
 STAGNATED = 0.02  # of the accuracy: a mode that moves less per measurement is done
 
 
@@ -118,7 +118,12 @@ class _GreedyRun:
                 return kind, f"{where}; no mode comes nearer{lost}"
             if self._changed_to(mode):
                 session.tell("drive", f"driven in mode {mode_name(mode)}")
-                self._drive(mode)
+                if not self._drive(mode):
+                    where = self.accuracy.describe(session.error)
+                    return (
+                        Ending.GAVE_UP,
+                        f"{where}; mode {mode_name(mode)} leads away from the goal",
+                    )
         return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:.0f} s"
 
     def _reached(self, text: str) -> tuple[Ending, str]:
@@ -143,26 +148,25 @@ class _GreedyRun:
                 left[mode] = float(np.linalg.norm(error + moved))
         return min(left, key=lambda mode: left[mode], default=None)
 
-    def _drive(self, mode: Mode) -> None:
-        """Move in a mode until it no longer moves the robot, or is lost."""
+    def _drive(self, mode: Mode) -> bool:
+        """Move in a mode until it no longer moves the robot, or is lost; False if it goes away."""
         session, robot = self.session, self.problem.robot
-        away = AWAY if is_rigid(mode) else self.settings.patience.stiff_per_m
-        farthest = float(np.linalg.norm(session.error)) + away
+        farthest_m = float(np.hypot(*session.error[:2])) + AWAY_M
         while session.mode == mode and session.now_s < self.settings.longest_s:
             if not session.seen(session.setpoint_C):
-                return
+                break
             step, moved = self._proposal(mode, self._error(LEFT))
             if self._stagnated(GAIN * moved):
-                return
+                break
             v = GAIN * step / session.period_s
             wheels = kinematics(robot).wheel_matrix(session.q, mode).full() @ v
             most, limits = float(np.abs(wheels).max()), robot.limits
             slower = max(1.0, most / limits.wheel_speed_rad_s)
             slower = max(slower, float(np.abs(v[:2]).max()) / limits.unit_speed_m_s)
             session.drive(mode, self.pulses.shape(wheels / slower), session.setpoint_C)
-            if float(np.linalg.norm(session.error)) > farthest:
-                words = f"driven in mode {mode_name(mode)} it goes away from the goal"
-                raise DoubtError(f"{words}: do all its wheels turn?", bends=False)
+            if np.hypot(*session.error[:2]) > farthest_m:
+                return False
+        return True
 
     def _proposal(self, mode: Mode, error: Array) -> tuple[Array, Array]:
         """Input displacement with which a mode removes most of the error, and what it moves."""
