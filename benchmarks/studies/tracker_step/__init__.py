@@ -144,7 +144,7 @@ class TrackerSteps(Study):
             answers, taken = _measured(make(setup), steps[some], rounds=1)
             errors = _errors(setup, steps[some], answers, best[some])
             records[name] = _record(solves, answers, taken, errors, base[some])
-        iterations = [step.program.iterations for step in steps]
+        iterations = [step.program.iterations for step in steps if step.program]
         apart = np.array(disagreements(of, case.phase, setup, self.states))
         return StepsRecord(
             mode=mode_name(mode),
