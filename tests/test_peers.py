@@ -21,7 +21,7 @@ from benchmarks.report import write_report
 from benchmarks.run import open_log, results_of, run_study
 from benchmarks.run_log import RunLog
 from benchmarks.studies import peers
-from benchmarks.studies.peers import CRASHED, OURS, Case, Peer, Peers, attempt, isolated
+from benchmarks.studies.peers import BROKE_DOWN, CRASHED, OURS, Case, Peer, Peers, attempt, isolated
 from benchmarks.studies.peers.enumeration import Enumeration, admissible_sequences
 from benchmarks.studies.peers.integral_approximation import IntegralApproximation
 from benchmarks.studies.peers.minlp import TimeGridMinlp
@@ -150,7 +150,7 @@ def test_a_resumed_run_computes_only_what_is_missing(
 
 def test_a_crash_is_no_time(rows: dict[str, PlanRecord], tmp_path: Path) -> None:
     """Neither in its row nor in the summary, which are of those that answered."""
-    answers = {"paper-1": "nothing found", "paper-2": CRASHED, "paper-3": "nothing found"}
+    answers = {"paper-1": "nothing found", "paper-2": CRASHED, "paper-3": f"{BROKE_DOWN}why"}
     results = []
     for label, status in answers.items():
         results.append(Measured(Case(label, OURS), rows[OURS]))
@@ -158,9 +158,9 @@ def test_a_crash_is_no_time(rows: dict[str, PlanRecord], tmp_path: Path) -> None
         made = dataclasses.replace(rows["enumeration"], status=status, timing=took)
         results.append(Measured(Case(label, "peer"), made))
     told = TINY.report(results, tmp_path)["rivals"]
-    assert [row["crashed"] for row in told] == [False, True, False]
+    assert [row["crashed"] for row in told] == [False, True, True]
     assert [row[name] for row in told for name in ("wall_ratio", "cpu_ratio")] == [
-        *(1.0, 1.0, None, None, 1.0, 1.0)
+        *(1.0, 1.0, None, None, None, None)
     ]
 
 

@@ -24,6 +24,7 @@ from twosra_mpc import Plan, Problem
 
 OURS = "this package"
 CRASHED = "crashed"  # its process ended by itself, without an answer
+BROKE_DOWN = "broke down: "  # its solver raised, in these words
 _ROUNDING = 1e-6  # relative; costs closer than this are equal
 _LIMIT_S = 1800.0  # of one case, compiling included
 
@@ -101,12 +102,12 @@ class Peers(PlanStudy):
 def _beside(case: Case, made: PlanRecord, ours: PlanRecord) -> dict[str, Any]:
     """An answer beside ours; costs are compared where both planners have a verified plan.
 
-    When a planner crashed says nothing of how long it takes: such times are None.
+    When a planner crashed or broke down says nothing of how long it takes: such times are None.
     """
     cost = made.cost if made.correct else None
     above = cost / ours.cost - 1 if cost and ours.cost and ours.correct else None
     wall_s, cpu_s = made.timing.median_s, made.timing.cpu_median_s
-    crashed = made.status == CRASHED
+    crashed = made.status == CRASHED or made.status.startswith(BROKE_DOWN)
     return {
         **{"problem": case.problem, "peer": case.planner, "record": made, "ours": ours},
         **{"name": f"{case.problem} ({case.planner})", "above": above},
@@ -156,7 +157,7 @@ def attempt(problem: Problem, peer: Peer) -> PlanRecord:
         answer = solve()
     except (RuntimeError, ArithmeticError, ValueError) as error:
         *_, words = str(error).strip().splitlines() or [type(error).__name__]
-        answer = Answer(f"broke down: {words}", None)
+        answer = Answer(f"{BROKE_DOWN}{words}", None)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     found = judged(problem, answer.motion) if answer.motion else None
     return _record(answer, found, wall, cpu)

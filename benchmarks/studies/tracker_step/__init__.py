@@ -3,7 +3,8 @@
 What does a step cost, how well is it solved, and what does its command lose against the converged
 nonlinear program? All solve the same recorded steps, of a robot that follows a plan from a
 disturbed start with camera noise and then rests at the phase's end. QP means the tracker's
-linearised program, NLP the same cost with the limits as they are.
+linearised program, NLP the same cost with the limits as they are. Then the tracker alone against
+IPOPT, at random states (`agreement`).
 """
 
 from __future__ import annotations
@@ -18,18 +19,17 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from benchmarks.studies.tracker_step import qp_solvers, solvers
+from benchmarks.studies.tracker_step.agreement import NOISE, disagreements, first_speeds
 from benchmarks.studies.tracker_step.solvers import Answer, Array, Clock, Recorded, Solver
 from benchmarks.study import Count, Measured, Study
 from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.execution.tracking.linearisation import tracking_program
-from twosra_mpc.execution.tracking.prediction import stage_model
 from twosra_mpc.execution.tracking.setup import Setup, SolverSettings, TrackerLimits, TrackerWeights
 from twosra_mpc.execution.tracking.solver import ProgramInPlace
 from twosra_mpc.execution.tracking.tracker import PhaseReference
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
-NOISE = np.array([1e-3, 1e-3, 5e-3, 0.2, 0.2])  # camera: m, m, rad, 1/m, 1/m
 PUSH = np.array([5e-3, -5e-3, 0.05, 0.0, 0.0])  # 5 mm and 3 degrees, at the start
 REST_S = 0.7
 HORIZON, PERIOD_S = 20, 1 / 15
@@ -65,7 +65,8 @@ class SolverRecord:
         core_us: The same on a core; None where another process works.
         ratio: Median of a step's wall time over the tracker's.
         residuals: Largest of the constraints and of the stationarity; None: not told.
-        errors: Median and largest error of the first speeds, in shares of their limits.
+        errors: Median and largest error of the first speeds, in shares of their ranges, each from
+            minus to plus its limit.
     """
 
     solves: str
@@ -88,6 +89,9 @@ class StepsRecord:
         missing: Solver -> package that is not installed.
         least_us: Each step's least time of all rounds: median, p90, p99 and largest over the steps.
         iterations: ADMM iterations of the tracker: median, p90 and largest.
+        apart: At random states, how far the tracker's first speeds are from IPOPT's: median, p90
+            and largest, in shares of their ranges.
+        unsolved: Random states at which either has no solution.
     """
 
     mode: str
@@ -95,6 +99,8 @@ class StepsRecord:
     missing: dict[str, str]
     least_us: list[float]
     iterations: list[float]
+    apart: list[float]
+    unsolved: int
 
 
 class TrackerSteps(Study):
@@ -103,6 +109,7 @@ class TrackerSteps(Study):
     Attributes:
         runs: Closed loops that are recorded for each phase.
         rounds: Rounds of the tracker, whose steps are too short to time once.
+        states: Random states at which the tracker is compared with IPOPT.
     """
 
     record: ClassVar = TypeAdapter(StepsRecord)
@@ -110,19 +117,19 @@ class TrackerSteps(Study):
 
     runs: Count = 6
     rounds: Count = 21
+    states: Count = 100
 
     def cases(self) -> Iterator[Case]:
-        """Yield a phase of each kind of mode."""
-        yield from (Case("paper-2", 0), Case("paper-2", 1), Case("paper-1", 2))
+        """Yield a phase of each mode."""
+        yield from (Case("paper-2", 0), Case("paper-2", 1), Case("paper-4", 1), Case("paper-1", 2))
 
     def run(self, case: Case) -> StepsRecord:
         """Let every solver that is installed solve the same steps."""
         of = plan(load_problem(case.scenario)).require()
-        mode = of.phases[case.phase].mode
-        setup = Setup(of.robot.body, mode, HORIZON, PERIOD_S, TrackerWeights(), TrackerLimits())
+        mode, setup = of.phases[case.phase].mode, tracker_setup(of, case.phase)
         steps = _record_steps(of, case.phase, setup, self.runs)
         converged = solvers.ipopt(setup, tolerance=1e-10)
-        best = [_first_speeds(setup, step, converged(step, Clock()).first) for step in steps]
+        best = [first_speeds(setup, step, converged(step, Clock()).first) for step in steps]
         own, taken_s = _measured(solvers.tracker(of, case.phase), steps, self.rounds)
         base = np.median(taken_s[:, :, 0], axis=0)
         records = {TRACKER: _record("QP", own, taken_s, _errors(setup, steps, own, best), base)}
@@ -137,19 +144,28 @@ class TrackerSteps(Study):
             answers, taken = _measured(make(setup), steps[some], rounds=1)
             errors = _errors(setup, steps[some], answers, best[some])
             records[name] = _record(solves, answers, taken, errors, base[some])
-        iterations = [step.program.iterations for step in steps]
+        iterations = [step.program.iterations for step in steps if step.program]
+        apart = np.array(disagreements(of, case.phase, setup, self.states))
         return StepsRecord(
             mode=mode_name(mode),
             solvers=records,
             missing=missing,
             least_us=np.quantile(1e6 * taken_s[:, :, 0].min(axis=0), (0.5, 0.9, 0.99, 1)).tolist(),
             iterations=np.quantile(iterations, (0.5, 0.9, 1.0)).tolist(),
+            apart=np.nanquantile(apart, (0.5, 0.9, 1.0)).tolist(),
+            unsolved=int(np.isnan(apart).sum()),
         )
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
         """The horizon."""
         del results, folder
         return {"horizon": HORIZON}
+
+
+def tracker_setup(of: Plan, phase: int) -> Setup:
+    """What a tracker with the usual settings tracks in a phase."""
+    mode = of.phases[phase].mode
+    return Setup(of.robot.body, mode, HORIZON, PERIOD_S, TrackerWeights(), TrackerLimits())
 
 
 def _record_steps(of: Plan, phase: int, setup: Setup, runs: int) -> list[Recorded]:
@@ -179,19 +195,6 @@ def _record_steps(of: Plan, phase: int, setup: Setup, runs: int) -> list[Recorde
     return steps
 
 
-def _first_speeds(setup: Setup, step: Recorded, deviation: Array) -> Array:
-    """Speeds of the first period over their limits, if e_1 is as given."""
-    change = step.reference[1] + setup.scale * deviation - setup.outputs.selection @ step.q
-    q = step.q.copy()
-    if is_rigid(setup.mode):
-        q[:3] += change / 2
-    else:
-        bending = stage_model(setup).bending(step.q).full()
-        q[list(setup.outputs.bending)] += bending @ change / 2
-    speeds: Array = stage_model(setup).speeds(q, change)[0].full().ravel()
-    return speeds
-
-
 def _measured(
     solver: Solver, steps: Sequence[Recorded], rounds: int
 ) -> tuple[list[Answer], np.ndarray]:
@@ -208,7 +211,7 @@ def _errors(
     setup: Setup, steps: Sequence[Recorded], answers: Sequence[Answer], best: Sequence[Array]
 ) -> list[float]:
     return [
-        float(np.abs(_first_speeds(setup, step, answer.first) - at).max())
+        float(np.abs(first_speeds(setup, step, answer.first) - at).max()) / 2
         for step, answer, at in zip(steps, answers, best, strict=True)
     ]
 

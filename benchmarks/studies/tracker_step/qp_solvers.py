@@ -121,6 +121,7 @@ def _linearised(setup: Setup) -> Callable[[Recorded], QuadraticProgram]:
     program = tracking_program(setup)
 
     def linearise(step: Recorded) -> QuadraticProgram:
+        assert step.program is not None
         arguments = (step.q, step.reference.T, step.previous, step.wheels)
         values, lower, upper, changing = (
             part.full().ravel() for part in program.linearise(*arguments)[:4]

@@ -30,7 +30,7 @@ class Recorded:
     """One step of a closed loop: what every solver is given.
 
     ``previous`` is the solution of the step before (zeros at the start of a run), ``wheels`` the
-    last command, ``program`` the tracker's linearised program with its solution.
+    last command, ``program`` the tracker's linearised program with its solution, where needed.
     """
 
     first: bool
@@ -39,7 +39,7 @@ class Recorded:
     reference: Array
     previous: Array
     wheels: Array
-    program: QuadraticProgram
+    program: QuadraticProgram | None
 
 
 class Answer(NamedTuple):

@@ -73,14 +73,14 @@ class SolverSettings(Value):
     """Accuracy and effort of the quadratic program.
 
     Attributes:
-        tolerance: Largest primal and dual residual; about the error of the first speeds, relative
-            to their limits.
+        tolerance: Largest primal and dual residual; the first speeds are off by about three times
+            this share of their range at most, from minus to plus their limit.
         max_iterations: Iterations after which the point reached is used as it is, if its residuals
             are small, and the step has failed otherwise.
     """
 
-    tolerance: Positive = 1e-4
-    max_iterations: Annotated[int, Field(ge=1)] = 400
+    tolerance: Positive = 3e-5
+    max_iterations: Annotated[int, Field(ge=1)] = 600
 
 
 @dataclass(frozen=True, eq=False)
