@@ -31,7 +31,7 @@ def bending_coordinates(body: Body, segment: int, kappa: Array) -> Array:
     edges = np.minimum(_PANELS, np.abs(kappa)[:, None] * body.geometry.lengths_m[segment])
     half = np.diff(edges)[..., None] / 2
     points = edges[:, :-1, None] + half * (1 + _NODES)
-    (values,) = by_rows(_density(body, segment), points.reshape(-1, 1))
+    (values,) = by_rows(_density(body, segment), points.reshape(-1, len(_NODES)))
     parts = half * _WEIGHTS * values.reshape(points.shape)
     found: Array = np.sign(kappa) * parts.sum(axis=(1, 2))
     return found
@@ -39,9 +39,10 @@ def bending_coordinates(body: Body, segment: int, kappa: Array) -> Array:
 
 @per_body(4)
 def _density(body: Body, segment: int) -> ca.Function:
-    alpha = ca.SX.sym("alpha")
-    share = ca.densify(1 / path_model(body).share(segment, alpha))
-    return ca.Function("density", [alpha], [share])
+    """1 / g at as many bends of a segment [rad] as a panel has nodes."""
+    alpha = ca.SX.sym("alpha", len(_NODES))
+    shares = [path_model(body).share(segment, each) for each in ca.vertsplit(alpha)]
+    return ca.Function("density", [alpha], [ca.densify(1 / ca.vertcat(*shares))])
 
 
 @per_body(4)
@@ -51,7 +52,7 @@ def inverse_table(body: Body, segment: int) -> tuple[Array, Array]:
     half = np.linspace(0.0, limit, _TABLE // 2 + 1)
     widths = np.diff(half) * length
     points = half[:-1, None] * length + widths[:, None] / 2 * (1 + _NODES)
-    values = by_rows(_density(body, segment), points.reshape(-1, 1))[0].reshape(points.shape)
+    (values,) = by_rows(_density(body, segment), points)
     cumulative = np.concatenate([[0.0], np.cumsum(values @ _WEIGHTS * widths / 2)])
     kappa = np.concatenate([-half[:0:-1], half])
     return kappa, np.concatenate([-cumulative[:0:-1], cumulative])
@@ -83,7 +84,8 @@ def inverse(body: Body, segment: int) -> Inverse:
     """Hermite's interpolation of the table, with the slope dkappa / dW = g / l at its points."""
     kappa, table = inverse_table(body, segment)
     length = body.geometry.lengths_m[segment]
-    slopes = 1 / (length * by_rows(_density(body, segment), kappa[:, None] * length)[0].ravel())
+    points = np.resize(kappa * length, (math.ceil(len(kappa) / len(_NODES)), len(_NODES)))
+    slopes = 1 / (length * by_rows(_density(body, segment), points)[0].ravel()[: len(kappa)])
     widths = np.diff(table)
     secants = np.diff(kappa) / widths
     bent = (slopes[:-1] + slopes[1:] - 2 * secants) / widths
