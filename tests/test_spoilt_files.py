@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -144,6 +145,23 @@ def test_a_link_that_leads_round_in_a_circle_is_no_output(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="do not go round in a circle"):
         write_text(circle, "now")
     assert circle.is_symlink()
+
+
+@pytest.mark.parametrize("error", [NotImplementedError, InputError("file", 1, "a readable one")])
+def test_an_interrupt_of_which_a_library_makes_an_error_is_one(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def swallowed(*_: object, **__: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise error from None
+
+    monkeypatch.setattr(planning, "plan", swallowed)
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1"])
+    assert ended.value.code == 130
+    assert "bug" not in capsys.readouterr().err
 
 
 def test_no_memory_is_not_called_a_bug(
