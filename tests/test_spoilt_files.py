@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -12,11 +13,14 @@ from attack.spoilt_files import KINDS, attacked
 from PIL import Image
 
 from twosra_mpc import InputError, files, load_problem, load_robot
+from twosra_mpc.batch.problems import Problems
+from twosra_mpc.batch.spec import Spec
 from twosra_mpc.cli import main, planning
 from twosra_mpc.errors import printable
 from twosra_mpc.files import write_text
 from twosra_mpc.photographs.picture import read_photograph
 from twosra_mpc.plans.document import load_plan
+from twosra_mpc.problem.random_set import RandomSet
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -146,6 +150,23 @@ def test_a_link_that_leads_round_in_a_circle_is_no_output(tmp_path: Path) -> Non
     assert circle.is_symlink()
 
 
+@pytest.mark.parametrize("error", [NotImplementedError, InputError("file", 1, "a readable one")])
+def test_an_interrupt_of_which_a_library_makes_an_error_is_one(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def swallowed(*_: object, **__: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise error from None
+
+    monkeypatch.setattr(planning, "plan", swallowed)
+    with pytest.raises(SystemExit) as ended:
+        main(["plan", "paper-1"])
+    assert ended.value.code == 130
+    assert "bug" not in capsys.readouterr().err
+
+
 def test_no_memory_is_not_called_a_bug(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -166,3 +187,15 @@ def test_two_outputs_need_two_files(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert ended.value.code == 2
     assert "another file for each thing that is written" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_too_long_for_a_file_is_the_name_of_none(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a file that exists"):
+        load_robot("x" * 5000)
+    random = RandomSet(
+        robot="2sra-v1", seed=1, count=1, position_m=-0.0, heading_rad=0, curvature_per_m=1
+    )
+    assert len(list(random.ends(load_robot("2sra-v1")))) == 1
+    spec = Spec(random=random.with_values(robot="x" * 5000))
+    with pytest.raises(InputError, match="a file that exists"):
+        Problems(spec, tmp_path)

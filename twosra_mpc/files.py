@@ -39,7 +39,7 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
     if str(source) in names:
         return _PACKAGE / folder / f"{source}.toml"
     path = Path(source)
-    if path.is_file():
+    if os.path.isfile(path):  # which takes a name that is too long for one of no file
         return path
     close = difflib.get_close_matches(str(source), names, n=1)
     hint = f"did you mean {close[0]}? " if close else ""

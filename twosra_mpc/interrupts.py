@@ -66,21 +66,18 @@ def deferred_interrupts() -> Iterator[Interrupts]:
 def noted_interrupts() -> Iterator[Interrupts]:
     """Have Ctrl-C interrupt a block as ever, and know of it where a library swallows it.
 
-    So are other signals that do as Ctrl-C does.
+    So are other signals that do as Ctrl-C does. Of two blocks the inner one knows.
     """
-    interrupts, numbers = Interrupts(), _numbers(_USUAL)
-    usual = {n for n in numbers if signal.getsignal(n) is signal.default_int_handler}
-    with _handled(usual, interrupts.interrupt):
+    interrupts = Interrupts()
+    with _handled(_interrupting(), interrupts.interrupt):
         yield interrupts
 
 
 @contextmanager
 def raised_interrupts() -> Iterator[Interrupts]:
     """Have Ctrl-C and signals that would end the program interrupt a block wherever it is."""
-    interrupts, numbers = Interrupts(), _ending()
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        numbers.add(signal.SIGINT)
-    with _handled(numbers, interrupts.interrupt):
+    interrupts = Interrupts()
+    with _handled(_ending() | _interrupting(), interrupts.interrupt):
         yield interrupts
 
 
@@ -103,6 +100,16 @@ def _ending() -> set[signal.Signals | int]:
     """Signals that would end the program, for nobody handles them."""
     known = signal.valid_signals() - _numbers((*_LEFT_ALONE, *_SUSPENDING))
     return {number for number in known if signal.getsignal(number) is signal.SIG_DFL}
+
+
+def _interrupting() -> set[signal.Signals | int]:
+    """Signals that interrupt as Ctrl-C does where nobody changes that, or as a block here does."""
+    return {
+        number
+        for number in _numbers(_USUAL)
+        if (handler := signal.getsignal(number)) is signal.default_int_handler
+        or getattr(handler, "__func__", None) is Interrupts.interrupt
+    }
 
 
 def _deferred() -> set[signal.Signals | int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -118,7 +119,7 @@ def _coordinates(x_m: float, y_m: float, phi_rad: float, kappa_per_m: list[float
 
 def _located(name: str, folder: Path, kind: str) -> Path:
     """A file beside the one that names it, a built-in, or a file."""
-    return beside if (beside := folder / name).is_file() else locate(name, f"{kind}s", kind)
+    return beside if os.path.isfile(beside := folder / name) else locate(name, f"{kind}s", kind)
 
 
 def _robot(name: str, folder: Path) -> Document:

@@ -24,6 +24,7 @@ from twosra_mpc.cli.output import (
     EXIT_NO_PLAN,
 )
 from twosra_mpc.errors import InputError, NoPlanError, printable
+from twosra_mpc.interrupts import Interrupts, noted_interrupts
 from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
@@ -151,36 +152,54 @@ def commands() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with noted_interrupts() as interrupts:
+        code = _run(arguments, interrupts)
+    sys.exit(code)
+
+
+def _run(arguments: list[str] | None, interrupts: Interrupts) -> int:
+    """Run the command line, and say what goes wrong; returns the exit code."""
     try:
         code = commands.main(arguments, prog_name="twosra", standalone_mode=False)
         sys.stdout.flush()
-    except InputError as error:
-        click.echo(f"twosra: {error}", err=True)
-        code = EXIT_BAD_INPUT
-    except NoPlanError as error:
-        click.echo(f"twosra: {error}", err=True)
-        code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
-    except click.ClickException as error:
-        error.show()
-        code = EXIT_BAD_INPUT
-    except BrokenPipeError:  # whoever read the output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = EXIT_BROKEN_PIPE
-    except OSError as error:
-        click.echo(f"twosra: {_in_words(error)}", err=True)
-        code = EXIT_BAD_INPUT
     except (click.Abort, KeyboardInterrupt):
-        click.echo("twosra: interrupted before there was a result", err=True)
-        code = EXIT_INTERRUPTED
-    except MemoryError:
-        click.echo("twosra: this takes more memory than there is", err=True)
-        code = EXIT_BAD_INPUT
-    except Exception as error:  # the last resort
-        click.echo(f"twosra: {_bug(error)}", err=True)
-        if "--debug" in (sys.argv if arguments is None else arguments):
-            traceback.print_exc()
-        code = EXIT_BUG
-    sys.exit(code or 0)
+        return _interrupted()
+    except Exception as error:
+        if interrupts.requested:  # a library made an error of its own of it
+            return _interrupted()
+        return _failed(error, debug="--debug" in (sys.argv if arguments is None else arguments))
+    return code or 0
+
+
+def _interrupted() -> int:
+    click.echo("twosra: interrupted before there was a result", err=True)
+    return EXIT_INTERRUPTED
+
+
+def _failed(error: Exception, *, debug: bool) -> int:
+    """Say what went wrong; returns the exit code."""
+    match error:
+        case InputError():
+            said, code = str(error), EXIT_BAD_INPUT
+        case NoPlanError():
+            said = str(error)
+            code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
+        case click.ClickException():
+            error.show()
+            return EXIT_BAD_INPUT
+        case BrokenPipeError():  # whoever read the output has seen enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return EXIT_BROKEN_PIPE
+        case OSError():
+            said, code = _in_words(error), EXIT_BAD_INPUT
+        case MemoryError():
+            said, code = "this takes more memory than there is", EXIT_BAD_INPUT
+        case _:  # the last resort
+            said, code = _bug(error), EXIT_BUG
+    click.echo(f"twosra: {said}", err=True)
+    if debug and code == EXIT_BUG:
+        traceback.print_exception(error)
+    return code
 
 
 def _bug(error: Exception) -> str:

@@ -40,7 +40,7 @@ class RandomSet(Value):
             InputError: If hardly any shape within the ranges is possible.
         """
         ranges = (self.position_m, self.heading_rad, self.curvature_per_m)
-        most = np.tile(robot.coordinates.each(*ranges), 2)
+        most = np.abs(np.tile(robot.coordinates.each(*ranges), 2))  # of -0.0, too
         rng, left, vain = np.random.default_rng(self.seed), self.count, 0
         while left:
             drawn = rng.uniform(-most, most, (_BLOCK, len(most))).reshape(_BLOCK, 2, -1)
