@@ -184,10 +184,10 @@ def test_the_decision_vector_packs_and_unpacks() -> None:
 
 
 def test_few_programs_are_kept_however_many_are_built() -> None:
-    """They weigh tens of MiB each; what they share is kept with the robot."""
-    built = [weakref.ref(ipopt(ROBOT, None, phases, 2, 1, 1)[0]) for phases in (1, 2, 3, 1, 2, 3)]
+    """What they share is kept with the robot, a few MiB of each."""
+    built = [weakref.ref(ipopt(ROBOT, None, phases, 2, 1, 1)[0]) for phases in range(1, 7)]
     gc.collect()
-    assert 1 <= sum(program() is not None for program in built) <= 2
+    assert 1 <= sum(program() is not None for program in built) <= 4
 
 
 @pytest.mark.parametrize("raw", [*IPOPT_STATUS, "Invalid_Number_Detected", "something new"])

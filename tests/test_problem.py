@@ -595,7 +595,7 @@ def test_a_file_that_may_not_be_read_is_named(
     def denied(*_args: object, **_more: object) -> str:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_text", denied)
+    monkeypatch.setattr(Path, "open", denied)
     assert_refused(
         lambda: load_problem(path), "file", str(path), "readable.*Permission denied", None
     )
