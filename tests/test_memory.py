@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import gc
+import weakref
 from pathlib import Path
 
 import casadi as ca
@@ -14,6 +15,7 @@ import twosra_mpc
 from tests.problems import ROBOT
 from twosra_mpc import load_problem, plan
 from twosra_mpc.model.cache import BODIES, per_body, per_function
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.planning.nlp.multiple_shooting import transcribe
 from twosra_mpc.robot.description import Robot
@@ -55,12 +57,13 @@ def alive() -> int:
 
 
 def test_no_more_functions_are_kept_of_many_robots_than_of_few() -> None:
-    problem, kept = load_problem("paper-1"), []
+    problem, kept, compiled = load_problem("paper-1"), [], []
     for robot in robots(BODIES + 3):
         assert plan(problem.with_values(robot=robot)).plan is not None
-        kept.append(alive())
-    assert kept[1] > kept[0]
+        compiled.append(weakref.ref(kinematics(robot)))
+        kept.append(alive())  # at first also what other tests have left
     assert max(kept[BODIES:]) <= kept[BODIES]
+    assert [each() is not None for each in compiled] == [False] * 3 + [True] * BODIES
 
 
 def test_what_is_made_of_a_body_goes_with_it() -> None:
