@@ -31,7 +31,7 @@ from twosra_mpc.robot.modes import Mode, mode_name
 
 GAIN = 0.25  # of the proposal per measurement: the authors' gain on the robot
 LEFT, KEPT = 0.3, 0.65  # of the accuracy: errors that a mode leaves, and that need no other mode
-AWAY_M = 0.5  # a drive that leads so much farther from the goal leads nowhere
+AWAY_M = 30.0  # a drive that leads so much farther leads nowhere; from 13 m some have come back
 STAGNATED = 0.02  # of the accuracy: a mode that moves less per measurement is done
 
 
