@@ -15,12 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.deadline import check_time
+from twosra_mpc.native_output import discarded_native_output
 from twosra_mpc.robot.coordinates import Array
 
 _NEVER = 1e9  # a cost that no plan has
@@ -76,6 +79,19 @@ class Optimum(NamedTuple):
     marginals: Array
 
 
+@cache
+def _quiet_highspy() -> ModuleType:
+    """The HiGHS module, after the banner that its first solver prints (version 1.16 and newer).
+
+    No option of a solver can stop it. Many problems are planned without, so it is imported late.
+    """
+    import highspy
+
+    with discarded_native_output():
+        highspy.Highs()  # type: ignore[no-untyped-call]
+    return highspy
+
+
 def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds) -> Optimum | None:
     """Minimise ``objective . x`` subject to ``rows @ x <= limits`` and bounds on x.
 
@@ -85,8 +101,7 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
     check_time()
-    import highspy  # many problems are planned without
-
+    highspy = _quiet_highspy()
     ends = np.array([(a, b) for a, b in bounds], dtype=float)
     entries = rows if isinstance(rows, Rows) else Rows.of(rows)
     program = highspy.HighsLp()
@@ -99,7 +114,7 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
     matrix = program.a_matrix_
     matrix.format_ = highspy.MatrixFormat.kRowwise
     matrix.start_, matrix.index_, matrix.value_ = entries
-    solver = highspy.Highs()  # type: ignore[no-untyped-call]
+    solver = highspy.Highs()
     solver.setOptionValue("output_flag", False)
     solver.setOptionValue("threads", 1)
     solver.passModel(program)
