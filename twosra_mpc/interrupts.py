@@ -20,11 +20,16 @@ _LEFT_ALONE = (
 
 
 class Interrupts:
-    """Whether an interrupt has been asked for: ``requested``."""
+    """Interrupts of a block.
+
+    Attributes:
+        requested: An interrupt has been asked for.
+        held: ``interrupt_once`` raises no more.
+    """
 
     def __init__(self) -> None:
         """None yet."""
-        self.requested = False
+        self.requested = self.held = False
 
     def request(self, *_signal: object) -> None:
         """Ask for one; usable as a signal handler."""
@@ -38,6 +43,16 @@ class Interrupts:
         """
         self.requested = True
         raise KeyboardInterrupt
+
+    def interrupt_once(self, *_signal: object) -> None:
+        """Ask for one and interrupt at once, unless that was done before or interrupts are held.
+
+        Raises:
+            KeyboardInterrupt: The first time, if not held.
+        """
+        raises, self.requested = not (self.held or self.requested), True
+        if raises:
+            raise KeyboardInterrupt
 
     def check(self) -> None:
         """Interrupt here, if that was asked for.
@@ -75,9 +90,9 @@ def noted_interrupts() -> Iterator[Interrupts]:
 
 @contextmanager
 def raised_interrupts() -> Iterator[Interrupts]:
-    """Have Ctrl-C and signals that would end the program interrupt a block wherever it is."""
+    """Have Ctrl-C or a signal that would end the program interrupt a block once, wherever it is."""
     interrupts = Interrupts()
-    with _handled(_ending() | _interrupting(), interrupts.interrupt):
+    with _handled(_ending() | _interrupting(), interrupts.interrupt_once):
         yield interrupts
 
 
@@ -88,8 +103,10 @@ def _handled(
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, handler) for number in numbers}
+    before = {number: signal.getsignal(number) for number in numbers}
     try:
+        for number in numbers:
+            signal.signal(number, handler)
         yield
     finally:
         for number, handled_by in before.items():
@@ -108,7 +125,7 @@ def _interrupting() -> set[signal.Signals | int]:
         number
         for number in _numbers(_USUAL)
         if (handler := signal.getsignal(number)) is signal.default_int_handler
-        or getattr(handler, "__func__", None) is Interrupts.interrupt
+        or getattr(handler, "__func__", None) in (Interrupts.interrupt, Interrupts.interrupt_once)
     }
 
 

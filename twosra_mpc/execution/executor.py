@@ -19,8 +19,9 @@ from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
-from twosra_mpc.execution.stopping import stopped_at_the_end
+from twosra_mpc.execution.stopping import stopped_after
 from twosra_mpc.execution.tracking.tracker import Tracker
+from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
@@ -66,13 +67,15 @@ class Executor:
         if plan.robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
-        with stopped_at_the_end(self.robot) as interrupts:
 
+        def drive(interrupts: Interrupts) -> Run:
             def told(session: Session) -> None:
                 interrupts.check()
                 self.on_command(session)
 
             return _Execution(replace(self, on_command=told), plan).run()
+
+        return stopped_after(self.robot, drive)
 
 
 class _Execution:

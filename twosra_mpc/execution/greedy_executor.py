@@ -23,7 +23,8 @@ from twosra_mpc.execution.run import Ending, Run, Verdict
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
-from twosra_mpc.execution.stopping import stopped_at_the_end
+from twosra_mpc.execution.stopping import stopped_after
+from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
@@ -55,13 +56,16 @@ class GreedyExecutor:
         if problem.tasks:
             raise InputError("executor", "greedy", "optimal: the greedy rule knows no tasks")
         patience = self.settings.patience
-        with stopped_at_the_end(self.robot) as interrupts:
+
+        def drive(interrupts: Interrupts) -> Run:
             guard = guard_of(problem, patience)
             session = Session(
                 self.robot, problem, lambda _: interrupts.check(), guard, patience=patience
             )
             ending, reason = _GreedyRun(session, self.settings).run()
             return session.finish(Verdict("greedy", ending, reason))
+
+        return stopped_after(self.robot, drive)
 
 
 class _GreedyRun:
