@@ -73,6 +73,7 @@ STAGES = [
         "errors.py",
         "deadline.py",
         "interrupts.py",
+        "native_output.py",
         "files.py",
         "validation.py",
     ),
