@@ -101,7 +101,11 @@ def test_there_is_something_to_run() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_command_runs(command: str, folder: Path, run_as_is: Run) -> None:
-    write_files(COMMANDS[command], folder)
+    page = COMMANDS[command]
+    write_files(page, folder)
+    before = commands(page)[: commands(page).index(command)]
+    for new in (each for each in before if each.startswith("twosra new ")):  # files it begins with
+        assert run_as_is(*shlex.split(new)[1:]).code == 0
     line, _, redirected = command.partition(" > ")
     words = shlex.split(line)[1:]
     code, out, err = run_as_is(*words)

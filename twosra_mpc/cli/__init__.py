@@ -57,6 +57,7 @@ _COMMANDS = {
         "simulate-heater": ("heater_loop", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {
+        "new": ("new", "Write a scenario or a robot file to start from."),
         "scenarios": ("robots", "List the built-in scenarios."),
         "robots": ("robots", "List the built-in robots."),
         "check-robot": ("robots", "Check a robot file and its wheels."),
@@ -79,6 +80,7 @@ _HELP = """Plan motions of the self-reconfigurable soft-rigid agent (2SRA).
 Start here:
   twosra plan paper-1 --out plan.json --plot plan.png
   twosra verify plan.json
+  twosra new scenario mine
   twosra COMMAND --help
 
 Results go to standard output, as tables or with --json as JSON; progress and errors go to standard

@@ -36,8 +36,8 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
     *("--scale", "scale_m"),
     type=float,
     default=_SEGMENT_M / _SEGMENT_PX,
-    show_default="0.00476",
-    help="Width of a pixel [m].",
+    show_default=False,
+    help="Width of a pixel [m].  [default: 0.00476]",
 )
 @click.option(
     "--length", "length_m", type=float, default=_SEGMENT_M, help="Of the segment in them [m]."

@@ -1,4 +1,4 @@
-"""Robot files copied with their comments, but one table: a fitted path, an identified segment."""
+"""Robot files copied with their comments, but one part: name, fitted path, identified segment."""
 
 from __future__ import annotations
 
@@ -61,6 +61,17 @@ def write_identified_robot(
         f" {100 * LOGS_DIFFER:g} % on either side, as fits to logs of one segment differ"
     )
     write_text(target, tomlkit.dumps(document))
+
+
+def renamed_robot(source: str | Path, name: str) -> str:
+    """Return the text of a robot file with another ``name``, comments included.
+
+    Raises:
+        InputError: If ``source`` is not TOML.
+    """
+    document = _robot_document(source)
+    document["name"] = name
+    return tomlkit.dumps(document)
 
 
 def _robot_document(source: str | Path) -> TOMLDocument:

@@ -1,0 +1,100 @@
+"""``twosra new``."""
+
+from __future__ import annotations
+
+import difflib
+import shlex
+from pathlib import Path
+from typing import Literal
+
+import click
+from click.shell_completion import CompletionItem
+
+from twosra_mpc.cli.options import FILE, command
+from twosra_mpc.cli.output import Output
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import built_in_names, check_writable, locate, read_text, write_text
+
+Kind = Literal["scenario", "robot"]
+
+_FOLDERS: dict[str, str] = {"scenario": "scenarios", "robot": "robots"}
+_FIRST_ROBOT = "2sra-v1"
+
+
+def _built_in(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
+    """Complete a built-in name; of which kind is not known before the option has its value."""
+    names = [name for folder in _FOLDERS.values() for name in built_in_names(folder)]
+    return [CompletionItem(name) for name in names if name.startswith(begun)]
+
+
+def _named(_ctx: click.Context, _param: click.Parameter, target: Path) -> Path:
+    """Refuse a name that is none, or of another kind of file."""
+    if not target.name.strip(".") or target.suffix in (".json", ".yaml", ".yml", ".txt"):
+        raise InputError("NAME", str(target), "a name with or without .toml")
+    return target
+
+
+@command("new")
+@click.argument("kind", type=click.Choice(list(_FOLDERS)))
+@click.argument("target", metavar="NAME", type=FILE, callback=_named)
+@click.option("--from", "source", metavar="BUILT_IN", help="Copy it.", shell_complete=_built_in)
+@click.option("--force", is_flag=True, help="Replace a file that is there.")
+def new_command(kind: Kind, target: Path, source: str | None, force: bool, output: Output) -> None:
+    """Write a scenario or a robot file to start from: NAME, with or without .toml.
+
+    A new scenario shows every key, the optional ones as comments; with --from it is a copy of a
+    built-in one. A new robot is a copy of 2sra-v1 or of another built-in robot, and is called NAME.
+
+    \b
+    A scenario to start from, and its plan:
+      twosra new scenario mine
+      twosra plan mine.toml
+    A copy of a built-in one:
+      twosra new scenario my-doorway --from doorway
+    A robot of your own:
+      twosra new robot my-2sr --from 2sr-v2
+    """
+    path = target if target.suffix == ".toml" else target.with_name(f"{target.name}.toml")
+    text = _scenario(source) if kind == "scenario" else _robot(source or _FIRST_ROBOT, path.stem)
+    check_writable(path)
+    if path.exists() and not force:
+        raise InputError("NAME", str(path), "the name of a new file, or --force to replace this")
+    write_text(path, text)
+    following = _following(kind, path, source)
+    shown = "\n".join([f"{path} is written. Edit it, then:", *(f"  {line}" for line in following)])
+    document = {"file": str(path), "kind": kind, "from": source, "next": following}
+    output.report(lambda: document, lambda: click.echo(shown))
+
+
+def _scenario(source: str | None) -> str:
+    if source is None:
+        return Path(__file__).with_name("new_scenario.toml").read_text(encoding="utf-8")
+    _check_built_in(source, "scenario")
+    return read_text(locate(source, _FOLDERS["scenario"], "--from"), source)
+
+
+def _robot(source: str, name: str) -> str:
+    """Return a robot file under another name: one that differs from a built-in robot needs it."""
+    if name in built_in_names("robots"):
+        raise InputError("NAME", name, "a name that no built-in robot has")
+    _check_built_in(source, "robot")
+    from twosra_mpc.identification.robot_files import renamed_robot  # CasADi takes a second
+
+    return renamed_robot(source, name)
+
+
+def _check_built_in(source: str, kind: Kind) -> None:
+    names = built_in_names(_FOLDERS[kind])
+    if source not in names:
+        close = difflib.get_close_matches(source, names, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise InputError("--from", source, f"{hint}a built-in {kind}: {', '.join(names)}")
+
+
+def _following(kind: Kind, path: Path, source: str | None) -> list[str]:
+    """Commands to go on with."""
+    file, plan = shlex.quote(str(path)), shlex.quote(f"{path.stem}.json")
+    if kind == "scenario":
+        return [f"twosra plan {file} --out {plan}", f"twosra verify {plan}"]
+    scenario = "three-segments" if source == "3sra" else "rigid-move"
+    return [f"twosra check-robot {file}", f"twosra plan {scenario} --robot {file}"]
