@@ -75,6 +75,7 @@ STAGES = [
         "interrupts.py",
         "native_output.py",
         "files.py",
+        "native_output.py",
         "validation.py",
     ),
     ("thermal/",),
