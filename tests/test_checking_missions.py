@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -320,6 +321,19 @@ def test_an_object_held_at_the_start_is_carried_from_there() -> None:
     problem = Problem(**{**dict(plan.problem), **values})
     done_s = (plan.phases[0].end_s, plan.duration_s)
     assert not told(replace(plan.trajectory, problem=problem, done_s=done_s))
+    for friction, y_m, wrong in (
+        (None, 0.05, "mm within|overlaps it by"),
+        (0.3, -0.2, "131 mm from touching, and no cage is proved"),
+        (None, -0.0687, "no cage is proved, and it has no friction"),
+        (0.3, -0.0687, "pushed where friction does not hold it"),
+    ):
+        moved = {"pose": {"x_m": 0.0, "y_m": y_m}, "friction": friction}
+        apart = problem.with_values(objects=[{**cup, **moved}])
+        found = told(replace(plan.trajectory, problem=apart, done_s=done_s))
+        assert any(re.search(wrong, text) for text in found), found
+    let_go = {"objects": [{**cup, "pose": {"x_m": 0.0, "y_m": -0.2}}], "tasks": tasks[1:]}
+    freed = replace(plan.trajectory, problem=problem.with_values(**let_go), done_s=done_s[1:])
+    assert not any("start.holding" in text for text in told(freed))
 
 
 def test_tasks_may_be_done_at_the_same_time() -> None:

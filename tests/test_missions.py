@@ -14,7 +14,7 @@ import pytest
 from conftest import Solved
 from problems import faster_robot, random_problem
 
-from twosra_mpc import Plan, Problem, Result, Robot, load_robot, plan
+from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.missions.free_space import StageSolver
@@ -371,6 +371,26 @@ def test_a_mission_goes_on_with_the_object_in_hand(solved: Solved) -> None:
     again = check_mission(plan(rest))
     assert [task.do for task in again.problem.tasks] == ["carry", "release"]
     assert again.cost.total < made.cost.total
+
+
+@pytest.mark.parametrize(
+    ("at_m", "friction", "why"),
+    [
+        ((0.3, 0.2), 0.4, "it is 215 mm from touching, and no cage is proved"),
+        ((0.0, 0.0345), None, "no cage is proved, and it has no friction"),
+    ],
+)
+def test_what_is_not_held_is_not_carried(
+    at_m: tuple[float, float], friction: float | None, why: str
+) -> None:
+    """A straight robot: the cup in the corner of a table, and the cup at its side."""
+    x, y = at_m
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0), "holding": "cup"}
+    task = {"do": "carry", "object": "cup", "x_m": 0.5, "y_m": 0.3}
+    things = [cup(0.03, friction=friction) | {"pose": {"x_m": x, "y_m": y}}]
+    with pytest.raises(InputError, match=why) as caught:
+        plan(mission(task, start=start, objects=things))
+    assert caught.value.field == "start.holding"
 
 
 def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:

@@ -23,6 +23,7 @@ from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.ends import ends_to_check
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import OVERLAP_M
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.problem.world import UNSEEN_M, Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -30,8 +31,6 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.poses import composed
 
 CONTACT_M = 5e-4  # by which contacts may differ in their distance
-OVERLAP_M = 5e-4  # allowed with what may be touched
-TOUCHING_M = 1e-3  # what is grasped is no further away
 _CONTACTS_M = 1e-3  # between points of an edge that may be touched
 _FINE_SIDES = 256  # of the polygons that stand for discs that are touched or carried
 _LOOKED_AT_M = 1e-3  # between points of an overlap

@@ -14,6 +14,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.problem.tolerances import OVERLAP_M, TOUCHING_M
 from twosra_mpc.problem.world import UNSEEN_M, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
@@ -81,6 +82,8 @@ def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
     problem, ends = trajectory.problem, (0.0, *trajectory.done_s)
     poses = object_poses(trajectory, np.array(trajectory.done_s))
     spans = itertools.pairwise(ends)
+    at_start = np.array([item.pose.pose for item in problem.objects])
+    yield from _held_at_start(Done(trajectory, sweep, 0.0, 0.0, at_start))
     for i, (task, (since_s, at_s)) in enumerate(zip(problem.tasks, spans, strict=True)):
         done = Done(trajectory, sweep, at_s, since_s, poses[i])
         named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:.1f} s"
@@ -145,7 +148,7 @@ def _heading(asked: Pair, done: Done) -> Iterator[str]:
 
 
 def _conform(task: Conform, done: Done) -> Iterator[str]:
-    from twosra_mpc.checking.clearance import OVERLAP_M, depths_m  # loads GEOS
+    from twosra_mpc.checking.clearance import depths_m  # loads GEOS
 
     yield from _heading(task.directions_rad, done)
     geometry = done.trajectory.problem.robot.geometry
@@ -161,9 +164,6 @@ def _conform(task: Conform, done: Done) -> Iterator[str]:
 
 
 def _grasp(task: Grasp, done: Done) -> Iterator[str]:
-    from twosra_mpc.checking.clearance import OVERLAP_M, TOUCHING_M  # loads GEOS
-    from twosra_mpc.checking.holds import cage_proved, pushes
-
     yield from _heading(task.directions_rad, done)
     if any(stiffness(done.trajectory, done.at_s)):
         yield "the robot is not rigid"
@@ -172,22 +172,61 @@ def _grasp(task: Grasp, done: Done) -> Iterator[str]:
         state = f"{1e3 * apart:.3g} mm away from" if apart > 0 else f"{-1e3 * apart:.3g} mm within"
         yield f"the robot is {state} {task.object}, it does not touch it"
         return
-    problem, at = done.trajectory.problem, done.at_s
-    number = [item.name for item in problem.objects].index(task.object)
-    geometry, thing = problem.robot.geometry, problem.objects[number]
-    if task.hold == "caged":
-        if not cage_proved(geometry, thing, done.objects[number], done.q, max(-apart, 0.0)):
-            yield f"it is not proved that {task.object} cannot leave"
+    number = [item.name for item in done.trajectory.problem.objects].index(task.object)
+    if task.hold == "pushed":
+        yield from _pushed(number, done)
+    elif not _caged(number, done, apart):
+        yield f"it is not proved that {task.object} cannot leave"
+
+
+def _held_at_start(done: Done) -> Iterator[str]:
+    """What is held at the start is caged, or touched and held by friction while it is pushed.
+
+    Not asked where it is let go at once.
+    """
+    problem = done.trajectory.problem
+    if problem.start.holding is None or carried(done.trajectory)[0].to_s <= SAME_TIME_S:
         return
-    held = next(c for c in carried(done.trajectory) if c.object == number and c.from_s == at)
-    samples = done.trajectory.samples
+    number = [item.name for item in problem.objects].index(problem.start.holding)
+    thing, apart = problem.objects[number], done.apart_m(problem.start.holding)
+    named = f"start.holding: {thing.name} is not held"
+    if apart < -OVERLAP_M - ROUNDING:
+        yield f"{named}: the robot overlaps it by {-1e3 * apart:.3g} mm"
+    elif _caged(number, done, apart):
+        return
+    elif apart > TOUCHING_M + ROUNDING:
+        yield f"{named}: it is {1e3 * apart:.3g} mm from touching, and no cage is proved"
+    elif thing.friction is None:
+        yield f"{named}: no cage is proved, and it has no friction to be pushed by"
+    else:
+        yield from _pushed(number, done)
+
+
+def _caged(number: int, done: Done, apart: float) -> bool:
+    """Whether it is proved that an object cannot leave the robot."""
+    from twosra_mpc.checking.holds import cage_proved
+
+    problem = done.trajectory.problem
+    where = problem.objects[number], done.objects[number], done.q
+    return cage_proved(problem.robot.geometry, *where, max(-apart, 0.0))
+
+
+def _pushed(number: int, done: Done) -> Iterator[str]:
+    """Friction holds an object through every drive from its grasp to its release."""
+    from twosra_mpc.checking.holds import pushes
+
+    problem, samples = done.trajectory.problem, done.trajectory.samples
+    held = next(
+        c for c in carried(done.trajectory) if c.object == number and c.from_s == done.at_s
+    )
     rows = (samples.t_s[:-1] >= held.from_s - SAME_TIME_S) & (samples.t_s[:-1] < held.to_s)
     twists = (samples.v[:-1] + samples.a[:-1] * np.diff(samples.t_s)[:, None] / 2)[:, 2:]
-    kept = pushes(geometry, thing, held.pose_in_b0, done.q, twists)
+    thing = problem.objects[number]
+    kept = pushes(problem.robot.geometry, thing, held.pose_in_b0, done.q, twists)
     wrong = rows & samples.moves[:-1] & ~kept
     if wrong.any():
         when = samples.t_s[:-1][wrong][0]
-        yield f"{task.object} is pushed where friction does not hold it at {when:.1f} s"
+        yield f"{thing.name} is pushed where friction does not hold it at {when:.1f} s"
 
 
 def _carry(task: Carry, done: Done) -> Iterator[str]:

@@ -33,9 +33,11 @@ from twosra_mpc.problem.tasks import (
     Task,
     orders,
 )
+from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.poses import composed, inverse
+from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.footprint import kept_m
 from twosra_mpc.space.outlines import eroded, quadrangles
 
@@ -136,7 +138,28 @@ class Ways:
             allowed = f"where {name} is in the robot's hand; here they overlap, or are apart"
             where = tuple(poses[number].tolist())
             raise InputError(f"objects.{number}.pose", where, allowed) from None
+        if not proved and not isinstance(problem.tasks[0], Release):
+            self._check_pushed(thing, q[POSE:], pose_in_b0)
         return State((), poses, Hold(number, q[POSE:], pose_in_b0, proved))
+
+    def _check_pushed(self, thing: Object, kappa: Array, pose_in_b0: Array) -> None:
+        """Refuse an object that the start holds neither by a cage nor by friction where it touches.
+
+        Raises:
+            InputError: Naming the object, and how far it is from touching.
+        """
+        geometry, contour = self.problem.robot.geometry, Contour.of(thing.at(pose_in_b0))
+        still = np.concatenate([np.zeros(POSE), kappa])[None]
+        moved = (None, *range(geometry.segments))
+        found = [np.min(apart_m(geometry, contour, parts(geometry, still, j))) for j in moved]
+        if (nearest_m := float(min(found))) > TOUCHING_M:
+            why = f"it is {1e3 * nearest_m:.3g} mm from touching, and no cage is proved"
+        elif thing.friction is None:
+            why = "no cage is proved, and it has no friction to be pushed by"
+        else:
+            return
+        held = f"an object in a cage, or one that touches and has friction; {thing.name}: {why}"
+        raise InputError("start.holding", thing.name, held)
 
     def _number(self, name: str) -> int:
         return [item.name for item in self.problem.objects].index(name)
