@@ -17,7 +17,8 @@ from problems import exactly, random_problem
 
 from twosra_mpc import InputError, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc import installation as installed
-from twosra_mpc.checking.certificate import Checker, check
+from twosra_mpc.checking import certificate
+from twosra_mpc.checking.certificate import Bounded, Checker, Proof, check
 from twosra_mpc.checking.fibre import Fibre, between, low
 from twosra_mpc.checking.melts import heat
 from twosra_mpc.identification.path_choice import with_path_model
@@ -262,6 +263,33 @@ def test_a_plan_file_carries_its_proof(run: Run, tmp_path: Path) -> None:
     assert code == 2
     assert "made with --proof" in error
     assert "certificate" not in load_plan(file).to_dict()
+
+
+def test_what_is_proved_is_compared_with_what_the_plan_costs(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "plan.json"
+    assert run("plan", "paper-2", "--proof", "--out", str(file))[0] == 0
+    reported = load_plan(file).lower_bound
+    cost = load_plan(file).require().cost.total
+    assert reported is not None
+    for bound, ok, words in (
+        (cost * (1 + 1e-8), False, "contradiction: no plan costs less than"),
+        (cost, True, f"proves {cost:.3f} s"),
+        (reported * (1 - 4e-4), True, f"{4e-4 * reported:.3f} s (0.04 %) more than"),
+        (reported * (1 - 6e-4), False, "(0.06 %) more than is proved"),
+    ):
+        bounded = Proof((Bounded((), False, bound),))
+        monkeypatch.setattr(certificate, "check", lambda *_, found=bounded: found)
+        document = json.loads(file.read_text())
+        document["certificate"]["bound_s"] = 0.0
+        file.write_text(json.dumps(document))
+        code, text, _ = run("verify", str(file), "--proof", "--json")
+        (told,) = json.loads(text) if isinstance(json.loads(text), list) else [json.loads(text)]
+        assert code == (0 if ok else 4)
+        found = [one for one in told["checks"] if one["name"] in ("certificate", "contradiction")]
+        assert any(words in f"{one['name']}: {one['found']}" for one in found), found
+        assert all((one["margin"] >= 0) == one["ok"] for one in found)
 
 
 def test_what_has_no_proof_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.robot.description import segment_model
@@ -365,7 +366,18 @@ def test_any_path_model_is_one_of_a_robot_and_other_robots_are_taken_as_they_are
     words = "robot: not '2sra-v1-paper': path.growth is"
     assert words in problems_in(document, tmp_path / "plan.json")
     document["robot"]["path"]["model"] = "log_spiral_corrected"
+    words = "robot: not '2sra-v1-paper' with path model log_spiral_corrected: path.growth is"
+    assert words in problems_in(document, tmp_path / "plan.json")
+    document["robot"]["path"]["growth"] = load_robot("2sra-v1-paper").path.growth  # type: ignore[attr-defined]
     assert "robot:" not in problems_in(document, tmp_path / "plan.json")
+    for model in PATH_MODELS:
+        robot = with_path_model(load_robot("2sra-v1"), model).model_dump(mode="json")
+        kept, path = deepcopy(solved("paper-1").to_dict()), tmp_path / "plan.json"
+        kept["robot"] = robot
+        assert "robot:" not in problems_in(kept, path)
+        if "scale" in robot["path"]:
+            robot["path"]["scale"] = [0.2 * scale for scale in robot["path"]["scale"]]
+            assert "path.scale is" in problems_in(kept, path)
     document = deepcopy(solved("paper-2", robot="2sra-v1-paper").to_dict())
     document["robot"]["name"] = document["scenario"]["robot"] = "mine"
     path = tmp_path / "plan.json"

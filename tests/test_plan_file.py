@@ -30,6 +30,7 @@ from twosra_mpc import (
     InputError,
     NoPlanError,
     Plan,
+    Problem,
     Result,
     Status,
     __version__,
@@ -806,3 +807,23 @@ def test_a_folder_is_no_file_to_write_to(tmp_path: Path) -> None:
         write_text(tmp_path / "folder", "x")
     assert caught.value.field == "output"
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def test_a_plan_file_names_no_other_file(solved: Solved, tmp_path: Path) -> None:
+    """The files are there and would be read, if a scenario named them."""
+    obstacles, outline, path = (tmp_path / name for name in ("a.geojson", "b.csv", "plan.json"))
+    corners = [[9, 9], [9.1, 9], [9, 9.1], [9, 9]]
+    obstacles.write_text(json.dumps({"type": "Polygon", "coordinates": [corners]}))
+    outline.write_text("0,0\n0.02,0\n0,0.02\n")
+    cup = {"name": "cup", "pose": {"x_m": 1.0, "y_m": 1.0}, "outline": str(outline)}
+    for key, value, file in (
+        ("obstacles", str(obstacles), obstacles),
+        ("objects", [cup], outline),
+    ):
+        document = solved("paper-1").to_dict()
+        assert Problem.parse({**document["scenario"], "robot": "2sra-v1", key: value}, "own")
+        path.write_text(json.dumps({**document, "scenario": {**document["scenario"], key: value}}))
+        with pytest.raises(InputError, match="plan files name no other file") as caught:
+            load_plan(path)
+        assert key in caught.value.field
+        assert caught.value.value == str(file)

@@ -216,9 +216,7 @@ def _pushed(number: int, done: Done) -> Iterator[str]:
     from twosra_mpc.checking.holds import pushes
 
     problem, samples = done.trajectory.problem, done.trajectory.samples
-    held = next(
-        c for c in carried(done.trajectory) if c.object == number and c.from_s == done.at_s
-    )
+    held = next(c for c in carried(done.trajectory) if c.object == number and c.from_s == done.at_s)
     rows = (samples.t_s[:-1] >= held.from_s - SAME_TIME_S) & (samples.t_s[:-1] < held.to_s)
     twists = (samples.v[:-1] + samples.a[:-1] * np.diff(samples.t_s)[:, None] / 2)[:, 2:]
     thing = problem.objects[number]

@@ -9,7 +9,6 @@ seen from a plan; it takes planning the scenario again.
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from twosra_mpc.checking.between_samples import between_problems
 from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE, Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
+from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
@@ -38,6 +38,7 @@ from twosra_mpc.robot.modes import mode_name
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 EFFORT_TOLERANCE = 1e-3  # of the effort: how a wheel's speed bends between samples
 TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
+FIT_TOLERANCE = 1e-5  # relative, of a path model's fitted parameters, by versions of SciPy
 BOUND_TOLERANCE = 1e-6  # relative: a bound comes from a solver
 _UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
 
@@ -137,17 +138,19 @@ def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
 
 
 def _robot(stored: Robot, known: Robot | None) -> Check:
-    """Whether the robot in the file is the one that is meant; any robot may have any path model."""
+    """Whether the robot in the file is the one that is meant, by any of the path models."""
     if known is None and stored.name not in robot_names():
         return Check(
             "robot", f"{stored.name!r} is not built in: taken as it is in the file", ok=True
         )
-    known = known or load_robot(stored.name)
-    other = stored.path.model != known.path.model
-    kept = {"path"} if other else None
-    own, right = (item.model_dump(mode="json", exclude=kept) for item in (stored, known))
-    differences = [*_differences(own, right)]
-    name = f"{known.name!r}" + f" with path model {stored.path.model}" * other
+    known, model = known or load_robot(stored.name), stored.path.model
+    other = model != known.path.model
+    right = with_path_model(known, model) if other else known
+    own, meant = (item.model_dump(mode="json") for item in (stored, right))
+    if other and _alike(own["path"], meant["path"], FIT_TOLERANCE):
+        own["path"] = meant["path"]
+    differences = [*_differences(own, meant)]
+    name = f"{known.name!r}" + f" with path model {model}" * other
     text = f"not {name}: {'; '.join(differences[:3])}" if differences else f"{name}, unchanged"
     return Check("robot", text, not differences)
 
@@ -276,15 +279,16 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
     yield Check("scenario.robot", f"{name!r}; the robot in the file is {used!r}", name == used)
 
 
-def _alike(stored: object, expected: object) -> bool:
-    """Whether plain data are the same but for rounding."""
+def _alike(stored: object, expected: object, within: float = TOLERANCE) -> bool:
+    """Whether plain data are the same but for rounding, ``within`` relative and absolute."""
     if isinstance(expected, dict) and isinstance(stored, dict):
         pairs = [(stored[key], expected[key]) for key in expected if key in stored]
-        return stored.keys() == expected.keys() and all(itertools.starmap(_alike, pairs))
+        return stored.keys() == expected.keys() and all(_alike(*pair, within) for pair in pairs)
     if isinstance(expected, list) and isinstance(stored, list):
-        return len(stored) == len(expected) and all(map(_alike, stored, expected))
+        pairs = list(zip(stored, expected, strict=False))
+        return len(stored) == len(expected) and all(_alike(*pair, within) for pair in pairs)
     if isinstance(expected, float) and isinstance(stored, int | float):
-        return math.isclose(stored, expected, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+        return math.isclose(stored, expected, rel_tol=within, abs_tol=within)
     return stored == expected
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -29,7 +31,11 @@ from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import save_setpoints
 
+if TYPE_CHECKING:
+    from twosra_mpc.checking.certificate import Proof
+
 _UNPROVED = 5e-4  # share of a reported bound that a certificate may leave open
+_ROUNDING = 1e-9  # relative
 
 
 @command("verify")
@@ -81,14 +87,27 @@ def _with_proof(found: PlanCheck) -> PlanCheck:
     if result.certificate is None:
         raise InputError("certificate", "missing", "a plan that was made with --proof")
     proof, claimed = check(result.problem, result.certificate), result.certificate.get("bound_s")
-    reported = result.lower_bound or 0.0
-    as_claimed = isinstance(claimed, int | float) and proof.bound >= claimed * (1 - 1e-9)
-    ok = as_claimed and proof.bound >= reported * (1 - _UNPROVED)
+    cost = math.inf if result.plan is None else result.plan.cost.total
+    checks = (*_proved(proof, claimed, result.lower_bound or 0.0, cost),)
+    false = (f"{one.name}: {one.found}" for one in checks if not one.ok)
+    return replace(found, checks=(*found.checks, *checks), problems=(*found.problems, *false))
+
+
+def _proved(proof: Proof, claimed: object, reported: float, cost: float) -> Iterator[Check]:
+    """Compare what is proved with what is claimed and reported, and with what the plan costs."""
+    as_claimed = isinstance(claimed, int | float) and proof.bound >= claimed * (1 - _ROUNDING)
+    enough = reported * (1 - _UNPROVED)
     text = f"proves {proof.bound:.3f} s in {len(proof.parts)} parts; {reported:.3f} s are reported"
-    text += "" if as_claimed else f", {claimed!r} s claimed by the certificate"
-    one = Check("certificate", text, ok, proof.bound - reported, "s")
-    problems = found.problems if ok else (*found.problems, f"{one.name}: {one.found}")
-    return replace(found, checks=(*found.checks, one), problems=problems)
+    if (more := reported - proof.bound) > 0:
+        text = f"{text}, {more:.3f} s ({100 * more / reported:.2g} %) more than is proved"
+    text += "" if as_claimed else f"; {claimed!r} s are claimed by the certificate"
+    ok = as_claimed and proof.bound >= enough
+    yield Check("certificate", text, ok, proof.bound - enough, "s")
+    below = proof.bound - cost
+    if below > _ROUNDING * cost:
+        text = f"no plan costs less than {proof.bound:.3f} s is proved, but this one costs"
+        text = f"{text} {cost:.3f} s: it breaks a rule, or the proof is wrong"
+        yield Check("contradiction", text, ok=False, margin=-below, unit="s")
 
 
 def _verdict(path: str, found: PlanCheck) -> dict[str, Any]:

@@ -24,11 +24,9 @@ from twosra_mpc.execution.run import (
 )
 from twosra_mpc.execution.session import Session
 from twosra_mpc.files import read_document, reading, write_json
-from twosra_mpc.plans.document import plan_within
+from twosra_mpc.plans.document import embedded_problem, plan_within
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.description import Robot
 
 SAVED_EVERY_S = 10.0  # of a run under way, whenever it stands: a power cut costs no more
 _SHARE = 0.02  # of the time, at most, is spent on that
@@ -87,9 +85,8 @@ def load_run(path: str | Path) -> Run:
 
 
 def _run(data: dict[str, Any], source: str) -> Run:
-    robot = Robot.parse(data["robot"], f"{source} (robot)")
     return Run(
-        problem=Problem.parse({**data["scenario"], "robot": robot}, f"{source} (scenario)"),
+        problem=embedded_problem(data["robot"], data["scenario"], source),
         executor=data["executor"],
         plans=tuple(plan_within(each, data["robot"], source) for each in data["plans"]),
         ending=Ending(data["ending"]),

@@ -130,8 +130,7 @@ def plan_within(document: dict[str, Any], robot: dict[str, Any], source: str) ->
 
 
 def _result(data: PlanDocument, source: str) -> Result:
-    robot = Robot.parse(data.robot, f"{source} (robot)")
-    problem = Problem.parse({**data.scenario, "robot": robot}, f"{source} (scenario)")
+    problem = embedded_problem(data.robot, data.scenario, source)
     early = Ending.LIMIT if data.stopped_early else None
     return Result(
         problem=problem,
@@ -144,6 +143,28 @@ def _result(data: PlanDocument, source: str) -> Result:
         certificate=data.certificate,
         plan=None if data.samples is None else _plan(data, problem, data.samples),
     )
+
+
+def embedded_problem(robot: dict[str, Any], scenario: dict[str, Any], source: str) -> Problem:
+    """Read a problem that another file holds; unlike one of a user it may name no file.
+
+    Args:
+        robot: Its robot, as the file has it.
+        scenario: All else.
+        source: The file.
+
+    Raises:
+        InputError: If it is wrong, or naming the key and the file that it names.
+    """
+    allowed, where = "in this file itself: plan files name no other file", f"{source} (scenario)"
+    if isinstance(named := scenario.get("obstacles"), str):
+        raise InputError("obstacles", named, f"a list {allowed}", where)
+    objects = scenario.get("objects")
+    for i, item in enumerate(objects if isinstance(objects, list) else ()):
+        if isinstance(item, dict) and "outline" in item:
+            raise InputError(f"objects.{i}.outline", item["outline"], f"corners {allowed}", where)
+    known = Robot.parse(robot, f"{source} (robot)")
+    return Problem.parse({**scenario, "robot": known}, where)
 
 
 def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan:
