@@ -49,6 +49,7 @@ ALLOWED = {
     "skimage": ("photographs/published.py",),
     "similaritymeasures": ("reproduction/hardware.py",),
     "foxglove": ("export/",),
+    "mcap_ros2": ("export/",),
     "dask": ("batch/",),
     "distributed": ("batch/",),
     "pyarrow": ("batch/",),

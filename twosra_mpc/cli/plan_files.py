@@ -26,6 +26,7 @@ from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Ou
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
+from twosra_mpc.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.installation import install_command, require_flint
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan
@@ -169,10 +170,15 @@ the paper's wheel map are refused: without slip they bend it by 17 to 48 % of wh
 
 MCAP needs the package foxglove-sdk: {install_command("mcap")}
 
+With --ros2 the .mcap file is a bag for ROS 2: JointState, TFMessage, Path, Temperature and the
+robot as URDF. It needs mcap-ros2-support, and no ROS: {install_command("ros")}
+
 \b
 Play a plan at thirty frames a second (in Foxglove: open the file, add a 3D panel):
   twosra plan paper-1 --out plan.json
   twosra export plan.json plan.mcap --rate 30
+A bag of standard messages for ROS 2, with the robot as URDF:
+  twosra export plan.json bag.mcap --ros2 --rate 30
 The plan's own grid as the authors' scripts read it:
   twosra export plan.json plan.csv
 """
@@ -182,12 +188,19 @@ The plan's own grid as the authors' scripts read it:
 @plan_to_drive
 @out_argument(ending(".mcap", ".csv"))
 @rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
-def export_command(plan: Plan, out: Path, rate_Hz: float | None, output: Output) -> None:
+@click.option("--ros2", is_flag=True, help="MCAP: standard messages of ROS 2.")
+def export_command(
+    plan: Plan, out: Path, rate_Hz: float | None, ros2: bool, output: Output
+) -> None:
     """Export a plan; see ``_EXPORT_HELP``."""
     robot, duration_s = plan.robot.name, plan.duration_s
     document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
+    if ros2 and out.suffix != ".mcap":
+        raise InputError("output", str(out), "a .mcap file with --ros2")
     with output.progress(f"writing {out}"):
-        if out.suffix == ".csv":
+        if ros2:
+            save_ros2_bag(plan, out, rate_Hz)
+        elif out.suffix == ".csv":
             save_authors_csv(plan, out, rate_Hz)
         else:
             save_mcap(plan, out, rate_Hz)

@@ -15,6 +15,7 @@ import numpy as np
 
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
+from twosra_mpc.export.changes import changed
 from twosra_mpc.files import check_writable, write_bytes
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.carried import object_poses
@@ -33,15 +34,16 @@ TABLES = {  # topic -> what it says, how the names of its columns begin
     "/heaters": ("Set-points, feed-forward currents of the heaters", ("heater", "current")),
     "/temperatures": ("Expected temperatures and melt fractions", ("temperature", "melt")),
 }
+STEPS = {"temperature": 0.1, "melt": 0.01}  # by how a column's name begins; others: any change
 TOPICS = (SCENE, FRAMES, *TABLES)
 
 
 def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
-    """Write a plan as MCAP, one message a topic and sample, atomically.
+    """Write a plan as MCAP, atomically.
 
-    Log times are the plan's, from zero. Set-points hold from a message to the next. The robot and
-    its frames are written when they move or a segment changes; what is around it, once; objects,
-    when they move.
+    Log times are the plan's, from zero. A topic has a message wherever it changes, and holds to
+    the next one: temperatures by 0.1 C, melt fractions by 0.01. What is around the robot is written
+    once.
 
     Args:
         plan: The plan.
@@ -88,11 +90,17 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
                 things.log(update, log_time=nanoseconds(time_s))
         for topic, table in tables(held).items():
             channel = foxglove.Channel(topic, schema=_schema(topic, table), context=context)
-            rows = np.column_stack(list(table.values())).tolist()
-            for time_s, row in zip(held.t_s.tolist(), rows, strict=True):
+            rows = np.column_stack(list(table.values()))
+            new = changed(rows, [_step(name) for name in table])
+            for time_s, row in zip(held.t_s[new].tolist(), rows[new].tolist(), strict=True):
                 message = dict(zip(table, row, strict=True))
                 channel.log(message, log_time=nanoseconds(time_s))
     write_bytes(path, memory.getvalue())
+
+
+def _step(column: str) -> float:
+    """Change of a column that is not worth a message, in its unit."""
+    return next((step for name, step in STEPS.items() if column.startswith(name)), 0.0)
 
 
 def _changes(trajectory: Trajectory) -> Iterator[tuple[float, list[float], list[State]]]:

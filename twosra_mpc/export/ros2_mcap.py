@@ -1,0 +1,197 @@
+"""A plan as a ROS 2 bag (MCAP) of standard messages, written without ROS.
+
+``/robot_description`` is the robot as URDF (`robot_chain`), ``/joint_states`` its hinges and
+wheels, ``/tf`` all its frames, ``/path`` the course of b0. ``/wheel_commands`` are joint states
+whose velocities hold to the next message. ``/segmentN/temperature`` is what the metal is expected
+to be and ``/segmentN/setpoint`` what its heater regulates to, in degrees Celsius. Times are the
+plan's, from zero; what does not change is not written again.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twosra_mpc.checking.resampling import refined
+from twosra_mpc.errors import InputError
+from twosra_mpc.export.changes import changed
+from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
+from twosra_mpc.files import check_writable, write_bytes
+from twosra_mpc.installation import install_command
+from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.trajectory import Samples
+from twosra_mpc.robot.coordinates import POSE
+
+WORLD = "world"
+TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
+_RULE = "=" * 80
+_TIME = "int32 sec\nuint32 nanosec\n"
+_TYPES = {  # interface -> its fields
+    "builtin_interfaces/Time": _TIME,
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    "std_msgs/String": "string data\n",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+    "geometry_msgs/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
+    "geometry_msgs/Transform": (
+        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"
+    ),
+    "geometry_msgs/TransformStamped": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n"
+    ),
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+    "nav_msgs/Path": "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
+    "sensor_msgs/JointState": (
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\n"
+        "float64[] effort\n"
+    ),
+    "sensor_msgs/Temperature": ("std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n"),
+}
+
+Send = Callable[[str, str, float, dict[str, Any]], None]  # topic, interface, time [s], message
+
+
+def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
+    """Write a plan as a ROS 2 bag in MCAP, atomically.
+
+    Args:
+        plan: The plan.
+        path: Where to write it.
+        rate_Hz: Samples per second that are added to the plan's own; default: none.
+
+    Raises:
+        InputError: If mcap-ros2-support is not installed, or rate or path are not acceptable.
+    """
+    try:
+        from mcap_ros2.writer import Writer
+    except ImportError as error:
+        allowed = f"any file once mcap-ros2-support is installed: {install_command('ros')}"
+        raise InputError("output", str(path), allowed) from error
+    shown = plan if rate_Hz is None else refined(plan, rate_Hz)
+    check_writable(path)
+    memory = io.BytesIO()
+    with Writer(memory) as bag:
+        schemas = {
+            name: bag.register_msgdef(name.replace("/", "/msg/"), _definition(name))
+            for name in _TYPES
+        }
+
+        def send(topic: str, interface: str, time_s: float, message: dict[str, Any]) -> None:
+            at = round(time_s * 1e9)
+            bag.write_message(topic, schemas[interface], message, log_time=at, publish_time=at)
+
+        send("/robot_description", "std_msgs/String", 0.0, {"data": urdf(plan.robot)})
+        _send_motion(shown, send)
+        _send_commands(shown.trajectory.held(), send)
+    write_bytes(path, memory.getvalue())
+
+
+def _send_motion(plan: Plan, send: Send) -> None:
+    """The path once; joint states and frames wherever the robot has moved."""
+    geometry, samples = plan.robot.geometry, plan.samples
+    turned = plan.trajectory.wheel_travel_rad(samples.t_s)
+    new = changed(np.hstack([samples.q, turned]))
+    poses = [
+        {"header": _header(t), "pose": {"position": _xyz(x, y), "orientation": _turn(phi)}}
+        for t, (x, y, phi) in zip(
+            samples.t_s[new].tolist(), samples.q[new, :POSE].tolist(), strict=True
+        )
+    ]
+    send("/path", "nav_msgs/Path", 0.0, {"header": _header(0.0), "poses": poses})
+    chain = joints(geometry)
+    names = [joint.name for joint in chain]
+    for time_s, q, wheel_rad in zip(
+        samples.t_s[new].tolist(), samples.q[new], turned[new], strict=True
+    ):
+        position = angles(geometry, q, wheel_rad).tolist()
+        send(
+            "/joint_states", "sensor_msgs/JointState", time_s, _joint_state(time_s, names, position)
+        )
+        x, y, phi = q[:POSE].tolist()
+        frames = [_frame(time_s, WORLD, BASE, _xyz(x, y), _turn(phi))]
+        frames += [_joint_frame(time_s, *each) for each in zip(chain, position, strict=True)]
+        send("/tf", "tf2_msgs/TFMessage", time_s, {"transforms": frames})
+
+
+def _send_commands(held: Samples, send: Send) -> None:
+    """Wheel speeds, set-points and temperatures, each when it changes."""
+    axles = [f"wheel{i}_axle" for i in range(1, held.wheel_rad_s.shape[1] + 1)]
+    new = changed(held.wheel_rad_s)
+    for t, speeds in zip(held.t_s[new].tolist(), held.wheel_rad_s[new].tolist(), strict=True):
+        state = _joint_state(t, axles, [], speeds)
+        send("/wheel_commands", "sensor_msgs/JointState", t, state)
+    series = {"setpoint": (held.heater_setpoint_C, 0.0)}
+    series["temperature"] = held.temperature_C, TEMPERATURE_STEP_C
+    for name, (values, step) in series.items():
+        for segment in range(values.shape[1]):
+            new = changed(values[:, segment, None], step)
+            link = f"segment{segment + 1}_piece1"
+            for t, value in zip(held.t_s[new].tolist(), values[new, segment].tolist(), strict=True):
+                message = {"header": _header(t, link), "temperature": value, "variance": 0.0}
+                topic = f"/segment{segment + 1}/{name}"
+                send(topic, "sensor_msgs/Temperature", t, message)
+
+
+def _definition(name: str) -> str:
+    """Definition of an interface, followed by those that it is made of, as bags hold it."""
+    parts, wanted = [_TYPES[name]], [name]
+    for each in wanted:
+        for line in _TYPES[each].splitlines():
+            inner = line.split()[0].removesuffix("[]")
+            if inner in _TYPES and inner not in wanted:
+                wanted.append(inner)
+                parts.append(f"{_RULE}\nMSG: {inner}\n{_TYPES[inner]}")
+    return "".join(parts)
+
+
+def _joint_frame(time_s: float, joint: Joint, angle_rad: float) -> dict[str, Any]:
+    x, y, turned = joint.at
+    if joint.wheel is None:
+        return _frame(time_s, joint.parent, joint.child, _xyz(x, y), _turn(turned + angle_rad))
+    rolled = _turn(turned), _quaternion(0.0, math.sin(angle_rad / 2), 0.0, math.cos(angle_rad / 2))
+    return _frame(time_s, joint.parent, joint.child, _xyz(x, y), _product(*rolled))
+
+
+def _frame(
+    time_s: float, parent: str, child: str, at: dict[str, float], turned: dict[str, float]
+) -> dict[str, Any]:
+    transform = {"translation": at, "rotation": turned}
+    return {"header": _header(time_s, parent), "child_frame_id": child, "transform": transform}
+
+
+def _joint_state(
+    time_s: float, names: list[str], position: list[float], velocity: list[float] | None = None
+) -> dict[str, Any]:
+    values = {"position": position, "velocity": velocity or [], "effort": []}
+    return {"header": _header(time_s), "name": names, **values}
+
+
+def _header(time_s: float, frame: str = WORLD) -> dict[str, Any]:
+    sec, nanosec = divmod(round(time_s * 1e9), 1_000_000_000)
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
+
+
+def _xyz(x: float, y: float) -> dict[str, float]:
+    return {"x": x, "y": y, "z": 0.0}
+
+
+def _turn(angle_rad: float) -> dict[str, float]:
+    """A turn about z."""
+    return _quaternion(0.0, 0.0, math.sin(angle_rad / 2), math.cos(angle_rad / 2))
+
+
+def _quaternion(x: float, y: float, z: float, w: float) -> dict[str, float]:
+    return {"x": x, "y": y, "z": z, "w": w}
+
+
+def _product(about_z: dict[str, float], about_y: dict[str, float]) -> dict[str, float]:
+    """A turn about y in a frame that is turned about z."""
+    (z, w), (y, v) = (about_z["z"], about_z["w"]), (about_y["y"], about_y["w"])
+    return _quaternion(-z * y, w * y, z * v, w * v)
