@@ -130,8 +130,8 @@ def _joint(document: ElementTree.Element, joint: Joint) -> None:
     # A wheel that turns about +y rolls to +x, its drive direction.
     ElementTree.SubElement(element, "axis", xyz="0 1 0" if wheel else "0 0 1")
     if not wheel:
-        ends = {"lower": f"{-math.pi:.12g}", "upper": f"{math.pi:.12g}"}
-        ElementTree.SubElement(element, "limit", effort="0", velocity="0", **ends)
+        lower, upper = f"{-math.pi:.12g}", f"{math.pi:.12g}"
+        ElementTree.SubElement(element, "limit", effort="0", velocity="0", lower=lower, upper=upper)
 
 
 def _box(link: ElementTree.Element, long_m: float, x_m: float) -> None:
