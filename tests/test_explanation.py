@@ -155,6 +155,21 @@ def test_the_next_best_sequence_is_another_one_and_not_below_the_bound(
     assert f"Instead, compared at full speed ({quick.cost.total:.2f} s" in str(told)
 
 
+def test_no_alternative_is_cheaper_than_what_is_explained(
+    explained: Callable[[str], Explanation],
+) -> None:
+    """A dear plan is given away for the cheap one that is among its alternatives."""
+    known = explained("paper-1").alternatives[0]
+    best, dear = plan(known.original.problem), known.result
+    assert dear is not None
+    assert dear.require().cost.total > best.require().cost.total + 0.1
+    told = explain(dear)
+    assert told.result.message.endswith("found among the alternatives")
+    assert told.result.require().cost == best.require().cost
+    assert told.result.require().verification == best.require().verification
+    assert all((other.difference_s or 0.0) > -1e-5 for other in told.alternatives)
+
+
 def test_a_plan_at_full_speed_is_compared_with_itself() -> None:
     made = plan(load_problem("shape-change", motion="fastest"))
     told = explain(made)
@@ -387,12 +402,12 @@ def test_an_interrupt_that_the_search_caught_ends_the_explanation(
 def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made = plan(load_problem("rigid-move"))
+    made = plan(load_problem("paper-2"))
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sequence_solver, "solve", interrupted)
+    monkeypatch.setattr(explanation_module, "plan", interrupted)
     told = explain(made)  # at full speed it is planned anew
     assert (told.result, told.alternatives, told.complete) == (made, (), False)
 

@@ -43,6 +43,7 @@ from twosra_mpc import (
 from twosra_mpc.files import write_text
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.ending import Ending
+from twosra_mpc.plans.headline import percent
 from twosra_mpc.plans.plan import Cost
 from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.trajectory import SAME_TIME_S
@@ -73,6 +74,7 @@ CONTRACT = {
     "": {
         *("format", "version", "package", "robot", "scenario", "planner", "status", "message"),
         *("duration_s", "lower_bound_s", "gap", "cost", "phases", "transitions", "samples"),
+        *("fastest_cost_s", "search_gap"),
         *("verification", "stats"),
     },
     "cost": {"total", "time_s", "energy_J", "transitions", "effort_s"},
@@ -222,7 +224,8 @@ def test_a_plan_file_reads_back_as_the_same_plan(any_result: Result, tmp_path: P
 def test_a_plan_that_was_not_found_reads_back_too(infeasible: Result, tmp_path: Path) -> None:
     infeasible.save(tmp_path / "plan.json")
     data = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
-    for key in ("duration_s", "lower_bound_s", "gap", "cost", "samples", "verification"):
+    unknown = ("duration_s", "lower_bound_s", "gap", "fastest_cost_s", "search_gap", "cost")
+    for key in (*unknown, "samples", "verification"):
         assert data[key] is None
     assert data["phases"] == data["transitions"] == []
     assert set(data) == CONTRACT[""] | EXTENSIONS[""]
@@ -262,6 +265,31 @@ def test_the_gap_is_that_between_cost_and_bound(planned: Planned) -> None:
     assert replace(made, lower_bound=None).gap is None
     assert replace(made, lower_bound=100.0).gap == 0.5
     assert replace(made, lower_bound=201.0).gap == 0.0
+
+
+@pytest.mark.parametrize("weights", [{}, {"transition_s": 5.0}, {"energy_s_per_J": 0.1}])
+@pytest.mark.parametrize("name", ["paper-2", "shape-change", "three-shapes"])
+def test_what_the_search_proved_and_what_is_slow_on_purpose_are_two_numbers(
+    name: str, weights: dict[str, float], tmp_path: Path
+) -> None:
+    """At full speed the same problem is planned to the same cost, which is verified there."""
+    gentle, quick = (
+        plan(load_problem(name, weights=weights, motion=motion)).require()
+        for motion in ("gentle", "fastest")
+    )
+    assert (quick.fastest_cost, quick.search_gap) == (quick.cost.total, quick.gap)
+    assert (quick.slower_by, "gently" in str(quick)) == (0.0, False)
+    assert gentle.fastest_cost == pytest.approx(quick.cost.total, rel=1e-6)
+    assert gentle.search_gap == pytest.approx(quick.gap, abs=1e-6)
+    assert gentle.slower_by == pytest.approx(gentle.cost.total - quick.cost.total, abs=1e-3)
+    told = f"full speed {'cost ' if weights else ''}{quick.cost.total:.1f} s, "
+    assert (told in str(gentle)) == bool(gentle.slower_by)
+    assert gentle.slower_by or name == "three-shapes"  # whose gap is larger than asked
+    younger = plan(gentle.problem), lambda d: (d.pop("fastest_cost_s"), d.pop("search_gap"))
+    path = edited(*younger, tmp_path / "plan.json")
+    older = load_plan(path).require()  # as written before: nothing is known of the search
+    assert (older.search_gap, older.slower_by, older.gap) == (None, None, gentle.gap)
+    assert str(older).endswith(f" s, proved within {percent(gentle.gap or 0.0)} of the best")
 
 
 def test_the_status_of_a_plan_follows_from_its_gap_and_verification(planned: Planned) -> None:

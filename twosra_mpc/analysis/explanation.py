@@ -26,12 +26,13 @@ from twosra_mpc.analysis.critical_path import (
     in_words,
 )
 from twosra_mpc.analysis.transition_speed import slowed
+from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan, plan_without
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.planning.single_goal.relaxed import bending_task
 from twosra_mpc.plans.ending import Ending
-from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name
@@ -44,6 +45,7 @@ SLOWER = 1.5  # how many times slower a freeze or a melt is made
 FARTHER_M = 0.005  # how much more clearance is asked for
 
 _ROUNDS = 8  # how often a sequence that only adds unused phases is set aside
+_BETTER = "cheaper than the plan that was to be explained: found among the alternatives"
 _SAME_S = 1e-5  # events closer than this are one
 _LOOKS = 200  # at a phase
 
@@ -96,7 +98,7 @@ class Alternative:
             return ""
         percent = 100 * (self.difference or 0.0)
         digits = 1 if abs(percent) >= 1 else 3
-        return f"{self.difference_s:+.2f} s ({percent:+.{digits}f} %)"
+        return f"{self.difference_s:+z.2f} s ({percent:+z.{digits}f} %)"
 
     def __str__(self) -> str:
         return ": ".join(filter(None, [self.change, self.price, self.outcome]))
@@ -171,14 +173,15 @@ def explain(
     tell = on_progress or (lambda _: None)
     tell("the plan itself")
     result = subject if isinstance(subject, Result) else plan(subject)
-    made, others = result.plan, list[Alternative]()
+    others = list[Alternative]()
     complete = isinstance(subject, Result) or result.ending is not Ending.INTERRUPTED
     reasons = None
+    if complete:
+        result, complete = _beside_others(result, others, tell)
     if complete and problem.obstacles:
         tell("without one obstacle after the other")
         reasons, complete = _reshaping(result)
-    if complete and made is not None and (made.phases or made.transitions):
-        complete = _collect(_alternatives(made, tell), others)
+    made = result.plan
     return Explanation(
         result=result,
         why=() if made is None else tuple(_why(made)),
@@ -188,6 +191,24 @@ def explain(
         complete=complete,
         reshaping=reasons,
     )
+
+
+def _beside_others(
+    result: Result, others: list[Alternative], tell: Callable[[str], None]
+) -> tuple[Result, bool]:
+    """Collect the alternatives of a plan, or of a cheaper one among them; False after Ctrl-C."""
+    complete = True
+    for _ in range(_ROUNDS):
+        others.clear()
+        made = result.plan
+        if made is None or not (made.phases or made.transitions):
+            break
+        complete = _collect(_alternatives(made, tell), others)
+        if (better := _better(made, others)) is None or not complete:
+            break
+        message = f"{better}; {_BETTER}"
+        result = replace(result, plan=better, status=better.status, message=message)
+    return result, complete
 
 
 def _reshaping(result: Result) -> tuple[Reshaping | None, bool]:
@@ -233,7 +254,9 @@ def _why(made: Plan) -> Iterator[str]:
 
 def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternative]:
     """Plan one alternative after the other."""
-    original = _at_full_speed(made, tell)
+    problem = made.problem
+    quick = problem.with_values(motion="fastest") if problem.drives_gently else problem
+    original = at_full_speed(made, quick, tell)
     tell("the next best mode sequence")
     yield _next_best(original)
     among = original.problem.obstacles
@@ -241,23 +264,41 @@ def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternati
         tell(change)
         try:
             problem, details = changed()
-            found = plan(problem)
-            if among and found.found and found.require().cost.total < original.cost.total:
-                details = "so the plan explained is not the best one; its gap allows that"
-            yield Alternative(change, details, original, found)
+            yield Alternative(change, details, original, plan(problem))
         except InputError as error:
             yield Alternative(change, f"no such problem: {error}", original, None)
 
 
-def _at_full_speed(made: Plan, tell: Callable[[str], None]) -> Plan:
-    """The plan itself if it is, or the best one that is."""
-    if not made.problem.drives_gently:
+def _better(made: Plan, others: Sequence[Alternative]) -> Plan | None:
+    """The cheapest of the other plans that solves the same problem for less; None: none does."""
+    found = [
+        replace(
+            other.plan,
+            trajectory=(same := replace(other.plan.trajectory, problem=made.problem)),
+            verification=verify(same),
+            lower_bound=made.lower_bound,
+        )
+        for other in others
+        if other.plan is not None and (other.difference_s or 0.0) < -_SAME_S
+    ]
+    solving = [each for each in found if each.verification.ok]
+    return min(solving, key=lambda each: each.cost.total, default=None)
+
+
+def at_full_speed(made: Plan, problem: Problem, tell: Callable[[str], None]) -> Plan:
+    """The plan itself if it costs no more than at full speed, or the best plan that is.
+
+    Args:
+        made: The plan.
+        problem: What it solves, without gentleness.
+        tell: Told what is planned.
+    """
+    if made.problem is problem:
         return made
-    if made.problem.obstacles and made.status is Status.FEASIBLE:  # no gap was left for gentleness
-        quick = made.problem.with_values(motion="fastest")
-        return replace(made, trajectory=replace(made.trajectory, problem=quick))
+    if made.slower_by == 0.0:
+        return replace(made, trajectory=replace(made.trajectory, problem=problem))
     tell("the same at full speed")
-    quickest = plan(made.problem.with_values(motion="fastest"))
+    quickest = plan(problem)
     if quickest.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     return quickest.plan or made

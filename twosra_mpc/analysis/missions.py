@@ -7,17 +7,17 @@ before, and the tasks in other orders. All are compared at full speed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from twosra_mpc.analysis.critical_path import Activity, critical_path, in_words
-from twosra_mpc.analysis.explanation import Alternative
+from twosra_mpc.analysis.explanation import Alternative, at_full_speed
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.ending import Ending
-from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.stages import stages, task_words
 from twosra_mpc.plans.trajectory import Trajectory
@@ -212,7 +212,8 @@ def explain_mission(
     others = [] if made is None else _other_orders(problem, made.problem.tasks)
     if made is not None and complete:
         try:
-            quick = _at_full_speed(made, tell)
+            as_ordered = made.problem.with_values(motion="fastest", order="given")
+            quick = at_full_speed(made, as_ordered, tell)
             for temperatures in _TEMPERATURES if len(list(_goals(problem))) > 1 else ():
                 ways.append(goal_by_goal(quick.problem, temperatures, on_progress=tell))
             for tasks in others[:most_orders]:
@@ -356,18 +357,6 @@ def _temperatures(problem: Problem, measured_C: Array, mode: Array) -> tuple[flo
     soft = np.maximum(measured_C, liquid + _CLEARLY_K)
     rigid = np.minimum(measured_C, solid - _CLEARLY_K)
     return tuple(np.where(mode, soft, rigid).tolist())
-
-
-def _at_full_speed(made: Plan, tell: Callable[[str], None]) -> Plan:
-    """The plan itself if it is, or the best one that is, of the same tasks in the same order."""
-    problem = made.problem.with_values(motion="fastest", order="given")
-    if not made.problem.drives_gently or made.status is Status.FEASIBLE:  # no gap was left to spend
-        return replace(made, trajectory=replace(made.trajectory, problem=problem))
-    tell("the same at full speed")
-    quickest = plan(problem)
-    if quickest.ending is Ending.INTERRUPTED:
-        raise KeyboardInterrupt
-    return quickest.plan or made
 
 
 def _other_orders(problem: Problem, planned: Sequence[Task]) -> list[tuple[Task, ...]]:

@@ -113,6 +113,8 @@ def _numbers(result: Result) -> Row:
         "sequence": " ".join(map(mode_name, made.sequence)),
         "cost": made.cost.total,
         "gap": made.gap,
+        "fastest_cost": made.fastest_cost,
+        "search_gap": made.search_gap,
         "duration_s": made.duration_s,
         "waiting_s": made.duration_s - made.moving_s,
         "moving_s": made.moving_s,

@@ -248,6 +248,11 @@ def _proof(plan: Plan, status: Status) -> Iterator[Check]:
     if not within:
         text = "below zero" if bound < 0 else "above the cost it bounds"
     yield Check("lower bound", text, within, max(margin, 0.0) if within else -abs(margin), "s")
+    if (quickest := plan.fastest_cost) is not None:
+        slack = BOUND_TOLERANCE * plan.cost.total
+        between = bound - slack <= quickest <= plan.cost.total + slack
+        text = f"{quickest:.3f} s, {'' if between else 'not '}between the bound and the cost"
+        yield Check("fastest_cost_s", text, between)
     earned = Status.OPTIMAL if gap <= asked else Status.FEASIBLE
     text = f"{status}; gap {gap:.3g}, asked {asked:g}: {earned}, planner {plan.planner}"
     yield Check("status", text, status is earned and plan.planner == "optimal")
@@ -264,6 +269,7 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
     for name, stored, expected in (
         ("duration_s", document["duration_s"], plan.cost.time_s),
         ("gap", document["gap"], plan.gap),
+        ("search_gap", document.get("search_gap"), plan.search_gap),
     ):
         if stored is None or expected is None:
             same = stored is expected

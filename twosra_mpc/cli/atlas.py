@@ -57,7 +57,7 @@ def _print(found: Atlas) -> None:
     print_table(("mode sequence", "plans"), _first(shares))
     quantities = {
         "duration [s]": _cells(found.duration_s),
-        "proved gap [%]": _cells(found.gap, 100.0),
+        "proved gap at full speed [%]": _cells(found.gap, 100.0),
         "saved against the greedy rule [s]": _cells(found.saved_s),
         **{f"saved by {each.change} [s]": _cells(each.saved_s) for each in found.worth},
     }

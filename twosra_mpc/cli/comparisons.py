@@ -16,6 +16,7 @@ from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
 from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
+from twosra_mpc.plans.headline import quality
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 PLANNERS = ("optimal", "greedy")
 _MEASURES = ("duration_s", "waiting_s", "moving_s", "transitions", "energy_J", "cost_s")
-PLANS = ("scenario", "planner", "mode sequence", "duration", "cost ratio", "gap", "status")
+PLANS = ("scenario", "planner", "mode sequence", "duration", "cost ratio", "status", "proved")
 EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
 
@@ -92,7 +93,8 @@ def _record(name: str, result: Result, rivals: Sequence[Result]) -> dict[str, An
         **dict.fromkeys(_MEASURES),
         "lower_bound_s": result.lower_bound,
         "gap": result.gap,
-        "cost_ratio": None,
+        **dict.fromkeys(("fastest_cost_s", "search_gap", "cost_ratio")),
+        "proved": "",
     }
     if (made := result.plan) is None:
         return record
@@ -105,6 +107,9 @@ def _record(name: str, result: Result, rivals: Sequence[Result]) -> dict[str, An
         "transitions": cost.transitions,
         "energy_J": cost.energy_J,
         "cost_s": cost.total,
+        "fastest_cost_s": made.fastest_cost,
+        "search_gap": made.search_gap,
+        "proved": "" if made.lower_bound is None else quality(made),
         "cost_ratio": cost.total / first.cost.total if first and first.cost.total else None,
     }
 
@@ -115,13 +120,11 @@ def _print_records(records: Sequence[dict[str, Any]]) -> None:
     for record in records:
         named = (record["scenario"], record["planner"])
         if record["duration_s"] is None:
-            plans.append((*named, "", "", "", "", record["status"]))
+            plans.append((*named, "", "", "", record["status"], ""))
             continue
-        gap, ratio = record["gap"], record["cost_ratio"]
-        proved = "" if gap is None else f"{100 * gap:.2g} %" if gap > 1e-5 else "< 0.001 %"
-        compared = "" if ratio is None else f"{ratio:.3f}"
+        compared = "" if record["cost_ratio"] is None else f"{record['cost_ratio']:.3f}"
         duration, modes = f"{record['duration_s']:.1f} s", sequence_name(record["modes"])
-        plans.append((*named, modes, duration, compared, proved, record["status"]))
+        plans.append((*named, modes, duration, compared, record["status"], record["proved"]))
         times = (f"{record['waiting_s']:.1f} s", f"{record['moving_s']:.2f} s")
         effort.append((*named, *times, f"{record['transitions']}", f"{record['energy_J']:.0f} J"))
     print_table(PLANS, plans)

@@ -16,6 +16,7 @@ from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, O
 from twosra_mpc.installation import require_flint
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.planning.single_goal.conclusion import Progress
+from twosra_mpc.plans.headline import above_bound
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
@@ -117,7 +118,7 @@ def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
     cost, check = plan.cost, plan.verification
     yield "duration", f"{cost.time_s:.2f} s ({plan.moving_s:.2f} s of it moving)"
     if plan.gap is not None:
-        yield "lower bound", f"{plan.lower_bound:.2f} s (gap {100 * plan.gap:.3f} %)"
+        yield "lower bound", f"{plan.lower_bound:.2f} s; the plan costs {above_bound(plan)}"
     yield "energy", f"{cost.energy_J:.0f} J in {cost.transitions} transitions"
     if plan.problem.weights.effort:
         yield "effort", f"{cost.effort_s:.3f} s, with which the plan costs {cost.total:.2f} s"

@@ -53,7 +53,9 @@ class PlanDocument(BaseModel):
     In version 1 inputs hold from a sample to the next: there is no ``samples.a``.
     ``ending`` is younger than version 1. Where it is missing, ``stopped_early`` is taken to mean a
     limit (an interrupt was written the same way), and otherwise nothing is known of it.
-    ``certificate`` is there where one was asked for; ``checking.certificate`` reads it.
+    ``fastest_cost_s`` and ``search_gap`` are younger, too: without them nothing is known of how
+    much slower a plan is on purpose. ``certificate`` is there where one was asked for;
+    ``checking.certificate`` reads it.
     Missions are of version 3, which is version 2 with ``tasks`` and ``carried``.
     """
 
@@ -70,6 +72,8 @@ class PlanDocument(BaseModel):
     duration_s: float | None
     lower_bound_s: float | None
     gap: float | None
+    fastest_cost_s: float | None = None
+    search_gap: float | None = None
     cost: Cost | None
     phases: tuple[PhaseDocument, ...]
     transitions: tuple[Transition, ...]
@@ -180,7 +184,8 @@ def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan
         done_s=tuple(item.done_s for item in data.tasks),
     )
     verification = Verification(**dict(data.verification))
-    return Plan(data.planner, trajectory, data.cost, verification, data.lower_bound_s)
+    proved = data.lower_bound_s, data.fastest_cost_s
+    return Plan(data.planner, trajectory, data.cost, verification, *proved)
 
 
 def _samples(samples: dict[str, Any]) -> Samples:

@@ -15,6 +15,8 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
 from twosra_mpc.timing import Transition
 
+_SAME = 1e-9  # of a cost: no more than rounding
+
 
 class Status(enum.StrEnum):
     """What is known about a problem's plan."""
@@ -73,6 +75,9 @@ class Plan:
         cost: What it costs.
         verification: Outcome of the independent check.
         lower_bound: Proved lower bound on the cost of any plan [s]; None by the greedy rule.
+        fastest_cost: Cost of the plan that the search found, at full speed [s]: with the same mode
+            sequence and path, before it was made gentle. It is ``cost.total`` where nothing is
+            slower on purpose; None where a file of an older version does not say.
     """
 
     planner: str
@@ -80,6 +85,7 @@ class Plan:
     cost: Cost
     verification: Verification
     lower_bound: float | None
+    fastest_cost: float | None
 
     @property
     def problem(self) -> Problem:
@@ -124,11 +130,20 @@ class Plan:
     @property
     def gap(self) -> float | None:
         """Proved relative gap (cost - lower bound) / cost; None without a lower bound."""
-        if self.lower_bound is None:
+        return _gap(self.cost.total, self.lower_bound)
+
+    @property
+    def search_gap(self) -> float | None:
+        """Relative gap of the same plan at full speed, which the search proved; None if unknown."""
+        return _gap(self.fastest_cost, self.lower_bound)
+
+    @property
+    def slower_by(self) -> float | None:
+        """What the plan costs more than at full speed, on purpose [s]; None if not known."""
+        if self.fastest_cost is None:
             return None
-        if self.cost.total == 0.0:
-            return 0.0
-        return max(0.0, (self.cost.total - self.lower_bound) / self.cost.total)
+        more = self.cost.total - self.fastest_cost
+        return more if more > _SAME * self.cost.total else 0.0
 
     @property
     def status(self) -> Status:
@@ -139,10 +154,9 @@ class Plan:
         return Status.OPTIMAL if proved else Status.FEASIBLE
 
     def __str__(self) -> str:
-        known = f" by the {self.planner} rule"
-        if self.gap is not None:
-            known = f", proved within {float(f'{100 * self.gap:.2g}'):g} % of the best"
-        return f"{sequence_name(self.sequence)}: {self.cost.total:.1f} s{known}"
+        from twosra_mpc.plans.headline import headline  # which is about plans
+
+        return f"{sequence_name(self.sequence)}: {headline(self)}"
 
     def __repr__(self) -> str:
         return f"<Plan {self}>"
@@ -161,6 +175,8 @@ class Plan:
             "duration_s": self.duration_s,
             "lower_bound_s": self.lower_bound,
             "gap": self.gap,
+            "fastest_cost_s": self.fastest_cost,
+            "search_gap": self.search_gap,
             "cost": self.cost._asdict(),
             "phases": [phase._asdict() for phase in self.phases],
             "transitions": [transition._asdict() for transition in self.transitions],
@@ -168,3 +184,10 @@ class Plan:
             "verification": self.verification.to_dict(),
             **(mission_document(self.trajectory) if self.problem.is_mission else {}),
         }
+
+
+def _gap(cost: float | None, lower_bound: float | None) -> float | None:
+    """Relative gap (cost - lower bound) / cost; None where one of them is not known."""
+    if cost is None or lower_bound is None:
+        return None
+    return max(0.0, (cost - lower_bound) / cost) if cost else 0.0

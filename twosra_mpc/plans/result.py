@@ -17,7 +17,8 @@ FORMAT = "twosra-plan"
 FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and of missions
 
 _NO_PLAN: dict[str, Any] = {
-    **dict.fromkeys(("duration_s", "gap", "cost", "samples", "verification")),
+    **dict.fromkeys(("duration_s", "gap", "fastest_cost_s", "search_gap")),
+    **dict.fromkeys(("cost", "samples", "verification")),
     **{"phases": [], "transitions": []},
 }
 _NO_MISSION: dict[str, Any] = {"tasks": [], "carried": []}

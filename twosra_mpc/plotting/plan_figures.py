@@ -17,6 +17,7 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
+from twosra_mpc.plans.headline import quality
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stages import Stage, stages
 from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
@@ -28,7 +29,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
 WIDTH_IN = 10.0
-HEIGHT_IN, LANE_IN = 9.0, 0.4  # of the figure of a plan, with a lane for each segment
+HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
 STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
 HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
@@ -58,15 +59,12 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
 
 
 def plan_title(plan: Plan) -> str:
-    """Mode sequence, or how many tasks, duration and what is known, in one line."""
+    """Mode sequence, or how many tasks, duration and status; in a second line, what is known."""
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
     if each := stages(plan.trajectory):
         sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
     planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
-    gap = "no bound proved"
-    if plan.gap is not None:
-        gap = f"proved gap {100 * plan.gap:.2g} %" if plan.gap > 1e-5 else "proved gap < 0.001 %"
-    return f"{sequence} in {plan.duration_s:.1f} s: {planner}{plan.status}, {gap}"
+    return f"{sequence} in {plan.duration_s:.1f} s: {planner}{plan.status}\n{quality(plan)}"
 
 
 def phase_rows(samples: Samples, phase: Phase) -> Array:

@@ -19,6 +19,7 @@ from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
 from twosra_mpc.model.outline import robot_shape
+from twosra_mpc.plans.headline import percent
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
@@ -69,7 +70,7 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
     """
     plan = result.plan
     templates = environment()
-    templates.filters |= {"mode": mode_name, "percent": words.percent, "seconds": _seconds}
+    templates.filters |= {"mode": mode_name, "percent": percent, "seconds": _seconds}
     style, script = data_file("page.css"), data_file("page.js")
     return templates.get_template("page.html").render(
         policy=policy(style, script),

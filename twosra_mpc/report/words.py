@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import tomlkit
 
 from twosra_mpc.checking.verification import DEFECT_TOLERANCE
+from twosra_mpc.plans.headline import above_bound, percent, within
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.stages import stages
@@ -67,11 +68,6 @@ def status_sentence(result: Result) -> str:
             return "No verified plan was found, and it is not proved that there is none."
 
 
-def percent(share: float) -> str:
-    """Write a share in per cent with two digits that count, and a tiny one as what it is below."""
-    return "< 0.001 %" if 0 < share < 1e-5 else f"{float(f'{100 * share:.2g}'):g} %"
-
-
 def bound_sentences(result: Result) -> Iterator[str]:
     """Say what is proved about all other plans, and about which; nothing without a bound."""
     if result.lower_bound is None:
@@ -86,8 +82,12 @@ def bound_sentences(result: Result) -> Iterator[str]:
             f"This plan costs {plan.cost.total:.4f} s, so no other one can be better by more than"
             f" {plan.cost.total - result.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
         )
-    if problem.drives_gently:
-        yield "It drives gently: what the asked gap lets it cost more is spent on lower speeds."
+    if plan is not None and plan.slower_by and plan.fastest_cost is not None:
+        yield (
+            f"It drives gently: {above_bound(plan)}. At full speed, as the search found it, it"
+            f" costs {plan.fastest_cost:.4f} s, {within(plan.search_gap or 0.0)}. What the asked"
+            " gap lets it cost more is spent on lower speeds."
+        )
     yield f"Cost is {_cost_formula(problem)}."
     modes = ", ".join(mode_name(mode) for mode in problem.modes)
     phases = f"{problem.max_phases} phases"

@@ -50,7 +50,7 @@ def _gentler(found: Solved, lower_bound: float) -> Solved:
         candidate = gentle(problem, found.candidate, found.network, most)
         if candidate is None:
             break
-        slower = replace(found, candidate=candidate)
+        slower = replace(found, candidate=candidate, fastest_cost=found.cost)
         cost = slower.plan.cost.total
         if cost <= (1 + ROUNDING) * limit and slower.plan.verification.ok:
             return slower

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,11 +21,16 @@ _LOOK_S = 0.02  # between looks whether a box is entered
 
 
 def verified(
-    problem: Problem, candidate: Candidate, network: TemporalNetwork, planner: str = "optimal"
+    problem: Problem,
+    candidate: Candidate,
+    network: TemporalNetwork,
+    planner: str = "optimal",
+    fastest_cost: float = math.inf,
 ) -> Plan:
     """Sample a candidate, derive its transitions and set-points, and verify the result.
 
-    Nothing is known of other plans here: the lower bound is left to the search.
+    Nothing is known of other plans here: the lower bound is left to the search, and what the plan
+    cost before it was made gentle [s] is told.
     """
     layout, times = network.layout, [float(t) for t in candidate.times]
     sequence, profiles = network.sequence, candidate.profiles
@@ -41,7 +47,8 @@ def verified(
     done_s = _done_s(problem, ends_s, samples)
     trajectory = Trajectory(problem, samples, phases, transitions, done_s)
     cost = _cost(problem, float(samples.t_s[-1]), transitions, candidate.effort_s)
-    return Plan(planner, trajectory, cost, verify(trajectory), lower_bound=None)
+    fastest_cost = min(fastest_cost, cost.total)
+    return Plan(planner, trajectory, cost, verify(trajectory), None, fastest_cost)
 
 
 def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tuple[float, ...]:

@@ -37,16 +37,21 @@ _ASIDE_RAD = 0.4  # of the second start of a drive
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What a plan is made of, and the plan, which is made and verified when it is asked for."""
+    """What a plan is made of, and the plan, which is made and verified when it is asked for.
+
+    ``fastest_cost`` is what it cost before it was made gentle [s].
+    """
 
     problem: Problem
     candidate: Candidate
     network: TemporalNetwork
+    fastest_cost: float = math.inf
 
     @cached_property
     def plan(self) -> Plan:
         """The plan; its verification says whether it is one."""
-        return verified(self.problem, self.candidate, self.network)
+        made = self.problem, self.candidate, self.network
+        return verified(*made, fastest_cost=self.fastest_cost)
 
     @cached_property
     def cost(self) -> float:
