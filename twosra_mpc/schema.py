@@ -225,7 +225,6 @@ def _scenario() -> Schema:
     properties["robot"] = {"anyOf": [{"type": "string"}, {"$ref": "#/definitions/Robot"}]}
     properties["obstacles"] = {"anyOf": [{"type": "string"}, properties["obstacles"]]}
     properties["goal"] = {"anyOf": [properties["goal"], {"type": "null"}]}
-    schema["required"].remove("goal")  # where the last task says where it ends
     schema["anyOf"] = [{"required": ["goal"]}, {"required": ["tasks"]}]
     definitions["Object"]["properties"]["outline"] = {"type": "string"}
     definitions["Reach"] = _reach(definitions["Reach"], goal)

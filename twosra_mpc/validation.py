@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NoReturn, Self, TypeVar, get_args
+from collections.abc import Sequence
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    NoReturn,
+    Self,
+    TypeAlias,
+    TypeVar,
+    get_args,
+)
 
 import numpy as np
 from pydantic import (
@@ -63,7 +74,13 @@ MOST_SEGMENTS = 4
 # One entry for each segment. Only who knows the robot can name the entries that are missing, so
 # that a list without any is left to it too.
 EachSegment = Field(max_length=MOST_SEGMENTS, json_schema_extra={"minItems": 1})
-Numbers = Annotated[tuple[Number, ...], EachSegment, BeforeValidator(plain)]
+if TYPE_CHECKING:  # lists may be given as well; a record holds tuples
+    Several: TypeAlias = Sequence[Item]
+    EachOf: TypeAlias = Sequence[Item]
+else:
+    Several = Annotated[tuple[Item, ...], BeforeValidator(plain)]
+    EachOf = Annotated[tuple[Item, ...], EachSegment]
+Numbers = Annotated[EachOf[Number], BeforeValidator(plain)]
 ModeField = Annotated[tuple[Bit, ...], EachSegment, BeforeValidator(plain)]
 
 

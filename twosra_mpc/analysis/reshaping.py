@@ -182,7 +182,7 @@ def _to_blame(problem: Problem, proof: Proof) -> tuple[str, ...]:
     """Names of the obstacles without which, one at a time, a proof fails; near ones are tried."""
     found = []
     for i in _nearest(problem):
-        others = problem.obstacles[:i] + problem.obstacles[i + 1 :]
+        others = (*problem.obstacles[:i], *problem.obstacles[i + 1 :])
         if not proof(problem.with_values(obstacles=others)):
             found.append(i)
     return tuple(problem.world.names[i] for i in sorted(found))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -121,7 +121,7 @@ def grasp_touches(robot: Robot, thing: Object, gap_m: float = 0.0) -> TouchSet:
 
 
 def conform_touches(
-    robot: Robot, outline: Obstacle, segments: tuple[int, ...], gap_m: float
+    robot: Robot, outline: Obstacle, segments: Sequence[int], gap_m: float
 ) -> TouchSet:
     """Configurations with segments laid along an outline; the curvatures of others are left free.
 

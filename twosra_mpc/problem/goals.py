@@ -18,7 +18,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import RIGID, rigid_mode
 from twosra_mpc.validation import (
-    EachSegment,
+    EachOf,
     Metres,
     ModeField,
     NonNegative,
@@ -139,7 +139,7 @@ def _free_to_none(value: object) -> object:
     return value
 
 
-FreeNumbers = Annotated[tuple[Number | None, ...], EachSegment, BeforeValidator(_free_to_none)]
+FreeNumbers = Annotated[EachOf[Number | None], BeforeValidator(_free_to_none)]
 
 
 class Tolerance(Value):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from pydantic import BeforeValidator, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import read_text
@@ -20,8 +19,8 @@ from twosra_mpc.validation import (
     NonNegative,
     Positive,
     Radians,
+    Several,
     Value,
-    plain,
 )
 
 ACCURACY = (0.005, 0.005, math.radians(3.0))  # m, m, rad: an object this near is where it should be
@@ -62,7 +61,7 @@ class Object(Value):
     pose: Pose
     disc: Round | None = None
     box: Box | None = None
-    polygon_m: Annotated[tuple[MetresPair, ...], BeforeValidator(plain)] | None = None
+    polygon_m: Several[MetresPair] | None = None
     friction: NonNegative | None = None
 
     @model_validator(mode="before")

@@ -41,6 +41,7 @@ from twosra_mpc.validation import (
     Numbers,
     Positive,
     Radians,
+    Several,
     Value,
     plain,
 )
@@ -86,10 +87,7 @@ def _named_here(load: Callable[[Any], object], source: object, field: str) -> ob
         raise
 
 
-Tasks = Annotated[
-    tuple[Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)], ...],
-    BeforeValidator(plain),
-]
+AnyTask = Annotated[SerializeAsAny[Task], BeforeValidator(Task.of_kind)]
 
 
 class Problem(Value):
@@ -114,10 +112,10 @@ class Problem(Value):
     robot: Robot
     planner: Literal["optimal", "greedy"] = "optimal"
     start: Start
-    goal: SerializeAsAny[GoalSet]
-    tasks: Tasks = ()
+    goal: SerializeAsAny[GoalSet] = Field(default=None, validate_default=True)
+    tasks: Several[AnyTask] = ()
     order: Literal["given", "free"] = "given"
-    objects: Annotated[tuple[Object, ...], BeforeValidator(plain)] = ()
+    objects: Several[Object] = ()
     workspace: Workspace | None = None
     obstacles: Obstacles = ()
     clearance_m: NonNegative = 0.002
@@ -127,18 +125,11 @@ class Problem(Value):
     ambient_C: Celsius | None = None
     heating: Literal["fastest", "least_energy", "keep_warm"] = "fastest"
     motion: Literal["gentle", "fastest"] = "gentle"
-    heaters_at_once: Annotated[
-        int,
-        Field(ge=1, le=MOST_SEGMENTS),
-        Field(default_factory=lambda data: data["robot"].coordinates.segments),
-        BeforeValidator(plain),
-    ]
+    heaters_at_once: Annotated[int, BeforeValidator(plain)] = Field(
+        default_factory=lambda data: data["robot"].coordinates.segments, ge=1, le=MOST_SEGMENTS
+    )
     transition_quantile: Annotated[float, Field(ge=0.5, lt=1.0)] | None = None
-    modes: Annotated[
-        tuple[ModeField, ...],
-        Field(default_factory=lambda data: data["robot"].modes),
-        BeforeValidator(plain),
-    ]
+    modes: Several[ModeField] = Field(default_factory=lambda data: data["robot"].modes)
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
     time_limit_s: Positive = 60.0
@@ -175,6 +166,8 @@ class Problem(Value):
     @field_validator("goal", mode="before")
     @classmethod
     def _box_unless_told_otherwise(cls, goal: object) -> object:
+        if goal is None:
+            raise InputError("", "missing", "this key is required")
         return Goal(**goal) if isinstance(goal, dict) else goal
 
     @field_validator("goal", mode="after")
@@ -214,7 +207,7 @@ class Problem(Value):
         count = self.robot.coordinates.segments
         allowed = f"a list of {count} values, one for each segment of robot {self.robot.name}"
         required = "this key is required"
-        lists: dict[str, tuple[object, ...] | None] = {
+        lists: dict[str, Sequence[object] | None] = {
             "start.kappa_per_m": self.start.kappa_per_m,
             "start.temperature_C": self.start.temperature_C,
             "goal.kappa_per_m": tuple(self.goal.configuration[POSE:].tolist()),
@@ -333,7 +326,7 @@ class Problem(Value):
         return self.robot.heater.ambient_C if self.ambient_C is None else self.ambient_C
 
     @property
-    def temperatures(self) -> tuple[float, ...]:
+    def temperatures(self) -> Sequence[float]:
         """Temperatures of the segments at t = 0 [C]."""
         return self.start.temperature_C or (self.ambient,) * self.robot.coordinates.segments
 

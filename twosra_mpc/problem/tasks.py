@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_validator
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.goals import Goal, GoalSet
@@ -22,8 +22,8 @@ from twosra_mpc.validation import (
     NonNegative,
     Pair,
     Radians,
+    Several,
     Tagged,
-    plain,
 )
 
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
@@ -116,7 +116,7 @@ class Conform(Task):
 
     do: Literal["conform"] = "conform"
     object: str
-    segments: Annotated[tuple[Annotated[int, Field(ge=1)], ...], BeforeValidator(plain)] = (1,)
+    segments: Several[Annotated[int, Field(ge=1)]] = (1,)
     gap_m: Annotated[float, Field(gt=0.0)] = 0.001
     directions_rad: Pair = (-math.pi, math.pi)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.workspace import Workspace
@@ -17,8 +17,8 @@ from twosra_mpc.validation import (
     MetresPair,
     NonNegative,
     Positive,
+    Several,
     Value,
-    plain,
 )
 
 UNSEEN_M = 2e-4  # by which a plan may miss a clearance unseen: verification proves to within it
@@ -68,7 +68,7 @@ class Obstacle(Value):
     """
 
     name: str = ""
-    polygon_m: Annotated[tuple[MetresPair, ...], BeforeValidator(plain)] | None = None
+    polygon_m: Several[MetresPair] | None = None
     box: Box | None = None
     disc: Disc | None = None
 
@@ -101,7 +101,7 @@ class Obstacle(Value):
         return corners if area_m2(corners) > 0 else corners[::-1]
 
 
-Obstacles = Annotated[tuple[Obstacle, ...], BeforeValidator(plain)]
+Obstacles = Several[Obstacle]
 
 
 class World(Value):

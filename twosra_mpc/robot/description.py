@@ -23,7 +23,7 @@ from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.segment import AnySegment, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.validation import FrozenDict, Value, plain
+from twosra_mpc.validation import FrozenDict, Several, Value, plain
 
 
 class Body(NamedTuple):
@@ -57,7 +57,7 @@ class Robot(Value):
     accuracy: Accuracy | None = None
     heater: Heater
     segment: AnySegment | None = None
-    segments: Annotated[tuple[AnySegment, ...], BeforeValidator(plain)] = ()
+    segments: Several[AnySegment] = ()
     timing: Annotated[dict[str, AnyTiming], Field(min_length=1), AfterValidator(FrozenDict)]
     robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
 

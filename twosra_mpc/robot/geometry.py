@@ -17,6 +17,7 @@ from twosra_mpc.validation import (
     Number,
     Positive,
     Radians,
+    Several,
     Value,
     plain,
 )
@@ -55,7 +56,7 @@ class Geometry(Value):
     wheel_radius_m: Length
     unit_offset_m: Number = 0.0
     fibre_radius_m: NonNegative = 0.004
-    wheels: Annotated[tuple[Wheel, ...], BeforeValidator(plain)] | None = None
+    wheels: Several[Wheel] | None = None
 
     @model_validator(mode="after")
     def _four_distinct_wheels(self) -> Geometry:

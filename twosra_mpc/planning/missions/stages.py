@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,7 +42,7 @@ class Stage:
 
     goal: GoalSet
     last: Mode | None
-    modes: tuple[Mode, ...]
+    modes: Sequence[Mode]
     world: World
     passes: tuple[Pass, ...] = ()
     ends: Array | None = None

@@ -111,7 +111,7 @@ class Ways:
         """Orders of the tasks: what is done with an object in hand stays together."""
         tasks = self.problem.tasks
         if self.problem.order == "given":
-            yield tasks
+            yield tuple(tasks)
             return
         yield from orders(tasks, self.problem.start.holding)
 

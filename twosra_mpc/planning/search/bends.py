@@ -92,7 +92,7 @@ class BendingTask:
         return tuple((low - by, high + by) for (low, high), by in pairs)
 
 
-def unreachable_reason(sequence: ModeSequence, task: BendingTask) -> str | None:
+def unreachable_reason(sequence: Sequence[Mode], task: BendingTask) -> str | None:
     """Say why the modes of ``sequence`` cannot bring about the required bend, or None if they can.
 
     The reason is an invariant of the kinematics: W_j rests while segment j is rigid, and segments

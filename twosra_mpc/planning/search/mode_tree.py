@@ -71,7 +71,7 @@ class ModeTree(Generic[Solution]):
 
     first: Mode
     last: Mode
-    modes: tuple[Mode, ...]
+    modes: Sequence[Mode]
     max_phases: int
     timing: TransitionModel
     task: BendingTask
