@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
     from twosra_mpc.identification.path_choice import with_path_model
     from twosra_mpc.identification.thermal import ThermalFit, identify
+    from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
     from twosra_mpc.planning.planner import plan
     from twosra_mpc.planning.single_goal.conclusion import Progress
@@ -48,6 +49,7 @@ _PUBLIC = {
     "identification.heating_log": ("HeatingLog", "read_heating_log"),
     "identification.path_choice": ("with_path_model",),
     "identification.thermal": ("ThermalFit", "identify"),
+    "model.kinematics": ("Kinematics", "kinematics"),
     "model.outline": ("RobotShape", "robot_shape"),
     "planning.single_goal.conclusion": ("Progress",),
     "planning.planner": ("plan",),
@@ -80,6 +82,7 @@ __all__ = [
     "Grasp",
     "HeatingLog",
     "InputError",
+    "Kinematics",
     "Mode",
     "NoPlanError",
     "Object",
@@ -110,6 +113,7 @@ __all__ = [
     "explain",
     "identify",
     "json_schema",
+    "kinematics",
     "load_plan",
     "load_problem",
     "load_robot",

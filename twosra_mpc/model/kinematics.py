@@ -30,17 +30,31 @@ TURNING_RADIUS_M = 0.1  # at which turning is compared with shifting in singular
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Compiled kinematics of one robot.
+    """Kinematics of a robot of n segments, as CasADi functions of numbers or of symbols.
+
+    The configuration q = [x, y, phi, kappa1 ... kappan] (m, m, rad, 1/m ...) is the pose of frame
+    b0 in the plane and the curvatures of the segments. The mode sigma = (s1 ... sn) is their
+    stiffness, 1 = soft. The input v = [v1, v2, u0, v0, r0] (m/s, m/s, m/s, m/s, rad/s) holds the
+    speeds of the two units, and the velocity of the rigid robot along and about the axes of b0.
+    Then q' = J(q, sigma) v, and the four wheels turn at omega = V(q, sigma) v (rad/s).
+
+    Called with numbers, a function returns a CasADi matrix: ``.full()`` makes it an array. Called
+    with CasADi symbols, it returns an expression, which can be differentiated.
 
     Attributes:
-        jacobian: (q, sigma) -> J, (3 + n) x 5.
-        wheel_matrix: (q, sigma) -> V, 4x5, paper eq. config_matrix.
-        shared: (q, sigma) -> both; where both are needed, what they share is written once.
-        wheel_poses: q -> 3x4, columns (x, y, psi) of the wheels in b0 (m, m, rad).
+        jacobian: (q, sigma) -> J, the hybrid Jacobian, (3 + n) x 5.
+        wheel_matrix: (q, sigma) -> V, 4 x 5, in rad/m (last column: in 1): by the exact map where
+            the robot bends in exact arcs, else the paper's configuration matrix, with which only
+            side wheels turn while a segment is soft.
+        wheel_map: kappa -> W, the exact map, 4 x (3 + n): speeds of wheels that do not slip, per
+            velocity of b0 in its own axes [m/s, m/s, rad/s] and curvature rates [1/(m s)].
+        shared: (q, sigma) -> (J, V); cheaper than one after the other.
+        wheel_poses: q -> poses of the wheels in b0, 3 x 4, columns (x, y, psi) [m, m, rad].
     """
 
     jacobian: ca.Function
     wheel_matrix: ca.Function
+    wheel_map: ca.Function
     shared: ca.Function
     wheel_poses: ca.Function
 
@@ -65,21 +79,27 @@ class InPlace:
 
 @per_body()
 def kinematics(body: Body) -> Kinematics:
-    """Write down the kinematics of a robot and compile it."""
+    """Write down the kinematics of a robot and compile it; kept, so that asking again is free.
+
+    Args:
+        body: A robot, or what its motion depends on.
+    """
     segments = body.geometry.segments
     q, sigma = ca.SX.sym("q", POSE + segments), ca.SX.sym("sigma", segments)
     path = path_model(body)
     jacobian = hybrid_jacobian(body.geometry, path, q, sigma)
+    wheel_map = exact_wheel_map(body.geometry)
     if path.wheel_map == "exact":
-        wheels = exact_wheel_map(body.geometry, q) @ _body_rates(q, jacobian)
+        wheels = wheel_map(q[POSE:]) @ _body_rates(q, jacobian)
     else:
         wheels = wheel_configuration(body.geometry, q, sigma)
     both = [ca.densify(jacobian), ca.densify(wheels)]
     shared = ca.Function("kinematics", [q, sigma], both, {"cse": True})
     jacobian, wheels = shared(q, sigma)
     return Kinematics(
-        jacobian=ca.Function("J", [q, sigma], [jacobian]),
-        wheel_matrix=ca.Function("V", [q, sigma], [wheels]),
+        jacobian=ca.Function("J", [q, sigma], [jacobian], ["q", "sigma"], ["J"]),
+        wheel_matrix=ca.Function("V", [q, sigma], [wheels], ["q", "sigma"], ["V"]),
+        wheel_map=wheel_map,
         shared=shared,
         wheel_poses=wheel_poses(body.geometry),
     )
@@ -131,16 +151,18 @@ def _rolled_rigidly(poses: ca.SX) -> ca.SX:
     return ca.vertcat(c, s, x * s - y * c).T
 
 
-def exact_wheel_map(geometry: Geometry, q: ca.SX) -> ca.SX:
-    """W(kappa), 4 x (3 + n): wheel speeds per body twist (u, v, r) and curvature rates.
+def exact_wheel_map(geometry: Geometry) -> ca.Function:
+    """W as a function of kappa, 4 x (3 + n): wheel speeds per (u, v, r) and curvature rates.
 
     Wheels that do not slip while the fibre bends: the rigid columns as in the paper, and for each
     wheel how far it moves along its drive direction, seen from b0, when a segment bends.
     """
-    poses = wheel_pose_matrix(geometry, q)
+    kappa = ca.SX.sym("kappa", geometry.segments)
+    poses = wheel_pose_matrix(geometry, ca.vertcat(0, 0, 0, kappa))
     rigid = _rolled_rigidly(poses)
-    bent = [rigid[wheel, :2] @ ca.jacobian(poses[:2, wheel], q[POSE:]) for wheel in range(WHEELS)]
-    return ca.horzcat(rigid, ca.vertcat(*bent)) / geometry.wheel_radius_m
+    bent = [rigid[wheel, :2] @ ca.jacobian(poses[:2, wheel], kappa) for wheel in range(WHEELS)]
+    rows = ca.horzcat(rigid, ca.vertcat(*bent)) / geometry.wheel_radius_m
+    return ca.Function("W", [kappa], [rows], ["kappa"], ["W"])
 
 
 def _body_rates(q: ca.SX, jacobian: ca.SX) -> ca.SX:
