@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from twosra_mpc.plans.setpoints import save_setpoints
     from twosra_mpc.problem.geojson import obstacles_of, read_obstacles
     from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
-    from twosra_mpc.problem.objects import Object, Pose, Round
+    from twosra_mpc.problem.objects import Object, Pose, Round, read_outline
     from twosra_mpc.problem.problem import Problem, Start, Weights, load_problem, scenario_names
     from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+    from twosra_mpc.problem.workspace import Workspace
     from twosra_mpc.problem.world import Box, Disc, Obstacle, World
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
@@ -60,8 +61,9 @@ _PUBLIC = {
     "problem.geojson": ("obstacles_of", "read_obstacles"),
     "problem.goals": ("Goal", "GoalSet", "Tolerance"),
     "problem.problem": ("Problem", "Start", "Weights", "load_problem", "scenario_names"),
-    "problem.objects": ("Object", "Pose", "Round"),
+    "problem.objects": ("Object", "Pose", "Round", "read_outline"),
     "problem.tasks": ("Carry", "Conform", "Grasp", "Pass", "Reach", "Release", "Task"),
+    "problem.workspace": ("Workspace",),
     "problem.world": ("Box", "Disc", "Obstacle", "World"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
@@ -106,6 +108,7 @@ __all__ = [
     "Tolerance",
     "TwosraError",
     "Weights",
+    "Workspace",
     "World",
     "__version__",
     "check_plan",
@@ -121,6 +124,7 @@ __all__ = [
     "plan",
     "read_heating_log",
     "read_obstacles",
+    "read_outline",
     "refined",
     "robot_names",
     "robot_shape",

@@ -27,6 +27,7 @@ from twosra_mpc.robot.modes import Stiffness
 from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
 
 KnownStiffness = Stiffness | Literal["changing"]
+"""What is known of a segment: "soft", "rigid", or "changing": not to be bent, nor relied on."""
 
 # Distances from the melting point. It is uncertain by 1 K; a thermistor with parts of 1 % by 1 K.
 CLEARLY_LIQUID_K = 2.2

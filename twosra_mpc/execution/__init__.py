@@ -1,5 +1,6 @@
 """Running plans: on anything that can be read and driven, first of all on a simulated robot."""
 
+from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.robot_interface import Camera, Reading, RobotError, RobotInterface
 from twosra_mpc.execution.run import Ending, Run
@@ -19,6 +20,7 @@ __all__ = [
     "Ending",
     "Executor",
     "ExecutorSettings",
+    "KnownStiffness",
     "Metrics",
     "Patience",
     "PoseSource",

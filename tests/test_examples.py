@@ -1,0 +1,84 @@
+"""The examples run, read as user's code should, and pass a user's type checker."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import os
+import runpy
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import twosra_mpc
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+USER_SCRIPT = ROOT / "tests" / "user_script.py"
+
+each_example = pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+
+
+def used(path: Path) -> Iterator[tuple[str, str]]:
+    """Module of this package, and name from it, of every import."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("twosra_mpc"):
+            yield from ((str(node.module), alias.name) for alias in node.names)
+
+
+def test_they_are_numbered() -> None:
+    assert [int(path.name[:2]) for path in EXAMPLES] == list(range(1, len(EXAMPLES) + 1))
+
+
+@each_example
+def test_the_example_runs(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(path), run_name="__main__")
+    assert capsys.readouterr().out
+    drawn = [name for name in ast.walk(ast.parse(path.read_text())) if is_picture(name)]
+    assert len(list(tmp_path.glob("*.png"))) == len(drawn)
+
+
+def is_picture(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and str(node.value).endswith(".png")
+
+
+@each_example
+def test_the_example_is_short_and_says_what_it_shows(path: Path) -> None:
+    text = path.read_text()
+    assert 10 <= len(text.splitlines()) <= 60
+    assert ast.get_docstring(ast.parse(text))
+
+
+@pytest.mark.parametrize("path", [*EXAMPLES, USER_SCRIPT], ids=lambda path: path.stem)
+def test_only_public_names_are_used(path: Path) -> None:
+    for module, name in used(path):
+        assert name in importlib.import_module(module).__all__, f"{module}.{name}"
+
+
+def test_every_public_record_is_built_and_type_checked() -> None:
+    names = {name for path in (*EXAMPLES, USER_SCRIPT) for _, name in used(path)}
+    classes = {name for name in twosra_mpc.__all__ if inspect.isclass(getattr(twosra_mpc, name))}
+    returned = {"Explanation", "Kinematics", "PlanCheck", "RobotShape", "ThermalFit"}
+    errors = {"ContradictionError", "NoPlanError", "TwosraError"}
+    assert classes - names == returned | errors
+
+
+def test_a_users_type_checker_has_nothing_to_say() -> None:
+    """Without this package's own plugin and settings; its cache makes all but the first quick."""
+    pytest.importorskip("mypy")
+    cache = ROOT / ".mypy_cache" / "users"
+    asked = ["--strict", "--config-file=", f"--cache-dir={cache}", *EXAMPLES, USER_SCRIPT]
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", *map(str, asked)],
+        env={**os.environ, "MYPYPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
