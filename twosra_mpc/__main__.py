@@ -3,6 +3,7 @@
 # Python has this module when it starts; to load ``signal`` takes 0.5 ms, in which Ctrl-C is loud.
 import _signal as signal  # type: ignore[import-not-found]
 import gc
+import sys
 
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # while there is nothing to lose, and nobody to say it
 
@@ -14,6 +15,9 @@ def main() -> None:
     needs any more, and not at the end, which takes as long as a plan.
     """
     gc.set_threshold(200_000, 20, 20)
+    from twosra_mpc.native_output import separate_native_output
+
+    separate_native_output(shown="--debug" in sys.argv)
     from twosra_mpc.cli import main as run
 
     signal.signal(signal.SIGINT, signal.default_int_handler)

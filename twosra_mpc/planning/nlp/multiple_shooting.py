@@ -216,6 +216,8 @@ def ipopt(
         "iteration_callback": stopping,
         "ipopt.print_level": 0,
         "print_time": False,
+        "show_eval_warnings": False,
+        "calc_lam_p": False,  # nobody asks for it; where it fails, that is printed
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
         "ipopt.max_cpu_time": 10.0,

@@ -1,0 +1,195 @@
+"""Nothing but the program's own words on standard output and error, whatever libraries print."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import click
+import pytest
+from conftest import Solved
+from heating import true_history, write_log
+from photographs import write_folder
+from test_occupancy_map import write_map
+from test_replay import TRIAL, TRIAL_1
+
+from twosra_mpc import cli
+from twosra_mpc.native_output import discarded_native_output
+
+TWOSRA = [sys.executable, "-m", "twosra_mpc"]
+
+# Every command that has --json: what it may be given, and the exit code that this comes to.
+QUICK: dict[str, tuple[str, int]] = {
+    "plan": ("shape-change", 0),
+    "explain": ("shape-change", 0),
+    "check-passage": ("doorway --step 60", 0),
+    "compare": ("shape-change", 0),
+    "compare-models": ("shape-change --robot 2sra-v1-paper", 0),
+    "batch": ("problems.toml --out runs --workers 1", 0),
+    "atlas": ("no-runs", 2),
+    "verify": ("plan.json", 0),
+    "resample": ("plan.json out.csv --rate 1", 0),
+    "export": ("plan.json out.csv", 0),
+    "report": ("plan.json out.html", 0),
+    "animate": ("plan.json out.gif --seconds 1", 0),
+    "figures": ("plan.json", 2),  # a file; the figures themselves take a minute
+    "reproduce": ("--out plan.json", 2),  # likewise
+    "stream": ("plan.json --dry-run", 0),
+    "jog": ("--robot 2sra-v1 --forward 0.01 --for 2 --cold --dry-run", 0),
+    "simulate": ("shape-change", 0),
+    "replay": ("exp1.csv --robot 2sra-v1", 0),
+    "simulate-heater": ("--profile soft:90", 0),
+    "scenarios": ("", 0),
+    "robots": ("", 0),
+    "new": ("scenario mine", 0),
+    "check-robot": ("2sra-v1", 0),
+    "fit-paths": ("2sra-v1-paper", 0),
+    "fit-thermal": ("heating.csv --robot 2sr-v2 --score", 0),
+    "estimate-curvature": ("shots --scale .005 --length .04 --towards 39,35", 0),
+    "import-map": ("map.yaml", 0),
+    "schema": ("scenario", 0),
+    "doctor": ("", 0),
+}
+PROBLEMS = """scenario = "shape-change"
+[grid]
+"goal.kappa_per_m.0" = [20.0]
+"""
+
+
+def ran(*command: str) -> tuple[int, str, str]:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture
+def folder(solved: Solved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with what the commands read, in which the user is."""
+    monkeypatch.chdir(tmp_path)
+    solved("shape-change").save("plan.json")
+    write_log(true_history((40.0,)).log(0.5), tmp_path / "heating.csv")
+    write_map(tmp_path, [[0, 255], [255, 255]])
+    write_folder(tmp_path / "shots", [-30.0, 20.0])
+    Path("exp1.csv").write_text(f"{TRIAL}\n{TRIAL_1}", encoding="utf-8")
+    Path("problems.toml").write_text(PROBLEMS, encoding="utf-8")
+    return tmp_path
+
+
+def test_no_command_that_has_json_is_forgotten() -> None:
+    context = click.Context(cli.commands)
+    found = {name: cli.commands.get_command(context, name) for name in cli._MODULES}
+    has = {name for name, it in found.items() if it and any(p.name == "as_json" for p in it.params)}
+    assert set(QUICK) == has
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", QUICK)
+def test_standard_output_is_one_json_document_and_standard_error_is_ours(name: str) -> None:
+    given, expected = QUICK[name]
+    code, out, err = ran(*TWOSRA, name, *given.split(), "--json")
+    assert code == expected, err
+    if code == 0:
+        json.loads(out)
+        assert err == ""
+    else:
+        assert out == ""
+        assert re.fullmatch(r"(twosra: |Error: |Usage: ).*\n", err, flags=re.DOTALL)
+        assert "Traceback" not in err
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("name", ["plan", "schema", "animate"])
+def test_quiet_is_quiet(name: str) -> None:
+    assert ran(*TWOSRA, name, *QUICK[name][0].split(), "-q") == (0, "", "")
+
+
+# A library that prints as compiled code does, from the middle of a command to the process's end.
+NOISY = """
+import ctypes, os, subprocess, sys
+from twosra_mpc import __main__
+from twosra_mpc.cli import robots
+
+def noisy(*given):
+    libc = ctypes.CDLL(None)
+    libc.puts(b"of a library's buffer")
+    os.write(1, b"past Python's stream\\n")
+    os.write(2, b"past Python's errors\\n")
+    subprocess.run(["echo", "of a child"])
+    return names(*given)
+
+names, robots.robot_names = robots.robot_names, noisy
+sys.argv[0] = "twosra"
+__main__.main()
+"""
+
+
+def test_what_libraries_print_goes_nowhere_and_with_debug_to_standard_error() -> None:
+    noisy = [sys.executable, "-c", NOISY, "robots", "--json"]
+    code, out, err = ran(*noisy)
+    assert (code, err) == (0, "")
+    assert out == ran(*TWOSRA, "robots", "--json")[1]
+    code, shown, err = ran(*noisy, "--debug")
+    assert (code, shown) == (0, out)
+    assert {"of a library's buffer", "past Python's stream", "of a child"} <= {*err.splitlines()}
+
+
+def test_a_crash_is_told() -> None:
+    crash = NOISY.replace("return names(*given)", "ctypes.string_at(0)")
+    code, out, err = ran(sys.executable, "-c", crash, "robots")
+    assert (code, out) == (-11, "")
+    assert err.startswith("Fatal Python error: Segmentation fault")
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+def test_closed_streams_are_no_error(closed: str, tmp_path: Path) -> None:
+    """Nor is a file that is written mistaken for one of them."""
+    target = tmp_path / "plan.json"
+    shell = f"exec {' '.join(TWOSRA)} plan shape-change --out {target} {closed}"
+    assert ran("sh", "-c", shell)[0] == 0
+    json.loads(target.read_text(encoding="utf-8"))
+
+
+def test_streams_are_whole_again_after_many_threads_have_discarded() -> None:
+    """Of two blocks at once, the first to end must not take away what the other one kept."""
+
+    def discard() -> None:
+        for _ in range(200):
+            with discarded_native_output():
+                pass
+
+    before = [os.fstat(stream)[:3] for stream in (1, 2)]
+    threads = [threading.Thread(target=discard) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [os.fstat(stream)[:3] for stream in (1, 2)] == before
+
+
+def test_linear_programs_print_nothing_in_other_programs() -> None:
+    code = """
+import numpy as np
+from twosra_mpc.planning.search.linear_program import minimise
+assert minimise(np.ones(1), -np.ones((1, 1)), -np.ones(1), [(0.0, None)]).cost == 1.0
+"""
+    assert ran(sys.executable, "-c", code) == (0, "", "")
+
+
+def test_the_solver_prints_nothing_where_a_program_is_undefined() -> None:
+    """CasADi warns of NaN, and of multipliers that cannot be had; on Python's own stream."""
+    code = """
+from types import SimpleNamespace
+import casadi as ca
+from twosra_mpc.planning.nlp import multiple_shooting
+from twosra_mpc.robot.description import load_robot
+x, p = ca.MX.sym("x"), ca.MX.sym("p")
+nlp = {"x": x, "p": p, "f": p * ca.log(x), "g": ca.sqrt(x)}
+multiple_shooting.transcribe = lambda *_: SimpleNamespace(nlp=nlp)
+_, solver, stopping = multiple_shooting.ipopt(load_robot("2sra-v1"), None, 1, 1, 1, 5)
+solver(x0=-1.0, p=1.0, lbx=-2.0, ubx=-1.0)
+"""
+    assert ran(sys.executable, "-c", code) == (0, "", "")
