@@ -52,3 +52,47 @@ def test_rows_may_leave_no_choice() -> None:
         np.array([0.3]),
     )
     assert found == pytest.approx([0.3], abs=1e-8)
+
+
+def degenerate(seed: int) -> tuple[np.ndarray, ...]:
+    """Phases of which some cost no effort and some have no choice; rows repeat, and touch."""
+    rng = np.random.default_rng(seed)
+    m = int(rng.integers(1, 5))
+    steps, last = np.eye(2 * m) - np.eye(2 * m, k=-1), np.zeros(2 * m)
+    e = rng.uniform(0.0, 1.0, m) * (rng.random(m) < 0.7) * 10.0 ** rng.uniform(-9.0, 0.0, m)
+    quickest = rng.uniform(1e-3, 0.3, m)
+    e = e / max((e / quickest).sum(), 1e-300)
+    apart = np.stack([rng.uniform(0.0, 0.3, m) * (rng.random(m) < 0.5), quickest], 1).ravel()
+    begin, longer = np.cumsum(apart), rng.uniform(0.0, 0.5, m) * (rng.random(m) < 0.4)
+    last[-1] = 1.0
+    rows = np.vstack([steps, -steps[1::2], np.eye(2 * m), -last])
+    room = rng.choice([0.0, 1e-9, 1e-3, 0.3, 9.0])
+    least = np.concatenate([apart, -quickest - longer, np.zeros(2 * m), [-begin[-1] - room]])
+    again = rng.integers(0, len(rows), 5)
+    both = np.vstack([rows, rows[again]]), np.append(least, least[again])
+    return e, steps[1::2], np.zeros(2 * m), *both, begin
+
+
+def test_degenerate_programs_are_solved_too() -> None:
+    """No vertex that a plan begins at may end in an error; SLSQP finds nothing better."""
+    compared = 0
+    for seed in range(300):
+        program = degenerate(seed)
+        e, lasting, _, rows, least, begin = program
+        found = minimum(*program)
+        assert (rows @ found >= least - 2e-9).all(), seed
+        if seed % 5:
+            continue
+        bounds = [LinearConstraint(rows, least - 1e-9, np.inf)]
+        other = minimize(
+            lambda t, e=e, lasting=lasting: (e / (lasting @ t)).sum(),
+            begin,
+            jac=lambda t, e=e, lasting=lasting: -(e / (lasting @ t) ** 2) @ lasting,
+            method="SLSQP",
+            constraints=bounds,
+            options={"ftol": 1e-15},
+        )
+        if other.success and (rows @ other.x >= least - 2e-9).all():
+            compared += 1
+            assert (e / (lasting @ found)).sum() <= other.fun * (1 + 1e-6) + 1e-7, seed
+    assert compared > 30
