@@ -134,7 +134,10 @@ class SegmentWatch:
 
     def _check_heat(self, since_s: float, here_C: float, risen_K: float) -> None:
         """Too hot, or warmed by a heater that is told to be off."""
-        hot = here_C >= self._heater.temperature_max_C
+        limit_C, asked_C = self._heater.temperature_max_C, self._heater.soft_setpoint_C
+        if self._asked == "soft" and here_C >= self._first_C + _RISEN_K / 2:
+            limit_C = (asked_C + limit_C) / 2  # it warms on, and the sensor lags
+        hot = here_C >= limit_C
         self._hot = self._hot + 1 if hot else 0
         if self._asked == "rigid":
             enough_K = _RISEN_K / 2 if self._hot else _RISEN_K
@@ -144,9 +147,10 @@ class SegmentWatch:
             if since_s < _CAUGHT_UP_S:
                 return  # it is off already, and the sensor lags
         if self._hot >= _TWICE:
-            limit_C = self._heater.temperature_max_C
-            words = f"too hot, {here_C:.1f} C: at most temperature_max_C = {limit_C:g}"
-            self._raise("hot", f"{words}; its heater does not go off at the set-point")
+            words = (
+                f"too hot, {here_C:.1f} C: at most {limit_C:g} C, its set-point being {asked_C:g} C"
+            )
+            self._raise("hot", f"{words}; its heater does not go off")
 
     def _check_fault(
         self, time_s: float, here_C: float, stiffness: KnownStiffness | None, faulty: bool
