@@ -64,6 +64,17 @@ def client() -> Iterator[Client]:
         yield client
 
 
+def test_workers_and_dashboard_are_reached_from_this_machine_alone(client: Client) -> None:
+    about = client.scheduler_info()
+    addresses = [about["address"], *about["workers"]]
+    assert all(address.startswith("tcp://127.0.0.1:") for address in addresses)
+    cluster = client.cluster
+    assert cluster is not None
+    assert cluster.scheduler.http_server._sockets  # the dashboard's, or what stands in for it
+    for listening in cluster.scheduler.http_server._sockets.values():
+        assert listening.getsockname()[0] == "127.0.0.1"
+
+
 @pytest.fixture
 def drawn(tmp_path: Path) -> Path:
     (tmp_path / "drawn.toml").write_text(DRAWN)

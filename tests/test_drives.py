@@ -53,6 +53,14 @@ def test_screws_end_where_they_should_with_a_constant_twist() -> None:
     assert np.abs(ahead - twist[:, :2]).max() < 1e-5
 
 
+def test_a_world_without_free_slices_has_no_roads_to_offer() -> None:
+    tight = World(workspace={"x_m": (-0.05, 0.05), "y_m": (-0.05, 0.05)})
+    drives = Drives(ARC_ROBOT, tight, BENT)
+    assert not len(drives.certified_slices(drives.headings[0]).parts)
+    assert drives.spread(10).shape == (0, 3)
+    assert drives.estimates_s(np.zeros(3), np.zeros((2, 3))).tolist() == [0.0, 0.0]
+
+
 def test_times_of_legs_are_those_of_the_limits() -> None:
     drives = Drives(ARC_ROBOT, World(), BENT)
     rows, ramp = rigid_rows(ARC_ROBOT, BENT), rigid_ramp_s(ARC_ROBOT, BENT)

@@ -24,6 +24,7 @@ CHUNK_S = 1.0  # what a task should take
 _FIRST, _MOST = 2, 500  # problems in the first chunks, and at most
 _EACH = 2  # chunks on their way for each worker: one is planned, one waits
 _ANSWER_S = 10.0
+_LOOPBACK = "127.0.0.1"  # neither scheduler nor dashboard asks who is there
 # Numerical libraries would start a thread for every core in every worker.
 _ONE_CORE = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 
@@ -39,6 +40,8 @@ def local_cluster(workers: int | None) -> Iterator[Client]:
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
+                host=_LOOPBACK,
+                dashboard_address=f"{_LOOPBACK}:0",
                 env=_ONE_CORE,
                 silence_logs=logging.CRITICAL,
             )

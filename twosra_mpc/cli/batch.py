@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,6 +97,8 @@ def _planned(
         _bar(output, len(problems), int(done.sum())) as advance,
         local_cluster(workers) if scheduler is None else cluster_at(scheduler) as client,
     ):
+        if scheduler is None and find_spec("bokeh") is not None and not output.quiet:
+            click.echo(f"twosra: dashboard: {client.dashboard_link}", err=True)
         for chunk in planned(client, problems.posed(done), asked):
             yield chunk
             advance(len(chunk.rows))
