@@ -172,7 +172,7 @@ class Drives:
         return self.roadmap(headings).field(pose)
 
     def spread(self, most: int) -> Array:
-        """Poses of the roads, all over the plane, at most so many, (m, 3); none if no slice is free."""
+        """Poses all over the roads, at most so many, (m, 3); none if no slice is free."""
         if not len(self.certified_slices(self.headings[0]).parts):
             return np.empty((0, 3))
         poses = self.roadmap(self.headings[0]).poses
