@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from benchmarks.measurement import PlanRecord
 from benchmarks.run import results_of
 from benchmarks.run_log import RunLog
 from benchmarks.study import Study
+from twosra_mpc import InputError
 from twosra_mpc.errors import printable
 from twosra_mpc.files import reading, write_text
 
@@ -28,14 +30,52 @@ def write_report(study: Study, log: RunLog, folder: Path) -> str:
     Raises:
         InputError: If records in the log are not such as the study makes.
     """
-    template = _ENVIRONMENT.get_template(f"{type(study).__module__.rpartition('.')[2]}.md")
-    results = results_of(study, log)
-    given = {"study": study, "results": results, "loads": log.loads, "about": log.about}
     with reading(str(log.path), "records"):
-        text = template.render(**given, **study.report(results, folder))
+        text = _template(study).render(**_given(study, log, folder))
     text = printable(text, len(text))  # whatever words a record has
     write_text(folder / NAME, text)
     return text
+
+
+def published_tables(study: Study, log: RunLog, folder: Path) -> dict[str, list[tuple[str, ...]]]:
+    """Cells of the tables that a finished study publishes, the names of the columns first.
+
+    They are the blocks ``table``, ``table_boxes`` and so on of its template; here they go by what
+    follows after ``table``.
+
+    Raises:
+        InputError: As `write_report`; or if the study publishes none.
+    """
+    template = _template(study)
+    with reading(str(log.path), "records"):
+        given = template.new_context(_given(study, log, folder))
+        texts = {name: "".join(write(given)) for name, write in template.blocks.items()}
+    tables = {
+        name.removeprefix("table"): text
+        for name, text in texts.items()
+        if name != "body" and "|" in text
+    }
+    if not tables:
+        raise InputError("study", log.about["study"], "one whose template has a block named table")
+    return {name: _cells(printable(text, len(text))) for name, text in tables.items()}
+
+
+def _template(study: Study) -> Template:
+    return _ENVIRONMENT.get_template(f"{type(study).__module__.rpartition('.')[2]}.md")
+
+
+def _given(study: Study, log: RunLog, folder: Path) -> dict[str, Any]:
+    """All that templates may ask for."""
+    results = results_of(study, log)
+    given = {"study": study, "results": results, "loads": log.loads, "about": log.about}
+    return {**given, **study.report(results, folder)}
+
+
+def _cells(table: str) -> list[tuple[str, ...]]:
+    """Cells of a Markdown table, row by row."""
+    lines = [line.strip()[1:-1].split("|") for line in table.splitlines() if line.startswith("|")]
+    head, _, *rows = [tuple(cell.strip() for cell in line) for line in lines]
+    return [head, *rows]
 
 
 def head(columns: str) -> str:
@@ -63,6 +103,11 @@ def share(flags: Iterable[bool]) -> str:
     """A rate with what it counts, e.g. ``99 % (99 of 100)``."""
     counted = list(flags)
     return f"{100 * np.mean(counted):.3g} % ({sum(counted)} of {len(counted)})"
+
+
+def counted(values: Iterable[str]) -> str:
+    """How often there is each of some words, e.g. ``2 sensor failed, 1 gave up``; or a dash."""
+    return ", ".join(f"{count} {word}" for word, count in Counter(values).most_common()) or "-"
 
 
 def milliseconds(seconds: float) -> str:
@@ -118,6 +163,7 @@ _ENVIRONMENT = Environment(  # Markdown, which needs no escaping
     autoescape=False,
 )
 _ENVIRONMENT.filters |= {
-    item.__name__: item for item in (joined, words, share, milliseconds, percent, quantiles)
+    item.__name__: item
+    for item in (joined, words, share, counted, milliseconds, percent, quantiles)
 }
 _ENVIRONMENT.globals |= {"head": head, "figure": figure, "worst": worst}

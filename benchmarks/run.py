@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import re
@@ -14,12 +13,12 @@ from rich.console import Console
 from rich.progress import Progress
 
 import twosra_mpc
+from benchmarks.records import source_digest
 from benchmarks.run_log import RunLog
 from benchmarks.study import Measured, Study
 from twosra_mpc.files import reading
 
 PACKAGES = ("casadi", "numpy", "scipy", "osqp", "pydantic", "matplotlib", "shapely")
-REPORTING = ("figures.py", "report.py")  # change nothing that is measured
 _CPU_INFO = Path("/proc/cpuinfo")
 
 
@@ -89,17 +88,7 @@ def versions() -> dict[str, str]:
     ``source`` names the files of planner and benchmarks by their content: a plan may change
     without a new version.
     """
-    own = {"twosra_mpc": twosra_mpc.__version__, "source": _source_digest()}
+    folders = (Path(twosra_mpc.__file__).parent, Path(__file__).parent)
+    own = {"twosra_mpc": twosra_mpc.__version__, "source": source_digest(*folders)}
     others = {name: version(name) for name in PACKAGES}
     return {"python": platform.python_version(), **own, **others}
-
-
-def _source_digest() -> str:
-    """Digest of all source files but those that only report, 12 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for folder in (Path(twosra_mpc.__file__).parent, Path(__file__).parent):
-        for path in sorted(folder.rglob("*")):
-            if path.suffix in (".py", ".toml") and path.name not in REPORTING:
-                digest.update(path.relative_to(folder).as_posix().encode())
-                digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]

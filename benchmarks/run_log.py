@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from twosra_mpc import InputError
 from twosra_mpc.files import differences
 
 NAME = "records.jsonl"
-FORMAT = 1
+FORMAT = 2
 
 
 class RunLog:
@@ -27,6 +28,7 @@ class RunLog:
         path: The file.
         about: What made all its records.
         loads: Load average of the machine as each case was finished.
+        dates: Days on which cases were finished, e.g. ``2026-11-23``.
         dropped: Whether half a line was found at the end, and dropped.
     """
 
@@ -37,7 +39,7 @@ class RunLog:
             InputError: If the records in it were made by something else (naming the first that
                 differs), it holds something else than records, or it cannot be written.
         """
-        self.path, self.loads = folder / NAME, list[float]()
+        self.path, self.loads, self.dates = folder / NAME, list[float](), set[str]()
         self.about = json.loads(json.dumps({"format": FORMAT, **about}))
         self._records: dict[str, Any] = {}
         try:
@@ -55,7 +57,7 @@ class RunLog:
             try:
                 value = json.loads(line)
                 if number > 1:
-                    self._keep(value["case"], value["load"], value["record"])
+                    self._keep(**value)
             except (ValueError, TypeError, KeyError, RecursionError) as error:
                 allowed = f"a finished case ({error!r})"
                 raise InputError(f"line {number}", line, allowed, str(self.path)) from None
@@ -70,13 +72,15 @@ class RunLog:
 
     def append(self, case: Mapping[str, Any], record: Any) -> None:
         """Add a finished case to the file, down to the disk."""
-        load = os.getloadavg()[0]
-        self._write({"case": case, "load": load, "record": record})
-        self._keep(case, load, record)
+        date = datetime.now(UTC).date().isoformat()
+        line = {"case": case, "load": os.getloadavg()[0], "date": date, "record": record}
+        self._write(line)
+        self._keep(**line)
 
-    def _keep(self, case: Mapping[str, Any], load: float, record: Any) -> None:
+    def _keep(self, case: Mapping[str, Any], load: float, date: str, record: Any) -> None:
         self._records[json.dumps(case)] = record
         self.loads.append(float(load))
+        self.dates.add(str(date))
 
     def _write(self, line: Mapping[str, Any]) -> None:
         with self.path.open("a", encoding="utf-8") as file:

@@ -21,6 +21,16 @@ Numbers = Annotated[tuple[Positive, ...], Field(min_length=1), BeforeValidator(p
 Counts = Annotated[tuple[Count, ...], Field(min_length=1), BeforeValidator(plain)]
 
 
+PLANNING = tuple(
+    f"twosra_mpc/{folder}"
+    for folder in (
+        *("robot", "robots", "scenarios", "model", "thermal", "timing", "problem", "space"),
+        *("contact", "planning", "plans", "checking"),
+    )
+)
+RUNNING = (*PLANNING, "twosra_mpc/control", "twosra_mpc/execution", "twosra_mpc/identification")
+
+
 class Measured(NamedTuple):
     """A case with its record."""
 
@@ -43,6 +53,7 @@ class Study(Value, abc.ABC):
 
     record: ClassVar[TypeAdapter[Any]]
     question: ClassVar[str]
+    measures: ClassVar[tuple[str, ...]] = PLANNING  # folders; a table says which have changed
 
     @abc.abstractmethod
     def cases(self) -> Iterator[Any]:

@@ -11,6 +11,7 @@ from benchmarks.studies.cold_start import ColdStart
 from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.departure import Departure
 from benchmarks.studies.faults import Faults
+from benchmarks.studies.greedy import Greedy
 from benchmarks.studies.growth import Growth
 from benchmarks.studies.missions import Missions
 from benchmarks.studies.passages import Passages
@@ -27,6 +28,8 @@ from benchmarks.study import Study
 _FREEZE_S = (*(300, 253.4, 150, 100, 60, 40, 25.34, 15, 10, 6, 4, 2.5, 1.5, 1, 0.5),)
 
 STUDIES: dict[str, Study] = {
+    "greedy": Greedy(),
+    "greedy-exactly": Greedy(exact=True),
     "published": Comparison(problems=("published",), repeats=21),
     "random-100": Comparison(problems=("random-100",)),
     "tiny": Comparison(problems=("tiny:2",), repeats=1),

@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import BeforeValidator, TypeAdapter
 
 from benchmarks.problems import Choices, labelled
-from benchmarks.study import Count, Measured, Study
+from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import InputError, NoPlanError, with_path_model
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.simulation.simulate import simulate
@@ -49,6 +49,7 @@ class ClosedLoop(Study):
 
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Do plans reach their goals on robots that are not as described?"
+    measures: ClassVar = RUNNING
 
     problems: Choices = ("published-default", "random-100:20")
     level: Literal["none", "mild", "moderate", "hard"] = "moderate"

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from pydantic import TypeAdapter
 
-from benchmarks.study import Count, Measured, Study
+from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, load_problem, plan
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.problem.objects import ACCURACY
@@ -34,6 +34,7 @@ class ClosedLoopMissions(Study):
 
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Do missions end with the object at its goal, or stopped with a reason?"
+    measures: ClassVar = RUNNING
 
     scenario: str = "pick-and-place"
     level: str = "moderate"

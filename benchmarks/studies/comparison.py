@@ -59,12 +59,25 @@ class Comparison(PlanStudy):
             for label, mine in ours.items()
             if mine.correct and greedy[label].correct
         }
+        pairs = {
+            name: [*zip(planners[name].values(), ours.values(), strict=True)] for name in PLANNERS
+        }
         figures.draw_wall_times(planners, folder / "wall-time.png")
         figures.draw_cost_ratios(ours, greedy, ratios, folder / "cost-ratio.png")
         return {
             "planners": planners,
             "means": {name: self._mean_s([*made.values()]) for name, made in planners.items()},
             "ratios": ratios,
+            "costs": {
+                name: [
+                    x.cost / y.cost for x, y in pairs[name] if x.correct and y.correct and x.cost
+                ]
+                for name in PLANNERS
+            },
+            "cpu_times": {
+                name: [x.timing.cpu_median_s / y.timing.cpu_median_s for x, y in pairs[name]]
+                for name in PLANNERS
+            },
             "time_ratios": {
                 name: [ours[x].timing.median_s / planners[name][x].timing.median_s for x in ours]
                 for name in PLANNERS[1:]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, TypeAdapter
 
 from benchmarks.problems import Choices, labelled
-from benchmarks.study import Count, Measured, Study
+from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, Problem, plan
 from twosra_mpc.execution import Executor, ExecutorSettings, SimulatedRobot
 from twosra_mpc.execution.guard import Guard
@@ -52,6 +52,7 @@ class Departure(Study):
 
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "How far do runs leave the paths of their plans?"
+    measures: ClassVar = RUNNING
 
     problems: Choices = ("random-100:25",)
     levels: Levels = ("mild", "moderate", "hard")

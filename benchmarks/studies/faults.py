@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, TypeAdapter
 
 from benchmarks.foreign import FAULTS, FROM_THE_START, BrokenError, ForeignRobot
 from benchmarks.problems import Choices, labelled
-from benchmarks.study import Count, Measured, Study
+from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, plan
 from twosra_mpc.execution import Executor
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
@@ -46,6 +46,7 @@ class Faults(Study):
 
     record: ClassVar = TypeAdapter(dict[str, Any])
     question: ClassVar = "Does every run with a fault end truly, and leave the robot off?"
+    measures: ClassVar = RUNNING
 
     problems: Choices = ("random-100:20",)
     count: Count = 10
