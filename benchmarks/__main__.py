@@ -135,7 +135,7 @@ def record(folder: Path) -> list[Path]:
         "command": f"python -m benchmarks {name}{options}",
         "date": max(log.dates, default=""),
         "commit": commit_of(study.measures, records.ROOT),
-        "cases": f"{len(log.loads)} cases",
+        "cases": f"{len(log.loads)} case{'s' * (len(log.loads) != 1)}",
         **{key: about[key] for key in ("settings", "machine", "versions")},
         "measures": {path: source_digest(records.ROOT / path) for path in study.measures},
     }

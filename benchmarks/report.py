@@ -49,12 +49,9 @@ def published_tables(study: Study, log: RunLog, folder: Path) -> dict[str, list[
     template = _template(study)
     with reading(str(log.path), "records"):
         given = template.new_context(_given(study, log, folder))
-        texts = {name: "".join(write(given)) for name, write in template.blocks.items()}
-    tables = {
-        name.removeprefix("table"): text
-        for name, text in texts.items()
-        if name != "body" and "|" in text
-    }
+        names = [name for name in template.blocks if name.startswith("table")]
+        texts = {name: "".join(template.blocks[name](given)) for name in names}
+    tables = {name.removeprefix("table"): text for name, text in texts.items() if "|" in text}
     if not tables:
         raise InputError("study", log.about["study"], "one whose template has a block named table")
     return {name: _cells(printable(text, len(text))) for name, text in tables.items()}

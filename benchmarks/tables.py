@@ -19,7 +19,7 @@ _MARKED = re.compile(
     r"^<!-- table: (?P<names>[^\n]*) -->\n.*?^<!-- end of table: (?P=names) -->$",
     re.DOTALL | re.MULTILINE,
 )
-_CHANGED = re.compile(r"^\*Changed since then: [^\n]*\*\n\n", re.MULTILINE)
+_CHANGED = re.compile(r"^\*Changed since then in [^\n]*\*\n\n", re.MULTILINE)
 
 
 def pages(root: Path = ROOT) -> list[Path]:
@@ -81,7 +81,8 @@ def _table(names: str, records: Mapping[str, Record], root: Path) -> str:
     changed = list(dict.fromkeys(path for record in some for path in record.changed(root)))
     parts = ["\n".join(ruled), *origins]
     if changed:
-        parts.append(f"*Changed since then: {', '.join(changed)}.*")
+        folders = ", ".join(path.removeprefix("twosra_mpc/") for path in changed)
+        parts.append(f"*Changed since then in twosra_mpc: {folders}.*")
     body = "\n\n".join(parts)
     return f"<!-- table: {names} -->\n\n{body}\n\n<!-- end of table: {names} -->"
 

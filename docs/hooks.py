@@ -1,4 +1,4 @@
-"""What the build of the documentation does beside Markdown: changelog, gallery, and its own checks.
+"""Build of the documentation beside Markdown: changelog, gallery, ages of tables, its own checks.
 
 The gallery's figures are made by the code blocks beside them, so that a figure that can no longer
 be drawn that way fails the build.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import sys
 from contextlib import chdir
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +22,8 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parent.parent
 GALLERY = "gallery.md"
 PUBLIC = ("", ".execution", ".execution.tracking", ".plotting", ".report")
+sys.path.append(str(ROOT))  # benchmarks are not installed
+TABLES = importlib.import_module("benchmarks.tables")
 _FIGURE = re.compile(r'```python title="([\w-]+\.\w+)"\n(.*?)```\n', re.DOTALL)
 _FETCHED = re.compile(r'<(?:script|link|img|iframe)[^>]*(?:src|href)="(?:https?:)?//[^"]*"')
 
@@ -45,10 +48,10 @@ def _drawn(figures: list[tuple[str, str]]) -> dict[str, bytes]:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Show each of the gallery's figures above the code that draws it."""
+    """Show each of the gallery's figures above the code that draws it; say which tables are old."""
     del config, files
     if page.file.src_uri != GALLERY:
-        return markdown
+        return TABLES.filled(markdown, importlib.import_module("benchmarks.records").load_records())
     return _FIGURE.sub(lambda found: f"![{found[1]}](gallery/{found[1]})\n\n{found[0]}", markdown)
 
 
