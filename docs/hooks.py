@@ -1,15 +1,17 @@
-"""Build of the documentation beside Markdown: changelog, gallery, ages of tables, its own checks.
+"""Build of the site beside Markdown: changelog, figures, ages of tables, its own checks.
 
-The gallery's figures are made by the code blocks beside them, so that a figure that can no longer
-be drawn that way fails the build.
+Figures of the gallery and of the examples are made by the code beside them, so that a figure that
+can no longer be drawn that way fails the build.
 """
 
 from __future__ import annotations
 
 import importlib
+import io
 import re
+import runpy
 import sys
-from contextlib import chdir
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,7 +23,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parent.parent
 GALLERY = "gallery.md"
-PUBLIC = ("", ".execution", ".execution.tracking", ".plotting", ".report")
+PUBLIC = ("", ".batch", ".execution", ".execution.tracking", ".plotting", ".report")
 sys.path.append(str(ROOT))  # benchmarks are not installed
 TABLES = importlib.import_module("benchmarks.tables")
 _FIGURE = re.compile(r'```python title="([\w-]+\.\w+)"\n(.*?)```\n', re.DOTALL)
@@ -29,13 +31,30 @@ _FETCHED = re.compile(r'<(?:script|link|img|iframe)[^>]*(?:src|href)="(?:https?:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the changelog, and the gallery's figures, drawn now."""
+    """Add the changelog, the examples, and the gallery's figures, drawn now."""
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     files.append(File.generated(config, "changelog.md", content=changelog))
     gallery = (ROOT / "docs" / GALLERY).read_text(encoding="utf-8")
     for name, content in _drawn(_FIGURE.findall(gallery)).items():
         files.append(File.generated(config, f"gallery/{name}", content=content))
+    text = "# Examples\n\nIn the folder `examples/`: each runs by itself, in a second or a few.\n"
+    for path in sorted((ROOT / "examples").glob("*.py")):
+        shown, figures = _example(path)
+        text += f"\n## {path.stem.replace('_', ' ')}\n\n{shown}"
+        for name, content in figures.items():
+            files.append(File.generated(config, f"examples/{name}", content=content))
+    files.append(File.generated(config, "examples.md", content=text))
     return files
+
+
+def _example(path: Path) -> tuple[str, dict[str, bytes]]:
+    """Run an example; return it as Markdown, with what it prints, and the figures it draws."""
+    with TemporaryDirectory() as folder, chdir(folder), redirect_stdout(io.StringIO()) as printed:
+        runpy.run_path(str(path), run_name="__main__")
+        figures = {item.name: item.read_bytes() for item in sorted(Path(folder).glob("*.png"))}
+    pictures = "".join(f"![{path.stem}](examples/{name})\n\n" for name in figures)
+    code = f'```python title="{path.name}"\n{path.read_text(encoding="utf-8")}```\n\n'
+    return f"{pictures}{code}```text\n{printed.getvalue()}```\n", figures
 
 
 def _drawn(figures: list[tuple[str, str]]) -> dict[str, bytes]:

@@ -44,7 +44,7 @@ class Samples:
     Attributes:
         t_s: Time [s], (rows,).
         q: Configuration [m, m, rad, 1/m ...], (rows, 3 + n).
-        v: Input [v1, v2, u0, v0, r0] [m/s, m/s, m/s, m/s, rad/s], (rows, 5).
+        v: Input v1, v2, u0, v0, r0 [m/s, m/s, m/s, m/s, rad/s], (rows, 5).
         a: Its rate of change, per s, (rows, 5).
         mode: 1 where a segment is liquid, (rows, n).
         wheel_rad_s: Wheel speeds, (rows, 4).

@@ -15,7 +15,12 @@ from twosra_mpc.problem.tasks import MOST_PHASES
 
 
 class Progress(NamedTuple):
-    """State of a running search: incumbent cost (inf: none yet) and lower bound, both in s."""
+    """State of a running search.
+
+    Attributes:
+        cost: Of the incumbent [s]; infinite before there is one.
+        lower_bound: Proved lower bound on the cost of any plan [s].
+    """
 
     cost: float
     lower_bound: float
