@@ -27,6 +27,7 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.problem.limits import shape_margins
+from twosra_mpc.problem.tolerances import COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import all_modes
 from twosra_mpc.timing import transition_model
@@ -251,7 +252,12 @@ def test_a_plan_file_carries_its_proof(run: Run, tmp_path: Path) -> None:
     assert run("verify", str(file))[0] == 0  # not asked for
     document["certificate"]["bound_s"] -= 1.0
     document["lower_bound_s"] += 1.0  # as if the plan were better than is proved
-    document["gap"] = 1 - document["lower_bound_s"] / document["cost"]["total"]
+    document["fastest_cost_s"] += 1.0
+    for gap, cost in (
+        ("gap", document["cost"]["total"]),
+        ("search_gap", document["fastest_cost_s"]),
+    ):
+        document[gap] = 1 - document["lower_bound_s"] / cost
     file.write_text(json.dumps(document))
     assert run("verify", str(file))[0] == 0
     code, text, _ = run("verify", str(file), "--proof")
@@ -279,7 +285,8 @@ def test_what_is_proved_is_compared_with_what_the_plan_costs(
         (reported * (1 - 4e-4), True, f"{4e-4 * reported:.3f} s (0.04 %) more than"),
         (reported * (1 - 6e-4), False, "(0.06 %) more than is proved"),
     ):
-        bounded = Proof((Bounded((), False, bound),))
+        exact = (bound + COST_TOLERANCE_S) / (1 - COST_TOLERANCE)
+        bounded = Proof((Bounded((), False, exact),))
         monkeypatch.setattr(certificate, "check", lambda *_, found=bounded: found)
         document = json.loads(file.read_text())
         document["certificate"]["bound_s"] = 0.0

@@ -16,6 +16,7 @@ from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.heater_loop import simulate_heater
 from twosra_mpc.control.thermistor import temperature_sensor
+from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.modes import Mode, ModeSequence
@@ -24,7 +25,6 @@ from twosra_mpc.robot.timing import Kind, Timing
 from twosra_mpc.thermal.lumped import Lumped, State
 from twosra_mpc.timing import EventLayout, TemporalNetwork, Transition, TransitionModel, model_of
 from twosra_mpc.timing.constant_heating import ConstantHeating
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
 from twosra_mpc.validation import Positive
 
 MOVE: dict[str, Any] = {

@@ -22,7 +22,8 @@ CERTIFICATES = (
     *("checking/fibre.py", "checking/melts.py"),
 )
 OF_CERTIFICATES = (
-    *("twosra_mpc.errors", "twosra_mpc.problem.problem", "twosra_mpc.robot."),
+    *("twosra_mpc.errors", "twosra_mpc.problem.problem", "twosra_mpc.problem.tolerances"),
+    "twosra_mpc.robot.",
     *("twosra_mpc.thermal.lumped", "twosra_mpc.thermal.two_node", "twosra_mpc.thermal.uncertainty"),
     *(f"twosra_mpc.{module[:-3].replace('/', '.')}" for module in CERTIFICATES),
 )

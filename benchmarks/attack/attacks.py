@@ -16,8 +16,8 @@ from benchmarks.attack.motion import Phase, random_phase
 from benchmarks.attack.schedule import Timeline, canonical, overlapping, waited_through
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
-from twosra_mpc.checking.verification import GOAL_TOLERANCE
 from twosra_mpc.problem.goals import Tolerance
+from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.modes import Mode, ModeSequence

@@ -24,9 +24,9 @@ from twosra_mpc.problem.limits import (
     speed_limits,
     units_moved_m,
 )
+from twosra_mpc.problem.tolerances import RATE_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE
 
-SHARE_TOLERANCE = 1e-3  # of a speed limit
 GAP_TOLERANCE_M = 5e-4
 _CUT = 1e-4  # m: what an input moves between the places that are looked at
 
@@ -49,7 +49,7 @@ def between_problems(trajectory: Trajectory) -> Iterator[str]:
     beyond = iter((high - low) * h / 4)
     for limit, begin, end in zip(speed_limits(robot), *ends, strict=True):
         worst = (np.maximum(begin, end) + [next(beyond) for _ in begin]).max(axis=0)
-        if worst.max() > 1 + SHARE_TOLERANCE:
+        if worst.max() > 1 + RATE_TOLERANCE:
             by = (worst.max() - 1) * limit.most(robot)
             when = fine.t_s[rows[int(worst.argmax())]]
             yield f"limit {limit.name} exceeded by up to {by:.3g} at {when:.3f} s, between samples"

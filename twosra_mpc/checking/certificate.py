@@ -23,10 +23,10 @@ from twosra_mpc.checking.events import ORIGIN, Event, Events, Network
 from twosra_mpc.checking.fibre import NOTHING, Fibre, Least, between, low
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE, forgiven
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence, rigid_mode
 
-GOAL_TOLERANCE = 1e-6  # m, rad, 1/m: by so much verified plans may miss their goal
 _BOXES = (1, 200, 40, 14, 7)  # of each curvature that is not known, by their number
 
 
@@ -51,14 +51,19 @@ class Bounded(NamedTuple):
 
 @dataclass(frozen=True)
 class Proof:
-    """What a certificate proves: the least of ``parts`` bounds every plan of the problem [s]."""
+    """What a certificate proves: the least of ``parts`` bounds every plan of the problem [s].
+
+    Parts are bounds of plans that keep everything exactly.
+    """
 
     parts: tuple[Bounded, ...]
+    replay_tolerance: float = 0.0
 
     @property
     def bound(self) -> float:
-        """Proved lower bound on the cost of every plan, of any number of phases [s]."""
-        return min((part.bound for part in self.parts), default=math.inf)
+        """Proved lower bound on the cost of every verified plan, of any number of phases [s]."""
+        least = min((part.bound for part in self.parts), default=math.inf)
+        return forgiven(least, self.replay_tolerance)
 
 
 class Checker:
@@ -70,11 +75,12 @@ class Checker:
         self.problem, self.events, self.fibre = problem, Events(problem), Fibre(problem.robot)
         self.first, self.last = problem.start_mode, problem.goal.mode
         self.rigid, self.segments = rigid_mode(len(self.first)), range(len(self.first))
-        start, limit = problem.start.configuration, problem.robot.limits.curvature_per_m
+        start = problem.start.configuration
+        limit = problem.robot.limits.curvature_per_m + BEYOND_PER_M
         lower, upper = (end.tolist()[POSE:] for end in problem.goal.box(start))
         self.origin = [self.fibre.coordinate(j, k) for j, k in enumerate(start.tolist()[POSE:])]
-        self.room = [self.fibre.coordinate(j, limit + 1e-5) for j in self.segments]
-        self.limit, self.change, self._fastest = arb(limit + 1e-5), list[arb](), dict[Any, arb]()
+        self.room = [self.fibre.coordinate(j, limit) for j in self.segments]
+        self.limit, self.change, self._fastest = arb(limit), list[arb](), dict[Any, arb]()
         for j, (a, b) in enumerate(zip(lower, upper, strict=True)):
             a, b = max(a - GOAL_TOLERANCE, -limit), min(b + GOAL_TOLERANCE, limit)
             self.change.append(self.fibre.coordinate(j, between(a, b)) - self.origin[j])
@@ -263,7 +269,7 @@ def check(problem: Problem, certificate: dict[str, Any]) -> Proof:
     if opened or prices:
         allowed = "sequences of the tree, each with all that it begins with"
         raise InputError("certificate.opened", next(iter(opened or prices)), allowed)
-    return Proof(tuple(parts))
+    return Proof(tuple(parts), problem.replay_tolerance)
 
 
 def _read(certificate: dict[str, Any]) -> tuple[set[ModeSequence], dict[ModeSequence, Prices]]:

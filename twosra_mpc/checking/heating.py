@@ -16,18 +16,19 @@ import numpy as np
 
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.thermal.model import SegmentModel, State, replayed
 from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
+from twosra_mpc.timing.transitions import own_transitions
 
 _COMMAND_TOLERANCE = 1e-6  # C or A
 _TEMPERATURE_TOLERANCE_C = 0.02
-_LEVEL_TOLERANCE = 1e-3  # of the way from solid to liquid
-_EVENT_TOLERANCE_S = 0.01  # of events by replay: currents that hold are means over an interval
+_FRACTION_TOLERANCE = 2e-3  # of what files say is molten
+_LEVEL_TOLERANCE = 1e-7  # of the way from solid to liquid, besides a model's replay tolerance
 
 Commands = Callable[
     [Array], tuple[Array, Array]
@@ -75,13 +76,13 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     yield from _metal_problems(samples, segment, *metal)
     yield from _policy_problems(trajectory, segment, own, model, states)
     level = model.level(states)
-    span = model.liquid_level - model.solid_level
+    missed = _missed(model)
     lowest, highest = np.minimum(level[:-1], level[1:]), np.maximum(level[:-1], level[1:])
     soft = samples.mode[:-1, segment] == 1
     wrong = samples.moves[:-1] & np.where(
         soft,
-        lowest < model.liquid_level - _LEVEL_TOLERANCE * span,
-        highest > model.solid_level + _LEVEL_TOLERANCE * span,
+        lowest < model.liquid_level - missed,
+        highest > model.solid_level + missed,
     )
     name = f"segment {segment + 1}"
     if wrong.any():
@@ -106,7 +107,7 @@ def _metal_problems(
         when = samples.t_s[int(np.argmax(apart))]
         yield f"{name}: its currents make it {apart.max():.3g} C warmer or colder at {when:.3f} s"
     apart = np.abs(fraction - samples.melt_fraction[:, segment])
-    if apart.max() > 2 * _LEVEL_TOLERANCE:
+    if apart.max() > _FRACTION_TOLERANCE:
         when = samples.t_s[int(np.argmax(apart))]
         yield f"{name}: its currents melt {apart.max():.3g} more or less of it at {when:.3f} s"
 
@@ -156,9 +157,9 @@ def _policy_problems(
         at = np.maximum(np.searchsorted(starts, t, side="right") - 1, 0)
         return setpoint[at], current[at]
 
-    yield from _command_problems(samples, segment, commands, _EVENT_TOLERANCE_S)
-    asked, holds = commands(samples.t_s - _EVENT_TOLERANCE_S)
-    held = np.isnan(holds) & np.isnan(commands(samples.t_s + _EVENT_TOLERANCE_S)[1])
+    yield from _command_problems(samples, segment, commands, TIME_TOLERANCE_S)
+    asked, holds = commands(samples.t_s - TIME_TOLERANCE_S)
+    held = np.isnan(holds) & np.isnan(commands(samples.t_s + TIME_TOLERANCE_S)[1])
     wrong = held & (np.abs(model.temperature_C(states) - asked) > _TEMPERATURE_TOLERANCE_C)
     if wrong.any():
         held_C = f"hold the {asked[wrong][0]:g} C of the heating policy"
@@ -187,7 +188,7 @@ def _policy(
             yield _Span(since, current, target_C)
         else:
             yield _Span(since, 0.0, heater.rigid_setpoint_C)
-            inside = (samples.t_s >= since) & (samples.t_s < until - _EVENT_TOLERANCE_S)
+            inside = (samples.t_s >= since) & (samples.t_s < until - TIME_TOLERANCE_S)
             target_C = warm_C
             if then == "rigid" or not (warms and samples.heater_current_A[inside, segment].any()):
                 continue
@@ -207,9 +208,15 @@ def _unreached(
     """Say that the metal is not at the level it should have reached at a time."""
     here = float(level[_row(samples, when)])
     missing = model.liquid_level - here if to == "soft" else here - model.solid_level
-    if missing <= _LEVEL_TOLERANCE * (model.liquid_level - model.solid_level):
+    if missing <= _missed(model):
         return None
     return f"do not make it {to} until {when:.3f} s"
+
+
+def _missed(model: SegmentModel) -> float:
+    """By how much replayed currents may miss a level."""
+    share = _LEVEL_TOLERANCE + model.replay_tolerance
+    return share * (model.liquid_level - model.solid_level)
 
 
 def heated_states(
@@ -243,18 +250,17 @@ def _window_problems(
     onset = item.heater_s + early * _until(model, state, current, begin)
     done = item.heater_s + late * model.time_until(state, current, end)
     name = f"segment {item.segment} to {item.to} at {item.heater_s:.3f} s"
-    if abs(item.onset_s - onset) > _EVENT_TOLERANCE_S:
+    off_s = TIME_TOLERANCE_S + model.replay_tolerance * (item.done_s - item.heater_s)
+    if abs(item.onset_s - onset) > off_s:
         yield f"{name}: begins to change at {onset:.3f} s{_than(item.onset_s, onset)}"
-    if abs(item.done_s - done) > _EVENT_TOLERANCE_S:
+    if abs(item.done_s - done) > off_s:
         yield f"{name}: has changed at {done:.3f} s{_than(item.done_s, done)}"
 
 
 def _until(model: SegmentModel, state: State, current_A: float, level: float) -> float:
     """Time to a level [s]; none where the state is there but for rounding."""
     found = model.time_until(state, current_A, level)
-    there = abs(model.level(state) - level) <= _LEVEL_TOLERANCE * (
-        model.liquid_level - model.solid_level
-    )
+    there = abs(model.level(state) - level) <= _missed(model)
     return 0.0 if there and math.isinf(found) else found
 
 

@@ -14,11 +14,11 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
-from twosra_mpc.problem.tolerances import OVERLAP_M, TOUCHING_M
+from twosra_mpc.problem.tolerances import OVERLAP_M, TIME_TOLERANCE_S, TOUCHING_M
 from twosra_mpc.problem.world import UNSEEN_M, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
+from twosra_mpc.timing.transitions import own_transitions
 from twosra_mpc.validation import Pair
 
 ROUNDING = 1e-6  # m, rad or 1/m by which a task may be missed

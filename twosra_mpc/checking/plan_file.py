@@ -20,7 +20,7 @@ import numpy as np
 
 from twosra_mpc.checking.between_samples import between_problems
 from twosra_mpc.checking.heating import heated_states
-from twosra_mpc.checking.verification import DEFECT_TOLERANCE, Findings, examine
+from twosra_mpc.checking.verification import Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.plans.carried import mission_document
@@ -28,9 +28,9 @@ from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
-from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import UNITS
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names, segment_model
 from twosra_mpc.robot.modes import mode_name

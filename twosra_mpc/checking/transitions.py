@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from twosra_mpc.plans.trajectory import Trajectory
+from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.timing import Transition, transition_model
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
+from twosra_mpc.timing.transitions import own_transitions
 
 
 def transition_problems(trajectory: Trajectory) -> Iterator[str]:

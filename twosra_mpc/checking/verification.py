@@ -23,18 +23,17 @@ from twosra_mpc.model.rows import by_rows
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.driven import Driven, driven, margins
-from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import WHEEL_SPEED, WORKSPACE, settled, workspace_margins
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE, TIME_TOLERANCE_S
 from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, own_transitions
+from twosra_mpc.timing.transitions import own_transitions
 
-DEFECT_TOLERANCE = 1e-6  # m, rad, 1/m
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
 _AT_ONCE = 20_000  # of these places, to spare memory
-_JUMP = 1e-6  # of the largest wheel speed: less is no jump
+_JUMP = 1e-6  # of the largest wheel speed: what all jumps of a plan may add up to
 _ROUNDING = 1e-9  # of a product of two inputs
 
 
@@ -169,7 +168,7 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
     before[moving.rows] = moving.wheel_rad_s[2]  # before the next sample
     before = before[:-1]
     jump = np.abs(after[1:] - before).max(axis=1)
-    if jump.max(initial=0.0) > _JUMP * problem.robot.limits.wheel_speed_rad_s:
+    if jump.sum() > _JUMP * problem.robot.limits.wheel_speed_rad_s:  # many small ones, too
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
         yield f"at {when:.3f} s a wheel's speed jumps by {by:.3g} rad/s"
     for phase in trajectory.phases:

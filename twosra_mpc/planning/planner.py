@@ -33,6 +33,7 @@ from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import ModeSequence, mode_name
 from twosra_mpc.timing import transition_model
@@ -152,6 +153,7 @@ def _searched(
         out_of_time=out_of_time,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         first_look=lambda: _drive(tree) if isinstance(solver, SequenceSolver) else None,
+        proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations
 

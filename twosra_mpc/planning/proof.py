@@ -16,6 +16,7 @@ from twosra_mpc.checking.certificate import Checker, Prices, check
 from twosra_mpc.checking.events import ORIGIN
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import ModeSequence
 
 _MOST = 3000  # sequences opened
@@ -51,7 +52,7 @@ class Prover:
         queue = [(checker.node_bound(root), False, root)]
         while len(opened) < _MOST:
             bound, leaf, node = heapq.heappop(queue)
-            if leaf or bound >= target_s:
+            if leaf or forgiven(bound, self._problem.replay_tolerance) >= target_s:
                 break
             opened.append(node)
             if (sequence := checker.leaf(node)) is not None:
@@ -69,7 +70,9 @@ class Prover:
     def _leaf_bound(self, sequence: ModeSequence, enough_s: float) -> float:
         """Bound of a leaf; where that is not enough, with the best prices."""
         bound = self._checker.leaf_bound(sequence)
-        if bound >= enough_s or not any(map(any, sequence)):
+        if forgiven(bound, self._problem.replay_tolerance) >= enough_s or not any(
+            map(any, sequence)
+        ):
             return bound
         prices = _Program(self._checker, sequence).prices()
         if (priced := self._checker.leaf_bound(sequence, prices)) > bound:

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from twosra_mpc.deadline import check_time
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import SAME_TIME_S, flown, wheel_speeds
-from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import interval_durations, least_times_and_turns
+from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid
 

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator, field_validator, model_serializer, model_validator
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import RIGID, rigid_mode
 from twosra_mpc.validation import (
@@ -33,10 +34,6 @@ if TYPE_CHECKING:  # scenarios are listed without it
     import casadi as ca
 
     from twosra_mpc.robot.description import Robot
-
-
-GOAL_TOLERANCE = 1e-6
-"""What is this near to a goal is in it, in m, rad and 1/m: in bounds, in plans, in verification."""
 
 
 class GoalSet(Value, ABC):

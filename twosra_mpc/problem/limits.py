@@ -21,13 +21,13 @@ from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M, RATE_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
 from twosra_mpc.robot.modes import is_rigid
 
 TOUCHING_M = 1e-9  # rounding allowed in a gap
-RELATIVE_ROUNDING = 1e-7  # of a limit
 _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
@@ -87,7 +87,7 @@ class SpeedLimit:
 
 def settled(margin: float, limit: float) -> float:
     """A margin, zero within rounding of an active limit."""
-    return 0.0 if abs(margin) <= RELATIVE_ROUNDING * limit else margin
+    return 0.0 if abs(margin) <= RATE_TOLERANCE * limit else margin
 
 
 def _curvature(body: Body, kappa: ca.SX) -> ca.SX:
@@ -100,7 +100,7 @@ CURVATURE = ShapeLimit(
     unit="1/m",
     margin=_curvature,
     words=lambda limits: f"curvature is beyond curvature_per_m = {limits.curvature_per_m:g} 1/m",
-    rounding=5e-6,
+    rounding=CURVATURE_TOLERANCE_PER_M,
     scale=None,
 )
 UNIT_GAP = ShapeLimit(

@@ -346,6 +346,13 @@ class Problem(Value):
         return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
 
     @property
+    def replay_tolerance(self) -> float:
+        """Share of a transition's time by which replayed heater currents may miss it."""
+        segments = range(self.robot.coordinates.segments if self._thermal else 0)
+        models = (segment_model(self.robot, self.ambient, j) for j in segments)
+        return max((model.replay_tolerance for model in models), default=0.0)
+
+    @property
     def world(self) -> World:
         """What is around the robot, but for objects."""
         return World(**{name: getattr(self, name) for name in World.model_fields})

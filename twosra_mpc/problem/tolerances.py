@@ -6,7 +6,36 @@ holds for every plan that is verified. So none of them writes a tolerance of its
 
 from __future__ import annotations
 
+import math
+
+GOAL_TOLERANCE = 1e-6
+"""What is this near to a goal is in it, in m, rad and 1/m."""
+DEFECT_TOLERANCE = 1e-6
+"""By so much samples may depart from what their inputs lead to, in m, rad and 1/m."""
+CURVATURE_TOLERANCE_PER_M = 5e-6
+"""By so much curvatures may be beyond their limit."""
+BEYOND_PER_M = CURVATURE_TOLERANCE_PER_M + DEFECT_TOLERANCE
+"""What no curvature of a verified plan is beyond its limit."""
+TIME_TOLERANCE_S = 2e-6
+"""By so much transitions and phases may be shorter than they must be, or overlap."""
+RATE_TOLERANCE = 1e-7
+"""Share of a limit of speed, acceleration or heating by which it may be exceeded, at all times."""
 OVERLAP_M = 5e-4
 """Overlap allowed with what may be touched."""
 TOUCHING_M = 1e-3
 """What is grasped or pushed is no further from the robot."""
+COST_TOLERANCE_S, COST_TOLERANCE = 1e-4, 1e-6
+"""What a plan can save by all its tolerances: absolute (ten changes of mode), and as a share."""
+
+
+def forgiven(bound_s: float, replay_tolerance: float = 0.0) -> float:
+    """What is proved of plans that are verified, if so much is of plans that keep all exactly [s].
+
+    Bounds know goals, curvatures and the body with their tolerances; this is for the others. Five
+    events of a change of mode may each be early by `TIME_TOLERANCE_S`, and speeds and
+    accelerations too large by `RATE_TOLERANCE`, which slower motion makes up for; replayed
+    transitions may be shorter by a share of their time.
+    """
+    if math.isinf(bound_s):
+        return bound_s
+    return max(0.0, bound_s * (1 - COST_TOLERANCE - replay_tolerance) - COST_TOLERANCE_S)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Lumped:
         melting_point_C: T_m.
         ambient_C: T_a.
     """
+
+    replay_tolerance: ClassVar[float] = 0.0
 
     heat_solid_J_per_K: float
     heat_liquid_J_per_K: float

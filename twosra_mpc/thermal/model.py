@@ -26,6 +26,9 @@ class SegmentModel(Protocol):
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
+    replay_tolerance: ClassVar[float]
+    """Share of a transition's time by which replayed currents miss it: holding ones are means."""
+
     def __hash__(self) -> int: ...
 
     @property

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -38,6 +39,8 @@ class TwoNode:
         liquid_level: Core temperature from which on it is liquid [C].
         ambient_C: T_a.
     """
+
+    replay_tolerance: ClassVar[float] = 1e-4  # the body warms while its core is held
 
     power_K_per_s: float
     coupling_per_s: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
@@ -19,7 +20,7 @@ from twosra_mpc.timing.network import (
     overlaps,
     refused,
 )
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S, Transition, TransitionModel, model_of
+from twosra_mpc.timing.transitions import Transition, TransitionModel, model_of
 
 
 @model_of.register(OverlappedTiming)

@@ -8,12 +8,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, soft_segments
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing.constant_heating import ConstantHeating
 from twosra_mpc.timing.network import EventLayout, TemporalNetwork, refused
 from twosra_mpc.timing.transitions import (
-    TIME_TOLERANCE_S,
     Transition,
     TransitionModel,
     model_of,

@@ -17,8 +17,6 @@ from twosra_mpc.robot.modes import Mode, ModeSequence, Stiffness
 from twosra_mpc.robot.timing import Timing
 from twosra_mpc.timing.network import TemporalNetwork
 
-TIME_TOLERANCE_S = 1e-5  # by which a transition may be shorter than it must be
-
 
 class Transition(NamedTuple):
     """One melt or freeze of a segment (1 to n), times in s.

@@ -20,6 +20,7 @@ from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.timing import transition_model
 
 _WIDTH, _ATTEMPTS = 4, 30  # of the first look for a plan
@@ -56,6 +57,7 @@ def plan_mission(problem: Problem, on_progress: Callable[[Progress], None] | Non
         out_of_time=out_of_time,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         first_look=lambda: dive(tree, width=_WIDTH, attempts=_ATTEMPTS, out_of_time=out_of_time),
+        proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     result = as_asked(result)
     stats = Stats(time.perf_counter() - started, result.bounded, result.solved, 0)

@@ -16,9 +16,9 @@ from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correc
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.ends import may_drive
-from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import interval_durations, shapes_allowed
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork, transition_model

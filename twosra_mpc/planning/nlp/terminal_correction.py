@@ -13,7 +13,8 @@ from numpy.linalg import norm
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion, interval_flow, roll_out
 from twosra_mpc.planning.nlp.multiple_shooting import INPUT_SCALE, state_scale
-from twosra_mpc.problem.goals import GOAL_TOLERANCE, GoalSet
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body
 from twosra_mpc.robot.modes import ModeSequence

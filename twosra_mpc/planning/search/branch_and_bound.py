@@ -18,15 +18,13 @@ from twosra_mpc.deadline import OutOfTimeError
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.interrupts import noted_interrupts
 from twosra_mpc.plans.ending import Ending
+from twosra_mpc.problem.tolerances import forgiven
 
 Node = TypeVar("Node")
 Solution = TypeVar("Solution")
 Solution_co = TypeVar("Solution_co", covariant=True)
 
 _ALIKE = 0.5  # of costs: bounds that are no farther apart are as good
-# A plan may miss its goal and its limits by as much as verification allows, and bounds come from a
-# solver: so much less it may cost than its bound, absolute and as a share.
-TOLERANCE, RELATIVE_TOLERANCE = 1e-4, 1e-6
 
 
 class Tree(Protocol[Node, Solution_co]):
@@ -99,6 +97,7 @@ def branch_and_bound(
     out_of_time: Callable[[], bool],
     on_progress: Callable[[float, float], None],
     first_look: Callable[[], tuple[float, Solution] | None] = lambda: None,
+    proved: Callable[[float], float] = lambda bound: bound,
 ) -> SearchResult[Solution]:
     """Search ``tree`` for a leaf within ``gap`` of the least possible cost.
 
@@ -108,11 +107,12 @@ def branch_and_bound(
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
         first_look: Finds (cost, solution) of a leaf to begin with, if it can.
+        proved: What the least bound of the tree proves of all solutions.
 
     Raises:
         ContradictionError: If a leaf costs less than its bound: the tree's bounds are wrong.
     """
-    search = _Search(tree, gap)
+    search = _Search(tree, gap, proved)
     with noted_interrupts() as interrupts:
         try:
             if (found := first_look()) is not None:
@@ -175,15 +175,17 @@ def dive(
 
 def _check(cost: float, bound: float) -> None:
     """Raise if a leaf that was found at this cost has a higher bound."""
-    if cost < bound - TOLERANCE - RELATIVE_TOLERANCE * abs(cost):
+    if cost < forgiven(bound):
         raise ContradictionError(cost, bound)
 
 
 class _Search(Generic[Node, Solution]):
     """State of a search; an entry stays in the queue until all that follows from it is known."""
 
-    def __init__(self, tree: Tree[Node, Solution], gap: float) -> None:
-        self.tree, self.gap = tree, gap
+    def __init__(
+        self, tree: Tree[Node, Solution], gap: float, proved: Callable[[float], float]
+    ) -> None:
+        self.tree, self.gap, self.proved = tree, gap, proved
         self.order = itertools.count()
         root = tree.root()
         self.queue = [self._entry(tree.bound(root), branch=True, node=root)]
@@ -201,7 +203,8 @@ class _Search(Generic[Node, Solution]):
     @property
     def lower_bound(self) -> float:
         """Proved lower bound on every leaf's cost."""
-        return min(self.kept, self.queue[0].bound if self.queue else math.inf, self.cost)
+        least = min(self.kept, self.queue[0].bound if self.queue else math.inf)
+        return min(self.proved(least), self.cost)
 
     @property
     def closed(self) -> bool:

@@ -19,7 +19,6 @@ from twosra_mpc.planning.search.drive_bound import least_drive_time
 from twosra_mpc.planning.search.mode_tree import InTheWay, ModeTree
 from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
-from twosra_mpc.problem.goals import GOAL_TOLERANCE
 from twosra_mpc.problem.limits import (
     CURVATURE,
     UNIT_GAP,
@@ -30,10 +29,10 @@ from twosra_mpc.problem.limits import (
     rigid_rows_between,
 )
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, ModeSequence
 from twosra_mpc.timing import TemporalNetwork, transition_model
-from twosra_mpc.timing.transitions import TIME_TOLERANCE_S
 
 Solution = TypeVar("Solution")
 
@@ -70,7 +69,7 @@ def bending_task(problem: Problem) -> BendingTask:
     least, most = np.clip([low, high], -limit, limit)
     outside = least - GOAL_TOLERANCE, most + GOAL_TOLERANCE
     origin, least_w, most_w, under, over = facts.coordinates([start, least, most, *outside])
-    top = np.array([facts.coordinate(limit, j) for j in range(len(start))])
+    top = np.array([facts.coordinate(limit + BEYOND_PER_M, j) for j in range(len(start))])
     met = zip((low - GOAL_TOLERANCE).tolist(), (high + GOAL_TOLERANCE).tolist(), strict=True)
     asked = enumerate(zip(*(each.tolist() for each in (start, low, high)), strict=True), start=1)
 
@@ -168,7 +167,7 @@ def rigid_time(problem: Problem, enough: float = 0.0) -> float:
         until_s = enough - ramp_s if enough >= 2 * ramp_s else enough**2 / (4 * ramp_s)
         at_speed = max(at_speed, least_drive_time(*asked, min(until_s * (1 + 1e-6), known_s)))
     shortest = 0.0 if problem.goal.met_at(start) else problem.robot.limits.phase_s
-    return max(from_rest_to_rest(at_speed, ramp_s), shortest - TIME_TOLERANCE_S)
+    return max(from_rest_to_rest(at_speed, ramp_s), shortest)
 
 
 def _known_s(guess: Motion) -> float:
