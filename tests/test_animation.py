@@ -21,14 +21,20 @@ from PIL import Image
 from twosra_mpc import InputError, Plan, Result, Status, load_problem, plan
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import animate_plan, check_animation_path, film
-from twosra_mpc.plotting.figures import CHANGING_COLOUR, RIGID_COLOUR, SOFT_COLOUR, STYLE
+from twosra_mpc.plotting.figures import (
+    CHANGING_COLOUR,
+    FREEZING_COLOUR,
+    RIGID_COLOUR,
+    SOFT_COLOUR,
+    STYLE,
+)
 from twosra_mpc.plotting.film import LEAST, Film
 from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.timing import Transition
 
-COLOURS = {"rigid": RIGID_COLOUR, "soft": SOFT_COLOUR}
+COLOURS = {"rigid": RIGID_COLOUR, "soft": SOFT_COLOUR, "freezing": FREEZING_COLOUR}
 README_LIMIT = 3_000_000  # bytes that a page shows without making its reader wait
 
 
@@ -49,7 +55,9 @@ def playback(name: str) -> Playback:
 @cache
 def scene(name: str) -> Scene:
     with rc_context(STYLE):
-        return Scene(playback(name), (name, plan_title(made(name))), duration_s=12.0)
+        return Scene(
+            playback(name), (name, plan_title(made(name)).replace("\n", ", ")), duration_s=12.0
+        )
 
 
 def row_at(name: str, time_s: float) -> int:

@@ -6,6 +6,7 @@ import errno
 import inspect
 import io
 import json
+import re
 import shlex
 import subprocess
 import sys
@@ -240,6 +241,33 @@ def test_a_table_in_a_pipe_is_what_rich_draws(
     drawn.print(table)
     assert isinstance(drawn.file, io.StringIO)
     assert capsys.readouterr().out == drawn.file.getvalue()
+
+
+NARROW: list[list[str]] = [
+    ["plan", "paper-2", "--timing", "paper"],
+    ["plan", "blocked"],
+    ["compare", "paper-2", "rigid-move"],
+    ["compare-models", "paper-2", "--robot", "2sra-v1-paper"],
+    ["explain", "paper-2"],
+    ["simulate", "rigid-move"],
+    ["check-robot", "2sra-v1"],
+    ["fit-paths", "2sra-v1"],
+    ["robots"],
+    ["scenarios"],
+    ["verify", "plan.json"],
+]
+
+
+@pytest.mark.parametrize("arguments", NARROW, ids=" ".join)
+def test_tables_fit_100_columns_in_a_pipe_unless_more_are_asked_for(
+    arguments: list[str], run_as_is: Run, solved: Solved, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("COLUMNS")
+    solved("rigid-move").save("plan.json")
+    lines = run_as_is(*arguments).out.splitlines()
+    assert max(map(len, lines)) <= 100
+    assert len(lines) > 3
+    assert not re.search(r"-0(\.0+)?\b(?!\.|e|\d)", "".join(lines))  # no zero has a sign
 
 
 # --- progress ------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import soft_and_changing, stiffness_intervals
 from twosra_mpc.plotting import (
     CHANGING_COLOUR,
+    FREEZING_COLOUR,
     RIGID_COLOUR,
     SEGMENT_COLOURS,
     SOFT_COLOUR,
@@ -72,7 +73,9 @@ def test_every_segment_is_drawn_in_the_colour_of_its_state(segments: int) -> Non
         draw_robot(ax, geometry, q, mode, changing=changing)
         assert len(ax.lines) == segments + (segments + 1) + sum(changing)  # and links, hatches
         for line, arc, soft, now in zip(ax.lines, shape.segments, mode, changing, strict=False):
-            expected = CHANGING_COLOUR if now else SOFT_COLOUR if soft else RIGID_COLOUR
+            expected = SOFT_COLOUR if soft else RIGID_COLOUR
+            if now:
+                expected = FREEZING_COLOUR if soft else CHANGING_COLOUR
             assert same_color(line.get_color(), expected)
             np.testing.assert_array_equal(line.get_xydata(), arc)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import same_color
+from matplotlib.colors import same_color, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
@@ -51,8 +52,16 @@ from twosra_mpc.plotting import (
     plot_snapshots,
     robot_shape,
 )
-from twosra_mpc.plotting.figures import STATES
+from twosra_mpc.plotting.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
+from twosra_mpc.plotting.figures import (
+    FREEZING_COLOUR,
+    HEATER_COLOUR,
+    MIDDLE_COLOUR,
+    STATES,
+    UNIT_COLOURS,
+)
 from twosra_mpc.plotting.plane import robot_artists
+from twosra_mpc.report.page import data_file
 from twosra_mpc.robot.modes import MODES, Mode
 
 ROBOT = load_robot("2sra-v1")
@@ -96,11 +105,54 @@ def test_a_segment_is_red_blue_or_hatched_as_it_is_soft_rigid_or_changing(
     assert draw_robot(ax, ROBOT.geometry, BENT, mode, changing=changing) is ax
     arcs = robot_shape(ROBOT.geometry, BENT).segments
     for line, soft, changes, arc in zip(ax.lines, mode, changing, arcs, strict=False):
-        assert same_color(line.get_color(), CHANGING_COLOUR if changes else colour(soft))
+        changing_to = FREEZING_COLOUR if soft else CHANGING_COLOUR
+        assert same_color(line.get_color(), changing_to if changes else colour(soft))
         np.testing.assert_array_equal(line.get_xydata(), arc)
     hatches = [line.get_xydata() for line in ax.lines if same_color(line.get_color(), "white")]
     expected = [arc for arc, changes in zip(arcs, changing, strict=True) if changes]
     np.testing.assert_array_equal(hatches, expected)
+
+
+DEUTERANOPIA = ((0.367322, 0.860646, -0.227968), (0.280085, 0.672501, 0.047413))
+DEUTERANOPIA = (*DEUTERANOPIA, (-0.011820, 0.042940, 0.968881))  # Machado et al. 2009, severity 1
+PROTANOPIA = ((0.152286, 1.052583, -0.204868), (0.114503, 0.786281, 0.099216))
+PROTANOPIA = (*PROTANOPIA, (-0.003882, -0.048116, 1.051998))
+LUMINANCE = ((0.4124, 0.3576, 0.1805), (0.2126, 0.7152, 0.0722), (0.0193, 0.1192, 0.9505))
+
+
+def cielab(name: str, seen: object) -> np.ndarray:
+    """CIELAB of a colour as an eye sees it that mixes linear red, green and blue so."""
+    part = np.array(to_rgb(name))
+    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    xyz = np.array(LUMINANCE) @ np.clip(np.array(seen) @ linear, 0.0, 1.0)
+    x, y, z = np.cbrt(np.maximum(xyz / (0.9505, 1.0, 1.089), 0.008856))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+@pytest.mark.parametrize("seen", [np.eye(3), DEUTERANOPIA, PROTANOPIA])
+@pytest.mark.parametrize(
+    ("colours", "least"),
+    [
+        ([look["fc"] for look in STATES.values()], 25.0),
+        ([MIDDLE_COLOUR, *UNIT_COLOURS], 35.0),
+        ([RIGID_COLOUR, SOFT_COLOUR, MIDDLE_COLOUR], 20.0),
+        ([*SEQUENCE_COLOURS, OTHER_COLOUR, NO_PLAN_COLOUR], 20.0),
+        (SEQUENCE_COLOURS, 25.0),
+    ],
+)
+def test_colours_are_told_apart_by_those_who_do_not_see_red_or_green(
+    colours: list[str], least: float, seen: object
+) -> None:
+    places = [cielab(name, seen) for name in colours]
+    assert min(np.linalg.norm(a - b) for a, b in combinations(places, 2)) > least
+
+
+def test_the_report_has_the_colours_of_the_figures() -> None:
+    style = data_file("page.css")
+    named = {"rigid": RIGID_COLOUR, "soft": SOFT_COLOUR, "melting": CHANGING_COLOUR}
+    named |= {"freezing": FREEZING_COLOUR, "trace-4": MIDDLE_COLOUR, "heater": HEATER_COLOUR}
+    for name, shade in named.items():
+        assert re.search(rf"--{name}: (#\w+)", style)[1] == shade  # type: ignore[index]
 
 
 def test_robot_artists_are_all_that_is_drawn() -> None:

@@ -39,8 +39,8 @@ def state_at(intervals: Sequence[Interval], time_s: float) -> State:
 
 
 def soft_and_changing(states: Sequence[State]) -> tuple[Mode, Mode]:
-    """Which segments are soft, and which melt or freeze; 1 where they do."""
-    soft = tuple(int(state == "soft") for state in states)
+    """Which segments are soft, or were until they froze, and which melt or freeze; 1: they do."""
+    soft = tuple(int(state in ("soft", "freezing")) for state in states)
     return soft, tuple(int(state in CHANGING) for state in states)
 
 

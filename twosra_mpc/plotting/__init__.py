@@ -14,6 +14,7 @@ from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting.figures import (
     CHANGING_COLOUR,
     DPI,
+    FREEZING_COLOUR,
     RIGID_COLOUR,
     SEGMENT_COLOURS,
     SOFT_COLOUR,
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CHANGING_COLOUR",
     "DPI",
+    "FREEZING_COLOUR",
     "RIGID_COLOUR",
     "SEGMENT_COLOURS",
     "SOFT_COLOUR",

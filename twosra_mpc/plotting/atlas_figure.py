@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -23,9 +22,12 @@ if TYPE_CHECKING:
 
 _SIZE_IN = (11.0, 7.2)
 _TOLD_APART = 9  # sequences with a colour of their own
-_COLOURS = tuple(colormaps["tab10"].colors[:7]) + tuple(colormaps["tab10"].colors[8:])  # type: ignore[attr-defined]
+SEQUENCE_COLOURS = (  # told apart also without red or green
+    *("#2a6fbb", "#e07b00", "#720c0c", "#acbef5", "#d4d490"),
+    *("#5c234e", "#3030e8", "#e8e830", "#0c0c72"),
+)
 _BLUE, _LEAST_GAP = figures.RIGID_COLOUR, 1e-4  # gaps in %
-_OTHER, _NO_PLAN = "#9e9e9e", "#eeeeee"
+OTHER_COLOUR, NO_PLAN_COLOUR = "#9e9e9e", "#eeeeee"
 _UNIT = {"_per_m": "1/m", "_rad": "rad", "_m": "m", "_s": "s", "_A": "A", "_C": "C", "_J": "J"}
 
 
@@ -94,7 +96,7 @@ def draw_sequences(ax: Axes, runs: DataFrame, x: str, y: str | None) -> Axes:
     """Draw which mode sequence the plan has where; over one key, with the durations."""
     ranks = _ranks(runs)
     coded = runs.assign(code=runs["sequence"].map(ranks))
-    colours = ListedColormap([_NO_PLAN, *_COLOURS, _OTHER])
+    colours = ListedColormap([NO_PLAN_COLOUR, *SEQUENCE_COLOURS, OTHER_COLOUR])
     style: dict[str, Any] = {"cmap": colours, "vmin": -0.5, "vmax": _TOLD_APART + 1.5}
     if y is None:
         ax.scatter(coded[x], coded["duration_s"], c=coded["code"], s=14, **style)
@@ -214,7 +216,8 @@ def _ranks(runs: DataFrame) -> dict[str, int]:
 
 
 def _label(key: str) -> str:
-    """A key with its unit."""
+    """A key with its unit; places in lists count from 1, as segments do."""
     stem = key.rstrip("0123456789").rstrip(".")
+    name = f"{stem} {int(key[len(stem) + 1 :]) + 1}" if stem != key else key
     unit = next((unit for end, unit in _UNIT.items() if stem.endswith(end)), None)
-    return f"{key} [{unit}]" if unit else key
+    return f"{name} [{unit}]" if unit else name

@@ -18,10 +18,11 @@ from twosra_mpc.files import write_bytes
 
 RIGID_COLOUR = "#2a6fbb"
 SOFT_COLOUR = "#c8202f"
-CHANGING_COLOUR = "#f6b04e"  # melting or freezing
+CHANGING_COLOUR, FREEZING_COLOUR = "#f6b04e", "#86c5da"  # the first while melting
 SEGMENT_COLOURS = ("#222222", "#12997c", "#7b5ea7", "#e07b00")
 UNIT_COLOURS = SEGMENT_COLOURS[:2]
-UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR = "#eceff1", "#455a64", "#5d4037"
+MIDDLE_COLOUR = "#e07b00"  # path of the middle link
+UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR = "#eceff1", "#455a64", "#262626"
 OBSTACLE_COLOUR, OBSTACLE_EDGE_COLOUR = "#d9d9d9", "#737373"
 TASK_COLOUR, NEAREST_COLOUR = "#12997c", "#e6007e"
 OBJECT_COLOURS = ("#d8b384", "#c3a5dd", "#8ccfd6", "#e9a9c0")
@@ -29,7 +30,7 @@ CONTACT_COLOUR = "#76c800"
 STAGE_COLOUR = "0.15"  # where and when a task of a mission is done
 PLANNED_COLOUR = "0.35"  # what shall be: goals, references
 PALETTE = (
-    *(RIGID_COLOUR, SOFT_COLOUR, CHANGING_COLOUR, *SEGMENT_COLOURS),
+    *(RIGID_COLOUR, SOFT_COLOUR, CHANGING_COLOUR, FREEZING_COLOUR, *SEGMENT_COLOURS),
     *(UNIT_COLOUR, METAL_COLOUR, HEATER_COLOUR, TASK_COLOUR, NEAREST_COLOUR),
     *(*OBJECT_COLOURS, CONTACT_COLOUR),
 )
@@ -52,12 +53,12 @@ STYLE: dict[Any, Any] = {
 }
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity
-_HATCHED = {"fc": CHANGING_COLOUR, "ec": "white", "lw": 0}
+_HATCHED = {"ec": "white", "lw": 0}
 STATES: dict[str, dict[str, Any]] = {
     "rigid": {"fc": RIGID_COLOUR, "lw": 0},
-    "melting": _HATCHED | {"hatch": "////"},
+    "melting": _HATCHED | {"fc": CHANGING_COLOUR, "hatch": "////"},
     "soft": {"fc": SOFT_COLOUR, "lw": 0},
-    "freezing": _HATCHED | {"hatch": r"\\\\"},
+    "freezing": _HATCHED | {"fc": FREEZING_COLOUR, "hatch": r"\\\\"},
     "heater current": {"fc": HEATER_COLOUR, "lw": 0},
 }
 

@@ -91,7 +91,7 @@ def animate_plan(
     Raises:
         InputError: If such a file cannot be written.
     """
-    titles = plan.robot.name, plan_title(plan)
+    titles = plan.robot.name, plan_title(plan).replace("\n", ", ")
     return animate(plan_playback(plan, LEAST), titles, path, duration_s, on_progress)
 
 

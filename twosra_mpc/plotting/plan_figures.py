@@ -274,7 +274,8 @@ def plot_snapshots(
         entries = {
             "rigid": plane.RIGID,
             "soft": plane.SOFT,
-            "melting or freezing": plane.line(figures.CHANGING_COLOUR, 4),
+            "melting": plane.line(figures.CHANGING_COLOUR, 4),
+            "freezing": plane.line(figures.FREEZING_COLOUR, 4),
             **({"target": plane.FAINT_ROBOT} if not plan.problem.ends_anywhere else {}),
             "path of middle link": plane.line("black", 1.0),
             **objects.legend_entries(plan.problem),

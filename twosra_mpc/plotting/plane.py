@@ -19,6 +19,12 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, rigid_mode
 
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths
+_COLOURS = {  # (soft, changing)
+    (False, False): figures.RIGID_COLOUR,
+    (False, True): figures.CHANGING_COLOUR,
+    (True, False): figures.SOFT_COLOUR,
+    (True, True): figures.FREEZING_COLOUR,
+}
 FAINT_ROBOT = Patch(fc=figures.UNIT_COLOUR, ec=figures.METAL_COLOUR, alpha=figures.FAINT)
 ROBOT = Patch(fc=figures.UNIT_COLOUR, ec=figures.METAL_COLOUR)
 
@@ -80,14 +86,16 @@ def draw_robot(
     alpha: float = 1.0,
     linewidth: float = 4.0,
 ) -> Axes:
-    """Draw the robot to scale: soft segments red, rigid ones blue, changing ones hatched amber.
+    """Draw the robot to scale: soft segments red, rigid ones blue.
+
+    Melting ones are amber, freezing ones light blue, both hatched.
 
     Args:
         ax: Axes in m; give it an equal aspect to see the robot as it is.
         geometry: Lengths of the robot.
         q: Configuration [m, m, rad, 1/m ...], shape (3 + n,).
         mode: 1 where a segment is soft.
-        changing: 1 where a segment melts or freezes, whatever ``mode`` says; default: nowhere.
+        changing: 1 where a segment freezes, if ``mode`` is 1, or melts; default: nowhere.
         alpha: Opacity.
         linewidth: Width of the segments [pt]; the other lines scale with it.
 
@@ -108,9 +116,7 @@ def robot_artists(
     hatch: dict[str, Any] = {"alpha": alpha, "zorder": 3.1, "c": "white", "ls": HATCH}
     artists: list[Artist] = []
     for arc, soft, now in zip(shape.segments, mode, changing, strict=True):
-        stiffness = figures.SOFT_COLOUR if soft else figures.RIGID_COLOUR
-        colour = figures.CHANGING_COLOUR if now else stiffness
-        artists += ax.plot(*arc.T, lw=linewidth, c=colour, **style)
+        artists += ax.plot(*arc.T, lw=linewidth, c=_COLOURS[bool(soft), bool(now)], **style)
     for link in shape.links:
         artists += ax.plot(*link.T, lw=linewidth / 1.7, c=figures.METAL_COLOUR, **style)
     for unit in shape.units:

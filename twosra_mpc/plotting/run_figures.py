@@ -100,7 +100,7 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
         "soft": plane.SOFT,
         "path of unit 1": plane.line(figures.UNIT_COLOURS[0]),
         "of unit 2": plane.line(figures.UNIT_COLOURS[1]),
-        "of the middle link": plane.line(figures.SOFT_COLOUR),
+        "of the middle link": plane.line(figures.MIDDLE_COLOUR),
     }
     entries |= world.legend_entries(run.problem, None)
     plane.legend_below(figure, entries, 8)
@@ -146,7 +146,7 @@ def _draw_paths(ax: Axes, run: Run, record: Record, start_s: float, end_s: float
         centres = robot_shape(run.problem.robot.geometry, rows, 2).centres
         for unit, colour in enumerate(figures.UNIT_COLOURS):
             ax.plot(*centres[:, unit].T, c=colour, zorder=5, **style)
-        ax.plot(*rows[:, :2].T, c=figures.SOFT_COLOUR, zorder=5, **style)
+        ax.plot(*rows[:, :2].T, c=figures.MIDDLE_COLOUR, zorder=5, **style)
 
 
 def run_stretch(run: Run) -> timeline.TimeStretch:
@@ -215,7 +215,7 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     errors /= run.accuracy.scale(run.problem.robot.coordinates)
     parts = {
         "position": (np.hypot(errors[:, 0], errors[:, 1]), figures.RIGID_COLOUR),
-        "heading": (np.abs(errors[:, 2]), "#7b5ea7"),
+        "heading": (np.abs(errors[:, 2]), figures.SEGMENT_COLOURS[0]),
         "curvatures": (np.abs(errors[:, POSE:]).max(axis=1), figures.SOFT_COLOUR),
     }
     for name, (distance, colour) in parts.items():

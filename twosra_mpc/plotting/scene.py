@@ -119,7 +119,7 @@ class Scene:
         """Where the units' centres and the middle link have been."""
         first, second = self._centres[: row + 1].transpose(1, 0, 2)
         link, artists = self._playback.q[: row + 1, :2], list[Artist]()
-        colours = (*figures.UNIT_COLOURS, figures.SOFT_COLOUR)
+        colours = (*figures.UNIT_COLOURS, figures.MIDDLE_COLOUR)
         for path, colour in zip((first, second, link), colours, strict=True):
             artists += self._plane.plot(*path.T, c=colour, lw=1.3, zorder=2)
         return artists
@@ -202,13 +202,18 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     entries: dict[str, Any] = {name: Patch(**look) for name, look in figures.STATES.items()}
     del entries["heater current"]
     entries |= {"heater on": Patch(fill=False, ec=figures.HEATER_COLOUR, lw=2.0)}
+    entries["middle link's path"] = line(figures.MIDDLE_COLOUR, 1.3)
     if playback.goals:
         entries["goal"] = DASHED
     if playback.nearest is not None:
         entries["nearest"] = line(figures.NEAREST_COLOUR)
     place = ax.figure.transFigure
-    style: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (0.965, 0.944), "ncols": 7}
-    style |= {"columnspacing": 1.0, "handlelength": 1.5, "bbox_transform": place}
+    style: dict[str, Any] = {
+        "loc": "lower right",
+        "bbox_to_anchor": (0.965, 0.944),
+        "ncols": len(entries),
+    }
+    style |= {"columnspacing": 0.8, "handlelength": 1.3, "bbox_transform": place}
     ax.legend(entries.values(), entries, **style)
 
 
