@@ -55,9 +55,8 @@ def playback(name: str) -> Playback:
 @cache
 def scene(name: str) -> Scene:
     with rc_context(STYLE):
-        return Scene(
-            playback(name), (name, plan_title(made(name)).replace("\n", ", ")), duration_s=12.0
-        )
+        told = plan_title(made(name)).replace("\n", ", ")
+        return Scene(playback(name), (name, told), duration_s=12.0)
 
 
 def row_at(name: str, time_s: float) -> int:

@@ -191,7 +191,7 @@ def _end_error(error: Any) -> str:
     if math.isnan(error[0]):
         return "bends too far"
     shift, turn = 1e3 * math.hypot(error[0], error[1]), math.degrees(error[2])
-    return f"{shift:.1f}, {turn:.1f}, {error[3]:.1f}, {error[4]:.1f}"
+    return f"{shift:.1f}, {turn:z.1f}, {error[3]:z.1f}, {error[4]:z.1f}"
 
 
 @command("explain")

@@ -142,8 +142,8 @@ def _print(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> None:
 
 def _cells(error: Array) -> list[str]:
     x, y, heading = error[:POSE].tolist()
-    kappas = [f"{kappa:+.1f}" for kappa in error[POSE:].tolist()]
-    return [f"{1e3 * x:+.0f}", f"{1e3 * y:+.0f}", f"{heading:+.2f}", *kappas]
+    kappas = [f"{kappa:+z.1f}" for kappa in error[POSE:].tolist()]
+    return [f"{1e3 * x:+z.0f}", f"{1e3 * y:+z.0f}", f"{heading:+z.2f}", *kappas]
 
 
 def _digits(value: float) -> str:

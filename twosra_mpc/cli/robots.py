@@ -90,7 +90,7 @@ def check_robot_command(robot: str, output: Output) -> None:
     for shape in shapes:
         gap = 1e3 * shape.unit_gap_m
         state = f"units {gap:.1f} mm apart" if gap > 0 else f"units overlap by {-gap:.1f} mm"
-        where = f"kappa = ({shape.kappa1_per_m:.1f}, {shape.kappa2_per_m:.1f}) 1/m; {state}"
+        where = f"kappa = ({shape.kappa1_per_m:z.1f}, {shape.kappa2_per_m:z.1f}) 1/m; {state}"
         rows.append(("wheels singular", f"{where}; the planner does not drive near it"))
     if not shapes:
         rows.append(("wheels singular", "nowhere within the curvature limits"))

@@ -91,7 +91,7 @@ class TimeStretch(NamedTuple):
         end_s, chosen = self.knots_s[-1], dict[float, str]()
         rounded = np.asarray(MaxNLocator(8, steps=[1, 2, 5, 10]).tick_values(0.0, end_s))
         for t in (0.0, end_s, *self.knots_s[1:-1], *rounded[rounded < end_s].tolist()):
-            text = f"{t:.2f}".rstrip("0").rstrip(".")
+            text = f"{t:z.2f}".rstrip("0").rstrip(".")
             apart = np.abs(self.forward(np.array(list(chosen))) - self.forward(np.array(t)))
             widths = [digit * (1 + (len(text) + len(label)) / 2) for label in chosen.values()]
             if np.all(apart > widths):
