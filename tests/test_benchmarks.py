@@ -27,6 +27,7 @@ from benchmarks.measurement import PlanRecord, Timing, timed_in_turns
 from benchmarks.problems import load_set, set_names
 from benchmarks.report import (
     power_law,
+    published_tables,
     quantiles,
     share,
     shifted_geometric_mean,
@@ -408,6 +409,10 @@ def test_the_closed_loop_names_what_did_not_work(tmp_path: Path) -> None:
     assert "- optimal, arc, paper-1, seed 1: gave up: 3 mm too far" in text
     assert "transitions that no plan asked for: 1." in text
     assert "a goal which they had not reached: 0." in text
+    (table,) = published_tables(study, log, tmp_path).values()
+    assert table[1:] == [
+        ("this package", "hard", "0 of 1", "100 / 100", "1.25 / 1.25", "3.00", "1", "1 gave up")
+    ]
     assert "ended with a wheel or a heater on: 0." in text
     assert "while metal was changing: 1.0 s." in text
 
