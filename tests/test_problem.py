@@ -135,12 +135,16 @@ def assert_refused(
     (error,) = problems_of(refusal(make))
     assert error.field == field
     assert repr(listed(error.value)) == repr(listed(value))
-    assert re.search(allowed, error.allowed), error.allowed
+    said = f"{error.hint} {error.allowed}"
+    assert re.search(allowed, said if "did you mean" in allowed else error.allowed), said
     assert error.source == source
     where = f"{source}: " if source else ""
-    assert str(error) == (
-        f"{where}{field} = {error.value!r} is not acceptable; allowed: {error.allowed}"
-    )
+    if value == "missing":
+        assert str(error) == f"{where}{field} is missing: {error.allowed}"
+        return
+    hint = f"{error.hint} " if error.hint else ""
+    said = f"{field} = {error.value!r} is not acceptable; {hint}allowed: {error.allowed}"
+    assert str(error) == f"{where}{said}"
 
 
 # Key to set, value, field of the error, pattern of what is allowed.
@@ -616,7 +620,7 @@ def test_a_name_that_does_not_exist_is_answered_with_those_that_do(
         assert (error.field, error.value) == (field, name)
         assert all(known in error.allowed for known in names)
         assert "a file that exists" in error.allowed
-        assert ("did you mean" in error.allowed) == (name == close)
+        assert ("did you mean" in error.hint) == (name == close)
 
 
 def test_a_relative_robot_path_is_taken_from_the_folder_of_the_scenario(

@@ -23,10 +23,11 @@ from twosra_mpc import (
     robot_names,
     scenario_names,
 )
+from twosra_mpc.keys import describe
 from twosra_mpc.plans.document import PlanDocument
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.schema import Subject, describe, json_schema
+from twosra_mpc.schema import Subject, json_schema
 
 Schema = dict[str, Any]
 VALIDATORS = {subject: Draft7Validator(json_schema(subject)) for subject in get_args(Subject)}

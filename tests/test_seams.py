@@ -78,6 +78,7 @@ STAGES = [
         "native_output.py",
         "files.py",
         "native_output.py",
+        "keys.py",
         "validation.py",
     ),
     ("thermal/",),

@@ -105,7 +105,7 @@ def test_anywhere_has_a_stiffness_for_each_segment() -> None:
 
 
 def test_a_box_to_pass_at_the_end_needs_a_goal() -> None:
-    assert refused({"do": "pass", "x_m": [0.0, 0.1]}).startswith("goal = ")
+    assert refused({"do": "pass", "x_m": [0.0, 0.1]}).startswith("goal is missing")
     assert VALIDATOR.is_valid(document({"do": "pass", "x_m": [0.0, 0.1]}, goal=GOAL))
 
 

@@ -16,7 +16,13 @@ if TYPE_CHECKING:
     from twosra_mpc.analysis.model_comparison import compare_models
     from twosra_mpc.checking.plan_file import PlanCheck, check_plan
     from twosra_mpc.checking.resampling import refined
-    from twosra_mpc.errors import ContradictionError, InputError, NoPlanError, TwosraError
+    from twosra_mpc.errors import (
+        ContradictionError,
+        InputError,
+        NoPlanError,
+        TwosraError,
+        UnitWarning,
+    )
     from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
     from twosra_mpc.identification.path_choice import with_path_model
     from twosra_mpc.identification.thermal import ThermalFit, identify
@@ -46,7 +52,7 @@ _PUBLIC = {
     "analysis.model_comparison": ("compare_models",),
     "checking.plan_file": ("PlanCheck", "check_plan"),
     "checking.resampling": ("refined",),
-    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError"),
+    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "UnitWarning"),
     "identification.heating_log": ("HeatingLog", "read_heating_log"),
     "identification.path_choice": ("with_path_model",),
     "identification.thermal": ("ThermalFit", "identify"),
@@ -107,6 +113,7 @@ __all__ = [
     "ThermalFit",
     "Tolerance",
     "TwosraError",
+    "UnitWarning",
     "Weights",
     "Workspace",
     "World",

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from reprlib import Repr
+from typing import Any
+
+from twosra_mpc.keys import other_unit
 
 _SHORT = Repr()
 _SHORT.maxstring = _SHORT.maxother = 300
 _SHORT.maxlong = 80
 _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 8
+_VALUE = 100  # characters of a value that are shown
 _LONGEST = 500  # characters of what else is said in a line
 _MOST = 12  # further problems that are told
 
@@ -23,6 +27,17 @@ class TwosraError(Exception):
     """Base of every error raised on purpose by this package."""
 
 
+class UnitWarning(UserWarning):
+    """A number in a file is legal, and probably in another unit."""
+
+
+class Missing(str):
+    """In place of the value of a key that is not there."""
+
+
+MISSING = Missing("missing")
+
+
 class InputError(TwosraError, ValueError):
     """A value given by the user is not acceptable.
 
@@ -32,6 +47,7 @@ class InputError(TwosraError, ValueError):
         allowed: What is allowed, as a phrase that completes "allowed: ...".
         source: File or built-in name the value came from, if any.
         others: Further problems found at the same time.
+        hint: What was probably meant, as a sentence; by default, the number in another unit.
     """
 
     def __init__(
@@ -41,28 +57,40 @@ class InputError(TwosraError, ValueError):
         allowed: str,
         source: str | None = None,
         others: tuple[InputError, ...] = (),
+        hint: str = "",
     ) -> None:
         self.field, self.value, self.allowed = field, value, allowed
         self.source, self.others = source, others
-        where = f"{source}: " if source else ""
-        said = f"{printable(field)} = {_SHORT.repr(value)} is not acceptable"
-        lines = [f"{printable(where)}{said}; allowed: {printable(allowed)}"]
+        self.hint = hint or other_unit(field, value)
+        lines = [printable(f"{source}: " if source else "") + self._said()]
         more = [f"and {len(others) - _MOST} more"] if len(others) > _MOST else []
         super().__init__("\n".join([*lines, *map(str, others[:_MOST]), *more]))
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return (type(self), (self.field, self.value, self.allowed, self.source, self.others))
+    def _said(self) -> str:
+        name, allowed = printable(self.field), printable(self.allowed)
+        if isinstance(self.value, Missing):
+            return f"{name} is missing: {allowed}"
+        shown = printable(_SHORT.repr(self.value), _VALUE)
+        hint = f"{printable(self.hint)} " if self.hint else ""
+        return f"{name} = {shown} is not acceptable; {hint}allowed: {allowed}"
 
-    def within(self, parent: str, source: str | None = None) -> InputError:
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), self._given())
+
+    def _given(self, **changes: Any) -> tuple[Any, ...]:
+        names = ("field", "value", "allowed", "source", "others", "hint")
+        return tuple(changes.get(name, getattr(self, name)) for name in names)
+
+    def within(self, parent: str, source: str | None = None, hint: str = "") -> InputError:
         """Return the same error seen from the record that holds this one under ``parent``."""
         field = ".".join(part for part in (parent, self.field) if part)
         others = tuple(other.within(parent, source) for other in self.others)
-        return InputError(field, self.value, self.allowed, self.source or source, others)
+        changes = {"field": field, "source": self.source or source, "others": others}
+        return InputError(*self._given(**changes, hint=hint or self.hint))
 
     def among(self, others: Sequence[InputError]) -> InputError:
         """Return this error with further ones found at the same time."""
-        found = (*self.others, *others)
-        return InputError(self.field, self.value, self.allowed, self.source, found)
+        return InputError(*self._given(others=(*self.others, *others)))
 
 
 class NoPlanError(TwosraError):

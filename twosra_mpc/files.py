@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import glob
 import json
 import math
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.keys import near_toml, near_word
 
 _PACKAGE = Path(__file__).parent
 MOST_SIGNS = 200_000_000  # of a file that is read
@@ -35,15 +35,29 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
     Raises:
         InputError: If neither exists; the message lists the built-in names.
     """
+    if isinstance(source, Mapping):
+        hint = "a table of keys becomes one by Problem(**table), or Robot(**table)."
+        raise InputError(field, source, "a built-in name, or the path of a file", hint=hint)
     names = built_in_names(folder)
     if str(source) in names:
         return _PACKAGE / folder / f"{source}.toml"
     path = Path(source)
     if os.path.isfile(path):  # which takes a name that is too long for one of no file
         return path
-    close = difflib.get_close_matches(str(source), names, n=1)
-    hint = f"did you mean {close[0]}? " if close else ""
-    raise InputError(field, str(source), f"{hint}a file that exists, or one of {', '.join(names)}")
+    hint = (
+        "this is a folder." if os.path.isdir(path) else near_word(source, [*names, *_beside(path)])
+    )
+    allowed = f"a file that exists, or one of {', '.join(names)}"
+    raise InputError(field, str(source), allowed, hint=hint)
+
+
+def _beside(path: Path) -> list[str]:
+    """Scenarios and robots in a folder, as a path into it would name them."""
+    try:
+        found = [*path.parent.glob("*.toml"), *path.parent.glob("*.json")]
+    except (OSError, ValueError):
+        return []
+    return [str(each) for each in found]
 
 
 def read_text(path: Path, source: str) -> str:
@@ -133,7 +147,37 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError("file", source, f"{allowed} ({error})") from error
+        hint = near_toml(text, str(error))
+        raise InputError("file", source, f"{allowed} ({error})", hint=hint) from error
+
+
+_KINDS = {  # kind of file -> keys that it has, and what takes it
+    "plan": ({"phases", "samples"}, "twosra verify"),
+    "run": ({"begun", "drives"}, "load_run of twosra_mpc.execution"),
+    "robot": ({"geometry", "limits"}, "twosra check-robot, or --robot"),
+    "batch": ({"grid", "random", "scenarios"}, "twosra batch"),
+    "scenario": ({"start", "goal", "tasks"}, "twosra plan"),
+}
+
+
+def check_kind(document: Mapping[str, Any], wanted: str, source: str) -> None:
+    """Refuse a file of another kind, before its keys are looked at.
+
+    Args:
+        document: What is in the file.
+        wanted: Kind that is wanted.
+        source: The file.
+
+    Raises:
+        InputError: If the file is empty, or is of another kind; the message says what takes it.
+    """
+    if not document and wanted in ("scenario", "robot"):
+        hint = f'"twosra new {wanted} NAME" writes one to start from.'
+        raise InputError("file", source, f"a {wanted}; this file is empty", hint=hint)
+    found = (kind for kind, (keys, _) in _KINDS.items() if keys & document.keys())
+    if (kind := next(found, wanted)) != wanted and not _KINDS[wanted][0] & document.keys():
+        hint = f"this is a {kind} file, for {_KINDS[kind][1]}."
+        raise InputError("file", source, f"a {wanted} file", hint=hint)
 
 
 def json_document(text: str, source: str, allowed: str = "valid JSON") -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
+import re
 from collections.abc import Sequence
 from typing import (
     TYPE_CHECKING,
@@ -29,7 +29,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import MISSING, InputError
+from twosra_mpc.keys import describe, near_key, near_number, near_word, unit_of
 
 
 def plain(value: object) -> object:
@@ -148,10 +149,11 @@ class Tagged(Value):
         if not isinstance(value, dict):
             return value
         if cls.tag_key not in value:
-            raise InputError(cls.tag_key, "missing", "this key is required")
-        if (tag := value[cls.tag_key]) not in cls.kinds:
+            raise missing(cls.tag_key)
+        tag = value[cls.tag_key]
+        if not isinstance(tag, str) or tag not in cls.kinds:
             allowed = " or ".join(", ".join(map(repr, cls.kinds)).rsplit(", ", 1))
-            raise InputError(cls.tag_key, tag, allowed)
+            raise InputError(cls.tag_key, tag, allowed, hint=near_word(tag, cls.kinds))
         return cls.kinds[tag](**value)
 
     @classmethod
@@ -176,29 +178,69 @@ class FrozenDict(dict[Key, Item]):
         return (type(self), (dict(self),))
 
 
+def missing(field: str) -> InputError:
+    """Return the error of a key that must be there and is not."""
+    return InputError(field, MISSING, f"this key is required ({describe(field)})")
+
+
+_KNOWN = "known keys here are "
+
+
 def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     """Turn one of pydantic's error records into an error that names the key the user wrote."""
-    location = [str(part) for part in detail["loc"]]
-    context = detail.get("ctx", {})
+    field = ".".join(map(str, detail["loc"]))
+    context, given = detail.get("ctx", {}), detail["input"]
     cause = context.get("error")
     if isinstance(cause, InputError):
-        return cause.within(".".join(location))
-    field, given = ".".join(location), detail["input"]
+        return cause.within(field, hint=_belongs_above(cause, model))
     match detail["type"]:
         case "missing":
-            return InputError(field, "missing", "this key is required")
+            return missing(field)
         case "extra_forbidden":
             known = [item.alias or name for name, item in model.model_fields.items()]
-            close = difflib.get_close_matches(field, known, n=1)
-            hint = f"did you mean {close[0]}? " if close else ""
-            return InputError(field, given, f"{hint}known keys here are {', '.join(known)}")
+            hint = near_key(field, given, known)
+            return InputError(field, given, f"{_KNOWN}{', '.join(known)}", hint=hint)
         case "tuple_type":
-            return InputError(field, given, "a list of values")
+            listed = isinstance(given, int | float) and not isinstance(given, bool)
+            hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
+            return InputError(field, given, "a list of values", hint=hint)
         case "too_long":
             return InputError(field, given, f"a list of {context['max_length']} values")
         case "model_type" | "dict_type" | "model_attributes_type":
-            return InputError(field, given, "a table of keys")
-    phrase = str(detail["msg"])
+            named = "give every value its key, e.g. x_m = 0.1."
+            hint = named if isinstance(plain(given), list | tuple) else ""
+            return InputError(field, given, "a table of keys", hint=hint)
+    return _wrong_value(model, detail, field)
+
+
+def _belongs_above(cause: InputError, model: type[BaseModel]) -> str:
+    """Say so where a key that is unknown in a table is known in the one around it."""
+    key = cause.field.rpartition(".")[2]
+    if not cause.allowed.startswith(_KNOWN) or key not in model.model_fields:
+        return ""
+    return f"did you mean {key} of the file itself? Write it before the first [table]."
+
+
+_CHOICE = {"bool_type", "literal_error", "string_type"}
+
+
+def _wrong_value(model: type[BaseModel], detail: ErrorDetails, field: str) -> InputError:
+    """Name a value of the wrong type, or out of its range, with the unit that it has."""
+    location, given, kind = detail["loc"], detail["input"], detail["type"]
+    key = next((str(part) for part in reversed(location) if not isinstance(part, int)), "")
+    phrase, hint = str(detail["msg"]), ""
     for prefix in ("Input should be ", "Value error, "):
         phrase = phrase.removeprefix(prefix)
-    return InputError(field, given, phrase)
+    if kind == "literal_error":
+        hint = near_word(given, re.findall(r"'([^']*)'", phrase))
+    elif kind == "float_type":
+        head = model.model_fields.get(str(location[0]))
+        optional = head is not None and not head.is_required()
+        listed = isinstance(location[-1], int)
+        hint = near_number(key, given, optional=optional, listed=listed)
+    if key in ("mode", "modes"):
+        phrase += " (1: soft, 0: rigid)"
+    unit = unit_of(key)
+    if unit and kind not in _CHOICE:
+        phrase += f" in {unit}" if kind in ("float_type", "finite_number") else f" {unit}"
+    return InputError(field, given, phrase, hint=hint)

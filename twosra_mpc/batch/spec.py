@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.batch.table import RESULT_COLUMNS
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import LARGEST, read_document
+from twosra_mpc.files import LARGEST, check_kind, read_document
 from twosra_mpc.problem.random_set import RandomSet
 from twosra_mpc.validation import FrozenDict, Number, Value, plain
 
@@ -156,4 +156,6 @@ def load_spec(path: Path, **overrides: Any) -> Spec:
     Raises:
         InputError: If it cannot be read, or is wrong; the message names the key.
     """
-    return Spec.parse({**read_document(path, str(path)), **overrides}, str(path))
+    document = read_document(path, str(path))
+    check_kind(document, "batch", str(path))
+    return Spec.parse({**document, **overrides}, str(path))

@@ -5,12 +5,15 @@ Results go to standard output, progress and errors to standard error. Exit codes
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import os
 import signal
 import sys
 import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
 
 import click
 from click.shell_completion import CompletionItem
@@ -23,8 +26,9 @@ from twosra_mpc.cli.output import (
     EXIT_INTERRUPTED,
     EXIT_NO_PLAN,
 )
-from twosra_mpc.errors import InputError, NoPlanError, printable
+from twosra_mpc.errors import InputError, NoPlanError, UnitWarning, printable
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
+from twosra_mpc.keys import near_word
 from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
@@ -122,9 +126,9 @@ class _Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        close = difflib.get_close_matches(args[0], _MODULES, n=1)
-        if args[0] not in _MODULES and close:
-            ctx.fail(f"No such command {args[0]!r}. Did you mean {close[0]}?")
+        hint = near_word(args[0], _MODULES)
+        if args[0] not in _MODULES and hint:
+            ctx.fail(f"No such command {args[0]!r}. {hint.capitalize()}")
         return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
@@ -154,9 +158,33 @@ def commands() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with noted_interrupts() as interrupts:
+    with noted_interrupts() as interrupts, _warnings_in_words():
         code = _run(arguments, interrupts)
     sys.exit(code)
+
+
+@contextmanager
+def _warnings_in_words() -> Iterator[None]:
+    """Say doubts about units in a line, also with --quiet: a result may be of another problem."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if issubclass(category, UnitWarning):
+                click.echo(f"twosra: warning: {message}", err=True)
+            else:
+                usual(message, category, filename, lineno, file, line)
+
+        warnings.simplefilter("default", UnitWarning)
+        warnings.showwarning = show
+        yield
 
 
 def _run(arguments: list[str] | None, interrupts: Interrupts) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import shlex
 from pathlib import Path
 from typing import Literal
@@ -14,6 +13,7 @@ from twosra_mpc.cli.options import FILE, command
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, check_writable, locate, read_text, write_text
+from twosra_mpc.keys import near_word
 
 Kind = Literal["scenario", "robot"]
 
@@ -86,9 +86,8 @@ def _robot(source: str, name: str) -> str:
 def _check_built_in(source: str, kind: Kind) -> None:
     names = built_in_names(_FOLDERS[kind])
     if source not in names:
-        close = difflib.get_close_matches(source, names, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        raise InputError("--from", source, f"{hint}a built-in {kind}: {', '.join(names)}")
+        allowed = f"a built-in {kind}: {', '.join(names)}"
+        raise InputError("--from", source, allowed, hint=near_word(source, names))
 
 
 def _following(kind: Kind, path: Path, source: str | None) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, check_writable
 from twosra_mpc.problem.problem import Problem, load_problem
+from twosra_mpc.robot.paths import PATH_MODELS
 
 Function = Callable[..., Any]
 Decorator = Callable[[Function], Function]
@@ -32,6 +33,15 @@ def _built_in(folder: str) -> Callable[..., list[CompletionItem]]:
     return complete
 
 
+def word_option(name: str, words: str, usual: Iterable[str], **settings: Any) -> Decorator:
+    """Add an option that completes the usual words; whoever takes it refuses others by name."""
+
+    def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
+        return [CompletionItem(word) for word in usual if word.startswith(begun)]
+
+    return click.option(name, help=words, shell_complete=complete, **settings)
+
+
 SCENARIO: dict[str, Any] = {"shell_complete": _built_in("scenarios")}
 ROBOT: dict[str, Any] = {"shell_complete": _built_in("robots")}
 
@@ -44,11 +54,15 @@ _DEBUG = click.Option(
     ["--debug"], is_flag=True, expose_value=False, help="Show where in the program a bug is."
 )
 _PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
+TIMINGS = ("nominal", "constant", "paper")  # of the built-in robots
+_TIMES = f"{', '.join(TIMINGS)}, or the robot's own"
 _SCENARIO_OPTIONS: dict[str, Decorator] = {
     "planner": click.option("--planner", type=_PLANNERS, help="Override the scenario."),
     "robot": click.option("--robot", help="Override it: a built-in name or a file.", **ROBOT),
-    "path_model": click.option("--path-model", help="Override the robot's path model, e.g. arc."),
-    "timing": click.option("--timing", help="Override the set of transition times, e.g. paper."),
+    "path_model": word_option(
+        "--path-model", f"Override the robot's path model: {', '.join(PATH_MODELS)}.", PATH_MODELS
+    ),
+    "timing": word_option("--timing", f"Override the transition times: {_TIMES}.", TIMINGS),
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
     "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
     "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),

@@ -23,7 +23,7 @@ from twosra_mpc.cli.options import (
     rate_option,
 )
 from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
@@ -86,7 +86,7 @@ def _with_proof(found: PlanCheck) -> PlanCheck:
 
     result = found.result
     if result.certificate is None:
-        raise InputError("certificate", "missing", "a plan that was made with --proof")
+        raise InputError("certificate", MISSING, "a plan that was made with --proof")
     proof, claimed = check(result.problem, result.certificate), result.certificate.get("bound_s")
     cost = math.inf if result.plan is None else result.plan.cost.total
     checks = (*_proved(proof, claimed, result.lower_bound or 0.0, cost),)

@@ -38,8 +38,10 @@ _PLANTS, _LEVELS = ", ".join(PLANTS), ", ".join(LEVELS)
 
 @options.command("simulate")
 @click.argument("scenario", **options.SCENARIO)
-@click.option("--plant", default="arc", help=f"How its fibre bends: {_PLANTS}.")
-@click.option("--disturbance", default="moderate", help=f"How far from its description: {_LEVELS}.")
+@options.word_option("--plant", f"How its fibre bends: {_PLANTS}.", PLANTS, default="arc")
+@options.word_option(
+    "--disturbance", f"How far from its description: {_LEVELS}.", LEVELS, default="moderate"
+)
 @click.option("--seed", type=options.SEED, default=0, help="Of all that is drawn.")
 @options.choice_option(
     "Follow an optimal plan, or act by the greedy rule.", EXECUTORS, "--executor"

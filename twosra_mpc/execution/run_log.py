@@ -23,7 +23,7 @@ from twosra_mpc.execution.run import (
     Verdict,
 )
 from twosra_mpc.execution.session import Session
-from twosra_mpc.files import read_document, reading, write_json
+from twosra_mpc.files import check_kind, read_document, reading, write_json
 from twosra_mpc.plans.document import embedded_problem, plan_within
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.robot.coordinates import Array
@@ -77,6 +77,7 @@ def load_run(path: str | Path) -> Run:
     """
     source = str(path)
     document = read_document(Path(path), source)
+    check_kind(document, "run", source)
     found = document.get("format"), document.get("version")
     if found != (FORMAT, FORMAT_VERSION):
         raise InputError("format", found, f"{FORMAT!r} version {FORMAT_VERSION}", source)

@@ -18,13 +18,13 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.export.changes import changed
 from twosra_mpc.files import check_writable, write_bytes
 from twosra_mpc.installation import install_command
+from twosra_mpc.keys import describe
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.schema import describe
 
 SCENE, FRAMES, AROUND, OBJECTS = "/robot", "/tf", "/surroundings", "/objects"
 TABLES = {  # topic -> what it says, how the names of its columns begin

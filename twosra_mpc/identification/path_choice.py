@@ -6,10 +6,10 @@ from typing import Any
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.identification.path_fitting import CASES, fitted_path_tables
+from twosra_mpc.keys import near_word
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath, Path
+from twosra_mpc.robot.paths import PATH_MODELS, CardioidPath, LogSpiralPath, Path
 
-PATH_MODELS = ("log_spiral", "log_spiral_corrected", "arc", "cardioid")
 SPIRALS = ("log_spiral", "log_spiral_corrected")
 
 
@@ -23,7 +23,8 @@ def with_path_model(robot: Robot, model: str) -> Robot:
         InputError: If there is no such path model, or its fit fails.
     """
     if model not in PATH_MODELS:
-        raise InputError("path.model", model, f"one of {', '.join(PATH_MODELS)}")
+        allowed = f"one of {', '.join(PATH_MODELS)}"
+        raise InputError("path.model", model, allowed, hint=near_word(model, PATH_MODELS))
     if model == robot.path.model:
         return robot
     table: dict[str, Any]

@@ -162,7 +162,13 @@ class Tolerance(Value):
 
 
 def _exact_to_zero(value: object) -> object:
-    return Tolerance() if value == "exact" else value
+    if value == "exact":
+        return Tolerance()
+    if isinstance(value, str | int | float):
+        allowed = '"exact", or a table of half-widths x_m, y_m, phi_rad, kappa_per_m'
+        hint = 'did you mean "exact"?' if isinstance(value, str) or value == 0 else ""
+        raise InputError("", value, allowed, hint=hint)
+    return value
 
 
 class Goal(GoalSet):

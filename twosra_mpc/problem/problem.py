@@ -6,6 +6,7 @@ Keys are those of the scenario file; a coordinate left out of the goal is free.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,8 +20,9 @@ from pydantic import (
     model_validator,
 )
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names, locate, read_document, reading
+from twosra_mpc.errors import MISSING, InputError, UnitWarning
+from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
+from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
 from twosra_mpc.problem.objects import Object
@@ -43,6 +45,7 @@ from twosra_mpc.validation import (
     Radians,
     Several,
     Value,
+    missing,
     plain,
 )
 
@@ -83,7 +86,9 @@ def _named_here(load: Callable[[Any], object], source: object, field: str) -> ob
         return load(source)
     except InputError as error:
         if error.field == field:
-            raise InputError("", error.value, error.allowed) from None
+            beside = "paths are taken from the scenario's folder, or from this one."
+            hint = error.hint or (beside if Path(str(source)).suffix else "")
+            raise InputError("", error.value, error.allowed, hint=hint) from None
         raise
 
 
@@ -167,7 +172,7 @@ class Problem(Value):
     @classmethod
     def _box_unless_told_otherwise(cls, goal: object) -> object:
         if goal is None:
-            raise InputError("", "missing", "this key is required")
+            raise InputError("", MISSING, missing("goal").allowed)
         return Goal(**goal) if isinstance(goal, dict) else goal
 
     @field_validator("goal", mode="after")
@@ -206,7 +211,6 @@ class Problem(Value):
         """Yield every list that has not one entry for each segment."""
         count = self.robot.coordinates.segments
         allowed = f"a list of {count} values, one for each segment of robot {self.robot.name}"
-        required = "this key is required"
         lists: dict[str, Sequence[object] | None] = {
             "start.kappa_per_m": self.start.kappa_per_m,
             "start.temperature_C": self.start.temperature_C,
@@ -221,7 +225,7 @@ class Problem(Value):
                 yield InputError(field, given, allowed)
             elif given is not None:
                 yield from (
-                    InputError(f"{field}.{j}", "missing", required)
+                    InputError(f"{field}.{j}", MISSING, f"a value for segment {j + 1} is required")
                     for j in range(len(given), count)
                 )
         if self.heaters_at_once not in (
@@ -245,7 +249,9 @@ class Problem(Value):
         robot = self.robot
         if self.timing not in robot.timing:
             names = ", ".join(robot.timing)
-            yield InputError("timing", self.timing, f"one that robot {robot.name} has: {names}")
+            allowed = f"one that robot {robot.name} has: {names}"
+            hint = near_word(self.timing, robot.timing)
+            yield InputError("timing", self.timing, allowed, hint=hint)
         limit = robot.limits.curvature_per_m
         ends = [("start", self.start.configuration), ("goal", self.goal.configuration)]
         reaches = [(i, task) for i, task in enumerate(self.tasks) if isinstance(task, Reach)]
@@ -420,6 +426,16 @@ class Problem(Value):
         """The set of transition times that ``timing`` names."""
         return self.robot.timing[self.timing]
 
+    @property
+    def unit_doubts(self) -> tuple[str, ...]:
+        """Numbers that are legal and probably in another unit, each with what may be meant."""
+        found = self.scenario()
+        if self.obstacles or self.workspace:  # a map, whose origin may be far away
+            for place in (found["start"], found["goal"] or {}, *found["tasks"]):
+                for key in {"x_m", "y_m"} & place.keys():
+                    del place[key]
+        return tuple(doubts(found))
+
     def scenario(self) -> dict[str, Any]:
         """The scenario as plain data with all defaults filled in (the robot by its name).
 
@@ -442,17 +458,25 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
     Keyword arguments replace top-level keys of the file. A relative path to a robot file, or
     to a GeoJSON file of obstacles, is taken from the scenario's folder.
 
+    Warns:
+        UnitWarning: If a number is legal, and probably in another unit.
+
     Raises:
         InputError: If there is no such scenario, or it is wrong; the message names the key.
     """
     path = locate(source, "scenarios", "scenario")
-    document = {**read_document(path, str(source)), **overrides}
+    document = read_document(path, str(source))
+    check_kind(document, "scenario", str(source))
+    document |= overrides
     for key in ("robot", "obstacles"):
         given = document.get(key)
         if isinstance(given, str) and (path.parent / given).is_file():
             document[key] = path.parent / given
     with reading(str(source), "scenario"):
-        return Problem.parse(document, str(source))
+        problem = Problem.parse(document, str(source))
+    for doubt in problem.unit_doubts:
+        warnings.warn(f"{source}: {doubt}", UnitWarning, stacklevel=2)
+    return problem
 
 
 def scenario_names() -> list[str]:

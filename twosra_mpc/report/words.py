@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import tomlkit
 
+from twosra_mpc.keys import describe
 from twosra_mpc.plans.headline import above_bound, percent, within
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
@@ -25,7 +26,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, Release
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.schema import describe
 from twosra_mpc.timing import transition_model
 from twosra_mpc.version import __version__
 

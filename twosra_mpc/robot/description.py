@@ -6,14 +6,16 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 
 from __future__ import annotations
 
+import warnings
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names, locate, read_document, reading
+from twosra_mpc.errors import MISSING, InputError, UnitWarning
+from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
+from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.geometry import Geometry, MotionLimits
@@ -23,7 +25,7 @@ from twosra_mpc.robot.paths import Path as PathRecord
 from twosra_mpc.robot.segment import AnySegment, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.validation import FrozenDict, Several, Value, plain
+from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 
 
 class Body(NamedTuple):
@@ -93,7 +95,7 @@ class Robot(Value):
         thermal = [name for name, times in self.timing.items() if times.needs_segment]
         if thermal and self.segment is None and not self.segments:
             needed = f"a table of keys: timing {thermal[0]} takes its times from it"
-            raise InputError("segment", "missing", needed)
+            raise InputError("segment", MISSING, needed)
         return self
 
     @model_validator(mode="after")
@@ -169,7 +171,7 @@ def _listed_segments(listed: list[Any], geometry: dict[str, Any]) -> dict[str, A
         if not isinstance(entry, dict):
             raise InputError(f"segment.{number}", entry, "a table of keys")
         if "length_m" not in entry:
-            raise InputError(f"segment.{number}.length_m", "missing", "this key is required")
+            raise missing("length_m").within(f"segment.{number}")
         thermal.append({key: value for key, value in entry.items() if key != "length_m"})
     lengths = tuple(entry["length_m"] for entry in listed)
     own = thermal if any(thermal) else ()
@@ -191,12 +193,19 @@ def segment_model(robot: Robot, ambient_C: float, segment: int) -> SegmentModel:
 def load_robot(source: str | Path) -> Robot:
     """Load a built-in robot by name, or a robot TOML/JSON file by path.
 
+    Warns:
+        UnitWarning: If a number is legal, and probably in another unit.
+
     Raises:
         InputError: If there is no such robot, or the file describes it wrongly.
     """
     document = read_document(locate(source, "robots", "robot"), str(source))
+    check_kind(document, "robot", str(source))
     with reading(str(source), "robot"):
-        return Robot.parse(document, str(source))
+        robot = Robot.parse(document, str(source))
+    for doubt in doubts(robot.model_dump(mode="json")):
+        warnings.warn(f"{source}: {doubt}", UnitWarning, stacklevel=2)
+    return robot
 
 
 def robot_names() -> list[str]:

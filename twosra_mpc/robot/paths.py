@@ -84,4 +84,5 @@ class CardioidPath(OfPath):
         return (math.pi - 0.5) / max(self.phi_per_alpha)
 
 
+PATH_MODELS = tuple(OfPath.kinds)
 Path = Annotated[SerializeAsAny[OfPath], BeforeValidator(OfPath.of_kind)]

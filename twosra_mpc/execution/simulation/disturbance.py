@@ -13,6 +13,7 @@ from typing import Any
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Camera, OfKind
+from twosra_mpc.keys import near_word
 
 
 @dataclass(frozen=True)
@@ -107,5 +108,6 @@ def disturbance_level(name: str) -> Disturbance:
         InputError: If there is no such level.
     """
     if name not in LEVELS:
-        raise InputError("disturbance", name, f"one of {', '.join(LEVELS)}")
+        allowed = f"one of {', '.join(LEVELS)}"
+        raise InputError("disturbance", name, allowed, hint=near_word(name, LEVELS))
     return LEVELS[name]

@@ -19,7 +19,8 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
-from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.identification.path_choice import with_path_model
+from twosra_mpc.keys import near_word
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
@@ -27,6 +28,7 @@ from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, all_modes
+from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn
 
@@ -74,7 +76,8 @@ def plant_robot(robot: Robot, plant: str) -> Robot:
         InputError: If there is no such plant.
     """
     if plant not in PLANTS:
-        raise InputError("plant", plant, f"one of {', '.join(PLANTS)}")
+        allowed = f"one of {', '.join(PLANTS)}"
+        raise InputError("plant", plant, allowed, hint=near_word(plant, PLANTS))
     return robot if plant == AS_PLANNED else with_path_model(robot, plant)
 
 

@@ -1,0 +1,331 @@
+"""Keys of the files: units and words for them, and what was meant by one that is nearly right."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+_UNITS = {  # ending of a key -> unit; the longest that fits counts
+    **{"_m": "m", "_s": "s", "_A": "A", "_C": "degrees C", "_J": "J", "_rad": "rad"},
+    **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s", "_rad_s2": "rad/s2"},
+    **{"_per_m": "1/m", "_per_s": "1/s", "_per_K": "1/K", "_s_per_J": "s/J"},
+    **{"_J_per_K": "J/K", "_W_per_K": "W/K", "_K_per_s": "K/s", "_kg_per_m3": "kg/m3"},
+    **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
+}
+OTHER_UNITS: dict[str, tuple[str, float, float]] = {  # ending -> (ours, factor, what is added)
+    **{"_deg": ("_rad", math.pi / 180, 0.0), "_degrees": ("_rad", math.pi / 180, 0.0)},
+    **{"_mm": ("_m", 1e-3, 0.0), "_cm": ("_m", 1e-2, 0.0), "_per_mm": ("_per_m", 1e3, 0.0)},
+    **{"_K": ("_C", 1.0, -273.15), "_min": ("_s", 60.0, 0.0), "_ms": ("_s", 1e-3, 0.0)},
+    **{"_mA": ("_A", 1e-3, 0.0), "_mm_s": ("_m_s", 1e-3, 0.0)},
+}
+_WORDS = {  # key -> what it is, where the key alone does not say it
+    "accuracy": "how near to their goals runs end; goals are met exactly without it",
+    "a": "rate of change of the input to the next sample [m/s2, and rad/s2]; not in version 1",
+    "ambient_C": "temperature of the air",
+    "angle_ratio": "turns of spirals I, II, III per bending angle",
+    "body_ratio": "heat capacity of the body over that of the core",
+    "certificate": "what proves a lower bound anew (twosra verify --proof); only where asked for",
+    "clearance_m": "kept to all obstacles; in a verification, what is left of it",
+    "coil": "the heating wire",
+    "cost": "what the plan costs, and what that is made of; null without a plan",
+    "description": "one line for people",
+    "do": "what to do: reach, pass, conform, grasp, carry or release",
+    "done_s": "when the segment has changed, or the task is done",
+    "effort": "cost of the effort, per second of it",
+    "effort_s": "integral of the sum of (wheel speed / largest)^2; not in older files",
+    "fastest_cost_s": "cost of the same plan at full speed, as the search found it",
+    "fill": "share of the annulus that is metal",
+    "gap": "proved relative gap (cost - lower bound) / cost; in a scenario, the gap to stop at",
+    "geometry": "lengths of the fibre and the locomotion units",
+    "goal": "where the robot should be; a coordinate left out is free",
+    "goal_error": "distance to the goal box [m, m, rad, 1/m, 1/m]",
+    "growth": "b of spirals I, II, III",
+    "heater": "temperatures, currents and coil of one segment's heater",
+    "heater_s": "when the heater is switched",
+    "heaters_at_once": "how many heaters the supply feeds at a time",
+    "heating": "what counts beyond time: fastest, least_energy or keep_warm",
+    "hold_duty": "share of the time for which the melting current holds a segment soft",
+    "kappa_per_m": "curvatures of the segments",
+    "time_limit_s": "when the search stops",
+    "x_m": "place along x, or the least and the largest",
+    "y_m": "place along y, or the least and the largest",
+    "phi_rad": "heading, or the least and the largest",
+    "energy_s_per_J": "cost of heater energy",
+    "limits": "limits of motion and shape; in a verification, the margin to each",
+    "lower_bound_s": "proved lower bound on the cost of any plan",
+    "max_defect": "largest difference of the samples to their re-integration [m, rad, 1/m]",
+    "max_phases": "longest mode sequence that is searched",
+    "message": "one sentence a person can act on",
+    "metal": "the low-melting metal",
+    "mode": "stiffness of the segments: 1 soft, 0 rigid",
+    "model": "which model the other keys of this table belong to",
+    "modes": "stiffness modes that may be used",
+    "motion": "gentle: as slow as time to spare and the gap allow; or fastest; not with effort",
+    "name": "what it is called",
+    "obstacles": "what the robot must not touch: polygons, boxes, discs, or a GeoJSON file's path",
+    "polygon_m": "corners, in either direction, the first one not repeated",
+    "soft_travel_m": "how far the middle link may move while segments are soft, among obstacles",
+    "tasks": "what to do before the goal, or instead of one; in a plan file, when each is done",
+    "object": "name of what is touched, held or carried",
+    "objects": "things that can be touched, held and carried",
+    "order": "whether tasks keep the given order, or are done in the best one (free)",
+    "outline": "path of a CSV file of points x, y of a closed curve [m]",
+    "hold": "caged: it is proved that the object cannot leave; pushed: friction holds it",
+    "holding": "name of the object that is held at the start",
+    "directions_rad": "least and largest heading of b0 that may be used",
+    "gap_m": "how far segments may be away from what they lie along",
+    "friction": "coefficient of an object against the robot; only what is pushed needs one",
+    "pose": "where the object is at the start",
+    "pose_in_b0": "where the object is as seen from b0 [m, m, rad]",
+    "carried": "what moves with the robot, and when",
+    "from_s": "since when it is held",
+    "to_s": "until when it is held",
+    "configuration": "where the robot is then [m, m, rad, 1/m ...]",
+    "disc": "a disc; of an object, about the origin of its frame",
+    "box": "a box along the axes; of an object, in its frame",
+    "contact_m": "what is left of the overlap allowed with what is touched",
+    "position_tolerance_m": "how far the object may be from where it should be",
+    "heading_tolerance_rad": "how far it may be turned from that",
+    "curvature_uncertainty_per_m": "how far off curvatures may be; widens the robot",
+    "nlp_iterations": "iterations of the nonlinear solver",
+    "ok": "whether everything holds",
+    "onset_s": "when the segment begins to change; nothing may move from then on",
+    "overlap": "whether transitions may overlap: none, full, or thermal (times from the segment)",
+    "package": "version of the program that wrote the file",
+    "path": "how the fibre bends when a unit moves",
+    "phases": "motion phases in order; holds are the gaps between them",
+    "phi_modulo": "whether headings that differ by full turns are the same",
+    "phi_per_alpha": "slope of the polar angle over the bending angle in cases I, II, III",
+    "planner": "optimal, or greedy as in the paper",
+    "problems": "what does not hold, in words",
+    "q": "configuration [x m, y m, phi rad, and the curvature of each segment 1/m]",
+    "ranges": "5 % and 95 % values of uncertain parameters",
+    "robot": "the robot: a built-in name, a path to its file, or its table",
+    "robot_id": "number of the robot, sent at the end of every line if its firmware expects one",
+    "rubber": "the silicone of core and tube",
+    "samples": "the plan on its grid; null without a plan",
+    "scale": "a of spirals I, II, III, in segment lengths",
+    "scenario": "the problem, defaults filled in",
+    "search_gap": "proved relative gap at full speed, (fastest cost - lower bound) / fastest cost",
+    "segment": "how a segment warms and cools; of a transition, which segment, from 1",
+    "segment_length_m": "length of every segment, or a list of their lengths",
+    "segments": "how many; in a plan file, how each warms and cools; of a task, which, from 1",
+    "sensor_gain": "reading above the air per degree of the core",
+    "sequences_bounded": "mode sequences whose lower bound was found",
+    "sequences_solved": "mode sequences that were solved",
+    "speed_reference": "whose speed v_j is: fibre_end or side_wheel",
+    "start": "where the robot is, and its shape",
+    "stats": "effort spent",
+    "status": "what is known about the plan",
+    "stopped_early": "whether a limit or an interrupt ended the search",
+    "t_s": "time of each sample",
+    "temperature_C": "temperatures of the segments",
+    "timing": "sets of transition times by name; in a scenario, the name of one",
+    "to": "what the segment becomes",
+    "tolerance": "half-widths of the goal box, or exact; by default from the robot's accuracy",
+    "total": "cost [s]: time, energy, transitions and effort by their weights",
+    "transition_quantile": "share of early and of late transitions that windows must hold",
+    "transition_s": "cost of a transition",
+    "transitions": "melts and freezes; in a cost, how many",
+    "turns": "turns of the coil",
+    "unit_offset_m": "how far the units lie beside the fibre",
+    "v": "input [v1 m/s, v2 m/s, u0 m/s, v0 m/s, r0 rad/s]",
+    "verification": "what the independent check found",
+    "wall_s": "time spent",
+    "weights": "weights of energy, transitions and effort in the cost, which is in seconds",
+    "workspace": "box in the plane that no point of the robot leaves",
+    "workspace_m": "margin to the edge of the workspace",
+    "wheel_independence": "least singular value of the wheel matrix with which the robot drives",
+    "wheels": "where the four wheels sit and point; left out, they follow from the lengths",
+}
+
+
+def unit_of(key: str) -> str:
+    """Unit of a key by its ending; empty if it has none."""
+    endings = sorted((end for end in _UNITS if f"_{key}".endswith(end)), key=len)
+    return _UNITS[endings[-1]] if endings else ""
+
+
+def stem_of(key: str) -> str:
+    """Return a key without the ending that names its unit, also a unit that files do not use."""
+    endings = [end for end in (*_UNITS, *OTHER_UNITS) if key.endswith(end)]
+    return key.removesuffix(max(endings, key=len)) if endings else key
+
+
+def describe(key: str) -> str:
+    """Say what a key is, with its unit in brackets where it has one."""
+    words, unit = _WORDS.get(key), unit_of(key)
+    if not unit:
+        return words or key.replace("_", " ")
+    return f"{words or stem_of(key).replace('_', ' ')} [{unit}]"
+
+
+_ALIASES = {  # what others call a key, without its unit
+    **dict.fromkeys(("theta", "heading", "yaw", "angle", "orientation", "psi"), "phi_rad"),
+    **dict.fromkeys(
+        ("curvature", "curvatures", "k", "k1", "k2", "kappa1", "kappa2"), "kappa_per_m"
+    ),
+    **dict.fromkeys(("initial", "init", "from", "begin", "origin"), "start"),
+    **dict.fromkeys(("target", "end", "final", "to", "stop"), "goal"),
+    **dict.fromkeys(("waypoints", "waypoint", "via", "mission"), "tasks"),
+    **dict.fromkeys(("temp", "T", "temperatures"), "temperature_C"),
+    **dict.fromkeys(("margin", "safety", "distance"), "clearance_m"),
+    **dict.fromkeys(("tol", "accuracy", "epsilon"), "tolerance"),
+    **dict.fromkeys(("timeout", "limit", "max_time"), "time_limit_s"),
+    **dict.fromkeys(("type", "kind", "task"), "do"),
+    **dict.fromkeys(("walls", "polygons"), "obstacles"),
+    **dict.fromkeys(("bounds", "box", "arena"), "workspace"),
+    **dict.fromkeys(("method", "algorithm", "solver"), "planner"),
+    **dict.fromkeys(("stiffness",), "mode"),
+    **dict.fromkeys(("polygon", "corners", "points", "vertices"), "polygon_m"),
+    **dict.fromkeys(("circle",), "disc"),
+    **dict.fromkeys(("rectangle", "rect"), "box"),
+}
+_FREE = ("free", "any", "none", "null", "nan", "*", "-", "")
+_NUMBER = re.compile(r"\s*([-+]?\d*[.,]?\d+(?:e[-+]?\d+)?)\s*([A-Za-z°/%1]*)\s*", re.IGNORECASE)
+_WRITTEN = {"°": "deg", "1/mm": "per_mm", "1/m": "per_m"}
+
+
+def near_word(word: object, words: Iterable[str]) -> str:
+    """Ask for the nearest of some words; empty if there is none near."""
+    asked, known = str(word).lower(), {each.lower(): each for each in words}
+    close = [each for each in known if each.startswith(asked) and len(asked) > 2]
+    close = close or difflib.get_close_matches(asked, known, n=1)
+    return f"did you mean {known[close[0]]}?" if close else ""
+
+
+def near_key(key: str, value: object, known: list[str]) -> str:
+    """Ask for the key that was probably meant, with the value in its unit; empty if unknown."""
+    stem = stem_of(key)
+    same = [each for each in known if stem_of(each).lower() == stem.lower()]
+    same += [each for each in known if each == _ALIASES.get(stem)]
+    if not same:
+        return near_word(key, known)
+    ending = next((end for end in OTHER_UNITS if key.endswith(end)), None)
+    if ending and isinstance(value, int | float) and same[0].endswith(OTHER_UNITS[ending][0]):
+        return f"did you mean {same[0]} = {_converted(float(value), ending)}?"
+    return f"did you mean {same[0]}?"
+
+
+def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str:
+    """Say what to write where a number should be and something else is; empty if unknown."""
+    if isinstance(value, list | tuple) and len(value) == 1:
+        return f"did you mean {value[0]!r}, without brackets?"
+    if not isinstance(value, str):
+        return ""
+    if value.strip().lower() in _FREE:
+        if listed:
+            return 'did you mean "free"?' if optional else "a start has no free coordinates."
+        return "leave the key out where it is free." if optional else "this one cannot be free."
+    if (found := _NUMBER.fullmatch(value)) is None:
+        return ""
+    number, unit = float(found[1].replace(",", ".")), f"_{_WRITTEN.get(found[2], found[2])}"
+    if unit in OTHER_UNITS and key.endswith(OTHER_UNITS[unit][0]):
+        return f"did you mean {_converted(number, unit)}, a bare number?"
+    return f"did you mean {number:g}, without quotes?"
+
+
+_TOML = {  # what a line that is no TOML looks like -> what was probably meant
+    r"=\s*[-+]?\d+,\d+\s*(#.*)?$": "numbers have a decimal point, as in 0.15.",
+    r"[\[,]\s*[-+]?\d+,0\d*": "numbers have a decimal point, as in 0.15.",
+    r"=\s*[-+]?\d+,": "one number, or several in brackets: [0.1, 0.2].",
+    r"=\s*(True|False)\b": "true and false are written small.",
+    r"=\s*[-+.\d]+\s*[A-Za-z°]+\s*(#.*)?$": "numbers have no unit: it stands in the key.",
+    r"=\s*[-\w]*[A-Za-z]": 'words stand in quotes, as in robot = "2sra-v1".',
+    r"^\s*[\w.]+\s*:": "this looks like YAML; TOML has [start] above, and x_m = 0.1.",
+    r"^\s*\[[^\]]*$": "a table begins with its name in brackets: [start].",
+    r"=\s*(#.*)?$": "a value is missing after =.",
+}
+
+
+def near_toml(text: str, error: str) -> str:
+    """Say what is probably wrong with the line at which reading TOML ended; empty if unknown."""
+    lines, place = text.splitlines(), re.search(r"line (\d+)", error)
+    number = min(int(place[1]), len(lines)) if place else len(lines)
+    line = lines[number - 1] if lines else ""
+    if text.lstrip().startswith("{"):
+        return "JSON is read from a file that ends in .json."
+    hint = next((words for looks, words in _TOML.items() if re.search(looks, line)), "")
+    return f"line {number} is {line.strip()[:40]!r}: {hint}" if hint else ""
+
+
+class _Slip(NamedTuple):
+    """A number in another unit: of these keys, this large."""
+
+    keys: str  # regular expression, searched for in the dotted name
+    ending: str  # of OTHER_UNITS, or _share
+    least: float  # values from here on are suspicious
+
+
+_SHARE = "_percent"
+_SLIPS = (
+    _Slip(r"(clearance|gap)_m$", "_mm", 0.2),
+    _Slip(r"tolerance\.[xy]_m$|position_(tolerance_)?m$", "_mm", 0.5),
+    _Slip(r"^(start|goal|tasks(\.goal)?)\.[xy]_m$", "_mm", 5.0),
+    _Slip(r"^(geometry|segments?)\..*_m$|^objects.*\.radius_m$", "_mm", 1.0),
+    _Slip(r"(?<!per)_m$", "_mm", 100.0),
+    _Slip(r"^accuracy\.heading_rad$", "_deg", 0.5),
+    _Slip(r"tolerance\.phi_rad$", "_deg", 3.2),
+    _Slip(r"(phi|angle|smoothing|directions)_rad$", "_deg", 6.5),
+    _Slip(r"_C$", "_K", 230.0),
+    _Slip(r"_A$", "_mA", 20.0),
+    _Slip(r"_m_s$", "_mm_s", 2.0),
+    _Slip(r"(^|\.)(gap|transition_quantile|fill|hold_duty)$", _SHARE, 1.0),
+)
+_MINUTES = re.compile(r"^timing\..*\.(melt|freeze|heat|reconfigure)_s$|cooling_time_constant_s$")
+_LEAST_S = 10.0  # no segment melts or freezes faster
+_BENDS = re.compile(r"^(start|goal|tasks(\.goal)?)\.kappa_per_m$")
+_PER_MM = (1e-3, 0.1)  # curvatures that a robot of this size has, in 1/mm
+
+
+def other_unit(field: str, value: object) -> str:
+    """Say what a number would be if it was given in another unit; empty if none is likely."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        return ""
+    name = ".".join(part for part in field.split(".") if not part.isdigit())
+    for slip in _SLIPS:
+        if abs(value) >= slip.least and re.search(slip.keys, name):
+            return _meant(name, float(value), slip.ending)
+    quick = 0 < value < _LEAST_S and _MINUTES.search(name)
+    return _meant(name, float(value), "_min") if quick else ""
+
+
+def doubts(document: Any, name: str = "") -> Iterator[str]:
+    """Yield a sentence on every legal number of a file that is probably in another unit."""
+    if isinstance(document, dict):
+        for key, value in document.items():
+            if key == "phi_rad" and document.get("phi_modulo") is False:
+                continue  # whole turns are meant
+            yield from doubts(value, f"{name}.{key}" if name else key)
+    elif isinstance(document, list | tuple):
+        if _BENDS.search(name) and _are_per_mm(document):
+            first = next(each for each in document if each)
+            yield f"{name} = {list(document)}: {_meant(name, first, '_per_mm')}"
+            return
+        for item in document:
+            yield from doubts(item, name)
+    elif hint := other_unit(name, document):
+        yield f"{name} = {document:g}: {hint}"
+
+
+def _are_per_mm(bends: list[Any] | tuple[Any, ...]) -> bool:
+    """Whether a person wrote these numbers, and means curvatures in 1/mm."""
+    given = [each for each in bends if isinstance(each, int | float) and each != 0]
+    least, most = _PER_MM
+    return bool(given) and all(least <= abs(k) <= most and round(k, 4) == k for k in given)
+
+
+def _meant(field: str, value: float, ending: str) -> str:
+    if ending == _SHARE:
+        return f"{value:g} % are {value / 100:g}: did you mean {value / 100:g}?"
+    given = {"_per_mm": "1/mm", "_mm_s": "mm/s", "_deg": "degrees", "_min": "minutes"}
+    number, unit = _converted(value, ending), unit_of(field.rpartition(".")[2])
+    return f"{value:g} {given.get(ending, ending[1:])} are {number} {unit}: did you mean {number}?"
+
+
+def _converted(value: float, ending: str) -> str:
+    _, factor, added = OTHER_UNITS[ending]
+    return f"{factor * value + added:.4g}"
