@@ -225,5 +225,5 @@ def _corrected(loop: _ClosedLoop, state: Array, lags: Array, share: Array, readi
     now, small = off(0.0, 0.0), 0.01
     slopes = np.stack([off(small, 0.0) - now, off(0.0, small) - now], axis=1) / small
     prior = np.diag(_SCATTER_K / np.array(_END_K))
-    move = np.linalg.lstsq(np.vstack([slopes, prior]), np.append(-now, [0.0, 0.0]))[0]
+    move = np.linalg.lstsq(np.vstack([slopes, prior]), np.append(-now, [0.0, 0.0]), rcond=None)[0]
     return np.array([state[0] + move[0], lags[0] + move[1]])
