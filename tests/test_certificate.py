@@ -27,7 +27,7 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.problem.limits import shape_margins
-from twosra_mpc.problem.tolerances import COST_TOLERANCE, COST_TOLERANCE_S
+from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import all_modes
 from twosra_mpc.timing import transition_model
@@ -200,7 +200,7 @@ def test_both_accounts_of_bending_agree(name: str) -> None:
             assert float(fibre.coordinate(j, k)) == pytest.approx(facts.coordinate(k, j), abs=1e-12)
             assert abs(fibre.curvature(j, fibre.coordinate(j, k)) - k) < 1e-2
         gap = shape_margins(robot, kappa)["unit_gap_m"][0]
-        assert fibre.overlaps(shape) == (gap < -1e-6)
+        assert fibre.overlaps(shape) == (gap < -BODY_TOLERANCE_M - 1e-6)
 
 
 @pytest.mark.parametrize("robot", ["2sra-v1", "2sr-v2"])

@@ -106,11 +106,11 @@ PROVED: list[tuple[str, Problem, str]] = [
         "heaters_at_once to 2 or ask for another goal.mode",
     ),
     (
-        "units in each other's way",
-        problem((-75, 0), (-75, -75), modes=[SOFT_2]),
-        "proved infeasible: in [0,1], mode [0,1] would have to pass shapes whose units "
-        "overlap or come closer than unit_gap_m = 0 m (kappa1 from -75 to -75 1/m, kappa2 from 0 "
-        "to -75 1/m); allowed modes are [0,1]: add another mode",
+        "wheels and fibre in each other's way",
+        problem((-30, 31.5), (57.5, 31.5), modes=[SOFT_1]),
+        "proved infeasible: in [1,0], mode [1,0] would have to pass shapes whose wheel 2 overlaps "
+        "unit 2 by 0.9 mm (kappa1 from -30 to 57.5 1/m, kappa2 from 31.5 to 31.5 1/m); allowed "
+        "modes are [1,0]: add another mode",
     ),
 ]
 
@@ -240,7 +240,7 @@ def test_a_shape_limit_that_asks_for_more_phases_is_named() -> None:
 
 def test_how_many_phases_are_needed_is_not_searched_for_ever() -> None:
     """[1,0] there, [1,1], [1,0] back: five phases, further off than is looked."""
-    case = problem((0, -78), (0, 78), modes=[RIGID, SOFT_1, SOFT_BOTH], max_phases=1)
+    case = problem((0, -70), (0, 70), modes=[RIGID, SOFT_1, SOFT_BOTH], max_phases=1)
     result = plan(case)
     assert result.status is Status.FAILED
     assert "a plan needs at least 5 phases, but max_phases is 1: raise" in result.message

@@ -4,8 +4,8 @@ Nothing is to be done for rigid motion: its shape stays, its inputs grow steadil
 used of every limit at a sample. Nor for curvatures, each of which changes one way only from sample
 to sample. Other motion is cut where inputs have moved a tenth of a millimetre, and integrated anew.
 Where the rate of a share of a speed limit is within [m, M] for a time h, the share is nowhere more
-than (M - m) h / 4 above the larger one at the ends. Units come no nearer to each other than half of
-what their gaps at the ends add up to, less how far points of them may have moved.
+than (M - m) h / 4 above the larger one at the ends. Parts of the robot come no nearer to each other
+than half of what their gaps at the ends add up to, less how far points of them may have moved.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.between import share_rates
 from twosra_mpc.problem.limits import (
+    BODY_GAP,
     UNIT_GAP,
+    parts_moved_m,
     shape_margins,
     shares_used,
     speed_limits,
-    units_moved_m,
 )
-from twosra_mpc.problem.tolerances import RATE_TOLERANCE
+from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, RATE_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE
 
-GAP_TOLERANCE_M = 5e-4
 _CUT = 1e-4  # m: what an input moves between the places that are looked at
 
 
 def between_problems(trajectory: Trajectory) -> Iterator[str]:
-    """Limits of speed, and of the gap between units, that are exceeded between samples."""
+    """Limits of speed, and of gaps between parts, that are exceeded between samples."""
     samples, robot = trajectory.samples, trajectory.problem.robot
     soft = samples.mode[:-1].any(axis=1)
     fine, _ = between(samples, np.where(soft, _CUT, np.inf), least=1)
@@ -53,8 +53,10 @@ def between_problems(trajectory: Trajectory) -> Iterator[str]:
             by = (worst.max() - 1) * limit.most(robot)
             when = fine.t_s[rows[int(worst.argmax())]]
             yield f"limit {limit.name} exceeded by up to {by:.3g} at {when:.3f} s, between samples"
-    gap = np.add(*(shape_margins(robot, end)[UNIT_GAP.name] for end in kappa))
-    least = (gap - units_moved_m(robot, np.abs(kappa[1] - kappa[0]))) / 2
-    if least.min() < -GAP_TOLERANCE_M:
-        when, by = fine.t_s[rows[int(least.argmin())]], -least.min()
-        yield f"limit {UNIT_GAP.name} exceeded by up to {by:.3g} at {when:.3f} s, between samples"
+    moved_m = parts_moved_m(robot, np.abs(kappa[1] - kappa[0]))
+    margins = [shape_margins(robot, end) for end in kappa]
+    for gap in (UNIT_GAP, BODY_GAP):
+        least = (margins[0][gap.name] + margins[1][gap.name] - moved_m) / 2
+        if least.min() < -BODY_TOLERANCE_M:
+            when, by = fine.t_s[rows[int(least.argmin())]], -least.min()
+            yield f"limit {gap.name} exceeded by up to {by:.3g} at {when:.3f} s, between samples"

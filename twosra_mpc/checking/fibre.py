@@ -23,7 +23,7 @@ from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
 _CELLS = 600  # of the table that inverts W, on either side of zero
 _PIECES = 120  # of a bend
 _MOVES = 1e-5  # of W: a phase that bends by less may be left out
-_OVERLAP_M = 1e-6  # by which units surely overlap
+_OVERLAP_M = 5e-4 + 1e-6  # by which units overlap in no plan that is verified, and rounding
 
 
 def low(x: arb) -> float:
@@ -222,7 +222,10 @@ class Fibre:
         return x, y, turn
 
     def overlaps(self, kappa: Sequence[arb]) -> bool:
-        """Whether the units surely are nearer to each other than they may be (separating axes)."""
+        """Whether the units surely are nearer to each other than in any plan that is verified.
+
+        By separating axes. The rest of the body may meet as well: to ignore it is to prove less.
+        """
         geometry = self.robot.geometry
         half, centres, axes = arb(geometry.unit_side_m) / 2, [], []
         for unit, side in ((0, -1), (1, 1)):

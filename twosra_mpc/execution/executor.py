@@ -10,7 +10,7 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.camera_feedback import ByCamera, Pulses
 from twosra_mpc.execution.doubt import DoubtError
-from twosra_mpc.execution.guard import TooNearError, guard_of
+from twosra_mpc.execution.guard import MeetsItselfError, TooNearError, guard_of
 from twosra_mpc.execution.mission import Mission
 from twosra_mpc.execution.remaining import remaining_problem, tasks_left
 from twosra_mpc.execution.robot_interface import RobotInterface
@@ -133,6 +133,8 @@ class _Execution:
         runner = PlanRunner(self.session, plan, by_camera, settings.patience, settings.longest_s)
         try:
             left = runner.follow()
+        except MeetsItselfError as near:
+            left = Abort("body", str(near))
         except TooNearError as near:
             left = Abort("near", str(near))
         except DoubtError as doubt:
@@ -179,8 +181,8 @@ class _Execution:
                 self.session.tell("look", left.text)
                 if left.stiff:
                     self._melt_on()
-            case "near":
-                return self._stopped(left.text)
+            case "near" | "body":
+                return self._stopped(left)
             case "task":
                 self.session.tell("look", left.text)
             case "lost":
@@ -212,13 +214,17 @@ class _Execution:
             return self.mission.left
         return tasks_left(self.problem.passes, self.session.path)
 
-    def _stopped(self, where: str) -> tuple[Ending, str] | None:
-        """Stopped near something: let everything become solid, to be planned again from there."""
+    def _stopped(self, left: Abort) -> tuple[Ending, str] | None:
+        """Stopped near something: let everything become solid, to be planned again from there.
+
+        A robot that was stopped before it met itself bends back as it is.
+        """
+        where = left.text
         self.session.tell("look", where)
         self.stops, self.near = self.stops + 1, where
         if self.stops > self.settings.stops:
             return Ending.TOO_NEAR, f"{where}, {times(self.stops)} by now; {self._where()}"
-        return self._cool()
+        return None if left.kind == "body" else self._cool()
 
     def _cool(self) -> tuple[Ending, str] | None:
         """Let all segments become solid."""

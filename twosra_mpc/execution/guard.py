@@ -4,6 +4,7 @@ Looked at are where it is believed to be, and where the coming command and coast
 would lead, by the model and by how it has moved lately. Too near is `Patience.stop_m` and what the
 belief may be off by; where a rigid drive began nearer than that, half the distance there, so that a
 robot that was stopped can drive away. The edge of the workspace may be touched, as in plans.
+A robot that bends is stopped before its parts meet, unless it bends back from there.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ import numpy as np
 
 from twosra_mpc.errors import TwosraError
 from twosra_mpc.execution.settings import Patience
+from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid
 
 _WAY_OUT = 0.5  # of the distance at which a rigid drive began
@@ -24,6 +27,16 @@ _WAY_OUT = 0.5  # of the distance at which a rigid drive began
 
 class TooNearError(TwosraError):
     """The robot stands, for it would have come too near to something."""
+
+
+class MeetsItselfError(TooNearError):
+    """The robot stands, for it would have bent into itself."""
+
+
+def bends_into_itself(robot: Robot, q: Array, places: Array) -> bool:
+    """Whether parts overlap at one of these places (m, 3 + n), and more than they do at q."""
+    gaps_m = body_gaps_m(robot, np.vstack([q, places])[:, POSE:])
+    return bool(gaps_m[1:].min() < min(0.0, float(gaps_m[0])))
 
 
 class Guard:

@@ -8,6 +8,7 @@ import numpy as np
 
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.limits import bent_back
 from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.robot.accuracy import ACCEPTED, PLANNED
@@ -28,7 +29,7 @@ def remaining_problem(
     """State what is left of a problem.
 
     Curvatures that are near enough need not change, so the segment need not melt again; only those
-    that are not are asked for.
+    that are not are asked for. A robot that is believed to be bent into itself starts bent back.
 
     Args:
         problem: What was asked in the beginning.
@@ -40,8 +41,7 @@ def remaining_problem(
     Raises:
         InputError: If no mode is left.
     """
-    limit = problem.robot.limits.curvature_per_m
-    kappa = np.clip(q[POSE:], -limit, limit)
+    kappa = bent_back(problem.robot, q[POSE:])
     start = Start(
         x_m=q[0],
         y_m=q[1],

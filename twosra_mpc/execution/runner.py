@@ -31,16 +31,16 @@ class Abort(NamedTuple):
     Attributes:
         kind: "corridor": the rest of the plan does not lead to the goal from here; "heater": a
             segment did not become what it should; "camera": nothing sees the robot; "doubt": it
-            does not move as commanded; "near": it was stopped near something; "task": a task is not
-            done where it should be; "lost": an object is not where it was held or put; "time": the
-            run takes too long.
+            does not move as commanded; "near": it was stopped near something; "body": it was
+            stopped near itself; "task": a task is not done where it should be; "lost": an object is
+            not where it was held or put; "time": the run takes too long.
         text: The same in words.
         segment: The segment (from 0) whose heater it is.
         to: What it should have become.
         stiff: Whether a segment that is reported soft seems to need more time.
     """
 
-    kind: Literal["corridor", "heater", "camera", "doubt", "near", "task", "lost", "time"]
+    kind: Literal["corridor", "heater", "camera", "doubt", "near", "body", "task", "lost", "time"]
     text: str
     segment: int = 0
     to: Stiffness = "soft"

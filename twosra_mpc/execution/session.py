@@ -12,7 +12,7 @@ from twosra_mpc.execution import run
 from twosra_mpc.execution.camera_filter import COASTING, CameraFilter
 from twosra_mpc.execution.doubt import Doubt, DoubtError
 from twosra_mpc.execution.frames import only, usable
-from twosra_mpc.execution.guard import Guard, TooNearError
+from twosra_mpc.execution.guard import Guard, MeetsItselfError, TooNearError, bends_into_itself
 from twosra_mpc.execution.objects_seen import ObjectsSeen
 from twosra_mpc.execution.robot_interface import Reading, RobotError, RobotInterface
 from twosra_mpc.execution.segment_watch import SegmentWatch
@@ -20,7 +20,7 @@ from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import NO_DRIFT, rolling
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
-from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.modes import Mode, is_rigid
 
 _STILL = np.zeros(WHEELS)
 _LATELY = 3  # periods whose motion the guard expects to go on
@@ -258,20 +258,26 @@ class Session:
         return bool(self.drives) and self.drives[-1][::2] == (mode, time_s)
 
     def _keep_clear(self, mode: Mode, wheel_rad_s: Array) -> None:
-        """Stop instead of driving nearer to something than the guard allows."""
-        if self.guard is None:
-            return
-        if self.guard.fresh or not self._goes_on(mode, self.now_s):
-            self.guard.begin(self.q)
-        if not wheel_rad_s.any():
+        """Stop instead of driving nearer to something than the guard allows, or into itself."""
+        guard = self.guard
+        if guard is not None and (guard.fresh or not self._goes_on(mode, self.now_s)):
+            guard.begin(self.q)
+        if not wheel_rad_s.any() or (guard is None and is_rigid(mode)):
             return
         ahead_s = (1 + COASTING) * self.period_s
         told = self._rolled(mode, self.q, ahead_s * wheel_rad_s)
-        places = [self.q, told, self.q + ahead_s * self._rate()]
-        if self.guard.forbids(mode, np.array(places), self.deviation):
-            self.rest(self.setpoint_C, self.period_s)
-            self.average(self.setpoint_C, np.zeros_like(self.q), _STOPPED_S)
-            raise TooNearError(f"stopped {self.guard.describe(self.q)}")
+        places = np.array([self.q, told, self.q + ahead_s * self._rate()])
+        if guard is not None and guard.forbids(mode, places, self.deviation):
+            self._stand()
+            raise TooNearError(f"stopped {guard.describe(self.q)}")
+        if not is_rigid(mode) and bends_into_itself(self.problem.robot, self.q, places):
+            self._stand()
+            raise MeetsItselfError("stopped, for parts of the robot would meet")
+
+    def _stand(self) -> None:
+        """Stand, and look where that is."""
+        self.rest(self.setpoint_C, self.period_s)
+        self.average(self.setpoint_C, np.zeros_like(self.q), _STOPPED_S)
 
     def _rate(self) -> Array:
         """How fast the robot has moved in the last periods, as believed, (3 + n,) [1/s]."""

@@ -41,13 +41,13 @@ def fibre_poses(geometry: Geometry, q: ca.SX, segment: int, shares: ca.SX | ca.D
     side = 1 if segment >= first else -1  # of b0; runs along the fibre are negative before it
     base = ca.SX([side * geometry.half_link_m, 0.0, 0.0])
     for inner in range(first if side > 0 else first - 1, segment, side):
-        base = composed(base, _arc(q[POSE + inner], ca.DM(side * geometry.lengths_m[inner])))
+        base = composed(base, arc(q[POSE + inner], ca.DM(side * geometry.lengths_m[inner])))
         base = composed(base, ca.DM([side * geometry.middle_link_m, 0.0, 0.0]))
     outward = shares if side > 0 else shares - 1
-    return composed(base, _arc(q[POSE + segment], geometry.lengths_m[segment] * outward))
+    return composed(base, arc(q[POSE + segment], geometry.lengths_m[segment] * outward))
 
 
-def _arc(kappa: ca.SX, runs_m: ca.SX | ca.DM) -> ca.SX:
+def arc(kappa: ca.SX, runs_m: ca.SX | ca.DM) -> ca.SX:
     """Poses of points of an arc that starts at the origin along x, 3xk; ``runs_m`` has a sign."""
     alpha = kappa * runs_m
     return ca.vertcat(runs_m * sinc(alpha), runs_m * versine_ratio(alpha), alpha)

@@ -19,7 +19,7 @@ from typing import Any
 import casadi as ca
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.chain import fibre_end_pose, wheel_pose_matrix, wheel_poses
+from twosra_mpc.model.chain import wheel_pose_matrix, wheel_poses
 from twosra_mpc.model.path_models import PathModel, path_model
 from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Body
@@ -184,28 +184,3 @@ def wheel_independence(geometry: Geometry, kappa: ca.SX) -> ca.SX:
     scaled = ca.horzcat(wheels[:, :2], wheels[:, 2] / TURNING_RADIUS_M)
     gram = scaled.T @ scaled
     return 2 * ca.sqrt(ca.fmax(ca.det(gram), 0)) / ca.trace(gram)
-
-
-def unit_gap(geometry: Geometry, kappa: ca.SX) -> ca.SX:
-    """Gap between the square locomotion units in a shape [m]; minus the overlap if they overlap.
-
-    It is the largest separation along any side direction of the two (separating axis theorem).
-    """
-    q = ca.vertcat(0, 0, 0, kappa)
-    half = geometry.unit_side_m / 2
-    outward = geometry.end_link_m + half
-    centres, axes = [], []
-    for unit, side in ((0, -1), (1, 1)):
-        end = fibre_end_pose(geometry, q, unit)
-        c, s = ca.cos(end[2]), ca.sin(end[2])
-        along, across = side * outward, geometry.unit_offset_m
-        x, y = end[0] + along * c - across * s, end[1] + along * s + across * c
-        centres.append(ca.vertcat(x, y))
-        axes += [ca.vertcat(c, s), ca.vertcat(-s, c)]
-    between = centres[1] - centres[0]
-    gaps = []
-    for n, axis in enumerate(axes):
-        other = axes[2:] if n < 2 else axes[:2]
-        extent = half * (1 + sum(ca.fabs(ca.dot(axis, side)) for side in other))
-        gaps.append(ca.fabs(ca.dot(axis, between)) - extent)
-    return ca.fmax(ca.fmax(gaps[0], gaps[1]), ca.fmax(gaps[2], gaps[3]))

@@ -10,8 +10,10 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import (
+    BODY_GAP,
     broken_by_shapes,
     may_drive_in,
+    overlap_in_words,
     shape_margins,
     workspace_margins,
 )
@@ -45,6 +47,8 @@ def check_shapes(problem: Problem) -> None:
             short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
             amount = f"{1e3 * short:.1f} mm" if limit.unit == "m" else f"{short:.3g} {limit.unit}"
             allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
+            if limit is BODY_GAP:
+                allowed = f"another shape; in this one {overlap_in_words(robot, q[POSE:])}"
             raise InputError(f"{name}.kappa_per_m", tuple(q[POSE:].tolist()), allowed)
 
 

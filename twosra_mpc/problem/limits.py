@@ -17,11 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.intervals import enclose
-from twosra_mpc.model.kinematics import kinematics, unit_gap, wheel_independence
+from twosra_mpc.model.kinematics import kinematics, wheel_independence
 from twosra_mpc.model.outline import FEW_POINTS, outline_points, outline_radii_m
 from twosra_mpc.model.rows import by_rows
+from twosra_mpc.model.self_collision import FAR_M, self_collision
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M, RATE_TOLERANCE
+from twosra_mpc.problem.tolerances import (
+    BODY_TOLERANCE_M,
+    CURVATURE_TOLERANCE_PER_M,
+    RATE_TOLERANCE,
+)
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
@@ -32,7 +37,8 @@ _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
 _SPEED_AXES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) / _WITHIN
-_CERTAIN = 1e-3  # of a limit's scale: beyond what interpolating a shape can feign
+_SHARES = np.linspace(1.0, 0.0, 401)  # of a shape, on its way back
+_CERTAIN_M = 1e-4  # of a gap: beyond what interpolating a shape can feign
 
 
 @dataclass(frozen=True)
@@ -43,9 +49,11 @@ class ShapeLimit:
         name: Of its number in ``robot.limits``, unit included.
         unit: Unit of the margin.
         margin: (body, curvatures (n,)) -> what is left, negative where forbidden, symbolically.
+        nearer: (body, shapes (m, n)) -> what is left, (m,), where ``margin`` is only a lower bound
+            of it, for those where it is less than `FAR_M`.
         words: What is wrong with a forbidden shape, to complete "a shape whose ...".
         rounding: Margins that count as zero.
-        scale: Unit of its rows in the NLP; None: it is a box about zero, and bounds the curvatures.
+        scale: Unit of its rows in the NLP; None: it has rows of its own, or is a box about zero.
         driving: Whether only rigid driving is forbidden.
     """
 
@@ -56,6 +64,7 @@ class ShapeLimit:
     rounding: float
     scale: float | None
     driving: bool = False
+    nearer: Callable[[Body, Array], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -106,10 +115,19 @@ CURVATURE = ShapeLimit(
 UNIT_GAP = ShapeLimit(
     name="unit_gap_m",
     unit="m",
-    margin=lambda body, kappa: unit_gap(body.geometry, kappa) - body.limits.unit_gap_m,
+    margin=lambda body, kappa: self_collision(body).units(kappa) - body.limits.unit_gap_m,
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:g} m",
     rounding=TOUCHING_M,
     scale=0.1,
+)
+BODY_GAP = ShapeLimit(
+    name="body_gap_m",
+    unit="m",
+    margin=lambda body, kappa: self_collision(body).bound(kappa),
+    nearer=lambda body, kappa: self_collision(body).separations(kappa).min(axis=1),
+    words=lambda _: "parts overlap: units, wheels, links or fibre",
+    rounding=TOUCHING_M,
+    scale=None,
 )
 WHEEL_INDEPENDENCE = ShapeLimit(
     name="wheel_independence",
@@ -122,7 +140,7 @@ WHEEL_INDEPENDENCE = ShapeLimit(
     scale=1.0,
     driving=True,
 )
-SHAPE_LIMITS = (CURVATURE, UNIT_GAP, WHEEL_INDEPENDENCE)
+SHAPE_LIMITS = (CURVATURE, UNIT_GAP, BODY_GAP, WHEEL_INDEPENDENCE)
 
 WHEEL_SPEED = SpeedLimit(
     name="wheel_speed_rad_s",
@@ -181,7 +199,8 @@ def shape_function(body: Body) -> ca.Function:
 def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
     """How far shapes are from what the limits forbid, by name of the limit, each (m,).
 
-    Negative: forbidden. Margins within rounding of zero are zero.
+    Negative: forbidden. Margins within rounding of zero are zero. That of `BODY_GAP` is a lower
+    bound where it is more than `FAR_M`.
 
     Args:
         robot: The robot.
@@ -189,6 +208,9 @@ def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
     """
     shapes = np.atleast_2d(np.asarray(kappa, dtype=float))
     (values,) = by_rows(shape_function(robot), shapes)
+    for limit, row in zip(SHAPE_LIMITS, values.T, strict=True):
+        if limit.nearer is not None and (near := row < FAR_M).any():
+            row[near] = limit.nearer(robot.body, shapes[near])
     return {
         limit.name: np.where(np.abs(row) <= limit.rounding, 0.0, row)
         for limit, row in zip(SHAPE_LIMITS, values.T, strict=True)
@@ -202,32 +224,50 @@ def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None
     return next((limit for limit in broken if (margins[limit.name] < 0).any()), None)
 
 
-def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0) -> Array:
-    """Upper bounds of the gaps left in shapes (m, n) that may be ``off_per_m`` (n,) off, (m,).
+def overlap_in_words(robot: Robot | Body, kappa: ArrayLike) -> str:
+    """Say which parts of the robot overlap most in a shape (n,), or come too close."""
+    one, other, apart_m = self_collision(robot).nearest(np.asarray(kappa, dtype=float))
+    if apart_m >= 0:
+        return UNIT_GAP.words(robot.body.limits)
+    return f"{one} overlaps {'itself' if one == other else other} by {-1e3 * apart_m:.1f} mm"
 
-    Where it is negative, the limit is broken by so much that shapes known only to a micrometre
-    cannot feign it. A segment j that bends by more moves no point of a unit, as seen from the other
-    one, by more than l_j times as much times the distance. Curvatures are left to whoever knows
-    their bending coordinates exactly.
-    """
-    certain = _CERTAIN * (UNIT_GAP.scale or 1.0) + units_moved_m(robot, off_per_m).max()
-    gaps_m: Array = shape_margins(robot, kappa)[UNIT_GAP.name] + certain
+
+def body_gaps_m(robot: Robot | Body, kappa: ArrayLike) -> Array:
+    """Least gap that is left between parts of the robot in shapes (m, n), (m,) [m]."""
+    margins = shape_margins(robot, kappa)
+    gaps_m: Array = np.minimum(margins[UNIT_GAP.name], margins[BODY_GAP.name])
     return gaps_m
 
 
-def units_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
-    """How far any point of a unit moves at most, as seen from the other one, (m,) [m].
+def bent_back(robot: Robot | Body, kappa: Array) -> Array:
+    """The shape (n,), bent back towards the straight robot as far as the limits ask for."""
+    limit = robot.body.limits.curvature_per_m
+    shapes = _SHARES[:, None] * np.clip(kappa, -limit, limit)
+    found: Array = shapes[int((body_gaps_m(robot, shapes) >= 0).argmax())]
+    return found
+
+
+def most_gaps_m(robot: Robot | Body, kappa: ArrayLike, off_per_m: ArrayLike = 0.0) -> Array:
+    """Upper bounds of the gaps in shapes (m, n) that may be ``off_per_m`` (n,) off, (m,).
+
+    Where it is negative, no plan that is verified takes such a shape, and shapes known only to a
+    micrometre cannot feign it. Curvatures are left to whoever knows their bending coordinates
+    exactly. Gaps of more than `FAR_M` are not told apart.
+    """
+    feigned_m = _CERTAIN_M + parts_moved_m(robot, off_per_m).max()
+    gaps_m: Array = body_gaps_m(robot, kappa) + BODY_TOLERANCE_M + feigned_m
+    return gaps_m
+
+
+def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
+    """How far any point of a part moves at most, as seen from another part, (m,) [m].
 
     Args:
         robot: The robot.
         bent_per_m: How much more or less segments bend, (m, n) or a number [1/m].
     """
-    geometry = robot.body.geometry
-    links_m = (geometry.segments - 1) * geometry.middle_link_m + geometry.end_link_m
-    reach_m = sum(geometry.lengths_m) + links_m
-    reach_m += 1.5 * geometry.unit_side_m + abs(geometry.unit_offset_m)
-    turned = np.atleast_2d(bent_per_m) * np.array(geometry.lengths_m)
-    moved: Array = reach_m * turned.sum(axis=1)
+    turned = np.atleast_2d(bent_per_m) * np.array(robot.body.geometry.lengths_m)
+    moved: Array = self_collision(robot).reach_m * turned.sum(axis=1)
     return moved
 
 

@@ -24,6 +24,8 @@ OVERLAP_M = 5e-4
 """Overlap allowed with what may be touched."""
 TOUCHING_M = 1e-3
 """What is grasped or pushed is no further from the robot."""
+BODY_TOLERANCE_M = 5e-4
+"""Overlap of the robot with itself that is allowed between the samples of a plan."""
 COST_TOLERANCE_S, COST_TOLERANCE = 1e-4, 1e-6
 """What a plan can save by all its tolerances: absolute (ten changes of mode), and as a share."""
 

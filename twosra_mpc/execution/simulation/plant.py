@@ -16,6 +16,7 @@ import numpy as np
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
+from twosra_mpc.execution.guard import bends_into_itself
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
@@ -221,7 +222,9 @@ class SimulatedRobot:
         grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(WHEELS))
         drift, share = self._drift.get(self.mode, Drift()), self._bends.get(self.mode, 1.0)
         flow, turned = rolling(self._true, self.mode), self._turned(period_s) * grip * share
-        before, self.q = self.q, flow(self.q, turned, drift).full().ravel()
+        before, after = self.q, flow(self.q, turned, drift).full().ravel()
+        if not bends_into_itself(self._true, before, after[None]):  # else the wheels slip
+            self.q = after
         if self.objects is not None:
             self.objects.follow(before, self.q)
         self._forced += any(0 < segment.melt_fraction < 1 for segment in self.segments)

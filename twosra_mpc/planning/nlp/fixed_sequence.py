@@ -16,7 +16,12 @@ from twosra_mpc.planning.nlp.terminal_correction import available_inputs, correc
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
 from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.ends import may_drive
-from twosra_mpc.problem.limits import interval_durations, shapes_allowed
+from twosra_mpc.problem.limits import (
+    BODY_GAP,
+    broken_by_shapes,
+    interval_durations,
+    shapes_allowed,
+)
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
@@ -30,6 +35,7 @@ _STILL = 1e-9  # m or rad an interval; the correction may leave a resting phase 
 _MOST_TURN_RAD = 0.35  # in an interval, inside a workspace; half a turn fits into ten
 _MAX_ITERATIONS = 150
 _STARTS = (1.0, 0.999)  # of the guess's inputs: where numbers fail, a little aside they do not
+_SPARED_M = 2e-4  # by which parts are apart at nodes, for what is between them
 _REGULARISATION = 1e-4  # s per squared scaled displacement; not part of the cost reported
 
 
@@ -140,19 +146,38 @@ def feasible_schedule(
 
 
 def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidate | None:
-    """Solve the multiple-shooting program of the sequence from ``guess`` and correct its end."""
+    """Solve the multiple-shooting program of the sequence from ``guess`` and correct its end.
+
+    Most motions never come near to touching themselves: those that do are solved again, with rows
+    for the separations of the robot's parts.
+    """
+    motion, iterations = _solved(guess, network, problem, apart=False)
+    if motion is not None and broken_by_shapes(motion.robot, _visited(motion)) is BODY_GAP:
+        motion, more = _solved(motion, network, problem, apart=True)
+        iterations += more
+    return None if motion is None else scheduled(motion, network, problem, iterations)
+
+
+def _visited(motion: Motion) -> Array:
+    return motion.states[:, :, POSE:].reshape(-1, motion.robot.geometry.segments)
+
+
+def _solved(
+    guess: Motion, network: TemporalNetwork, problem: Problem, *, apart: bool
+) -> tuple[Motion | None, int]:
+    """The motion that the program finds, if any, and its iterations."""
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     curved = None if problem.goal.is_box else problem.goal
     inside = problem.workspace is not None
     try:
         shape = phases, intervals, _STEPS
-        program, solver, _ = ipopt(robot, curved, *shape, _MAX_ITERATIONS, inside)
+        program, solver, _ = ipopt(robot, curved, *shape, _MAX_ITERATIONS, inside, apart)
     except OutOfTimeError:  # what is compiled already may still be solved
-        return None
+        return None, 0
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:
-        return None
+        return None, 0
     cost, _ = cost_coefficients(network, problem.cost_weights)
     lower, upper = _decision_bounds(program, network, problem, guess)
     g_lower, g_upper = _constraint_bounds(program, network, problem)
@@ -171,10 +196,9 @@ def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidat
         if status is not SolveStatus.FAILED:
             break
     if status not in (SolveStatus.SOLVED, SolveStatus.ACCEPTABLE):
-        return None
+        return None, int(iterations)
     _, inputs, _ = program.unpack(ca.DM(solution["x"]).full().ravel())
-    motion = roll_out(robot, guess.states[0, 0], guess.sequence, inputs)
-    return scheduled(motion, network, problem, int(iterations))
+    return roll_out(robot, guess.states[0, 0], guess.sequence, inputs), int(iterations)
 
 
 def _decision_bounds(
@@ -225,6 +249,9 @@ def _constraint_bounds(
     rows = program.rows["network"]
     upper[rows] = np.inf
     lower[rows] = [network.least.get(pair, -np.inf) / TIME_SCALE for pair in program.layout.pairs()]
+    if (spared := program.rows.get("apart")) is not None:  # the ends are given
+        upper[spared], lower[spared] = np.inf, _SPARED_M / program.scale[0]
+        lower[[spared.start, spared.stop - 1]] = -np.inf
     if problem.workspace is not None:
         rows = program.rows["inside"]
         shape = (2 * program.phases * program.intervals + program.phases, -1, 2)

@@ -29,6 +29,7 @@ import numpy as np
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.outline import outline_points
+from twosra_mpc.model.self_collision import self_collision
 from twosra_mpc.planning.nlp.stopping import Stopping
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.goals import GoalSet
@@ -58,7 +59,7 @@ class Transcription:
         intervals: Shooting intervals per phase.
         nlp: CasADi's dictionary x, p, f, g: can be printed, counted and handed to any solver.
         rows: Slices of g by name: defects, linkage, terminal, speed, shape, driving, network, and
-            where the robot is to be, if it is to be inside.
+            where the robot is to be, if it is to be inside, and apart, if its parts are to be.
     """
 
     scale: Array
@@ -97,12 +98,13 @@ def transcribe(
     intervals: int,
     steps: int,
     inside: bool = False,
+    apart: bool = False,
 ) -> Transcription:
     """Write down the program for this many phases; ``steps`` Runge-Kutta steps per interval.
 
     A ``goal`` that is no box adds the equations that its members fulfil; None: it is one. With
     ``inside`` the places of the outline's points at all nodes and midway between them are rows, in
-    units of 0.1 m.
+    units of 0.1 m; with ``apart`` the least separations of the robot's parts at all nodes.
     """
     body = robot.body
     segments, scale = body.geometry.segments, state_scale(body)
@@ -150,6 +152,10 @@ def transcribe(
         visited = ca.horzcat(q, flow(q[:, before], s / 2, mode_of))
         places = outline_points(body.geometry).map(visited.size2())(visited)
         blocks["inside"] = places / float(scale[0])
+    if apart:
+        kappa = ca.SX.sym("kappa", segments)
+        least = ca.Function("least", [kappa], [self_collision(body).least(kappa)], {"cse": True})
+        blocks["apart"] = least.map(phases * (intervals + 1))(q[POSE:, :]) / float(scale[0])
     g, rows = _stacked(blocks)
     objective = ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs)
     nlp = {
@@ -204,13 +210,14 @@ def ipopt(
     steps: int,
     max_iterations: int,
     inside: bool = False,
+    apart: bool = False,
 ) -> tuple[Transcription, ca.Function, Stopping]:
     """Prepare the program of ``transcribe`` for IPOPT; what stops it must be kept with it.
 
     Intervals and nodes stay calls of one function each. Written out, an iteration takes nine tenths
     of the time, but the first one waits for seconds and 300 MiB, which 50 programs do not save.
     """
-    transcription = transcribe(robot, goal, phases, intervals, steps, inside)
+    transcription = transcribe(robot, goal, phases, intervals, steps, inside, apart)
     stopping = Stopping(transcription.nlp)
     options: dict[str, Any] = {
         "iteration_callback": stopping,

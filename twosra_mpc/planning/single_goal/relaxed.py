@@ -21,9 +21,9 @@ from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.problem.limits import (
     CURVATURE,
-    UNIT_GAP,
     interval_durations,
     most_gaps_m,
+    overlap_in_words,
     rigid_ramp_s,
     rigid_rows,
     rigid_rows_between,
@@ -80,7 +80,7 @@ def bending_task(problem: Problem) -> BendingTask:
             gaps_m = most_gaps_m(problem.robot, *shapes)
             least, last = int(gaps_m.argmin()), len(gaps_m) - 1
             if gaps_m[least] < 0:
-                return UNIT_GAP.words(problem.robot.limits)
+                return overlap_in_words(problem.robot, shapes[0][least])
             if gaps_m[least] > _CLOSE_M:
                 break
             step = (end - begin) / last
