@@ -10,7 +10,7 @@ from typing import Any
 
 import griffe
 
-from twosra_mpc.schema import describe
+from twosra_mpc.keys import describe
 
 _NOT_SAID = ("model_config", "tag_key", "kinds")  # of no use to who has a record
 

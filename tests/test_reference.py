@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from twosra_mpc.schema import describe
+from twosra_mpc.keys import describe
 
 PAGES = sorted((Path(__file__).parent.parent / "docs" / "reference").glob("*.md"))
 MODULES = [

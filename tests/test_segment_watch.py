@@ -80,6 +80,13 @@ def test_each_trouble_has_its_name_and_comes_in_time(
     assert found[1] <= at_most_s
 
 
+def test_a_missing_stiffness_is_not_called_a_silent_sensor() -> None:
+    watch = SegmentWatch(ROBOT, 25.0, 0, Patience(), reports=True)
+    watch.take(0.0, OFF_C, 25.0, None, False)
+    with pytest.raises(SegmentError, match=r"sensor reads 25 C, but its stiffness is None .*soft"):
+        watch.take(5.0, OFF_C, 25.0, None, False)
+
+
 def test_single_readings_that_are_far_off_and_lags_are_no_trouble() -> None:
     odd = {7.0: -127.0, 20.0: 99.0, 50.0: math.nan, 60.0: 5.0, 80.0: 60.0}
     assert trouble(rows(OFF_C, lambda t: odd.get(t, 25.0), "rigid", 100)) is None

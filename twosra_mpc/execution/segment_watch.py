@@ -124,12 +124,15 @@ class SegmentWatch:
         if math.isnan(self._unread_s):
             self._unread_s = time_s
         if time_s - self._unread_s >= self._patience.silent_s:
-            shown = f"reads {temperature_C:g} C"
-            if stiffness is None or math.isnan(temperature_C):
-                shown = "reports nothing"
-            words = f"its sensor {shown} for {time_s - self._unread_s:.0f} s"
+            since = f"for {time_s - self._unread_s:.0f} s"
+            if coldest <= temperature_C <= hottest:
+                known = f"its sensor reads {temperature_C:g} C, but its stiffness is None {since}"
+                self._raise("sensor", f"{known}: report it as 'soft', 'rigid' or 'changing'")
+            nothing = math.isnan(temperature_C)
+            shown = "reports nothing" if nothing else f"reads {temperature_C:g} C"
             allowed = f"a thermistor reads from {coldest:g} to {hottest:g} C"
-            self._raise("sensor", f"{words}, {allowed}: nobody knows how warm it is")
+            words = f"its sensor {shown} {since}, {allowed}"
+            self._raise("sensor", f"{words}: nobody knows how warm it is")
         return False
 
     def _check_heat(self, since_s: float, here_C: float, risen_K: float) -> None:
