@@ -20,7 +20,7 @@ from twosra_mpc.checking.clearance import Carrying, robot_distances_m
 from twosra_mpc.checking.holds import cage_proved, pushes
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.surroundings import closest_approach
-from twosra_mpc.checking.sweep import swept
+from twosra_mpc.checking.sweep import swept, uncertain_m
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
@@ -478,3 +478,18 @@ def test_a_file_with_too_few_tasks_is_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps(document))
     with pytest.raises(InputError, match="a time for each of 3 tasks"):
         load_plan(path)
+
+
+def test_uncertain_curvatures_need_more_room_on_every_leg() -> None:
+    """A post that the robot is near to while it carries, and far from at its start."""
+    post = [{"disc": {"x_m": 0.33, "y_m": 0.0, "radius_m": 0.02}}]
+    nearest = closest_approach(pick_and_place(obstacles=post))
+    assert nearest is not None
+    assert nearest.at_s > pick_and_place().done_s[0] + 1.0
+    assert nearest.least_m > 5e-3
+    per_m = uncertain_m(pick_and_place(obstacles=post, curvature_uncertainty_per_m=1.0).problem)
+    world = {"obstacles": post, "clearance_m": nearest.least_m - 2e-3}
+    for uncertain_by_m, ok in ((1e-3, True), (4e-3, False)):
+        unsure = pick_and_place(**world, curvature_uncertainty_per_m=uncertain_by_m / per_m)
+        found = [text for text in told(unsure) if "curvature_uncertainty_per_m" in text]
+        assert bool(found) != ok, found

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from grasps import apart_m, cube, disc, drawn, pebble
+from grasps import ORIGIN, apart_m, cube, disc, drawn, pebble
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
+from twosra_mpc.checking.holds import Boxes, _discs, _free
 from twosra_mpc.contact.cage import caged
 from twosra_mpc.contact.touch import Touch, grasp_touches
 from twosra_mpc.problem.objects import Object
@@ -137,3 +138,21 @@ def test_an_object_in_the_robot_is_refused() -> None:
     for thing in (disc(0.03), cube(0.03)):
         with pytest.raises(InputError, match="pose_in_b0"):
             caged(V1.geometry, [0.0, 0.0], thing, [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("headings", [24, 48])
+def test_a_box_that_verification_calls_blocked_holds_no_free_pose(headings: int) -> None:
+    """A rod turns far within a box of headings: what it moves by there must be allowed for."""
+    rod = Object(name="rod", pose=ORIGIN, box={"x_m": (-0.04, 0.04), "y_m": (-0.004, 0.004)})
+    q, rng = np.concatenate([np.zeros(3), [20.0, 20.0]]), np.random.default_rng(0)
+    boxes, middle = Boxes(1e-3, 50, headings), np.array([0.0, 0.04, 0.0])
+    free = _free(V1.geometry, q, middle, _discs(rod), boxes)
+    assert 0.02 < 1 - free.mean() < 0.98
+    body, height = drawn(V1.geometry, q), 2 * np.pi / headings
+    shapely.prepare(body)
+    blocked = np.argwhere(~free)
+    for k, i, j in blocked[rng.integers(len(blocked), size=1500)].tolist():
+        offsets = rng.uniform(-0.5, 0.5, 3)
+        offsets[2] = np.sign(offsets[2]) / 2  # where it is turned the farthest
+        x, y = middle[:2] + (np.array([i, j]) - boxes.each_way + offsets[:2]) * boxes.step
+        assert apart_m(body, rod, np.array([x, y, (k + offsets[2]) * height])) <= 5e-5

@@ -183,3 +183,11 @@ def test_a_solver_that_is_wrong_proves_nothing_too_high(
 
     monkeypatch.setattr(rigid_motion, "minimise", wrong)
     assert exact * (1 - 20 * error) - 1e-9 <= bound() <= exact + 1e-9
+
+
+@pytest.mark.parametrize("turn_rad", [1.0, 30.0])
+def test_rounding_is_taken_off_a_bound(turn_rad: float) -> None:
+    """To turn on the spot, less or more than once round, takes a time that is known exactly."""
+    rows, least_s = np.diag([20.0, 20.0, 1 / 0.3]), turn_rad / 0.3
+    bound = least_time(rows, np.zeros(2), np.zeros(2), (turn_rad, turn_rad), False, least_s)
+    assert (1 - 1e-8) * least_s < bound < least_s

@@ -297,3 +297,14 @@ def test_motion_that_does_not_happen_is_doubted_and_a_tenth_of_it_is_not() -> No
     with pytest.raises(DoubtError, match="is its camera alive") as caught:
         moved(0.01, bends=True)
     assert not caught.value.bends
+
+
+@pytest.mark.parametrize(("share", "doubted"), [(0.02, True), (0.04, True), (0.06, False)])
+def test_a_rigid_drive_of_which_less_than_a_twentieth_is_seen_is_doubted(
+    share: float, doubted: bool
+) -> None:
+    if not doubted:
+        moved(share, bends=False)
+        return
+    with pytest.raises(DoubtError, match="mm are commanded"):
+        moved(share, bends=False)
