@@ -11,6 +11,7 @@ from benchmarks.studies.cold_start import ColdStart
 from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.departure import Departure
 from benchmarks.studies.faults import Faults
+from benchmarks.studies.forgery import ForgeryStudy
 from benchmarks.studies.greedy import Greedy
 from benchmarks.studies.growth import Growth
 from benchmarks.studies.missions import Missions
@@ -40,6 +41,7 @@ STUDIES: dict[str, Study] = {
         repeat_budget_s=10.0,
         time_limit_s=20.0,
     ),
+    "forgeries": ForgeryStudy(),
     "growth": Growth(
         problems=("published:5", "random-100:3"),
         max_phases=(2, 3, 4, 5, 6, 7, 8),
