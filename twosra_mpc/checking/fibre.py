@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from flint import acb, arb
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
@@ -23,7 +24,7 @@ from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
 _CELLS = 600  # of the table that inverts W, on either side of zero
 _PIECES = 120  # of a bend
 _MOVES = 1e-5  # of W: a phase that bends by less may be left out
-_OVERLAP_M = 5e-4 + 1e-6  # by which units overlap in no plan that is verified, and rounding
+_OVERLAP_M = BODY_TOLERANCE_M + 1e-6  # by which units overlap in no plan that is verified
 
 
 def low(x: arb) -> float:
