@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import similaritymeasures  # type: ignore[import-untyped]
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.identification.motion_log import MotionLog
+from twosra_mpc.reproduction import hardware
 from twosra_mpc.reproduction.fixed_waits import fixed_waits_s
 from twosra_mpc.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
 from twosra_mpc.reproduction.published import PublishedTrajectory
@@ -120,6 +123,14 @@ def test_the_published_recipe_step_by_step() -> None:
         )
         assert row.published[column] == pytest.approx(warped(mine, theirs))
     assert row.padded == 2
+
+
+@pytest.mark.parametrize(("rows", "others"), [(1, 1), (1, 4), (5, 1), (7, 3), (30, 41)])
+def test_sums_along_paths_are_those_of_the_published_library(rows: int, others: int) -> None:
+    rng = np.random.default_rng(rows)
+    one, other = rng.normal(size=(rows, 2)), rng.normal(size=(others, 2))
+    found = hardware._cumulative(cdist(one, other))
+    np.testing.assert_array_equal(found, similaritymeasures.dtw(one, other)[1])
 
 
 def test_values_alone_are_compared_along_the_path_of_least_deviation() -> None:

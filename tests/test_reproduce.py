@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import shlex
 import shutil
 from collections.abc import Callable, Iterator
@@ -234,11 +235,35 @@ def test_every_claim_has_a_verdict_that_follows_from_its_numbers(written: Path) 
 
 def test_table_i_is_found_again_but_for_a_sign(written: Path) -> None:
     found = claims(written)
-    for case in ("I", "III"):
-        assert found[f"Parameters of spiral {case}"]["verdict"] == "holds"
+    assert found["Parameters of spiral I"]["verdict"] == "holds"
+    third = [one["verdict"] for one in found["Parameters of spiral III"]["readings"]]
+    assert third == ["holds"] * 4 + ["does not hold"]  # with its equation the radius is half
     second = found["Parameters of spiral II"]
     assert [one["verdict"] for one in second["readings"]].count("does not hold") == 1
     assert second["readings"][2]["ours"] == pytest.approx(-0.1988, abs=1e-3)
+
+
+def test_equations_are_held_against_geometry(written: Path) -> None:
+    found = {
+        one["claim"]: one for one in numbers(written)["claims"] if one["section"] == "equations"
+    }
+    ours = {claim: [r["ours"] for r in one["readings"]] for claim, one in found.items()}
+    # Side wheels of the paper's robot lose the turn where units overlap, mirrored once.
+    assert ours["The robot is omnidirectional at any configuration"] == [2, 0]
+    least, most = ours["Wheel speeds follow from the speed of a unit on its path"]
+    assert 17 < least < most < 29  # as measured with another integration, in the guide of replay
+    assert ours["The heading's row of the soft Jacobian"] == [pytest.approx(-1.0, abs=1e-9)]
+    (shift_mm,) = ours["Displacements are those of the configuration q_0 at the start of the plan"]
+    assert shift_mm == pytest.approx(22.3, abs=0.1)
+    a, b, length, link = 2.4471, 0.2229, 0.04, 0.03  # Table I, row III; the robot's lengths [m]
+    printed = 0.75 / (length * a * length * math.exp(-b * math.pi))
+    (ratio,) = ours["Spiral III of Table I gives the rate at which two soft segments bend"]
+    assert ratio == pytest.approx(printed * length * (2 * length + link), rel=1e-9)
+    supply_V, off_C = ours["0 to 85 C are mapped to 1.1 to 3.3 V"]
+    hot, cold = (10e3 * math.exp(3950 * (1 / (t + 273.15) - 1 / 298.15)) for t in (85.0, 0.0))
+    fixed = 1.1 * cold / (supply_V - 1.1)
+    assert supply_V * fixed / (hot + fixed) == pytest.approx(3.3)
+    assert off_C > 10
 
 
 def test_the_simulations_are_those_published(written: Path) -> None:
@@ -318,6 +343,18 @@ def test_nothing_is_computed_twice(
     shutil.copy(lab / "hardware" / "mine.csv", tmp_path / "other.csv")
     with pytest.raises(AssertionError):  # another file: the part is computed
         reproduce(written, Sources(tmp_path), problems=4, processes=1)
+
+
+def test_a_log_that_was_compared_is_not_compared_again_beside_another(
+    written: Path, lab: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("mine", "other"):
+        shutil.copy(lab / "hardware" / "mine.csv", tmp_path / f"{name}.csv")
+    told: list[str] = []
+    reproduce(written, Sources(tmp_path), problems=4, processes=1, tell=told.append)
+    assert [one for one in told if one.startswith("comparing")] == [
+        "comparing other with the simulations"
+    ]
 
 
 def test_without_data_it_says_what_to_give(written: Path, run: Run, tmp_path: Path) -> None:

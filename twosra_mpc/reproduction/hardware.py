@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.identification.motion_log import MotionLog, read_motion_log
@@ -186,8 +187,28 @@ def _warped(points: Array, others: Array) -> tuple[float, Array]:
     except ImportError as error:
         needed = f"an installed similaritymeasures ({install_command(EXTRA)})"
         raise InputError("dtw", "not available", needed) from error
-    distance, cumulative = similaritymeasures.dtw(points, others)
-    return float(distance), similaritymeasures.dtw_path(cumulative)
+    cumulative = _cumulative(cdist(points, others))
+    return float(cumulative[-1, -1]), similaritymeasures.dtw_path(cumulative)
+
+
+def _cumulative(apart: Array) -> Array:
+    """Least sums of distances along paths to each pair of rows, as ``similaritymeasures.dtw``.
+
+    The pairs of one antidiagonal need only those of the two before it, so each is one operation.
+    """
+    rows, columns = apart.shape
+    width = columns + 1
+    padded = np.full((rows + 1, width), np.inf)
+    padded[0, 0], flat = 0.0, padded.reshape(-1)
+    distances = np.pad(apart, ((1, 0), (1, 0))).reshape(-1)
+    for diagonal in range(2, rows + columns + 1):
+        first, last = max(1, diagonal - columns), min(rows, diagonal - 1)
+        at = slice(first * width + diagonal - first, last * width + diagonal - last + 1, columns)
+        above, left, before = (
+            flat[at.start - step : at.stop - step : columns] for step in (width, 1, width + 1)
+        )
+        flat[at] = distances[at] + np.minimum(np.minimum(above, left), before)
+    return padded[1:, 1:]
 
 
 def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> WaitingShares:

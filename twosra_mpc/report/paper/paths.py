@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def section(data: Data) -> Section:
         Claim(
             f"Parameters of spiral {case}",
             "Table I",
-            tuple(map(_reading, _NAMES, TABLE_I[case], data["spirals"][case])),
+            (*map(_reading, _NAMES, TABLE_I[case], data["spirals"][case]), *_BY_EQUATION[case]),
             _NOTES[case],
         )
         for case in CASES
@@ -91,6 +92,21 @@ _NOTES = {
     "II": "The sign of c_x is that of a frame in which the fibre lies mirrored.",
     "III": "The table counts the spiral's angle from the straight fibre, the paper's equation from"
     " pi: taken together they halve the radius.",
+}
+
+
+_BY_EQUATION = {
+    "I": (),
+    "II": (),
+    "III": (
+        equal(
+            "radius of the straight fibre by eq. kappa with these parameters, of the fitted one",
+            1.0,
+            math.exp(-TABLE_I["III"][1] * math.pi),
+            holds=_HOLDS,
+            caveat=_CAVEAT,
+        ),
+    ),
 }
 
 

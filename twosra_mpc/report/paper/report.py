@@ -12,7 +12,15 @@ from pathlib import Path
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import plain_data, write_json, write_text
 from twosra_mpc.photographs.picture import Camera
-from twosra_mpc.report.paper import applications, paths, photographs, statistics, tasks, trials
+from twosra_mpc.report.paper import (
+    applications,
+    equations,
+    paths,
+    photographs,
+    statistics,
+    tasks,
+    trials,
+)
 from twosra_mpc.report.paper.claims import Verdict
 from twosra_mpc.report.paper.kept import Data, Kept, Tell
 from twosra_mpc.report.paper.page import paper_page
@@ -107,17 +115,19 @@ def reproduce(
     data: Data = {}
     # What the user gave comes first: mistakes in it are told before minutes of work.
     if sources.logs is not None:
-        data["trials"] = kept.get(trials.part(sources.logs), tell)
+        data["trials"] = kept.get(trials.part(kept, sources.logs), tell)
     if (pictures := sources.photographs) is not None:
         part = photographs.part(pictures, sources.column, sources.camera)
         data["curvature"] = kept.get(part, tell)
     data["tasks"] = kept.get(tasks.part(sources.simulations), tell)
     data["paths"] = kept.get(paths.part(), tell)
+    data["equations"] = kept.get(equations.part(), tell)
     data["applications"] = kept.get(applications.part(), tell)
     data["statistics"] = kept.get(statistics.part(kept, problems, processes), tell)
     report = PaperReport(
         (
             paths.section(data["paths"]),
+            equations.section(data["equations"]),
             tasks.section(data["tasks"]),
             statistics.section(data["statistics"]),
             photographs.section(data.get("curvature")),
