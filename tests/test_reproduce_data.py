@@ -120,7 +120,8 @@ def test_mistakes_in_data_are_named_and_leave_nothing(mistake: str, data: Path, 
     for each in words:
         assert each in err
     left = [path.name for path in Path("paper").rglob("*") if path.is_file()]
-    done = {"trials.json", "trial-mine.json", "trials.png", "dtw.png"}  # whole parts before the mistake, if any
+    # Whole parts before the mistake, if any.
+    done = {"trials.json", "trial-mine.json", "trials.png", "dtw.png"}
     assert set(left) <= (set() if spoil_is_in_logs(mistake) else done)
 
 
