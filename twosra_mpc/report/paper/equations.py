@@ -194,8 +194,13 @@ def _sensor(data: Data) -> Claim:
         (
             equal("supply of such a divider", 3.3, data["supply_V"], "V", holds=0.05, caveat=0.3),
             Reading(
-                *("a straight line between these ends is off by", 0.0),
-                *(data["straight_line_off_C"], "C", 1.0, 5.0, "at most"),
+                words="a straight line between these ends is off by",
+                published=0.0,
+                ours=data["straight_line_off_C"],
+                unit="C",
+                holds=1.0,
+                caveat=5.0,
+                sense="at most",
             ),
         ),
         "For a 10 k thermistor (B 3950 K) in series with a resistor; a straight line is our reading"
