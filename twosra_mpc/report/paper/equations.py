@@ -12,7 +12,7 @@ import numpy as np
 
 from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.control.thermistor import LinearMap, NtcDivider
-from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.rolling import rolled
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.problem.problem import load_problem
@@ -40,8 +40,8 @@ def _compute(_folder: Path, tell: Tell) -> Data:
     robot = load_robot(_ROBOT)
     shapes = singular_shapes(robot)
     shares = [share for name in SIMULATIONS for share in _shares_of_bend(f"paper-{name}")]
-    straight, mode = np.zeros(POSE + 2), (0, 1)
-    by_unit_1 = kinematics(robot).jacobian(straight, mode).full()[:, 0]
+    straight, unit_1 = np.zeros(POSE + 2), np.array([[[1e-3, 0.0, 0.0, 0.0, 0.0]]])
+    bent = roll_out(robot, straight, ((0, 1),), unit_1).states[0][-1]
     printed = float(published_jacobian(straight, straight, (1, 1))[POSE, 0])
     (segment_m, _), link_m = robot.geometry.lengths_m, robot.geometry.middle_link_m
     exact = 1.0 / (segment_m * (2 * segment_m + link_m))  # the fibre's end moves across the fibre
@@ -50,7 +50,7 @@ def _compute(_folder: Path, tell: Tell) -> Data:
         "singular_shapes": len(shapes),
         "singular_apart": sum(shape.unit_gap_m > 0 for shape in shapes),
         "share_of_bend": [min(shares), max(shares)],
-        "turn_per_bend": float(by_unit_1[2] / (by_unit_1[4] * robot.geometry.lengths_m[1])),
+        "turn_per_bend": float(bent[2] / (bent[4] * segment_m)),
         "rate_of_spiral_3": printed / exact,
         "start_for_now_m": [_off_by_start(each) for each in SIMULATIONS.values()],
         **_divider(),
