@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
+from functools import lru_cache
 from types import ModuleType
 from typing import NamedTuple
 
@@ -79,7 +79,7 @@ class Optimum(NamedTuple):
     marginals: Array
 
 
-@cache
+@lru_cache(maxsize=1)
 def _quiet_highspy() -> ModuleType:
     """The HiGHS module, after the banner that its first solver prints (version 1.16 and newer).
 
