@@ -125,12 +125,15 @@ def test_path_models_are_kept_swapped_or_fitted() -> None:
     np.testing.assert_allclose(spiral_again.path.scale, robot.path.scale, rtol=2e-3)
 
 
-@pytest.mark.parametrize("name", ["2sra-v1-paper", "2sra-v1", "2sr-v2"])
+@pytest.mark.parametrize("name", ["2sra-v1-paper", "2sra-v1", "2sr-v2", "3sra"])
 def test_check_robot_reports_singular_shapes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("check-robot", name) == 0
     out = " ".join(capsys.readouterr().out.split())
     if name == "2sr-v2":
         assert "nowhere within the curvature limits" in out
+    elif name == "3sra":
+        assert "kappa = (21.5, 43.9, 37.4) 1/m" in out
+        assert "of 3 segments in curves" in out
     else:
         assert "kappa = (39.6, 58.8) 1/m" in out
         assert "units overlap" in out

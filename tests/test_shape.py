@@ -80,11 +80,34 @@ def test_condition_numbers_of_the_papers_geometry() -> None:
 
 def test_the_papers_wheels_lose_control_only_where_the_units_overlap() -> None:
     found = singular_shapes(ROBOT)
-    assert [(round(s.kappa1_per_m, 1), round(s.kappa2_per_m, 1)) for s in found] == [
+    assert [tuple(np.round(s.kappa_per_m, 1).tolist()) for s in found] == [
         (-58.8, -39.6),
         (39.6, 58.8),
     ]
     assert [round(1e3 * s.unit_gap_m) for s in found] == [-22, -22]
+
+
+@pytest.mark.parametrize("segments", [1, 3, 4])
+def test_singular_shapes_of_any_number_of_segments_are_the_nearest_ones(segments: int) -> None:
+    """They lose rank to rounding, and thousands of shapes nearer the straight one keep theirs."""
+    whole = load_robot("3sra")
+    robot = whole.with_values(geometry=whole.geometry.with_values(segments=segments))
+    wheels, rng = kinematics(robot).wheel_matrix, np.random.default_rng(segments)
+
+    def smallest(kappa: np.ndarray) -> float:
+        matrix = wheels([0, 0, 0, *kappa], [0] * segments).full()[:, 2:]
+        scale = robot.geometry.wheel_radius_m * np.array([1, 1, 10.0])
+        return float(np.linalg.svd(matrix * scale, compute_uv=False)[-1])
+
+    found = singular_shapes(robot)
+    assert bool(found) == (segments > 1)
+    assert all(smallest(np.array(shape.kappa_per_m)) < 1e-6 for shape in found)
+    limit = robot.limits.curvature_per_m
+    least = min((np.linalg.norm(shape.kappa_per_m) for shape in found), default=limit)
+    direction = rng.normal(size=(2000, segments))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    nearer = np.clip(0.97 * least * direction * rng.uniform(0.5, 1, (2000, 1)), -limit, limit)
+    assert min(map(smallest, nearer)) > 1e-3
 
 
 def robot_singular_when_straight() -> Robot:
@@ -105,7 +128,7 @@ def robot_singular_when_straight() -> Robot:
 
 def test_a_singular_shape_inside_the_limits_is_found_and_not_driven_in() -> None:
     robot = robot_singular_when_straight()
-    assert any(abs(s.kappa1_per_m + s.kappa2_per_m) < 0.1 for s in singular_shapes(robot))
+    assert any(abs(sum(s.kappa_per_m)) < 0.1 for s in singular_shapes(robot))
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
     goal = Goal(x_m=0.05, y_m=0.02, phi_rad=0.2, kappa_per_m=(20.0, 30.0))
     problem = Problem(robot=robot, start=start, goal=goal)

@@ -3,82 +3,103 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from scipy.ndimage import minimum_filter
 from scipy.optimize import minimize
 
-from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import TURNING_RADIUS_M, kinematics
-from twosra_mpc.problem.limits import UNIT_GAP, shape_margins
+from twosra_mpc.problem.limits import UNIT_GAP, WHEEL_INDEPENDENCE, shape_margins
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 
-_SCAN = 61  # shapes per curvature in a scan for singular shapes
-_SINGULAR = 1e-6  # scaled singular value below which a wheel matrix counts as singular
+MOST_SHAPES = 5  # that are reported where singular shapes are not isolated
+_SCAN = {1: 61, 2: 61, 3: 17, 4: 9}  # shapes per curvature in a scan, by number of segments
+_DESCENTS = 40  # from the best shapes of the scan
+_SINGULAR = 1e-6  # scaled wheel rates below which a motion needs no wheel to turn
+_SAME_PER_M = 1e-2
 
 
 class SingularShape(NamedTuple):
-    """A shape in which some rigid motion needs no wheel to turn; curvatures in 1/m."""
+    """A shape in which some rigid motion needs no wheel to turn; curvatures (n,) in 1/m."""
 
-    kappa1_per_m: float
-    kappa2_per_m: float
+    kappa_per_m: tuple[float, ...]
     unit_gap_m: float
 
 
-def condition_number(robot: Robot, kappa: ArrayLike) -> float:
+def singular_set_in_words(segments: int) -> str:
+    """Dimension of the set of singular shapes: loss of rank costs two of ``segments`` freedoms."""
+    return ("isolated shapes", "isolated shapes", "curves", "surfaces")[segments - 1]
+
+
+def condition_number(robot: Robot, kappa: Sequence[float]) -> float:
     """Condition number of the rigid wheel matrix, its turning column measured at 0.1 m."""
-    values = _singular_values(robot, np.asarray(kappa, dtype=float))
+    values = np.linalg.svd(_scaled_wheels(robot, kappa), compute_uv=False)
     return float(values[0] / values[-1]) if values[-1] > 0 else math.inf
 
 
 def singular_shapes(robot: Robot) -> list[SingularShape]:
     """Shapes within the curvature limits in which the rigid wheel matrix loses rank.
 
-    Found by descent on the smallest singular value from every local minimum of a scan, so that
-    isolated shapes are met; the mirror shape of each is listed too.
-
-    Raises:
-        InputError: If the robot has not two segments.
+    From local minima of a scan, descent to the nearest shape of least norm with a motion that turns
+    no wheel. With up to two segments such shapes are isolated, and all that are met are
+    returned, in order. With more they form curves or surfaces: at most `MOST_SHAPES` are returned,
+    those of least norm, nearest to the straight shape.
     """
-    if robot.coordinates.segments != 2:
-        allowed = "one of two segments: singular shapes are looked for in a plane"
-        raise InputError("robot", robot.name, allowed)
-    limit, least_gap = robot.limits.curvature_per_m, robot.limits.unit_gap_m
-
-    def smallest(share: Array) -> float:
-        return float(_singular_values(robot, limit * share)[-1])
-
-    grid = np.linspace(-limit, limit, _SCAN)
-    table = np.array([[_singular_values(robot, np.array([a, b]))[-1] for b in grid] for a in grid])
-    found: list[SingularShape] = []
-    for i, j in _local_minima(table):
-        result = minimize(
-            smallest,
-            x0=np.array([grid[i], grid[j]]) / limit,
-            method="Nelder-Mead",
-            bounds=[(-1.0, 1.0), (-1.0, 1.0)],
-            tol=1e-11,
-        )
-        a, b = (limit * result.x).tolist()
-        known = any(math.hypot(a - s.kappa1_per_m, b - s.kappa2_per_m) < 1e-2 for s in found)
-        if result.fun < _SINGULAR and not known:
-            margins = shape_margins(robot, (a, b))
-            found.append(SingularShape(a, b, float(margins[UNIT_GAP.name][0]) + least_gap))
-    return sorted(found)
+    segments, limit = robot.geometry.segments, robot.limits.curvature_per_m
+    axis = np.linspace(-limit, limit, _SCAN[segments])
+    grid = np.stack(np.meshgrid(*[axis] * segments, indexing="ij"), axis=-1)
+    shapes = grid.reshape(-1, segments)
+    table = shape_margins(robot, shapes)[WHEEL_INDEPENDENCE.name].reshape(grid.shape[:-1])
+    starts = shapes[(table <= minimum_filter(table, size=3, mode="nearest")).ravel()]
+    margins = shape_margins(robot, starts)[WHEEL_INDEPENDENCE.name]
+    found: list[Array] = []
+    for start in starts[np.argsort(margins, kind="stable")][:_DESCENTS]:
+        kappa = _nearest_singular(robot, start)
+        if kappa is not None and all(np.abs(kappa - k).max() > _SAME_PER_M for k in found):
+            found.append(kappa)
+    if segments > 2:
+        found = sorted(found, key=lambda kappa: round(float(np.linalg.norm(kappa)), 6))
+        found = found[:MOST_SHAPES]
+    return sorted(_described(robot, kappa) for kappa in found)
 
 
-def _local_minima(table: Array) -> list[tuple[int, int]]:
-    padded = np.pad(table, 1, constant_values=np.inf)
-    n = len(table)
-    around = [padded[i : i + n, j : j + n] for i in range(3) for j in range(3)]
-    rows, columns = np.nonzero(table <= np.min(around, axis=0))
-    return list(zip(rows.tolist(), columns.tolist(), strict=True))
+def _nearest_singular(robot: Robot, start: Array) -> Array | None:
+    """Shape of locally least norm with a unit twist that turns no wheel, from this shape on."""
+    limit, size = robot.limits.curvature_per_m, len(start)
+    twist = np.linalg.svd(_scaled_wheels(robot, start))[2][-1]
+    begin: Array = np.concatenate([start / limit, twist])
+
+    def norm(z: Array) -> float:
+        return float(z[:size] @ z[:size]) / size
+
+    def off(z: Array) -> Array:
+        rates = _scaled_wheels(robot, limit * z[:size]) @ z[size:]
+        return np.append(rates, z[size:] @ z[size:] - 1)
+
+    constraints: Any = [{"type": "eq", "fun": off}]
+    result = minimize(
+        norm,
+        begin,
+        method="SLSQP",
+        bounds=[(-1.0, 1.0)] * len(begin),
+        constraints=constraints,
+        tol=1e-12,
+    )
+    kappa: Array = limit * result.x[:size]
+    return kappa if np.abs(off(result.x)).max() < _SINGULAR else None
 
 
-def _singular_values(robot: Robot, kappa: Array) -> Array:
+def _described(robot: Robot, kappa: Array) -> SingularShape:
+    gap_m = float(shape_margins(robot, kappa)[UNIT_GAP.name][0]) + robot.limits.unit_gap_m
+    return SingularShape(tuple(kappa.tolist()), gap_m)
+
+
+def _scaled_wheels(robot: Robot, kappa: Sequence[float] | Array) -> Array:
+    """Rigid wheel matrix (4, 3) of a shape (n,), wheel radius divided out, turning at 0.1 m."""
     matrix = kinematics(robot).wheel_matrix([0.0, 0.0, 0.0, *kappa], robot.rigid).full()[:, 2:]
-    scale = robot.geometry.wheel_radius_m * np.array([1.0, 1.0, 1.0 / TURNING_RADIUS_M])
-    values: Array = np.linalg.svd(matrix * scale, compute_uv=False)
-    return values
+    turning = np.array([1.0, 1.0, 1.0 / TURNING_RADIUS_M])
+    scaled: Array = matrix * robot.geometry.wheel_radius_m * turning
+    return scaled

@@ -66,11 +66,16 @@ def check_robot_command(robot: str, output: Output) -> None:
     Your own, which must be a valid robot file; a mistake is named with its key:
       twosra check-robot my-robot.toml
     """
-    from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
+    from twosra_mpc.analysis.singular_shapes import (
+        condition_number,
+        singular_set_in_words,
+        singular_shapes,
+    )
     from twosra_mpc.model.path_models import path_model  # CasADi takes a second
 
     described = load_robot(robot)
-    condition, speed = condition_number(described, (0.0, 0.0)), path_model(described).speed
+    segments, speed = described.geometry.segments, path_model(described).speed
+    condition = condition_number(described, (0.0,) * segments)
     with output.progress("looking for shapes in which the wheels lose control"):
         shapes = singular_shapes(described)
     limit, model = described.limits.curvature_per_m, described.path.model
@@ -90,10 +95,14 @@ def check_robot_command(robot: str, output: Output) -> None:
     for shape in shapes:
         gap = 1e3 * shape.unit_gap_m
         state = f"units {gap:.1f} mm apart" if gap > 0 else f"units overlap by {-gap:.1f} mm"
-        where = f"kappa = ({shape.kappa1_per_m:z.1f}, {shape.kappa2_per_m:z.1f}) 1/m; {state}"
+        kappa = ", ".join(f"{each:z.1f}" for each in shape.kappa_per_m)
+        where = f"kappa = ({kappa}) 1/m; {state}"
         rows.append(("wheels singular", f"{where}; the planner does not drive near it"))
+    if shapes and segments > 2:
+        form = f"in {singular_set_in_words(segments)}; above, those found nearest the straight one"
+        rows.append((f"of {segments} segments", form))
     if not shapes:
-        rows.append(("wheels singular", "nowhere within the curvature limits"))
+        rows.append(("wheels singular", "nowhere within the curvature limits, by a scan"))
     title = (described.name, described.description)
     output.report(lambda: document, lambda: print_table(title, rows))
 
