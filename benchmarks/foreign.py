@@ -27,7 +27,12 @@ _MELTING_C, _SOFT_C, _RIGID_C = 61.0, 63.5, 58.5
 _CURRENT_A, _RESISTANCE_OHM, _LOSS_W_PER_K, _HEAT_J_PER_K, _LATENT_J = 0.8, 6.6, 0.017, 3.3, 148.0
 _LAG_S, _CAUGHT_UP_S, _HELD_C = 5.0, 30.0, 65.0
 _WILD = 0.01  # of the frames
+_NOISE_C, _DRIFT_K_S, _SCALE = 0.02, (0.1, 0.6), (0.1, 0.4)  # of thermistors, and of those that lie
+_OUTAGE_S = 30.0
 _SIZE = 5
+
+# What a sensor that lies may be taken for.
+_LIES = ("sensor failed", "heater failed", "heater stuck on", "too hot", "cools too slowly")
 
 # Fault: how a run may end because of it, besides truly at the goal; an exception by its name.
 FAULTS: dict[str, tuple[str, ...]] = {
@@ -42,6 +47,11 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "thermistor garbage": ("sensor failed",),
     "thermistor rare": ("sensor failed",),
     "thermistor high": ("sensor failed",),
+    "thermistor stuck": ("sensor failed", "heater failed"),
+    "thermistor drifts": _LIES,
+    "thermistor scaled": _LIES,
+    "thermistors swapped": _LIES,
+    "outage": (),
     "dead heater": ("heater failed",),
     "welded relay": ("heater stuck on", "too hot"),
     "slow cooling": ("cools too slowly",),
@@ -51,7 +61,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "interrupt": ("KeyboardInterrupt",),
     "planner raises": ("BrokenError",),
 }
-FROM_THE_START = ("none", "dead heater", "welded relay", "slow cooling", "runaway")
+_OF_ONE = ("thermistor stuck", "thermistor drifts", "thermistor scaled")
 
 
 class BrokenError(Exception):
@@ -61,8 +71,12 @@ class BrokenError(Exception):
 class Segment:
     """Metal of one enthalpy, a thermistor that lags, and the firmware's opinion."""
 
-    def __init__(self, air_C: float, strength: float) -> None:
+    def __init__(self, air_C: float, strength: float, rng: np.random.Generator) -> None:
         """Begin as cold as the air, with a heater of this strength."""
+        self._rng, self.other, self.held_C, self.ails_s = rng, self, math.nan, 0.0
+        self._drift_K_s = float(rng.choice([-1, 1]) * rng.uniform(*_DRIFT_K_S))
+        self._scale = 1.0 + float(rng.choice([-1, 1]) * rng.uniform(*_SCALE))
+        self.noise_C = 0.0
         self.air_C, self.strength, self.enthalpy_J = air_C, strength, 0.0
         self.enthalpy_J = (air_C - _MELTING_C) * _HEAT_J_PER_K
         self.read_C, self.off_s, self.told, self.on, self.was_on = (
@@ -99,13 +113,27 @@ class Segment:
         gained = self.strength * self.on * _CURRENT_A**2 * _RESISTANCE_OHM
         self.enthalpy_J += (gained - lost) * dt_s
         self.read_C += (self.metal_C - self.read_C) * -math.expm1(-dt_s / _LAG_S)
+        self.noise_C = _NOISE_C * float(self._rng.standard_normal())
+        self.ails_s = self.ails_s + dt_s if self.fault else 0.0
+        if not self.fault:
+            self.held_C = self.read_C + self.noise_C
         self._judge(asked)
 
     @property
     def shown_C(self) -> float:
         """What the firmware makes of the thermistor."""
-        high = self.fault == "thermistor high" and self.was_on
-        return STUCK_C if high else self.read_C
+        match self.fault:
+            case "thermistor high" if self.was_on:
+                return STUCK_C
+            case "thermistor stuck":
+                return self.held_C
+            case "thermistors swapped":
+                return self.other.read_C + self.noise_C
+            case "thermistor drifts":
+                return self.read_C + self.noise_C + self._drift_K_s * self.ails_s
+            case "thermistor scaled":
+                return self.air_C + self._scale * (self.read_C + self.noise_C - self.air_C)
+        return self.read_C + self.noise_C
 
     def _judge(self, asked: bool) -> None:
         here_C = self.shown_C
@@ -140,7 +168,10 @@ class ForeignRobot:
         self.q = problem.start.configuration.copy()
         self.time_s, self._read, self._frames = 0.0, 0, list[tuple[float, Array]]()
         air_C = problem.ambient
-        self.segments = [Segment(air_C, float(rng.uniform(0.85, 1.2))) for _ in range(2)]
+        lies = np.random.default_rng([seed, 18])
+        self.segments = [Segment(air_C, float(rng.uniform(0.85, 1.2)), lies) for _ in range(2)]
+        self.segments[0].other, self.segments[1].other = self.segments[1], self.segments[0]
+        self._lying, self._silent_s = int(lies.integers(2)), math.nan
         self._grip = rng.uniform(0.85, 0.95, 4)
         self.wheels, self.setpoint_C = np.zeros(4), np.full(2, 25.0)
         self.forced_m, self.hottest_C, self.blind_m, self.planning_m = 0.0, 0.0, 0.0, 0.0
@@ -167,6 +198,10 @@ class ForeignRobot:
         if self.ails and self.fault == "read raises":
             raise BrokenError("no answer")
         frames, self._frames = self._frames, []
+        if self._silent:
+            unknown, never = (math.nan, math.nan), (None, None)
+            none = np.empty(0), np.empty((0, _SIZE))
+            return Reading(self.time_s, *none, unknown, never, (False, False))
         told = [segment.told for segment in self.segments]
         shown_C = [self._shown_C(j) for j in range(2)]
         return Reading(
@@ -210,9 +245,17 @@ class ForeignRobot:
         """Whether its last command was to stand, heaters off."""
         return not self.wheels.any() and bool((self.setpoint_C <= 25.0).all())
 
+    @property
+    def _silent(self) -> bool:
+        """Whether nothing comes from it: once, from when it stands on."""
+        if self.fault == "outage" and self.ails and math.isnan(self._silent_s):
+            self._silent_s = math.nan if self.wheels.any() else self.time_s
+        return self.time_s - self._silent_s < _OUTAGE_S
+
     def _tick(self) -> None:
-        for segment, setpoint_C in zip(self.segments, self.setpoint_C, strict=True):
-            segment.fault = self.fault if self.ails else ""
+        for j, setpoint_C in enumerate(self.setpoint_C):
+            segment, one = self.segments[j], self.fault in _OF_ONE
+            segment.fault = self.fault if self.ails and (j == self._lying or not one) else ""
             segment.advance(bool(setpoint_C >= 65.0), TICK_S)
             self.hottest_C = max(self.hottest_C, segment.metal_C)
         if self.wheels.any():

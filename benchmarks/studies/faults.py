@@ -15,7 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator, TypeAdapter
 
-from benchmarks.foreign import FAULTS, FROM_THE_START, BrokenError, ForeignRobot
+from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot
 from benchmarks.problems import Choices, labelled
 from benchmarks.study import RUNNING, Count, Measured, Study
 from twosra_mpc import Plan, plan
@@ -62,12 +62,8 @@ class Faults(Study):
     def run(self, case: Case) -> dict[str, Any]:
         """Run one case; how it ended, whether that is true, and what the robot did."""
         made = _planned(self.problems, case.problem)
-        begins = 0.0
-        if case.fault not in FROM_THE_START:
-            rng = np.random.default_rng([case.seed, 3])
-            begins = float(rng.uniform(0.0, made.duration_s))
-        if case.fault == "thermistor high":
-            begins = 0.0
+        rng = np.random.default_rng([case.seed, 3])
+        begins = float(rng.uniform(0.0, made.duration_s))
         return attacked(made, case.executor, case.fault, case.seed, begins)
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:
@@ -124,4 +120,5 @@ def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) 
         "blind_m": robot.blind_m,
         "planning_m": robot.planning_m,
         "hottest_C": robot.hottest_C,
+        "ailed_s": robot.time_s - begins_s,
     }

@@ -217,7 +217,7 @@ class _TrackedPhase:
         bent = abs(float((session.q - self.begun)[POSE:][soft].mean()))
         if apart > max(patience.stiff_per_m, _STIFF * bent):
             text = f"the segments bend unequally, by {apart:.1f} 1/m more and less than planned"
-            return Abort("corridor", text, stiff=True)
+            return Abort("corridor", text, stiff=True, missed=self.phase.mode)
         return None
 
     def _judge(self) -> Abort | None:
@@ -235,7 +235,8 @@ class _TrackedPhase:
             return None
         bends = " and ".join(f"{kappa:+.1f}" for kappa in missed[POSE:].tolist())
         stiff = bool(np.abs(missed[POSE:]).max() > patience.stiff_per_m)
-        return Abort("corridor", f"the plan would miss the curvatures by {bends} 1/m", stiff=stiff)
+        text = f"the plan would miss the curvatures by {bends} 1/m"
+        return Abort("corridor", text, stiff=stiff, missed=self.phase.mode)
 
     def _predicted_miss(self) -> Array:
         """Distance to the goal, (3 + n,), if the phases after this one are driven as they are."""

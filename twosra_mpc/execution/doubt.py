@@ -1,7 +1,9 @@
 """Whether the robot does what it is told: commanded motion compared with what the camera sees.
 
-A segment that is reported soft but is solid does not bend; a camera that shows the same picture for
-ever shows a robot that stands. Wheels slip and units drag, so only next to nothing is doubted.
+A segment that is reported soft but is solid does not bend: the units push the whole robot along
+instead. So in soft phases an odometer counts the way that the model does not explain, from each
+proof that a segment bends to the next; before it has run for long the robot stands, and is looked
+at. A camera that shows the same picture for ever shows a robot that stands.
 """
 
 from __future__ import annotations
@@ -14,103 +16,162 @@ from twosra_mpc.errors import TwosraError
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
-SHARE = 0.05  # of what is commanded; soft segments at `hard` bend by a tenth and more
-BEND_PER_M = 12.0  # commanded, before it is asked for: ten times the noise of a frame
-DRIVE_M = 0.03  # the same for a rigid drive; turning counts at `ARM_M`
+SHARE = 0.05  # of a rigid drive; wheels slip and units drag, so only next to nothing is doubted
+DRIVE_M = 0.03  # commanded, before it is asked for; turning counts at `ARM_M`
 ARM_M = 0.1
-BENT_SHARE = 0.03  # the paper's wheel map makes 0.17 of a bend, and slip 0.3 of that
-BENT_PER_M = 3.0  # seen: a segment that has bent so far is soft; beyond the noise of the belief
-_BENT = (BEND_PER_M, math.inf)
+PUSHED_M = (0.008, 0.015)  # way of b0 that bends do not explain, before they are looked for at rest
+TOLD_PER_M = 5.0  # of bends, for the shorter of these ways
+BEND_PER_M = 24.0  # commanded, before they are: soft segments at `hard` bend by a tenth and less
+MOVING_PER_M = 3.0  # seen while it moves: it bends; beyond the noise of the belief
+RESTING_SHARE = 0.05  # of what was commanded, seen at rest; soft segments at `hard`: 0.06 and more
+RESTING_PER_M = (0.4, 0.8)  # but no less than noise, or more than one that pivots by 2.4 rad a rad
+SPENT_M = 0.016  # way of solid metal after which nothing is tried again
 STANDS = 0.1  # of the way that bending makes: a solid robot that is bent drives 0.2 of it or more
 
 
 class DoubtError(TwosraError):
-    """The robot does not move as it is commanded."""
+    """The robot does not move as it is commanded.
 
-    def __init__(self, text: str, *, bends: bool) -> None:
-        self.bends = bends
+    Attributes:
+        bends: Whether it moves, and does not bend.
+        final: Whether it has moved so too far to be tried again.
+        stalled: Whether it has bent before in this mode: its shape may be one that wheels cannot
+            bend.
+    """
+
+    def __init__(
+        self, text: str, *, bends: bool, final: bool = False, stalled: bool = False
+    ) -> None:
+        self.bends, self.final, self.stalled = bends, final, stalled
         super().__init__(text)
 
 
 class Doubt:
-    """Accounts of rigid drives, and of each segment's bends until it was seen to bend once.
+    """Accounts of rigid drives, and of a soft mode since its segments were last seen to bend.
 
-    Later ones prove nothing: what slip adds to a bend has to be commanded away.
+    Attributes:
+        pushed_m: Way of b0 with metal that did not bend, in all.
     """
 
     def __init__(self, lengths_m: tuple[float, ...]) -> None:
         """Nothing has been commanded yet to a robot with segments of these lengths."""
-        self._lengths_m = lengths_m
-        self._bends = [_Account() for _ in lengths_m]
-        self._bent: set[int] = set()
-        self._drive = _Account()
+        self._lengths_m, self.pushed_m = np.array(lengths_m), 0.0
+        self._mode: Mode = (0,) * len(lengths_m)
+        self._bends, self._bent, self._drive = _Account(), False, _Account()
 
-    def take(self, mode: Mode, commanded: Array, seen: Array, known: str) -> None:
+    def take(self, mode: Mode, commanded: Array, seen: Array) -> bool:
         """Take in a period of driving.
 
         Args:
             mode: Mode the robot is in.
             commanded: How q should have changed, (3 + n,).
             seen: How it did, as believed, (3 + n,).
+
+        Returns:
+            Whether it must stand and be looked at: see ``judge``.
+
+        Raises:
+            DoubtError: If next to nothing is seen of a rigid drive.
+        """
+        lever_m, seen = np.array([1.0, 1.0, ARM_M]), seen.copy()
+        seen[2] = math.remainder(seen[2], math.tau)
+        if mode != self._mode:
+            self._mode, self._bends, self._bent = mode, _Account(), False
+        if is_rigid(mode):
+            self._drive.add(lever_m * commanded[:POSE], lever_m * seen[:POSE])
+            if self._drive.told >= DRIVE_M:
+                told_m, found_m = self._drive.told, self._drive.found
+                self._drive = _Account()
+                if found_m < SHARE * told_m:
+                    raise DoubtError(_still(told_m, found_m), bends=False)
+            return False
+        self._bends.add(self._bend(commanded), self._bend(seen), seen, commanded)
+        if self._bends.found >= MOVING_PER_M:
+            self._bends, self._bent = _Account(), True
+        return self._bends.doubtful
+
+    def judge(self, seen: Array, known: str) -> None:
+        """Judge the bends of a robot that stands and was looked at.
+
+        Args:
+            seen: How q has changed since the period that was taken in last, (3 + n,).
             known: What is known about the segments, in words.
 
         Raises:
             DoubtError: If next to nothing is seen of what is commanded.
         """
-        lever_m = np.array([1.0, 1.0, ARM_M])
-        turned = lever_m * [*seen[:2], math.remainder(seen[2], math.tau)]
-        if is_rigid(mode):
-            told_m = self._drive.add(lever_m * commanded[:POSE], turned, (DRIVE_M, DRIVE_M))
-            if told_m and self._drive.seen_share < SHARE:
-                raise DoubtError(_still(told_m, self._drive.moved_m), bends=False)
-        for segment in range(len(mode)):
-            if not mode[segment]:  # next time it has to melt again
-                self._bends[segment] = _Account()
-                self._bent.discard(segment)
-        for segment in set(soft_segments(mode)) - self._bent:
-            at, account = POSE + segment, self._bends[segment]
-            told = account.add(commanded[at : at + 1], seen[at : at + 1], _BENT, turned)
-            if account.seen_share * told >= BENT_PER_M:
-                self._bent.add(segment)
-                continue
-            if not told or account.seen_share >= BENT_SHARE:
-                continue
-            would_m = told * self._lengths_m[segment] * ARM_M
-            if account.moved_m < STANDS * would_m:
-                raise DoubtError(_still(would_m, account.moved_m), bends=False)
-            words = f"segment {segment + 1} does not bend: {told:.0f} 1/m are commanded"
-            why = f"{account.seen_share * told:.1f} 1/m are seen; {known}: is its thermistor right?"
-            raise DoubtError(f"{words}, {why}", bends=True)
+        account, stalled = self._bends, self._bent
+        account.add(np.zeros(1), self._bend(seen), seen, np.zeros_like(seen))
+        self._bends = _Account()
+        if account.found >= np.clip(RESTING_SHARE * account.told, *RESTING_PER_M):
+            return
+        self._bent = False
+        soft = soft_segments(self._mode)
+        would_m = account.told * float(self._lengths_m[list(soft)].mean()) * ARM_M
+        if account.pushed_m < PUSHED_M[0] and account.moved_m < STANDS * would_m:
+            raise DoubtError(_still(would_m, account.moved_m), bends=False)
+        self.pushed_m += 0.0 if stalled else account.pushed_m
+        names = " and ".join(f"segment {segment + 1}" for segment in soft)
+        does = "does" if len(soft) == 1 else "do"
+        words = f"{names} {does} not bend: {account.told:.0f} 1/m are commanded"
+        why = f"{account.found:.1f} 1/m are seen on {1e3 * account.pushed_m:.0f} mm"
+        text = f"{words}, {why}; {known}: is its thermistor right?"
+        final = self.pushed_m > SPENT_M
+        raise DoubtError(text, bends=True, final=final, stalled=stalled)
+
+    def _bend(self, change: Array) -> Array:
+        """Mean change of the soft segments' curvatures, (1,); one that alone is stiff shows."""
+        soft = [POSE + segment for segment in soft_segments(self._mode)]
+        mean: Array = change[soft].mean(keepdims=True)
+        return mean
 
 
 class _Account:
-    """What was commanded since it was last seen to be done, and what was seen of it."""
+    """What was commanded since something was proved, and what was seen of it."""
 
     def __init__(self) -> None:
-        self._commanded, self._seen, self._moved = np.zeros(1), np.zeros(1), np.zeros(POSE)
-        self.seen_share, self.moved_m = 1.0, 0.0
+        self._commanded, self._seen = np.zeros(1), np.zeros(1)
+        self._moved, self._pushed = np.zeros(POSE), np.zeros(2)
+
+    @property
+    def told(self) -> float:
+        """What was commanded."""
+        return float(np.linalg.norm(self._commanded))
+
+    @property
+    def found(self) -> float:
+        """What was seen of it."""
+        return float(np.linalg.norm(self._seen))
+
+    @property
+    def moved_m(self) -> float:
+        """How far the robot has moved, turning included."""
+        return float(np.linalg.norm(self._moved * [1.0, 1.0, ARM_M]))
+
+    @property
+    def pushed_m(self) -> float:
+        """How far b0 has moved beyond what was commanded."""
+        return float(np.linalg.norm(self._pushed))
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it is time to look for bends."""
+        least_m = PUSHED_M[self.told < TOLD_PER_M]
+        return self.pushed_m >= least_m or self.told >= BEND_PER_M
 
     def add(
         self,
         commanded: Array,
         seen: Array,
-        enough: tuple[float, float],
         moved: Array | None = None,
-    ) -> float:
-        """Add a period; what was commanded in all, or 0 while it is too early to say.
-
-        It is asked for from the first of ``enough`` on, and begun anew at the second. ``moved`` is
-        how the pose has changed meanwhile, (3,) [m], if that is not what is ``seen``.
-        """
+        explained: Array | None = None,
+    ) -> _Account:
+        """Add a period: what counts of it, how q has changed, and how it should have."""
         self._commanded, self._seen = self._commanded + commanded, self._seen + seen
-        self._moved = self._moved + (seen if moved is None else moved)
-        told, found = (float(np.linalg.norm(each)) for each in (self._commanded, self._seen))
-        if told < enough[0]:
-            return 0.0
-        self.seen_share, self.moved_m = found / told, float(np.linalg.norm(self._moved))
-        if self.seen_share < SHARE or told >= enough[1]:
-            self._commanded, self._seen, self._moved = np.zeros(1), np.zeros(1), np.zeros(POSE)
-        return told
+        if moved is not None and explained is not None:
+            self._moved = self._moved + moved[:POSE]
+            self._pushed = self._pushed + moved[:2] - explained[:2]
+        return self
 
 
 def _still(told_m: float, seen_m: float) -> str:

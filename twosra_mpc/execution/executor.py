@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -27,8 +28,9 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.modes import sequence_name
+from twosra_mpc.robot.modes import Mode, sequence_name
 
+_MISSES = 1  # of a mode of several segments that are planned again in the same
 _LONGER = 2  # doublings: two melts of 2sra-v1, after which all of it is liquid
 
 Meanwhile = Callable[[Callable[[], Result], Callable[[], None]], Result]
@@ -96,6 +98,7 @@ class _Execution:
         self.cooled: set[int] = set()
         self.replans = self.corrections = self.melted_on = self.stops = 0
         self.doubted = 0
+        self.missed: list[Mode] = []
         self.near = ""
         self.session.tell("plan", _summary(plan))
 
@@ -138,7 +141,9 @@ class _Execution:
         except TooNearError as near:
             left = Abort("near", str(near))
         except DoubtError as doubt:
-            left = Abort("doubt", str(doubt), stiff=doubt.bends)
+            kind: Literal["corridor", "doubt"] = "corridor" if doubt.stalled else "doubt"
+            left = Abort(kind, str(doubt), stiff=doubt.bends)
+            self.doubted = self.settings.doubts if doubt.final else self.doubted
         finally:
             self.begun[-1] = runner.schedule.begun(runner.progress)
         return left
@@ -179,6 +184,8 @@ class _Execution:
                 self.session.tell("failure", left.text)
             case "corridor":
                 self.session.tell("look", left.text)
+                if left.missed is not None:
+                    self.missed.append(left.missed)
                 if left.stiff:
                     self._melt_on()
             case "near" | "body":
@@ -196,7 +203,7 @@ class _Execution:
         if self.doubted > self.settings.doubts:
             return Ending.SENSOR_FAILED if left.stiff else Ending.NOT_MOVING, left.text
         if left.stiff:
-            self._melt_on()
+            self._melt_on(heat_known=True)
         return None
 
     def _lost(self, text: str) -> tuple[Ending, str] | None:
@@ -232,12 +239,22 @@ class _Execution:
         stuck, self.cooled = self._wait_for_metal(), set()
         return stuck
 
-    def _melt_on(self) -> None:
-        """Hold the soft segments for a while, longer the next times, so that all of it melts."""
-        end_s = self.session.now_s + self.settings.patience.melt_on_s * 2**self.melted_on
+    def _melt_on(self, *, heat_known: bool = False) -> None:
+        """Hold the soft segments for a while, longer the next times, so that all of it melts.
+
+        With ``heat_known`` until they have had the heat for it, if that is longer.
+        """
+        session, patience = self.session, self.settings.patience
+        end_s = session.now_s + patience.melt_on_s * 2**self.melted_on
+        latest_s = session.now_s + heat_known * patience.melt_on_s * 2**_LONGER
         self.melted_on = min(self.melted_on + 1, _LONGER)
-        while self.session.now_s < end_s:
-            self.session.rest(self._as_they_become(), self.settings.patience.rest_s)
+        while session.now_s < end_s or (session.now_s < latest_s and not self._molten()):
+            session.rest(self._as_they_become(), patience.rest_s)
+
+    def _molten(self) -> bool:
+        """Whether the segments that are held soft have had the heat for it."""
+        heated = self._as_they_become() >= self.problem.robot.heater.soft_setpoint_C
+        return all(self.session.must_be_soft(j) for j in np.flatnonzero(heated).tolist())
 
     def _plan_again(self) -> tuple[Ending, str] | None:
         """Plan the rest from where the robot is, once nothing is changing any more."""
@@ -255,6 +272,9 @@ class _Execution:
             if (stuck := self._cool()) is not None:  # a solid robot may drive to where it can bend
                 return stuck
             found = self._planned()
+        if isinstance(found, str) and self.missed:
+            self.missed.clear()  # any plan is better than none
+            found = self._planned()
         return self._no_plan(found) if isinstance(found, str) else self._adopt(found)
 
     def _planned(self) -> Plan | str:
@@ -267,7 +287,10 @@ class _Execution:
             if self.mission is not None:
                 rest = remaining_problem(*self.mission.rest(), warm_C, mode, self.broken)
             else:
-                rest = remaining_problem(self.problem, session.q, warm_C, mode, self.broken)
+                judged = len(self.missed), self._avoided
+                rest = remaining_problem(
+                    self.problem, session.q, warm_C, mode, self.broken, *judged
+                )
                 rest = rest.with_values(tasks=self._tasks_left())
             result = self.meanwhile(
                 lambda: find_plan(rest),
@@ -276,6 +299,12 @@ class _Execution:
         except InputError as error:
             return str(error)
         return result.message if result.plan is None else result.plan
+
+    @property
+    def _avoided(self) -> set[Mode]:
+        """Modes of several segments whose bends have missed before: these bend one by one."""
+        several = {mode for mode in self.missed if sum(mode) > 1}
+        return {mode for mode in several if self.missed.count(mode) > _MISSES}
 
     def _adopt(self, plan: Plan) -> tuple[Ending, str] | None:
         """Go on with another plan, unless that has been done too often."""

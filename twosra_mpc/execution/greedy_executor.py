@@ -78,6 +78,8 @@ class _GreedyRun:
         self.pulses = Pulses(settings.dead_zone_rad_s)
         self.modes = list(self.problem.modes)
         self.broken: list[int] = []
+        self.doubted = 0
+        self.stalled: Mode | None = None
 
     def run(self) -> tuple[Ending, str]:
         """Drive until there is an ending, without segments that cannot be heated."""
@@ -92,10 +94,26 @@ class _GreedyRun:
                     return trouble.ending, str(trouble)
                 lost = trouble
             except DoubtError as doubt:
+                if doubt.stalled:
+                    self.stalled = self.session.drives[-1].mode
+                    self.session.tell("look", str(doubt))
+                    continue
+                self.doubted += 1
+                if doubt.bends and not doubt.final and self.doubted <= self.settings.doubts:
+                    self._melt_on(str(doubt))
+                    continue
                 return Ending.SENSOR_FAILED if doubt.bends else Ending.NOT_MOVING, str(doubt)
             except TooNearError as near:
                 where = self.accuracy.describe(self.session.error)
                 return Ending.TOO_NEAR, f"{near}; {where}"
+
+    def _melt_on(self, why: str) -> None:
+        """Hold the segments as they are for a while: one may be soft later than its sensor says."""
+        session, patience = self.session, self.settings.patience
+        session.tell("failure", why)
+        end_s = session.now_s + patience.melt_on_s
+        while session.now_s < end_s:
+            session.rest(session.setpoint_C, patience.rest_s)
 
     def _driven(self) -> tuple[Ending, str]:
         """Choose modes and drive in them until there is an ending."""
@@ -121,6 +139,7 @@ class _GreedyRun:
                 kind = Ending.HEATER_FAILED if self.broken else Ending.GAVE_UP
                 return kind, f"{where}; no mode comes nearer{lost}"
             if self._changed_to(mode):
+                self.stalled = None
                 session.tell("drive", f"driven in mode {mode_name(mode)}")
                 if not self._drive(mode):
                     where = self.accuracy.describe(session.error)
@@ -147,6 +166,8 @@ class _GreedyRun:
         error = self._error(KEPT)
         left = {}
         for mode in self.modes:
+            if mode == self.stalled:
+                continue
             moved = GAIN * self._proposal(mode, error)[1]
             if not self._stagnated(moved):
                 left[mode] = float(np.linalg.norm(error + moved))

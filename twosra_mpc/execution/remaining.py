@@ -25,6 +25,8 @@ def remaining_problem(
     temperature_C: tuple[float, ...],
     mode: Mode,
     broken: Collection[int] = (),
+    misses: int = 0,
+    avoided: Collection[Mode] = (),
 ) -> Problem:
     """State what is left of a problem.
 
@@ -37,6 +39,8 @@ def remaining_problem(
         temperature_C: Measured temperatures.
         mode: Stiffness now, as reported; no segment may be changing.
         broken: Segments (from 0) that cannot be melted any more.
+        misses: How often bends have missed so far: the next are aimed nearer to the middle.
+        avoided: Modes in which they have.
 
     Raises:
         InputError: If no mode is left.
@@ -51,7 +55,8 @@ def remaining_problem(
         holding=problem.start.holding,
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
-    goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken)
+    modes = tuple(m for m in modes if m not in avoided)
+    goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken, PLANNED / (1 + misses))
     workspace = problem.workspace
     if workspace is not None:  # who is out of it already needs so much more room
         shape = robot_shape(problem.robot.geometry, start.configuration)
@@ -82,12 +87,15 @@ def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -
     return tuple(agreed.tolist())
 
 
-def _goal(problem: Problem, q: Array, broken: Collection[int]) -> GoalSet:
-    """The middle of the goal, with curvature tolerances within which nothing needs to melt."""
+def _goal(problem: Problem, q: Array, broken: Collection[int], planned: float) -> GoalSet:
+    """The middle of the goal, with curvature tolerances within which nothing needs to melt.
+
+    What must bend is ``planned`` to within so much of the accuracy.
+    """
     scale = problem.robot.ends_within.scale(problem.robot.coordinates)
     goal = problem.judged_goal
     off = np.abs(goal.error(q.copy())) / scale
     kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off) - POSE)]
     bends = off[POSE:]
-    wider = np.where(bends <= kept, bends + _ROUNDING, PLANNED)
+    wider = np.where(bends <= kept, bends + _ROUNDING, planned)
     return goal.loosened(scale * [0.0, 0.0, 0.0, *wider])

@@ -63,6 +63,8 @@ class Reading:
         faulty: Whether the controller of each has given up on its sensor or heater.
         objects: Poses of the problem's objects in the frames, (k, objects, 3) [m, m, rad]; None
             from a robot whose camera sees no objects.
+        current_A: Currents that the controllers let flow; None from a robot that does not tell: it
+            is then taken for one that switches full current at the set-point.
     """
 
     time_s: float
@@ -72,6 +74,7 @@ class Reading:
     stiffness: tuple[KnownStiffness | None, ...]
     faulty: tuple[bool, ...]
     objects: Array | None = field(default=None, kw_only=True)
+    current_A: tuple[float, ...] | None = field(default=None, kw_only=True)
 
     def describe(self, segment: int) -> str:
         """What is known about a segment (from 0), in words."""

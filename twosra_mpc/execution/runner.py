@@ -38,6 +38,7 @@ class Abort(NamedTuple):
         segment: The segment (from 0) whose heater it is.
         to: What it should have become.
         stiff: Whether a segment that is reported soft seems to need more time.
+        missed: Mode whose bends do not lead to the goal's curvatures, if that is why.
     """
 
     kind: Literal["corridor", "heater", "camera", "doubt", "near", "body", "task", "lost", "time"]
@@ -45,6 +46,7 @@ class Abort(NamedTuple):
     segment: int = 0
     to: Stiffness = "soft"
     stiff: bool = False
+    missed: Mode | None = None
 
 
 @dataclass(eq=False)

@@ -1,7 +1,8 @@
 """What a segment's readings say that cannot be: a dead sensor or heater, a relay that is welded.
 
-Every reading is compared with what the segment was asked to be and with its model's times. All that
-is wrong is a `SegmentError` with the name of its cause.
+Every reading is compared with what the segment was asked to be, with its model's times and with the
+heat that was let in (`HeatAccount`), which also has the last word on the heater and on "soft". All
+that is wrong is a `SegmentError` with the name of its cause.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Literal
 
 from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.control.thermistor import NtcDivider
+from twosra_mpc.execution.heat_account import HeatAccount
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
@@ -35,6 +37,16 @@ _WARMED_K, _SURELY_SOLID_K = 2.0, 5.0  # as the stiffness controller has it
 _CAUGHT_UP_S = 30.0  # after which the sensor shows what the heater does
 _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
+_JUMP_K, _JUMP_K_S, _JUMPED_S = 10.0, 4.0, 2.0  # full current warms by 2 K/s
+_STUCK_K = 0.05  # a reading that moves less in `_CAUGHT_UP_S`, its heater off, is no reading
+_FELL_K = 0.5  # the heater off: it follows the metal
+_OFF_K = 0.25  # so far above its set-point no switch lets current flow
+_SAME_S = 10.0  # to the last digit
+_FLICKERS = 20  # times up and down: that is noise
+_TIMES_STEADY = 5.0  # as long as ever before: digits may be coarse
+_SLOW_S, _SLOW_SHARE = 50.0, 0.4  # after that it has cooled by so much of what its model says
+_OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
+_CONTRADICTED_S = 60.0  # called soft, by a sensor that is off by 2 K, of metal that begins to melt
 
 
 class SegmentError(RobotError):
@@ -62,9 +74,25 @@ class SegmentWatch:
     """Watches one segment from reading to reading."""
 
     def __init__(
-        self, robot: Robot, air_C: float, segment: int, patience: Patience, *, reports: bool
+        self,
+        robot: Robot,
+        air_C: float,
+        segment: int,
+        patience: Patience,
+        *,
+        reports: bool,
+        start_C: float | None = None,
     ) -> None:
-        """Watch a segment (from 0); ``reports``: whether its temperature must be reported."""
+        """Watch a segment (from 0).
+
+        Args:
+            robot: The robot.
+            air_C: Temperature of the air.
+            segment: Which segment, from 0.
+            patience: How long it waits.
+            reports: Whether the temperature must be reported.
+            start_C: Temperature at which it has rested; default: the air's.
+        """
         self._segment, self._patience, self._reports = segment, patience, reports
         self._heater = robot.heater
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
@@ -72,6 +100,31 @@ class SegmentWatch:
         self._asked: Stiffness | Literal["warm"] = "rigid"
         self._hot, self._lowest_C, self._first_C, self._last_C = 0, math.inf, math.nan, math.inf
         self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
+        self._account: HeatAccount | None = None
+        if robot.describes_heat and reports:
+            begun_C = air_C if start_C is None else start_C
+            self._account = HeatAccount(robot, air_C, segment, begun_C)
+            self._model = segment_model(robot, air_C, segment)
+        self._taken_s = self._jumped_s = self._cut_s = self._doubtful_s = math.nan
+        self._same_s, self._sound_s = math.nan, math.nan
+        self._steady_s, self._turns, self._rose = 0.0, 0, False
+        self._off_s, self._off_C = math.nan, (math.inf, -math.inf)
+
+    @property
+    def may_be_soft(self) -> bool:
+        """Whether enough heat was let in for the segment to be soft."""
+        return self._account is None or self._account.may_be_liquid
+
+    @property
+    def must_be_soft(self) -> bool:
+        """Whether so much heat was let in that the segment is soft."""
+        return self._account is None or self._account.must_be_liquid
+
+    def allowed_C(self, setpoint_C: float) -> float:
+        """Set-point that may be sent where this one is asked for."""
+        if self._account is not None and self._account.cut:
+            return min(setpoint_C, self._heater.rigid_setpoint_C)
+        return setpoint_C
 
     def take(
         self,
@@ -80,8 +133,17 @@ class SegmentWatch:
         temperature_C: float,
         stiffness: KnownStiffness | None,
         faulty: bool,
+        current_A: float | None = None,
     ) -> None:
-        """Look at a reading, and at the set-point in force before it.
+        """Look at a reading, and at the set-point that was asked for before it.
+
+        Args:
+            time_s: When it was read.
+            setpoint_C: Set-point asked for since the one before.
+            temperature_C: Of the segment, by its sensor.
+            stiffness: As its controller reports it.
+            faulty: Whether that has given up.
+            current_A: Current it lets flow, if it tells.
 
         Raises:
             SegmentError: If something is wrong.
@@ -91,10 +153,13 @@ class SegmentWatch:
             self._asked, self._changed_s, self._apart_s = asked, time_s, time_s
             self._lowest_C, self._first_C = math.inf, math.nan
             self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
-        if not self._readable(time_s, temperature_C, stiffness):
+        readable = self._readable(time_s, temperature_C, stiffness)
+        off = self._account_for(time_s, setpoint_C, temperature_C if readable else None, current_A)
+        if not readable or self._jumped(time_s, temperature_C):
             return
         since_s = time_s - self._changed_s
         pair_C, self._last_C = (self._last_C, temperature_C), temperature_C
+        self._check_sameness(time_s, temperature_C, pair_C)
         if since_s >= _LAGGED_S:
             self._lowest_C = min(self._lowest_C, max(pair_C))
         if math.isnan(self._first_C):
@@ -103,13 +168,114 @@ class SegmentWatch:
         self._shown_C = min(coldest_C, temperature_C), max(hottest_C, temperature_C)
         self._check_heat(since_s, temperature_C, min(pair_C) - self._lowest_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
-        self._check_warming(time_s, temperature_C)
+        self._check_fall(time_s, temperature_C, off)
+        self._check_account(time_s, temperature_C, stiffness)
+        if self.allowed_C(setpoint_C) == setpoint_C:
+            self._check_warming(time_s, temperature_C)
+        else:
+            self._cold = (math.nan, math.nan)
         self._check_progress(time_s, temperature_C, stiffness)
 
     def _asked_by(self, setpoint_C: float) -> Stiffness | Literal["warm"]:
         if setpoint_C >= self._heater.soft_setpoint_C:
             return "soft"
         return "rigid" if setpoint_C <= self._heater.rigid_setpoint_C else "warm"
+
+    def _account_for(
+        self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
+    ) -> bool:
+        """Account for the heat of the time that has passed; whether the heater was off for sure."""
+        passed_s = 0.0 if math.isnan(self._taken_s) else time_s - self._taken_s
+        self._taken_s = time_s
+        in_force_C, last_C = self.allowed_C(setpoint_C), self._last_C
+        if self._account is not None:
+            known_C = last_C if shown_C is None else shown_C
+            if math.isinf(last_C):
+                last_C = known_C
+            if math.isfinite(known_C):
+                self._account.take(passed_s, in_force_C, current_A, min(known_C, last_C))
+        if current_A is not None or in_force_C <= self._heater.rigid_setpoint_C:
+            return not current_A
+        return last_C >= in_force_C + _OFF_K
+
+    def _jumped(self, time_s: float, here_C: float) -> bool:
+        """Whether metal cannot have warmed or cooled so fast; not for long."""
+        if math.isinf(self._last_C):
+            self._sound_s = time_s
+            return False
+        most_K = _JUMP_K + _JUMP_K_S * (time_s - self._sound_s)
+        if abs(here_C - self._last_C) <= most_K:
+            self._sound_s, self._jumped_s = time_s, math.nan
+            return False
+        if math.isnan(self._jumped_s):
+            self._jumped_s = time_s
+        elif time_s - self._jumped_s >= _JUMPED_S:
+            jump = f"from {self._last_C:.1f} to {here_C:.1f} C"
+            self._raise("sensor", f"its sensor jumped {jump}, faster than metal warms or cools")
+        return True
+
+    def _check_sameness(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
+        """A sensor that has flickered all the time, and shows the same to the last digit."""
+        since_s = 0.0 if math.isnan(self._same_s) else time_s - self._same_s
+        if pair_C[0] != here_C:
+            rises = here_C > pair_C[0]
+            self._turns, self._rose = self._turns + (rises != self._rose), rises
+            self._same_s, self._steady_s = time_s, max(self._steady_s, since_s)
+        elif self._stuck(time_s) and since_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
+            words = f"{here_C:.2f} C for {since_s:.0f} s"
+            self._raise("sensor", f"{words}: its sensor shows the same all the time")
+
+    def _stuck(self, time_s: float) -> bool:
+        """Whether a sensor that has flickered before shows the same to the last digit."""
+        return self._turns >= _FLICKERS and time_s - self._same_s >= _SAME_S
+
+    def _check_fall(self, time_s: float, here_C: float, off: bool) -> None:
+        """A reading of liquid metal that does not fall although its heater is off."""
+        if not off or self._account is None or here_C < self._account.liquid_above_C:
+            self._off_s, self._off_C = math.nan, (math.inf, -math.inf)
+            return
+        if math.isnan(self._off_s):
+            self._off_s = time_s
+        self._off_C = min(here_C, self._off_C[0]), max(here_C, self._off_C[1])
+        since_s, fell_K = time_s - self._off_s, self._off_C[1] - here_C
+        if since_s >= _CAUGHT_UP_S and self._off_C[1] - self._off_C[0] < _STUCK_K:
+            words = f"{here_C:.1f} C for {since_s:.0f} s, its heater off"
+            self._raise("sensor", f"{words}: its sensor shows the same all the time")
+        if self._asked == "rigid" and since_s >= _SLOW_S:
+            hot = self._model.initial(self._off_C[1])
+            then_C = self._model.temperature_C(
+                self._model.propagate(hot, 0.0, since_s - _CAUGHT_UP_S / 2)
+            )
+            then_C = max(then_C, self._heater.melting_point_C + _OFF_BY_K)
+            if 0 <= fell_K < _SLOW_SHARE * (self._off_C[1] - then_C):
+                words = f"{fell_K:.1f} K down in {since_s:.0f} s, its heater off"
+                self._raise("cooling", f"{words}: it cools too slowly")
+
+    def _check_account(
+        self, time_s: float, here_C: float, stiffness: KnownStiffness | None
+    ) -> None:
+        """A reading that the heat that was let in contradicts."""
+        account = self._account
+        if account is None or self._asked != "soft":
+            self._cut_s = self._doubtful_s = math.nan
+            return
+        limit_C, solid_C = account.liquid_above_C, self._heater.melting_point_C - _SURELY_SOLID_K
+        if (not account.cut and not account.must_be_liquid) or here_C >= limit_C:
+            self._cut_s = math.nan
+        elif math.isnan(self._cut_s) and account.cut:
+            self._cut_s = time_s
+        elif time_s - self._cut_s >= _CAUGHT_UP_S and here_C >= solid_C:
+            words = f"{here_C:.1f} C after heat for {account.at_least_C:.0f} C"
+            if self._stuck(time_s):
+                self._raise("sensor", f"{words}: its sensor shows the same all the time")
+            self._raise("heater", f"{words}: a dead heater, or a sensor that lies")
+        if stiffness != "soft" or account.begins_to_melt:
+            self._doubtful_s = math.nan
+        elif math.isnan(self._doubtful_s):
+            self._doubtful_s = time_s
+        elif time_s - self._doubtful_s >= _CONTRADICTED_S:
+            words = f"{here_C:.1f} C after heat for {account.at_most_C:.0f} C"
+            self._raise("sensor", f"{words}: its sensor shows too much")
 
     def _readable(
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None

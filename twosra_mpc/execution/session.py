@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,6 +27,7 @@ _STILL = np.zeros(WHEELS)
 _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _STOOD = 10  # waits that take no time: news may end one early, for each segment
+_LOOK, _LOOK_S = 0.15, 3.0  # at what may not bend: of a frame's deviation, and for so long
 _STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
 _CODES: dict[KnownStiffness | None, float] = {
     **{"rigid": 0.0, "changing": run.CHANGING, "soft": 1.0},
@@ -85,11 +87,19 @@ class Session:
         self._on_command, segments = on_command, problem.robot.coordinates.segments
         self.reading: Reading = usable(robot.read(), -np.inf)
         self._filter = CameraFilter(robot.camera, problem.start.configuration, self.reading.time_s)
+        self._frame = np.sqrt(robot.camera.variance(problem.robot.coordinates))
         self.objects = ObjectsSeen(problem) if problem.objects else None
         self._seen_s = -np.inf
         self._look()
         self._watches = [
-            SegmentWatch(problem.robot, problem.ambient, j, self._patience, reports=reports)
+            SegmentWatch(
+                problem.robot,
+                problem.ambient,
+                j,
+                self._patience,
+                reports=reports,
+                start_C=problem.temperatures[j],
+            )
             for j in range(segments)
         ]
         self.setpoint_C = np.full(segments, problem.robot.heater.rigid_setpoint_C)
@@ -99,6 +109,8 @@ class Session:
         self.drives: list[run.Drive] = []
         self._compared: tuple[Mode | None, Array] = None, self.q
         self._turns, self._stood = False, 0
+        self._silent, self._heard_s = False, self.now_s
+        self._told = self.reading.stiffness
         self._last_known = list(self.reading.stiffness)
         self._unknown = np.full(problem.robot.coordinates.size, np.nan)
         self._planned, self._no_mode = self._unknown, (np.nan,) * segments
@@ -164,6 +176,10 @@ class Session:
         """How long a segment (from 0) has been asked for what it is not."""
         return self.now_s - self._since[segment]
 
+    def must_be_soft(self, segment: int) -> bool:
+        """Whether so much heat was let into a segment (from 0) that it is soft."""
+        return self._watches[segment].must_be_soft
+
     def tell(self, kind: run.EventKind, text: str) -> None:
         """Note an event."""
         self.events.append(run.RunEvent(self.now_s, kind, text))
@@ -171,11 +187,19 @@ class Session:
     def rest(self, setpoint_C: Array, at_most_s: float, planned: Array | None = None) -> None:
         """Stand still until time is up or the robot has news; ``planned`` as in ``drive``.
 
+        A robot that has fallen silent is waited for: standing costs nothing.
+
         Raises:
+            RobotError: If it stays silent.
             SegmentError: If something is wrong with a segment.
         """
         self._pass(_STILL, setpoint_C, at_most_s, planned, self._no_mode)
         self._believe(np.zeros_like(self.q))
+        while self._silent:
+            if (silent_s := self.now_s - self._heard_s) > self._patience.outage_s:
+                raise RobotError(f"the robot has been silent for {silent_s:.0f} s")
+            self._pass(_STILL, setpoint_C, at_most_s, planned, self._no_mode)
+            self._believe(np.zeros_like(self.q))
 
     def drive(
         self, mode: Mode, wheel_rad_s: Array, setpoint_C: Array, planned: Array | None = None
@@ -217,7 +241,10 @@ class Session:
         self._compared = mode, self.q.copy()
         known = ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
         try:
-            self._doubt.take(mode, after - before, seen, known)
+            if self._doubt.take(mode, after - before, seen):
+                self.average(self.setpoint_C, _LOOK * self._frame, _LOOK_S)
+                seen, self._compared = self.q - self._compared[1], (mode, self.q.copy())
+                self._doubt.judge(seen, known)
         except DoubtError:
             self.rest(self.setpoint_C, self.period_s)
             raise
@@ -335,17 +362,18 @@ class Session:
         mode: tuple[float, ...],
     ) -> None:
         self._planned = self._unknown if planned is None else planned
-        self._note(wheels, setpoint_C, self._planned, mode)
+        watched = zip(self._watches, setpoint_C, strict=True)
+        allowed_C = np.array([watch.allowed_C(float(asked_C)) for watch, asked_C in watched])
+        self._note(wheels, allowed_C, self._planned, mode)
         for segment in np.flatnonzero(setpoint_C != self.setpoint_C):
             self._since[segment] = self.now_s
         self.setpoint_C, self._turns = setpoint_C.copy(), bool(wheels.any())
-        self.robot.send(wheels, setpoint_C)
+        self.robot.send(wheels, allowed_C)
         self._on_command(self)
         before_s = self.now_s
         self.robot.wait(at_most_s)
         self.reading = usable(self.robot.read(), self._newest_s)
         self._check_clock(self.now_s - before_s)
-        self._note_changes()
 
     def _check_clock(self, passed_s: float) -> None:
         """Without a clock nothing would ever be late, or lost."""
@@ -360,9 +388,29 @@ class Session:
         self._filter.predict(self.now_s, moved, self.problem.robot.geometry.lengths_m)
         self._look()
         reading = self.reading
-        known = zip(reading.temperature_C, reading.stiffness, reading.faulty, strict=True)
+        unread = np.isnan(reading.temperature_C) | [now is None for now in reading.stiffness]
+        blind = self._doubt is not None and not len(reading.frames)
+        self._silent = blind and bool(unread.all())
+        if not self._silent:
+            self._heard_s = self.now_s
+            self._watch()
+        self._note_changes()
+
+    def _watch(self) -> None:
+        """Look at what the segments report; nobody believes in "soft" without enough heat."""
+        reading, self._told = self.reading, self.reading.stiffness
+        current_A = reading.current_A or (None,) * len(self._watches)
+        known = zip(
+            reading.temperature_C, reading.stiffness, reading.faulty, current_A, strict=True
+        )
         for watch, asked_C, of_segment in zip(self._watches, self.setpoint_C, known, strict=True):
             watch.take(self.now_s, float(asked_C), *of_segment)
+        believed = tuple(
+            "changing" if now == "soft" and not watch.may_be_soft else now
+            for watch, now in zip(self._watches, reading.stiffness, strict=True)
+        )
+        if believed != reading.stiffness:
+            self.reading = replace(reading, stiffness=believed)
 
     def _look(self) -> None:
         """Take in the frames of the last reading; from now on it has those that are believed."""
@@ -381,7 +429,7 @@ class Session:
         """Write down each segment that has become soft or rigid, and was not so before."""
         soft_C = self.problem.robot.heater.soft_setpoint_C
         for segment, now in enumerate(self.reading.stiffness):
-            if now == ("soft" if self.setpoint_C[segment] >= soft_C else "rigid"):
+            if self._told[segment] == ("soft" if self.setpoint_C[segment] >= soft_C else "rigid"):
                 self._since[segment] = self.now_s
             if now is None or now == "changing" or now == self._last_known[segment]:
                 continue

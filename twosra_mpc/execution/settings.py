@@ -43,6 +43,7 @@ class Patience(Value):
         narrow_m: Corridor of the outline of rigid drives where something is around.
         listen_s: How long a robot is listened to for its first temperature reports.
         silent_s: A segment that has not reported for so long, or not readably, is an error.
+        outage_s: A robot that stands may send neither frames nor reports for so long.
         held_up_s: A command that turns the wheels and lasts so much too long is an error.
     """
 
@@ -75,6 +76,7 @@ class Patience(Value):
     narrow_m: Positive = 0.02
     listen_s: Positive = 5.0  # five reports of the follow-up robot
     silent_s: Positive = 5.0  # five reports missed
+    outage_s: Positive = 40.0
     held_up_s: Positive = 0.5  # at 10 rad/s of a 2sra-v1 wheel: 75 mm too far
 
 

@@ -62,7 +62,12 @@ class HeatedSegment:
     @property
     def current_A(self) -> float:
         """Current in the heater."""
-        return 0.0 if self.broken_heater else self._memory.current_A
+        return 0.0 if self.broken_heater else self.told_A
+
+    @property
+    def told_A(self) -> float:
+        """Current that its controller asks for, whether it flows or not."""
+        return self._memory.current_A
 
     @property
     def measured_C(self) -> float:
