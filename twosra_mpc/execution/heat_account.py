@@ -22,7 +22,7 @@ ABOVE_K = (
     7.0  # of the slow model above the set-point: then the heater goes off; others are 10 K hotter
 )
 _COOLED_K = 3.0  # below that it may be on again
-_SETTLED_K = 8.0  # risen so far, the sensor follows the metal at a constant distance
+_SETTLED_K = 4.0  # risen so far, the sensor follows the metal at a constant distance
 _SOLID_K = 7.0  # below the melting point the power is told: sensors lag, and are off by 2 K
 _POWER = 1.1  # of the one that melts first: readings come once a second
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
@@ -179,11 +179,11 @@ class HeatAccount:
         if self._mark is None or not self._last_C < self._tells_C <= shown_C:
             return
         (since_s, from_C), rose_K = self._mark, shown_C - self._mark[1]
-        if rose_K >= _SETTLED_K / 2:
+        if rose_K >= _SETTLED_K:
             took_s, full_A = self._full_s - since_s, self._heater.melt_current_A
             for bound in (self._slow, self._least):
                 rose = (from_C, shown_C), took_s, self._full_s
-                bound.raise_to(bound.fit(full_A, *rose))
+                bound.state = bound.model.at_level(bound.state, bound.fit(full_A, *rose))
             rose = (from_C, shown_C), took_s / _POWER, self._full_s
             self._fast.lower_to(self._fast.fit(full_A, *rose))
 
