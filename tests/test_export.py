@@ -115,23 +115,24 @@ def test_the_robot_is_written_whenever_it_moves_or_changes(
 
 def test_colours_tell_the_stiffness(exported: tuple[Plan, Messages]) -> None:
     plan, messages = exported
-    colours = {"rigid": "#2a6fbb", "soft": "#c8202f", "changing": "#f6b04e"}
+    colours = {
+        "rigid": plotting.RIGID_COLOUR,
+        "melting": plotting.CHANGING_COLOUR,
+        "soft": plotting.SOFT_COLOUR,
+        "freezing": plotting.FREEZING_COLOUR,
+    }
     seen = set()
     for time_s, content in messages["/robot"]:
         for j, line in enumerate(content.entities[0].lines[3:]):
             state = "soft" if plan.problem.start_mode[j] else "rigid"
             for item in plan.transitions:
                 if item.segment == j + 1 and time_s >= item.onset_s - SAME_TIME_S:
-                    state = "changing" if time_s < item.done_s - SAME_TIME_S else item.to
+                    changing = "melting" if item.to == "soft" else "freezing"
+                    state = changing if time_s < item.done_s - SAME_TIME_S else item.to
             shade = "".join(f"{round(255 * getattr(line.color, c)):02x}" for c in "rgb")
             assert f"#{shade}" == colours[state]
             seen.add(state)
-    assert seen == {"rigid", "soft", "changing"}
-    assert colours == {
-        "rigid": plotting.RIGID_COLOUR,
-        "soft": plotting.SOFT_COLOUR,
-        "changing": plotting.CHANGING_COLOUR,
-    }
+    assert seen == {*colours}
 
 
 def test_frames_and_scene_are_the_same_robot(exported: tuple[Plan, Messages]) -> None:

@@ -26,7 +26,7 @@ STIFFNESS_COLOURS: dict[State, str] = {
     "rigid": "#2a6fbb",
     "soft": "#c8202f",
     "melting": "#f6b04e",
-    "freezing": "#f6b04e",
+    "freezing": "#86c5da",
 }
 UNIT_COLOUR, METAL_COLOUR = "#eceff1", "#455a64"
 

@@ -154,11 +154,12 @@ def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
         [(w.saved_s.p10, w.saved_s.median, w.saved_s.p90) for w in worth]
     ).T
     ax.hlines(places, low, high, color=_BLUE, alpha=0.35, lw=6)
-    ax.plot(middle, places, "o", c=_BLUE)
+    ax.plot(middle, places, "o", c=_BLUE, clip_on=False)
     ax.axvline(0.0, c="0.6", lw=0.8, zorder=0)
     for place, each in zip(places, worth, strict=True):
         ax.text(0.02, place + 0.2, each.change, fontsize=7.5, transform=ax.get_yaxis_transform())
     ax.set_xscale("symlog", linthresh=1.0)
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.set(yticks=(), title="what changes are worth", xlabel="saved [s of a plan]")
     ax.set_ylim(-0.5, len(worth) - 0.2)
     return ax
@@ -175,6 +176,7 @@ def draw_gaps(ax: Axes, runs: DataFrame) -> Axes:
         middle = float(np.median(gaps))
         ax.axvline(middle, c=figures.SOFT_COLOUR, lw=1.2, label=f"median {middle:.2g} %")
         ax.set_xscale("log")
+        ax.xaxis.set_major_formatter("{x:g}")
         ax.legend()
     ax.set(title="proved gap at full speed", xlabel="gap [%]", ylabel="plans")
     return ax

@@ -52,6 +52,7 @@ STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
 }
 BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
+BEHIND_WORDS: dict[str, Any] = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.6}
 BARE: dict[str, Any] = {"xticks": (), "yticks": ()}  # axes that show a place, not a quantity
 _HATCHED = {"ec": "white", "lw": 0}
 STATES: dict[str, dict[str, Any]] = {

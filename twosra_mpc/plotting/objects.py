@@ -111,16 +111,18 @@ def draw_objects(
         problem: Whose objects they are.
         poses: Where they are.
         beside: The robot; names are not on it.
-        ahead: Direction from an object to its name, (2,); default: away from the robot, or up.
+        ahead: Direction from objects to their names, (2,) or a row each; default: away from the
+            robot, or up.
         alpha: Opacity.
         size_pt: Of the names; None: without.
     """
     artists: list[Artist] = []
+    ways = [None] * len(poses) if ahead is None else np.broadcast_to(ahead, (len(poses), 2))
     for number, corners in enumerate(outlines_m(problem, poses)):
         style: dict[str, Any] = {"fc": fill_of(number), "ec": edge_of(number), "alpha": alpha}
         artists.append(ax.add_patch(Polygon(corners, lw=1.2, zorder=2.2, **style)))
         if size_pt is not None:
-            edge, way = free_side(corners, beside, ahead)
+            edge, way = free_side(corners, beside, ways[number])
             name, colour = problem.objects[number].name, edge_of(number)
             artists.append(_name(ax, name, edge, way, colour, size_pt))
     return artists
@@ -131,7 +133,10 @@ def draw_ends(ax: Axes, trajectory: Trajectory) -> None:
     problem, samples = trajectory.problem, trajectory.samples
     first, last = object_poses(trajectory, samples.t_s[[0, -1]], samples.q[[0, -1]])
     if (first != last).any():
-        draw_objects(ax, problem, first, alpha=figures.FAINT)
+        apart = first[:, None, :2] - samples.q[:, :2]
+        nearest = np.linalg.norm(apart, axis=2).argmin(axis=1)  # where its task's number may be
+        away = apart[np.arange(len(first)), nearest]
+        draw_objects(ax, problem, first, ahead=away, alpha=figures.FAINT)
     shape = robot_shape(problem.robot.geometry, samples.q[-1], 2)
     draw_objects(ax, problem, last, beside=shape)
 
@@ -163,7 +168,7 @@ def _name(ax: Axes, name: str, at: Array, way: Array, colour: Any, size_pt: floa
     level = ("center", "bottom", "top")[round(way[1])]
     words: dict[str, Any] = {"ha": side, "va": level, "fontsize": size_pt, "color": colour}
     words |= {"textcoords": "offset points", "zorder": 8.5, "clip_on": True}
-    words |= {"bbox": {"fc": "white", "ec": "none", "alpha": 0.75, "pad": 0.6}}
+    words |= {"bbox": figures.BEHIND_WORDS}
     return ax.annotate(name, at.tolist(), (_BESIDE_PT * way).tolist(), **words)
 
 

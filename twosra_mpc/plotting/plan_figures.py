@@ -181,6 +181,7 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
         tip, shift = centre + 0.9 * geometry.unit_side_m * outward, (5 * outward).tolist()
         side = ("center", "left", "right")[round(outward[0])]
         style: dict[str, Any] = {"ha": side, "va": "center", "fontweight": "bold", "zorder": 7}
+        style["bbox"] = figures.BEHIND_WORDS
         ax.annotate(name, tip, shift, textcoords="offset points", **style)
     if each:
         _draw_mission(ax, plan, each)

@@ -40,6 +40,10 @@ COORDINATES: dict[Coordinate, tuple[slice, tuple[str, ...], str]] = {
     "curvature": (slice(3, None), tuple(rf"$\kappa_{j}$" for j in range(1, 5)), "curvature\n[1/m]"),
 }
 STAGE_LINE: dict[str, Any] = {"color": STAGE_COLOUR, "lw": 0.9, "ls": (0, (5, 2)), "zorder": 6}
+CURVES: tuple[dict[str, Any], ...] = tuple(  # the first are seen beside those that lie over them
+    {"color": colour, "lw": width}
+    for colour, width in zip(SEGMENT_COLOURS, (3.2, 2.0, 1.1, 0.6), strict=True)
+)
 SIZE_PT, LEAST_PT = 8.5, 5.0  # of words above a time axis
 PHASE_WORDS = 0.075  # width that those of a phase take there
 LEVEL = 0.28  # height of the words of a stage, of that of a curve
@@ -222,8 +226,8 @@ def state_handles(*without: str) -> list[Patch]:
 def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature") -> Axes:
     """Draw position, heading or the curvatures over time."""
     samples, (columns, names, label) = plan.trajectory.samples, COORDINATES[coordinate]
-    for values, name, colour in zip(samples.q[:, columns].T, names, SEGMENT_COLOURS, strict=False):
-        ax.plot(samples.t_s, values, color=colour, label=name)
+    for values, name, look in zip(samples.q[:, columns].T, names, CURVES, strict=False):
+        ax.plot(samples.t_s, values, label=name, **look)
     return finished(ax, label)
 
 
@@ -248,7 +252,7 @@ def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
     mark_melting(ax, plan.problem.stiffness_thresholds_C)
     for j, colour in enumerate(SEGMENT_COLOURS[: samples.mode.shape[1]]):
         style: dict[str, Any] = {"where": "post", "c": colour, "lw": 1, "ls": "--"}
-        ax.plot(samples.t_s, samples.temperature_C[:, j], color=colour, label=f"segment {j + 1}")
+        ax.plot(samples.t_s, samples.temperature_C[:, j], label=f"segment {j + 1}", **CURVES[j])
         ax.step(samples.t_s, samples.heater_setpoint_C[:, j], **style)
     ax.plot([], [], c="0.35", lw=1, ls="--", label="set-point")
     return finished(ax, "temperature\n[°C]")
@@ -267,7 +271,7 @@ def draw_melt_fractions(ax: Axes, plan: Plan) -> Axes:
     for j, (liquid, colour) in enumerate(
         zip(samples.melt_fraction.T, SEGMENT_COLOURS, strict=False), start=1
     ):
-        ax.plot(samples.t_s, liquid, color=colour, label=f"segment {j}")
+        ax.plot(samples.t_s, liquid, label=f"segment {j}", **CURVES[j - 1])
         ax.fill_between(samples.t_s, liquid, color=colour, alpha=0.15, lw=0)
     finished(ax, "melt\nfraction [-]").set_ylim(0.0, 1.12)
     return ax
@@ -276,7 +280,8 @@ def draw_melt_fractions(ax: Axes, plan: Plan) -> Axes:
 def finished(ax: Axes, label: str) -> Axes:
     """Label the quantity of an axes, and name its curves beside it."""
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
-    ax.set(ymargin=0.12, ylabel=label)
+    ax.set(ymargin=0.12)
+    ax.set_ylabel(label, fontsize=SIZE_PT)
     many = len(ax.get_legend_handles_labels()[1]) > 5
     ax.legend(**BESIDE, **({"fontsize": 7, "labelspacing": 0.2} if many else {}))
     return ax

@@ -59,9 +59,8 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
     words: dict[str, Any] = {"fontsize": size_pt, "zorder": 2.5, "clip_on": True}
     for obstacle in problem.obstacles:
         ax.add_artist(Polygon(obstacle.inner_corners_m, **OBSTACLE, zorder=0.8))
-    white = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.8}
     for name, (x, y) in names_m(problem, points).items():
-        ax.text(x, y, name, ha="center", va="center", c="0.25", bbox=white, **words)
+        ax.text(x, y, name, ha="center", va="center", c="0.25", bbox=figures.BEHIND_WORDS, **words)
     for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
@@ -78,7 +77,7 @@ def draw_nearest(ax: Axes, nearest: Clearance | None) -> None:
     ax.plot(*nearest.points_m.T, lw=1.6, marker="o", ms=2.5, scalex=False, scaley=False, **style)
     words: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "zorder": 9}
     words |= {"color": figures.NEAREST_COLOUR, "fontweight": "bold", "annotation_clip": True}
-    words |= {"va": "top", "bbox": {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5}}
+    words |= {"va": "top", "bbox": figures.BEHIND_WORDS}
     ax.annotate(length(nearest), nearest.points_m.mean(axis=0).tolist(), (4, -5), **words)
 
 
