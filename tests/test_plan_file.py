@@ -34,6 +34,7 @@ from twosra_mpc import (
     Result,
     Status,
     __version__,
+    check_plan,
     load_plan,
     load_problem,
     load_robot,
@@ -348,6 +349,18 @@ def test_files_that_do_not_say_why_the_search_ended_still_load(
     again = load_plan(path)
     assert (again.ending, again.stopped_early) == (ending, early)
     assert again.require().cost == solved("paper-2").require().cost
+
+
+@pytest.mark.parametrize(("margin", "verified"), [("body_gap_m", True), ("unit_gap_m", False)])
+def test_files_from_before_a_limit_still_verify(
+    solved: Solved, margin: str, verified: bool, tmp_path: Path
+) -> None:
+    path = edited(
+        solved("paper-2"),
+        lambda d: d["verification"]["limits"].pop(margin),
+        tmp_path / "plan.json",
+    )
+    assert check_plan(path).ok == verified
 
 
 def test_a_file_of_version_1_holds_its_inputs(tmp_path: Path) -> None:
