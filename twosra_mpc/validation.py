@@ -68,6 +68,9 @@ Celsius = Annotated[float, Field(ge=-273.15, le=2e3), BeforeValidator(plain)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(plain)]
 MetresPair = Annotated[tuple[Metres, Metres], BeforeValidator(plain)]
 Length = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6), BeforeValidator(plain)]  # in m
+Distance = Annotated[float, Field(ge=0.0, le=100.0), BeforeValidator(plain)]  # in m
+Rate = Annotated[float, Field(gt=0.0, le=1e9), _at_least(1e-5), BeforeValidator(plain)]
+Seconds = Annotated[float, Field(gt=0.0, le=1e6), _at_least(1e-6), BeforeValidator(plain)]
 _Shape = Annotated[float, Field(gt=0.0, le=100.0), _at_least(1e-6)]
 Triple = Annotated[tuple[_Shape, _Shape, _Shape], BeforeValidator(plain)]
 Bit = Annotated[int, Field(ge=0, le=1)]

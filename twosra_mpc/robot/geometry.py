@@ -11,12 +11,13 @@ from pydantic import BeforeValidator, Field, ValidationError, field_validator, m
 from twosra_mpc.errors import InputError
 from twosra_mpc.validation import (
     MOST_SEGMENTS,
+    Distance,
     Length,
     Metres,
     NonNegative,
-    Number,
     Positive,
     Radians,
+    Rate,
     Several,
     Value,
     plain,
@@ -49,13 +50,13 @@ class Geometry(Value):
 
     segments: Annotated[int, Field(ge=1, le=MOST_SEGMENTS), BeforeValidator(plain)] = 2
     segment_length_m: Length | Annotated[tuple[Length, ...], Field(json_schema_extra=_LISTED)]
-    middle_link_m: NonNegative
+    middle_link_m: Distance
     end_link_m: Length
     unit_side_m: Length
     wheel_thickness_m: Length
     wheel_radius_m: Length
-    unit_offset_m: Number = 0.0
-    fibre_radius_m: NonNegative = 0.004
+    unit_offset_m: Metres = 0.0
+    fibre_radius_m: Distance = 0.004
     wheels: Several[Wheel] | None = None
 
     @model_validator(mode="after")
@@ -142,15 +143,15 @@ class MotionLimits(Value):
     obstacles the middle link moves by at most ``soft_travel_m`` from one drive to the next.
     """
 
-    wheel_speed_rad_s: Positive
-    unit_speed_m_s: Positive
+    wheel_speed_rad_s: Rate
+    unit_speed_m_s: Rate
     curvature_per_m: Positive
-    unit_gap_m: NonNegative = 0.0
+    unit_gap_m: Distance = 0.0
     wheel_independence: NonNegative = 0.05
-    wheel_acceleration_rad_s2: Positive | None = None
-    bend_rate_rad_s: Positive | None = None
-    speed_m_s: Positive | None = None
-    turn_rate_rad_s: Positive | None = None
+    wheel_acceleration_rad_s2: Rate | None = None
+    bend_rate_rad_s: Rate | None = None
+    speed_m_s: Rate | None = None
+    turn_rate_rad_s: Rate | None = None
     wheel_speed_min_rad_s: NonNegative = 0.0
     control_period_s: Positive | None = None
     soft_travel_m: Length = 0.15

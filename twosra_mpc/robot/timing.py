@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import BeforeValidator, SerializeAsAny, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.validation import Positive, Tagged
+from twosra_mpc.validation import Seconds, Tagged
 
 Kind = Literal["freeze", "melt"]
 
@@ -41,11 +41,11 @@ class OverlappedTiming(Timing):
     """
 
     overlap: Literal["full"]
-    melt_s: Positive
-    melt_changing_s: Positive
-    freeze_s: Positive
-    freeze_changing_s: Positive
-    superheat_s: Positive
+    melt_s: Seconds
+    melt_changing_s: Seconds
+    freeze_s: Seconds
+    freeze_changing_s: Seconds
+    superheat_s: Seconds
 
     def slowed(self, kind: Kind, factor: float) -> Self:
         """Multiply the whole transition and its plateau."""
@@ -71,10 +71,10 @@ class SequentialTiming(Timing):
     """The authors' practice: the robot waits a fixed time through every change of mode."""
 
     overlap: Literal["none"]
-    heat_s: Positive
-    freeze_s: Positive
-    reconfigure_s: Positive
-    reconfigure_cool_s: Positive
+    heat_s: Seconds
+    freeze_s: Seconds
+    reconfigure_s: Seconds
+    reconfigure_cool_s: Seconds
 
     def slowed(self, kind: Kind, factor: float) -> Self:
         """Multiply what happens in a wait."""
