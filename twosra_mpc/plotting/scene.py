@@ -51,7 +51,7 @@ class Scene:
 
         Args:
             playback: What is shown.
-            titles: Written above the plane, and at the end of the film.
+            titles: Written in the corner below, and at the end of the film.
             duration_s: Of the film, for saying how fast time passes in it.
         """
         self._playback, self._ending, self._duration_s = playback, titles[1], duration_s
@@ -135,6 +135,7 @@ class Scene:
             if stage := playback.stage(row):
                 doing = f"{stage}; {doing}"
         style: dict[str, Any] = {"transform": self._plane.transAxes, "va": "top", "zorder": 9}
+        style["bbox"] = figures.BEHIND_WORDS
         return [
             self._plane.text(0.012, 0.985, clock, fontsize=15, fontweight="bold", **style),
             self._plane.text(0.012, 0.905, fill(doing, LETTERS), fontsize=10.5, **style),
@@ -196,7 +197,7 @@ def _set_plane(ax: Axes, playback: Playback, title: str, corners: Array) -> None
     draw_nearest(ax, playback.nearest)
     ax.set_aspect("equal")
     ax.set_ylabel("x, y [m]")
-    ax.set_title(title, loc="left")
+    ax.figure.text(0.012, 0.012, title, fontsize=9)
     ax.tick_params(labelsize=8.5)
     ax.locator_params(nbins=6)
     entries: dict[str, Any] = {name: Patch(**look) for name, look in figures.STATES.items()}
