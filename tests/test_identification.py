@@ -23,6 +23,7 @@ from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, read_heat
 from twosra_mpc.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
 from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant, driven
 from twosra_mpc.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
+from twosra_mpc.identification.plausibility import doubts
 from twosra_mpc.identification.robot_files import write_identified_robot
 from twosra_mpc.identification.thermal import (
     LOGS_DIFFER,
@@ -447,6 +448,17 @@ def test_the_command_prints_and_writes_what_the_function_finds(
     assert f" {rms:.3f} " in out[out.index(f"on {unseen}") :]
     assert "cycle 2" in out
     assert "Spikes replaced: 0" in out
+
+
+def test_findings_unlike_the_robots_file_are_warned_of(fitted: ThermalFit) -> None:
+    own = ROBOT.thermal_segment(0)
+    assert doubts(ROBOT, own, fitted.fitted, ROBOT.heater.ambient_C + 9.9) == []
+    assert isinstance(own, TwoNodeSegment)
+    slow = own.with_values(power_K_per_s=own.power_K_per_s / 2, body_loss_per_s=0.02)
+    found = doubts(ROBOT, slow, fitted.fitted, ROBOT.heater.ambient_C - 15)
+    assert [words.split()[0] for words in found[:2]] == ["power_K_per_s", "body_loss_per_s"]
+    assert "7.6 C, is 15 K from heater.ambient_C (22.6 C)" in found[2]
+    assert len(found) == 3
 
 
 def test_one_cycle_is_fitted_without_cross_validation(

@@ -10,7 +10,7 @@ import click
 
 from twosra_mpc.cli.options import FILE, ROBOT, command, file_option, plot_option
 from twosra_mpc.cli.output import Output, print_table
-from twosra_mpc.identification import thermal
+from twosra_mpc.identification import plausibility, thermal
 from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
 from twosra_mpc.identification.log_response import CORRECTED_S
 from twosra_mpc.identification.robot_files import write_identified_robot
@@ -108,9 +108,13 @@ def fit_thermal_command(
 
             plot_thermal_fit(fit, plot)
     scores = [(each, thermal.score(each, fit.segment, fit.parameters.law)) for each in unseen]
-    output.report(
-        lambda: _document(fit, scores), lambda: _print_fit(recorded, fit, described, scores)
-    )
+    doubts = plausibility.doubts(described, fit.segment, fit.fitted, recorded.ambient_C)
+
+    def tables() -> None:
+        _print_fit(recorded, fit, described, scores)
+        _print_doubts(doubts)
+
+    output.report(lambda: {**_document(fit, scores), "warnings": doubts}, tables)
 
 
 def _fit_transitions(
@@ -124,7 +128,18 @@ def _fit_transitions(
         )
         if out is not None:
             write_identified_robot(source, out, fit)
-    output.report(lambda: _transition_document(fit), lambda: _print_transitions(fit, robot))
+    doubts = plausibility.doubts(robot, fit.segment, fit.fitted, robot.heater.ambient_C)
+
+    def tables() -> None:
+        _print_transitions(fit, robot)
+        _print_doubts(doubts)
+
+    output.report(lambda: {**_transition_document(fit), "warnings": doubts}, tables)
+
+
+def _print_doubts(doubts: list[str]) -> None:
+    for doubt in doubts:
+        click.echo(f"Warning: {doubt}.")
 
 
 def _transition_document(fit: TransitionFit) -> dict[str, Any]:

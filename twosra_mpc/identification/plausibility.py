@@ -13,11 +13,14 @@ import numpy as np
 from twosra_mpc.errors import InputError
 from twosra_mpc.identification.heating_log import LEAST_SAMPLES, EvenLog, HeatingLog, runs
 from twosra_mpc.identification.log_fit import Bounded, Fitted, Residuals
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.segment import Segment
 
 AIR_C = (-10.0, 45.0)
 FASTEST_K_PER_S = 8.0  # heaters of these robots warm their segments by 1 to 3 K/s
 SLOWEST_K_PER_S = 0.02  # a segment that takes an hour to melt
 LEAST_CHANGE_K = 2.0  # of all heatings, and of all coolings
+FAR_AIR_K = 10.0  # from the robot's own air: worth a warning
 LARGEST_RMS_C = 2.5  # logs that are told right leave 0.1 to 0.8 C
 
 _AT_BOUND = 1e-3  # of a bound, relative (absolute where a parameter may be negative)
@@ -112,6 +115,29 @@ def check_bounds(parameters: Mapping[str, Bounded], values: Sequence[float], sou
                     "check units and labels, or if it starts warm, give the air (--ambient)"
                 )
                 raise InputError(name, float(f"{value:.4g}"), allowed, source)
+
+
+def doubts(robot: Robot, segment: Segment, fitted: Sequence[str], air_C: float) -> list[str]:
+    """Findings that are possible, but unlike the robot's own file: sentences for who reads them.
+
+    Args:
+        robot: Whose log it is.
+        segment: Its segment with what was fitted.
+        fitted: Fields that were fitted.
+        air_C: Temperature of the air while it was logged.
+    """
+    found = []
+    for name in fitted:
+        low, high = robot.thermal_segment(0).ranges.get(name, (0.0, np.inf))
+        if not low <= getattr(segment, name) <= high:
+            value = f"{name} = {getattr(segment, name):.4g}"
+            own = f"outside {low:g} to {high:g}, the range of {robot.name}"
+            found.append(f"{value} lies {own}: check the units of time and the labels")
+    own_C = robot.heater.ambient_C
+    if abs(air_C - own_C) >= FAR_AIR_K:
+        told = f"The log's air, {air_C:.4g} C, is {abs(air_C - own_C):.0f} K from heater.ambient_C"
+        found.append(f"{told} ({own_C:g} C) of {robot.name}: check the sensor, or give --ambient")
+    return found
 
 
 def _change(log: HeatingLog, word: str) -> tuple[float, float]:
