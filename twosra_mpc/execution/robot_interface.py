@@ -74,7 +74,7 @@ class Reading:
     stiffness: tuple[KnownStiffness | None, ...]
     faulty: tuple[bool, ...]
     objects: Array | None = field(default=None, kw_only=True)
-    current_A: tuple[float, ...] | None = field(default=None, kw_only=True)
+    current_A: tuple[float | None, ...] | None = field(default=None, kw_only=True)
 
     def describe(self, segment: int) -> str:
         """What is known about a segment (from 0), in words."""

@@ -139,7 +139,7 @@ class SerialRobot:
         ]
         self._reports = False
         self._asked: Mode = rigid_mode(self._count)
-        self._sent, self._sent_s, self._heated = b"", -math.inf, self._asked
+        self._sent, self._sent_s = b"", -math.inf
         self._turns, self._due_s = False, 0.0
 
     @property
@@ -216,8 +216,7 @@ class SerialRobot:
         if self.poses is not None:
             taken_s, frames = self.poses.frames(now_s)
         known = [(item.temperature_C, item.stiffness, item.faulty) for item in self._segments]
-        full_A = self.robot.heater.melt_current_A
-        current_A = tuple(on * full_A for on in self._heated) if self._reports else None
+        current_A = tuple(item.current_A for item in self._segments)
         return Reading(now_s, taken_s, frames, *zip(*known, strict=True), current_A=current_A)
 
     def send(self, wheel_rad_s: Array, heater_setpoint_C: Array) -> None:
@@ -228,7 +227,7 @@ class SerialRobot:
         soft_C = self.robot.heater.soft_setpoint_C
         now_s, turned = self.clock.now_s(), self._turns
         self._asked = tuple(int(setpoint_C >= soft_C) for setpoint_C in heater_setpoint_C)
-        self._heated = heated = tuple(
+        heated = tuple(
             int(segment.switched(bool(asked), now_s))
             for segment, asked in zip(self._segments, self._asked, strict=True)
         )

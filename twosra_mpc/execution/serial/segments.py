@@ -31,7 +31,7 @@ class ModelledSegment:
     the set-point.
     """
 
-    temperature_C, stiffness, faulty = math.nan, None, False
+    temperature_C, stiffness, faulty, current_A = math.nan, None, False, None
     _told, _asked = "", False
 
     def __init__(
@@ -87,7 +87,7 @@ class ModelledSegment:
 class ColdSegment:
     """A segment that nothing is known of, neither by reports nor by a model: it is never heated."""
 
-    temperature_C, stiffness, faulty = math.nan, None, False
+    temperature_C, stiffness, faulty, current_A = math.nan, None, False, None
 
     def __init__(self, segment: int) -> None:
         """Name it, from 0."""
@@ -117,6 +117,10 @@ class ReportedSegment:
 
     Its heater is on while the stiffness controller, run beside the firmware, would apply the
     current that holds, or more: so it goes off a little before the set-point.
+
+    Attributes:
+        current_A: Current since it was last switched: full current, or the controller's where a
+            ``hold_duty`` of 1 says that the firmware regulates as it does.
     """
 
     def __init__(
@@ -124,7 +128,8 @@ class ReportedSegment:
     ) -> None:
         """Start with the first reports of a segment that has rested."""
         self._controller = stiffness_controller(robot, air_C, segment)
-        self._hold_A, self._recent_C = robot.heater.hold_current_A, first_C[-MEDIAN_OF:]
+        self._heater, self._recent_C = robot.heater, first_C[-MEDIAN_OF:]
+        self.current_A = 0.0
         self._last_s, self._state = now_s, self._controller.start(statistics.median(self._recent_C))
 
     @property
@@ -147,7 +152,10 @@ class ReportedSegment:
 
     def switched(self, asked: bool, time_s: float) -> bool:
         """Whether the controller would let the current flow that holds, or more."""
-        return asked and self._state.current_A >= self._hold_A
+        regulated_A, heater = self._state.current_A, self._heater
+        on = asked and regulated_A >= heater.hold_current_A
+        self.current_A = on * (regulated_A if heater.hold_duty == 1.0 else heater.melt_current_A)
+        return on
 
     def take(self, readings_C: list[float], asked: bool, time_s: float) -> None:
         """Take in the reports since the last time, during which it was asked to be soft or not."""
