@@ -29,8 +29,8 @@ from twosra_mpc.robot.description import Robot
 NAMES = ("2sra-v1", "2sra-v1-paper", "2sr-v2", "3sra")
 ROBOTS = {name: load_robot(name) for name in NAMES}
 V1 = ROBOTS["2sra-v1"]
-UNITS = "the units would meet"
-REASONS = {UNITS, OVERLAPS, NOTHING, IN_THE_WAY, LEAVES, BEYOND, "wheel_independence"}
+UNITS, PARTS = "the units would meet", "other parts of the robot would meet"
+REASONS = {UNITS, PARTS, OVERLAPS, NOTHING, IN_THE_WAY, LEAVES, BEYOND, "wheel_independence"}
 ROUNDING_M = 1.5e-5
 
 robots = st.sampled_from(list(ROBOTS.values()))

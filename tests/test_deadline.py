@@ -42,7 +42,7 @@ def mission(name: str, **changes: object) -> Callable[[float], Problem]:
 
 
 FAR = {"x_m": 60.0, "y_m": -40.0}
-ROOM = {"x_m": [-100.0, 100.0], "y_m": [-100.0, 100.0]}
+ROOM = {"x_m": [-99.0, 99.0], "y_m": [-99.0, 99.0]}
 LONG = {  # each would take seconds more than it may
     "contacts": mission("grasp-cube"),
     "a far goal, all of it inside": mission("rigid-move", goal=FAR, workspace=ROOM, gap=0.0),

@@ -133,10 +133,11 @@ def test_what_a_bend_takes_beyond_its_least_is_no_more_than_it_takes() -> None:
 
 
 def test_a_curled_shape_is_reached_along_the_curvature_limits() -> None:
-    """Between [0, 0] and [75, 75] the units would overlap; bending one segment first avoids it."""
+    """In [60, 60] the robot would overlap itself; only bending by way of [60, 27] avoids it."""
     sequence = (RIGID, SOFT_2, SOFT_1, SOFT_BOTH, RIGID)
-    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
-    goal = Goal(x_m=0.1, y_m=0.0, phi_rad=0.0, kappa_per_m=(75.0, 75.0), tolerance="exact")
+    shape, curled = (60.0, -20.0), (-41.0, 60.0)
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=shape)
+    goal = Goal(x_m=0.1, y_m=0.0, phi_rad=0.0, kappa_per_m=curled, tolerance="exact")
     problem = Problem(robot=ROBOT, start=start, goal=goal)
     bound = bound_of(problem, sequence)
     assert bound is not None
@@ -144,7 +145,9 @@ def test_a_curled_shape_is_reached_along_the_curvature_limits() -> None:
     assert found is not None
     assert bound.cost <= found[0] <= 1.01 * bound.cost
     fixed = (RIGID, SOFT_2, SOFT_1, RIGID)  # leaves no choice
-    assert bends_around(problem, fixed, np.array([0.0, *([0.129] * 2), 0.0])) is None
+    facts = bending(ROBOT)
+    first, second = np.subtract(facts.coordinates(curled), facts.coordinates(shape))
+    assert bends_around(problem, fixed, np.array([0.0, second, first, 0.0])) is None
 
 
 def test_a_drive_that_mirrors_itself_is_not_held_for_the_best() -> None:

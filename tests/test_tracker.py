@@ -474,17 +474,23 @@ def test_wheels_turn_as_the_input_asks(planned: Planned) -> None:
             q = moved(tracker, phase.mode, q, command.v)
 
 
-@pytest.mark.parametrize("side", [-1, 1])
-def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: int) -> None:
-    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(side * 60.0, side * 10.0))
-    goal = Goal(kappa_per_m=(side * 78.5, side * 10.0))
+@pytest.mark.parametrize(("segment", "side"), [(0, -1), (1, 1)])
+def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(
+    segment: int, side: int
+) -> None:
+    """Of a segment that meets nothing there; the other is bent the other way."""
+    shape, bent = np.full(2, -side * 10.0), 3 + segment
+    begin, curled = (np.where([segment == 0, segment == 1], side * k, shape) for k in (60.0, 78.5))
+    start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=tuple(begin))
+    goal = Goal(kappa_per_m=tuple(curled))
     limits = ROBOT.limits.with_values(wheel_acceleration_rad_s2=None)
     robot = ROBOT.with_values(limits=limits)  # so that the tracker's rate counts
     of = plan(Problem(robot=robot, start=start, goal=goal)).require()
     index, phase, limit = len(of.phases) - 1, of.phases[-1], of.robot.limits.curvature_per_m
     tracker = Tracker(of.robot)
     tracker.reset(of)
-    q = configuration(of, phase.start_s) + np.array([0.0, 0.0, 0.0, side * 2.0, 0.0])
+    q = configuration(of, phase.start_s)
+    q[bent] += side * 2.0
     for k in range(30):
         time_s = phase.start_s + k * tracker.period_s
         command = tracker.step(Measurement(time_s, index, q))
@@ -493,14 +499,14 @@ def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: in
         assert program is not None
         assert abs(program.x[-1]) < 0.01  # the slack
         q = moved(tracker, phase.mode, q, command.v)
-        assert abs(q[3]) < limit + 0.01
-    q[3] = side * (limit + 3.0)
+        assert abs(q[bent]) < limit + 0.01
+    q[bent] = side * (limit + 3.0)
     for rate, slow in ((100.0, False), (3.0, True)):  # back within the limit at once, or not
         patient = SolverSettings(max_iterations=2_000)
         limits = TrackerLimits(wheel_rate_rad_s2=rate)
         tracker = Tracker(of.robot, limits=limits, solver=patient)
         tracker.reset(of)
-        q[3] = side * (limit + 3.0)
+        q[bent] = side * (limit + 3.0)
         for k in range(30):
             command = tracker.step(Measurement(100.0, index, q))
             assert command.status is CommandStatus.SOLVED
@@ -508,7 +514,7 @@ def test_curvature_limits_are_kept_where_they_can_be_and_bent_where_not(side: in
             assert program is not None
             assert (program.x[-1] > 0.1) == (slow and k < 5)
             q = moved(tracker, phase.mode, q, command.v)
-        assert abs(q[3]) < limit + 0.01
+        assert abs(q[bent]) < limit + 0.01
 
 
 @pytest.mark.parametrize("mode", [SOFT_1, SOFT_2, SOFT_BOTH])

@@ -176,13 +176,15 @@ def test_margins_are_the_distance_to_each_limit(any_plan: Plan) -> None:
     }
     assert {name: margins[name] for name in expected} == pytest.approx(expected, abs=2e-6)
     assert set(margins) - set(expected) == {
+        "body_gap_m",
         *("unit_gap_m", "wheel_independence", "speed_m_s", "wheel_acceleration_rad_s2"),
     }
     driven = float(np.hypot(samples.v[:, 2], samples.v[:, 3]).max())
     counted = robot.limits.speed_m_s - margins["speed_m_s"]  # along eight axes
     assert driven - 1e-9 <= counted <= driven / np.cos(np.pi / 16) + 1e-9
     shapes = shape_margins(robot, samples.q[:, 3:])
-    assert margins["unit_gap_m"] <= shapes["unit_gap_m"].min()
+    for name in ("unit_gap_m", "body_gap_m"):
+        assert margins[name] <= shapes[name].min()
     driving = samples.v[:, 2:].any(axis=1)
     assert margins["wheel_independence"] == shapes["wheel_independence"][driving].min()
 

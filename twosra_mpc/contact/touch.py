@@ -18,7 +18,7 @@ import numpy as np
 from twosra_mpc.contact.closing import TOUCHES_M, Rows, close, room_m
 from twosra_mpc.deadline import check_time
 from twosra_mpc.errors import InputError
-from twosra_mpc.problem.limits import CURVATURE, SHAPE_LIMITS, UNIT_GAP, shape_margins
+from twosra_mpc.problem.limits import BODY_GAP, CURVATURE, SHAPE_LIMITS, UNIT_GAP, shape_margins
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -32,7 +32,11 @@ NOTHING = "nothing to wrap"
 IN_THE_WAY = "a unit, wheel or link touches first"
 LEAVES = "leaves the outline by more than gap_m"
 BEYOND = f"a segment would bend beyond {CURVATURE.name}"
-_WORDS = {UNIT_GAP.name: "the units would meet", CURVATURE.name: BEYOND}
+_WORDS = {
+    UNIT_GAP.name: "the units would meet",
+    BODY_GAP.name: "other parts of the robot would meet",
+    CURVATURE.name: BEYOND,
+}
 
 _FREE = 9  # curvatures tried for a segment that is left free
 
