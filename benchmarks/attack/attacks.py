@@ -251,7 +251,7 @@ def _start(robot: Robot, rng: np.random.Generator) -> Start:
         kappa = rng.uniform(-0.7, 0.7, count) * most
         if rng.random() < 0.25:
             kappa = np.full(count, rng.choice([0.0, kappa[0]]))
-        if Reference(robot).room_m(kappa) > robot.limits.unit_gap_m + 1e-4:
+        if Reference(robot).clear(kappa):
             break
     x, y, phi = rng.uniform([-0.2, -0.2, -3.0], [0.2, 0.2, 3.0])
     given: dict[str, Any] = {"x_m": x, "y_m": y, "phi_rad": phi, "kappa_per_m": tuple(kappa)}

@@ -16,10 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.attack.body import apart_m
 from twosra_mpc import Robot
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode
 
+_SPARE_M = 1e-3  # of parts: outlines that planners keep apart are a little wider than they are
 _SMALL = 0.4  # rad: below, E is a series
 _TERMS = 14
 _COEFFICIENTS = [1j**k / math.factorial(k + 1) for k in range(_TERMS)]
@@ -229,6 +231,11 @@ class Reference:
             one, two = ((c * np.conj(side)).real for c in corners)
             gaps.append(max(one.min() - two.max(), two.min() - one.max()))
         return max(gaps)
+
+    def clear(self, kappa: Array) -> bool:
+        """Whether units keep the robot's gap, and no parts meet, with a little to spare."""
+        apart = self.room_m(kappa) >= self.robot.limits.unit_gap_m + 1e-4
+        return apart and apart_m(self.robot.geometry, kappa) >= _SPARE_M
 
     def steady(self, kappa: Array) -> bool:
         """Whether the robot may drive in a shape (the limit ``wheel_independence``)."""

@@ -102,7 +102,7 @@ def _travelled(
     path = done.y.T
     if np.abs(path[:, POSE:]).max() > limits.curvature_per_m:
         return None
-    if min(reference.room_m(kappa) for kappa in path[::4, POSE:]) < limits.unit_gap_m + 1e-4:
+    if not all(reference.clear(kappa) for kappa in path[::4, POSE:]):
         return None
     bent, turned = (np.array(part) for part in zip(*map(rates, path), strict=True))
     shares = [np.abs(turned) / limits.wheel_speed_rad_s]
