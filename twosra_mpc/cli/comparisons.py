@@ -179,19 +179,24 @@ def _print_comparison(result: ModelComparison) -> None:
         took, moving = f"{made.cost.time_s:.1f} s", f"{made.moving_s:.2f} s"
         rows.append((name, sequence_name(made.sequence), took, moving, wheel, speed))
     print_table(("model", "mode sequence", "duration", "moving", "wheels", "v_j is"), rows)
-    errors = []
-    for maker, planned, ends in zip(result.models, result.results, result.end_errors, strict=True):
-        cells = (_end_error(error) if planned.plan else "no plan" for error in ends)
-        errors.append((f"planned with {maker}", *cells))
-    click.echo("End error: position [mm], heading [deg], kappa1 and kappa2 [1/m]. Executed by:")
-    print_table(("", *result.models), errors)
+    errors = [
+        (maker, runner, *(_end_error(error) if planned.plan else ("no plan",)))
+        for maker, planned, ends in zip(
+            result.models, result.results, result.end_errors, strict=True
+        )
+        for runner, error in zip(result.models, ends, strict=True)
+    ]
+    click.echo("Error at the end of each plan, executed by each model:")
+    header = ("planned with", "executed by", "position", "heading", "kappa1", "kappa2")
+    print_table(header, [(*row, *[""] * (len(header) - len(row))) for row in errors])
 
 
-def _end_error(error: Any) -> str:
+def _end_error(error: Any) -> tuple[str, ...]:
     if math.isnan(error[0]):
-        return "bends too far"
+        return ("bends too far",)
     shift, turn = 1e3 * math.hypot(error[0], error[1]), math.degrees(error[2])
-    return f"{shift:.1f}, {turn:z.1f}, {error[3]:z.1f}, {error[4]:z.1f}"
+    bends = (f"{value:z.1f} 1/m" for value in error[3:])
+    return f"{shift:.1f} mm", f"{turn:z.1f} deg", *bends
 
 
 @command("explain")
