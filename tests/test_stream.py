@@ -377,12 +377,13 @@ def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(
     firmware = connect(plan)
     first = len(wheel_commands(plan.trajectory, plan.phases[0], SLOW_HZ))
     lost: list[float] = []
+    lasts_s = 1.5  # a sensor that jumps for longer has failed
 
     def cold(time_s: float, segment: int, temperature_C: float) -> bytes:
-        """For ten seconds in the middle of the second phase, segment 1 seems to be cold."""
+        """For a moment in the middle of the second phase, segment 1 seems to be cold."""
         if segment == 0 and len(firmware.moves) > first + 20:
             lost.append(time_s)
-            temperature_C = 25.0 if time_s < lost[0] + 10 else temperature_C
+            temperature_C = 25.0 if time_s < lost[0] + lasts_s else temperature_C
         return b"%c%.2f\n" % (65 + segment, temperature_C)
 
     firmware.reports = cold
@@ -390,7 +391,7 @@ def test_the_wheels_stop_while_a_segment_is_not_what_the_phase_needs(
     times = np.array([move.time_s for move in firmware.moves[first:]])
     gap = int(np.argmax(np.diff(times)))
     assert lost[0] < times[gap] < lost[0] + 1.5
-    assert lost[0] + 10 < times[gap + 1] < lost[0] + 20
+    assert lost[0] + lasts_s < times[gap + 1] < lost[0] + lasts_s + 10
     assert len(firmware.moves) == len(commands_of(plan, SLOW_HZ))
     assert_off(firmware)
 

@@ -154,8 +154,9 @@ class SegmentWatch:
             self._lowest_C, self._first_C = math.inf, math.nan
             self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
         readable = self._readable(time_s, temperature_C, stiffness)
-        off = self._account_for(time_s, setpoint_C, temperature_C if readable else None, current_A)
-        if not readable or self._jumped(time_s, temperature_C):
+        sound = readable and not self._jumped(time_s, temperature_C)
+        off = self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
+        if not sound:
             return
         since_s = time_s - self._changed_s
         pair_C, self._last_C = (self._last_C, temperature_C), temperature_C

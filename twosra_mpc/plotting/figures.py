@@ -18,7 +18,8 @@ from twosra_mpc.files import write_bytes
 
 RIGID_COLOUR = "#2a6fbb"
 SOFT_COLOUR = "#c8202f"
-CHANGING_COLOUR, FREEZING_COLOUR = "#f6b04e", "#86c5da"  # the first while melting
+CHANGING_COLOUR = "#f6b04e"  # while melting
+FREEZING_COLOUR = "#86c5da"
 SEGMENT_COLOURS = ("#222222", "#12997c", "#7b5ea7", "#e07b00")
 UNIT_COLOURS = SEGMENT_COLOURS[:2]
 MIDDLE_COLOUR = "#e07b00"  # path of the middle link
