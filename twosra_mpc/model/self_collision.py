@@ -140,16 +140,17 @@ def self_collision(body: Body) -> SelfCollision:
 
 def separation(a: Any, b: Any) -> Any:
     """Separations of rectangles along their sides, as columns of `Part`: arrays or symbols."""
-    largest = ca.fmax if isinstance(a, ca.SX) else np.maximum
+    symbolic = isinstance(a, ca.SX)
+    largest, size = (ca.fmax, ca.fabs) if symbolic else (np.maximum, np.abs)
     (ax, ay, ac, az, al, aw), (bx, by, bc, bz, bl, bw) = (
         [r[i, :] for i in range(6)] for r in (a, b)
     )
-    x, y, c, s = bx - ax, by - ay, abs(ac * bc + az * bz), abs(ac * bz - az * bc)
+    x, y, c, s = bx - ax, by - ay, size(ac * bc + az * bz), size(ac * bz - az * bc)
     by_a = largest(
-        abs(ac * x + az * y) - al - c * bl - s * bw, abs(ac * y - az * x) - aw - s * bl - c * bw
+        size(ac * x + az * y) - al - c * bl - s * bw, size(ac * y - az * x) - aw - s * bl - c * bw
     )
     by_b = largest(
-        abs(bc * x + bz * y) - bl - c * al - s * aw, abs(bc * y - bz * x) - bw - s * al - c * aw
+        size(bc * x + bz * y) - bl - c * al - s * aw, size(bc * y - bz * x) - bw - s * al - c * aw
     )
     return largest(by_a, by_b)
 
