@@ -82,6 +82,8 @@ def twosra(
     monkeypatch.chdir(tmp_path)
     before = signal.getsignal(signal.SIGTERM)
 
+    monkeypatch.setenv("COLUMNS", "300")  # workers of a test run have terminals of 80
+
     def run(arguments: str) -> Printed:
         with pytest.raises(SystemExit) as caught:
             cli.main(arguments.split())
