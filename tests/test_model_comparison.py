@@ -58,7 +58,10 @@ def test_a_model_without_a_plan_has_no_end_error() -> None:
     assert np.isnan(result.end_errors).all()
 
 
-def test_compare_models_prints_both_tables(capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_models_prints_both_tables(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")  # workers of a test run have terminals of 80
     assert run("compare-models", "paper-2", "--robot", "2sra-v1-paper") == 0
     out = capsys.readouterr().out
     assert all(out.count(model) >= 3 for model in PATH_MODELS)
