@@ -65,6 +65,10 @@ def apart_m(geometry: Geometry, kappa: np.ndarray) -> float:
 def _pairs(
     geometry: Geometry, kappa: np.ndarray
 ) -> Iterator[tuple[shapely.Polygon, shapely.Polygon]]:
-    joined = 1 if geometry.middle_link_m else 2  # places between parts that are joined
+    welded = not geometry.middle_link_m  # segments are joined to each other
+
+    def joined(i: int, k: int) -> bool:
+        return k - i <= (2 if welded and i % 2 else 1)
+
     pairs = itertools.combinations(_parts(geometry, kappa), 2)
-    return ((a, b) for (i, a), (k, b) in pairs if abs(k - i) > joined)
+    return ((a, b) for (i, a), (k, b) in pairs if not joined(i, k))
