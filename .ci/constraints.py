@@ -9,10 +9,11 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 HEAD = f"""\
-# Exactly the versions of the last full run of the tests, on Python {platform.python_version()}.
-# For who wants just these:  pip install -c constraints.txt 'twosra-mpc[batch,proof]'
-# Otherwise the newest that pyproject.toml allows are taken. Made by .ci/run when it has passed:
-#   .venv/bin/python .ci/constraints.py > constraints.txt"""
+# Exact versions of where .ci/constraints.py was run, on Python {platform.python_version()}.
+# .ci/run does that after all tests have passed; by hand:
+#   .venv/bin/python .ci/constraints.py > constraints.txt
+# To install these versions from a clone:  pip install -c constraints.txt '.[batch,proof]'
+# Without this file, pip takes the newest versions that pyproject.toml allows."""
 
 
 def add(line: str, extras: frozenset[str], found: dict[tuple[str, frozenset[str]], str]) -> None:

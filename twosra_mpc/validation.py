@@ -197,9 +197,9 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
     if isinstance(cause, InputError):
         return cause.within(field, hint=_belongs_above(cause, model))
     match detail["type"]:
-        case "missing":
+        case "missing" | "missing_argument":  # the second of named tuples, before pydantic 2.14
             return missing(field)
-        case "extra_forbidden":
+        case "extra_forbidden" | "unexpected_keyword_argument":
             known = [item.alias or name for name, item in model.model_fields.items()]
             hint = near_key(field, given, known)
             return InputError(field, given, f"{_KNOWN}{', '.join(known)}", hint=hint)

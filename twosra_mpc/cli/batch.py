@@ -117,12 +117,14 @@ def _bar(output: Output, total: int, done: int) -> Iterator[Callable[[int], None
     )
 
     console = Console(stderr=True)
+    if output.quiet or not console.is_terminal:
+        yield lambda _: None
+        return
     columns = (
         *(TextColumn("planning"), BarColumn(), MofNCompleteColumn()),
         *(TextColumn("{task.fields[rate]}"), TimeRemainingColumn()),
     )
-    shown = console.is_terminal and not output.quiet
-    with Progress(*columns, console=console, disable=not shown) as progress:
+    with Progress(*columns, console=console) as progress:
         task = progress.add_task("", total=total, completed=done, rate="waiting for workers")
         started = time.perf_counter()
 
