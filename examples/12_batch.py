@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from twosra_mpc.batch import read_runs
+from twosra_mpc.lab.batch import read_runs
 
 Path("spec.toml").write_text("""
 scenario = "paper-2"

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twosra_mpc.identification.heating_log import HeatingLog
-from twosra_mpc.identification.thermal import Parameters
+from twosra_mpc.lab.identification.heating_log import HeatingLog
+from twosra_mpc.lab.identification.thermal_fit import Parameters
 
 Array = NDArray[np.float64]
 

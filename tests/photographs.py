@@ -9,7 +9,7 @@ from PIL import Image
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from twosra_mpc.photographs.picture import Camera, Photograph
+from twosra_mpc.lab.photographs.picture import Camera, Photograph
 from twosra_mpc.robot.coordinates import Array
 
 LENGTH_M, WIDTH_M, SIZE = 0.04, 0.006, 70

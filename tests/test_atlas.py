@@ -11,9 +11,9 @@ import pytest
 from conftest import Run
 
 from twosra_mpc import InputError
-from twosra_mpc.analysis.atlas import atlas, numeric_keys
-from twosra_mpc.batch.table import frame_of, write_table
-from twosra_mpc.plotting.atlas_figure import chosen_keys, plot_atlas
+from twosra_mpc.lab.batch.atlas import atlas, numeric_keys
+from twosra_mpc.lab.batch.table import frame_of, write_table
+from twosra_mpc.lab.figures.atlas_figure import chosen_keys, plot_atlas
 
 CURRENTS, BENDS = (0.7, 0.8, 0.9), (-20.0, 0.0, 20.0, 40.0)
 VARIED = {"robot.heater.melt_current_A": "float64", "goal.kappa_per_m.0": "float64"}

@@ -26,12 +26,12 @@ from test_cli_output import examples
 
 from twosra_mpc import InputError, load_plan, plan
 from twosra_mpc.analysis.critical_path import critical_path
-from twosra_mpc.batch import chunk, engine, folder, read_runs
-from twosra_mpc.batch.chunk import Asked, plan_chunk
-from twosra_mpc.batch.engine import cluster_at, local_cluster, planned
-from twosra_mpc.batch.problems import Problems
-from twosra_mpc.batch.spec import Spec, load_spec
-from twosra_mpc.batch.table import GREEDY_COLUMNS, RESULT_COLUMNS
+from twosra_mpc.lab.batch import chunk, engine, folder, read_runs
+from twosra_mpc.lab.batch.chunk import Asked, plan_chunk
+from twosra_mpc.lab.batch.engine import cluster_at, local_cluster, planned
+from twosra_mpc.lab.batch.problems import Problems
+from twosra_mpc.lab.batch.spec import Spec, load_spec
+from twosra_mpc.lab.batch.table import GREEDY_COLUMNS, RESULT_COLUMNS
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import mode_name
 

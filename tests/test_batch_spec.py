@@ -11,9 +11,9 @@ import pytest
 
 from benchmarks.problems import load_set
 from twosra_mpc import InputError, Problem, load_problem, load_robot
-from twosra_mpc.batch.problems import Posed, Problems
-from twosra_mpc.batch.spec import MOST_PROBLEMS, Spec, load_spec
 from twosra_mpc.files import locate
+from twosra_mpc.lab.batch.problems import Posed, Problems
+from twosra_mpc.lab.batch.spec import MOST_PROBLEMS, Spec, load_spec
 
 RANDOM = {
     **{"robot": "2sra-v1", "seed": 2026, "count": 100},

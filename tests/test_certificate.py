@@ -21,7 +21,6 @@ from twosra_mpc.checking import certificate
 from twosra_mpc.checking.certificate import Bounded, Checker, Proof, check
 from twosra_mpc.checking.fibre import Fibre, between, low
 from twosra_mpc.checking.melts import heat
-from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.proof import Prover
@@ -30,6 +29,7 @@ from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import all_modes
+from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.timing import transition_model
 
 SHORTFALL = 5e-4  # of the bound that is reported

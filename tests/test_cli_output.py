@@ -41,9 +41,10 @@ from twosra_mpc.cli import jog, options, output, planning, robot_line, simulate,
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
+from twosra_mpc.lab.figures import paper_figures
 from twosra_mpc.model.rolling import Drift
 from twosra_mpc.planning.proof import Prover
-from twosra_mpc.plotting import film, paper_figures
+from twosra_mpc.plotting import film
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.report import page
 

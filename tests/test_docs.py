@@ -13,13 +13,13 @@ import pytest
 from conftest import Run, Solved
 
 from twosra_mpc import load_problem, load_robot, plan
-from twosra_mpc.batch.problems import Problems
-from twosra_mpc.batch.spec import load_spec
+from twosra_mpc.lab.batch.problems import Problems
+from twosra_mpc.lab.batch.spec import load_spec
+from twosra_mpc.lab.paper import applications, statistics
+from twosra_mpc.lab.paper.kept import Kept, Tell
+from twosra_mpc.lab.paper.pieces import Study, random_problems
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plotting import film
-from twosra_mpc.report.paper import applications, statistics
-from twosra_mpc.report.paper.kept import Kept, Tell
-from twosra_mpc.report.paper.pieces import Study, random_problems
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "twosra_mpc"

@@ -26,11 +26,11 @@ from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
 from twosra_mpc.problem.tolerances import RATE_TOLERANCE
 from twosra_mpc.robot.description import segment_model
+from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.robot.timing import SequentialTiming
 
 Array = NDArray[np.float64]

@@ -14,8 +14,14 @@ import numpy as np
 import pytest
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.reproduction.error_curves import TIMES, crossing, deviation, reaches, starts_above
-from twosra_mpc.reproduction.greedy_statistics import (
+from twosra_mpc.lab.reproduction.error_curves import (
+    TIMES,
+    crossing,
+    deviation,
+    reaches,
+    starts_above,
+)
+from twosra_mpc.lab.reproduction.greedy_statistics import (
     REFUSED,
     OptimalProblem,
     StudyProblem,
@@ -25,9 +31,9 @@ from twosra_mpc.reproduction.greedy_statistics import (
     published_study,
     statistics,
 )
-from twosra_mpc.reproduction.published import StopReason
-from twosra_mpc.reproduction.random_problems import MOST_PER_M, draw_single_mode
-from twosra_mpc.reproduction.shares import share, spread
+from twosra_mpc.lab.reproduction.published import StopReason
+from twosra_mpc.lab.reproduction.random_problems import MOST_PER_M, draw_single_mode
+from twosra_mpc.lab.reproduction.shares import share, spread
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 # Another C library may move a handful of problems from one count to the next: whether a phase is

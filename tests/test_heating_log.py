@@ -11,7 +11,7 @@ import pytest
 from heating import AIR_C, true_history, write_log
 
 from twosra_mpc import InputError
-from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log, resample, runs
+from twosra_mpc.lab.identification.heating_log import HeatingLog, read_heating_log, resample, runs
 
 HISTORY = true_history((30.0, 20.0))
 LOG = HISTORY.log(rate_Hz=2.0)

@@ -17,15 +17,21 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.cli import thermal_fit
 from twosra_mpc.files import locate
-from twosra_mpc.identification.heating_log import EvenLog, HeatingLog, read_heating_log, resample
-from twosra_mpc.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
-from twosra_mpc.identification.log_plants import OneNodePlant, TwoNodePlant, driven
-from twosra_mpc.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
-from twosra_mpc.identification.plausibility import doubts
-from twosra_mpc.identification.robot_files import write_identified_robot
-from twosra_mpc.identification.thermal import (
+from twosra_mpc.lab.commands import thermal_fit_command
+from twosra_mpc.lab.figures.thermal_fit_figure import plot_thermal_fit
+from twosra_mpc.lab.identification.heating_log import (
+    EvenLog,
+    HeatingLog,
+    read_heating_log,
+    resample,
+)
+from twosra_mpc.lab.identification.identified_robot import write_identified_robot
+from twosra_mpc.lab.identification.log_fit import Fitted, fit, pooled_rms_C, residuals
+from twosra_mpc.lab.identification.log_plants import OneNodePlant, TwoNodePlant, driven
+from twosra_mpc.lab.identification.log_response import CORRECTED_S, HeaterLaw, SensorLag
+from twosra_mpc.lab.identification.plausibility import doubts
+from twosra_mpc.lab.identification.thermal_fit import (
     LOGS_DIFFER,
     SEGMENT_FIELDS,
     UNIT,
@@ -35,7 +41,6 @@ from twosra_mpc.identification.thermal import (
     score,
     two_nodes,
 )
-from twosra_mpc.plotting.heating_figures import plot_thermal_fit
 from twosra_mpc.robot.segment import TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 
@@ -470,7 +475,7 @@ def test_one_cycle_is_fitted_without_cross_validation(
         fits.append(identify(*arguments))
         return fits[-1]
 
-    monkeypatch.setattr(thermal_fit.thermal, "identify", spy)
+    monkeypatch.setattr(thermal_fit_command.thermal_fit, "identify", spy)
     log = write_log(true_history((40.0,)).log(1.0), Path("one.csv"))
     code, out, _ = run("fit-thermal", log, "--robot", "2sr-v2", "--ambient", "20.6")
     assert code == 0

@@ -24,9 +24,9 @@ PACKAGE = Path(twosra_mpc.__file__).parent
 FEW = {  # functions asked for few things ever, so that their caches need no bound
     "cli/doctor.py": "_packages_of_modules: of nothing",
     "model/series.py": "_series: three series",
-    "plotting/paper_figures.py": "_plans, _published: five tasks",
-    "report/paper/kept.py": "package_digest: of nothing",
-    "reproduction/simulations.py": "run: five simulations",
+    "lab/figures/paper_figures.py": "_plans, _published: five tasks",
+    "lab/paper/kept.py": "package_digest: of nothing",
+    "lab/reproduction/simulations.py": "run: five simulations",
     "timing/thermal_start.py": "least: gone once its segments have been asked for",
 }
 

@@ -11,9 +11,9 @@ import pytest
 from twosra_mpc import InputError, Status, load_problem, load_robot
 from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
 from twosra_mpc.cli import main
-from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
-from twosra_mpc.identification.path_fitting import fit_spirals
-from twosra_mpc.identification.robot_files import write_fitted_robot
+from twosra_mpc.robot.copies import write_fitted_robot
+from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.robot.path_fitting import fit_spirals
 from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 

@@ -12,7 +12,7 @@ import twosra_mpc
 
 SLOW = (
     *("numpy", "scipy", "casadi", "pydantic", "matplotlib", "jinja2", "osqp", "rich"),
-    *("importlib.metadata", "urllib.request", "twosra_mpc.identification.thermal"),
+    *("importlib.metadata", "urllib.request", "twosra_mpc.analysis.explanation"),
 )
 
 
@@ -32,8 +32,8 @@ def test_the_import_leaves_slow_libraries_alone_until_they_are_needed() -> None:
     code = f"""
 import sys, twosra_mpc
 print([name for name in {SLOW!r} if name in sys.modules])
-twosra_mpc.identify
-print("twosra_mpc.identification.thermal" in sys.modules)
+twosra_mpc.explain
+print("twosra_mpc.analysis.explanation" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split("\n") == ["[]", "True", ""]

@@ -14,8 +14,14 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.identification import path_fitting as fitting
-from twosra_mpc.identification.path_fitting import (
+from twosra_mpc.model.chain import fibre_end_pose
+from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
+from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
+from twosra_mpc.robot import path_fitting as fitting
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode, soft_segments
+from twosra_mpc.robot.path_fitting import (
     CASES,
     SPIRAL_BENDS_RAD,
     CardioidFit,
@@ -27,12 +33,6 @@ from twosra_mpc.identification.path_fitting import (
     fitted_path_tables,
     path_curves,
 )
-from twosra_mpc.model.chain import fibre_end_pose
-from twosra_mpc.model.path_models import Arc, LogSpiral, PathModel, path_model
-from twosra_mpc.plotting.path_figure import CURVES, MODES, POSES, held_pose, plot_paths
-from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import SOFT_1, SOFT_2, SOFT_BOTH, Mode, soft_segments
 
 Array = NDArray[np.float64]
 

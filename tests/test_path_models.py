@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from problems import ROBOT, random_problem
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, Status, load_robot, plan
-from twosra_mpc.identification.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import interval_flow
 from twosra_mpc.model.kinematics import kinematics
@@ -20,6 +19,7 @@ from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.single_goal.relaxed import bending_task
 from twosra_mpc.problem.limits import BODY_GAP, UNIT_GAP, broken_by_shapes, most_gaps_m
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
+from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.robot.paths import ArcPath
 
 V2 = load_robot("2sr-v2")

@@ -30,6 +30,7 @@ from twosra_mpc import (
     plan,
     plotting,
 )
+from twosra_mpc.lab.figures.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
 from twosra_mpc.plans.stiffness import stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase
 from twosra_mpc.plotting import (
@@ -52,7 +53,6 @@ from twosra_mpc.plotting import (
     plot_snapshots,
     robot_shape,
 )
-from twosra_mpc.plotting.atlas_figure import NO_PLAN_COLOUR, OTHER_COLOUR, SEQUENCE_COLOURS
 from twosra_mpc.plotting.figures import (
     FREEZING_COLOUR,
     HEATER_COLOUR,

@@ -12,8 +12,8 @@ from conftest import Planned
 from matplotlib.figure import Figure
 
 from twosra_mpc import cli, load_problem
-from twosra_mpc.plotting import paper_figures
-from twosra_mpc.plotting.paper_figures import (
+from twosra_mpc.lab.figures import paper_figures
+from twosra_mpc.lab.figures.paper_figures import (
     LEAST_SHARE,
     MODES,
     PAPER_FIGURES,
@@ -24,7 +24,7 @@ from twosra_mpc.plotting.paper_figures import (
     plot_forward_kinematics,
     plot_published_tasks,
 )
-from twosra_mpc.reproduction.published import published_trajectory
+from twosra_mpc.lab.reproduction.published import published_trajectory
 from twosra_mpc.robot.modes import mode_name
 
 

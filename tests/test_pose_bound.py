@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from problems import at_once, faster_robot, network_of
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot
-from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
@@ -24,6 +23,7 @@ from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.problem.limits import interval_durations
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.robot.path_choice import with_path_model
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,10 @@ from twosra_mpc.keys import describe
 PAGES = sorted((Path(__file__).parent.parent / "docs" / "reference").glob("*.md"))
 MODULES = [
     f"twosra_mpc{suffix}"
-    for suffix in ("", ".batch", ".execution", ".execution.tracking", ".plotting", ".report")
+    for suffix in (
+        *("", ".execution", ".execution.tracking", ".plotting", ".report"),
+        *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper"),
+    )
 ]
 
 

@@ -20,12 +20,12 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
 from twosra_mpc import Goal, Plan, Result, Status, load_plan, load_problem
+from twosra_mpc.lab.paper.claims import Claim, Verdict, equal
+from twosra_mpc.lab.paper.paper_page import paper_page
+from twosra_mpc.lab.paper.section import Picture, Section, Table
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
 from twosra_mpc.report import film, page, write_report
-from twosra_mpc.report.paper.claims import Claim, Verdict, equal
-from twosra_mpc.report.paper.page import paper_page
-from twosra_mpc.report.paper.section import Picture, Section, Table
 
 Solved = Callable[..., Result]
 HOSTILE = (

@@ -22,7 +22,7 @@ from test_cli_output import examples
 from test_docs import few_problems
 from test_report import Page
 
-from twosra_mpc.report.paper import (
+from twosra_mpc.lab.paper import (
     Claim,
     Reading,
     Sources,
@@ -36,11 +36,11 @@ from twosra_mpc.report.paper import (
     tasks,
     trials,
 )
-from twosra_mpc.report.paper.claims import equal, every
-from twosra_mpc.report.paper.kept import Kept, Part
-from twosra_mpc.report.paper.page import SHOWN
-from twosra_mpc.report.paper.report import NUMBERS, PAGE, PARTS
-from twosra_mpc.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.paper.claims import equal, every
+from twosra_mpc.lab.paper.kept import Kept, Part
+from twosra_mpc.lab.paper.paper_page import SHOWN
+from twosra_mpc.lab.paper.paper_report import NUMBERS, PAGE, PARTS
+from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 
 CURVATURES = [0.0, -20.0, -45.0, -30.0, -2.0]
 PHOTOGRAPHS = ("--scale", SCALE_M, "--length", LENGTH_M, "--towards", "39,35")

@@ -13,11 +13,11 @@ from conftest import Run
 from test_reproduce import CURVATURES, PHOTOGRAPHS, lab, write_simulations
 
 from twosra_mpc import InputError
-from twosra_mpc.report.paper import Sources, pieces, reproduce
-from twosra_mpc.report.paper.kept import Kept
-from twosra_mpc.report.paper.pieces import random_problems
-from twosra_mpc.report.paper.report import PARTS
-from twosra_mpc.report.paper.tasks import read_simulations
+from twosra_mpc.lab.paper import Sources, pieces, reproduce
+from twosra_mpc.lab.paper.kept import Kept
+from twosra_mpc.lab.paper.paper_report import PARTS
+from twosra_mpc.lab.paper.pieces import random_problems
+from twosra_mpc.lab.paper.tasks import read_simulations
 
 __all__ = ["lab"]  # a fixture
 Change = Callable[[Path], object]
@@ -213,7 +213,7 @@ def test_an_interrupted_command_says_so(run: Run, monkeypatch: pytest.MonkeyPatc
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("twosra_mpc.report.paper.reproduce", interrupt)
+    monkeypatch.setattr("twosra_mpc.lab.paper.reproduce", interrupt)
     code, out, err = run("reproduce", "--out", "paper")
     assert (code, out) == (130, "")
     assert err == "twosra: interrupted before there was a result"

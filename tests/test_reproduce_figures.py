@@ -11,18 +11,18 @@ from matplotlib.colors import to_rgba
 from photographs import camera, write_folder
 from test_reproduce import CURVATURES, TRIAL, write_log
 
-from twosra_mpc.identification.motion_log import read_motion_log
-from twosra_mpc.photographs.study import estimate_folder
-from twosra_mpc.plotting.study_figures import plot_error_curves, plot_modes
-from twosra_mpc.plotting.trial_figures import plot_distances, plot_spread, plot_trials
-from twosra_mpc.report.paper.trials import DTW
-from twosra_mpc.reproduction.greedy_statistics import (
+from twosra_mpc.lab.figures.study_figures import plot_error_curves, plot_modes
+from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_spread, plot_trials
+from twosra_mpc.lab.identification.motion_log import read_motion_log
+from twosra_mpc.lab.paper.trials import DTW
+from twosra_mpc.lab.photographs.study import estimate_folder
+from twosra_mpc.lab.reproduction.greedy_statistics import (
     OptimalProblem,
     StudyProblem,
     published_study,
     statistics,
 )
-from twosra_mpc.reproduction.simulations import SIMULATIONS
+from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.description import load_robot
 from twosra_mpc.robot.modes import MODES
 

@@ -12,7 +12,7 @@ from conftest import Run
 from melts import BEGINS_C, ROBOT, TARGETS, TRUE, Rows, made_up, write
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.identification.transitions import (
+from twosra_mpc.lab.identification.transition_fit import (
     LoggedTransition,
     TransitionFit,
     identify_transitions,

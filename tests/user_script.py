@@ -12,7 +12,6 @@ from twosra_mpc import (
     Disc,
     Goal,
     Grasp,
-    HeatingLog,
     InputError,
     Mode,
     Object,
@@ -36,12 +35,10 @@ from twosra_mpc import (
     World,
     check_plan,
     explain,
-    identify,
     kinematics,
     load_plan,
     load_robot,
     plan,
-    read_heating_log,
     read_obstacles,
     read_outline,
     refined,
@@ -71,6 +68,7 @@ from twosra_mpc.execution.tracking import (
     TrackerLimits,
     TrackerWeights,
 )
+from twosra_mpc.lab.identification import HeatingLog, identify, read_heating_log
 from twosra_mpc.plotting import animate_plan, plot_plan
 
 robot: Robot = load_robot("2sra-v1")

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
         TwosraError,
         UnitWarning,
     )
-    from twosra_mpc.identification.heating_log import HeatingLog, read_heating_log
-    from twosra_mpc.identification.path_choice import with_path_model
-    from twosra_mpc.identification.thermal import ThermalFit, identify
     from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
     from twosra_mpc.planning.planner import plan
@@ -43,6 +40,7 @@ if TYPE_CHECKING:
     from twosra_mpc.problem.world import Box, Disc, Obstacle, World
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
+    from twosra_mpc.robot.path_choice import with_path_model
     from twosra_mpc.schema import json_schema
     from twosra_mpc.version import __version__
 
@@ -53,9 +51,6 @@ _PUBLIC = {
     "checking.plan_file": ("PlanCheck", "check_plan"),
     "checking.resampling": ("refined",),
     "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "UnitWarning"),
-    "identification.heating_log": ("HeatingLog", "read_heating_log"),
-    "identification.path_choice": ("with_path_model",),
-    "identification.thermal": ("ThermalFit", "identify"),
     "model.kinematics": ("Kinematics", "kinematics"),
     "model.outline": ("RobotShape", "robot_shape"),
     "planning.single_goal.conclusion": ("Progress",),
@@ -73,6 +68,7 @@ _PUBLIC = {
     "problem.world": ("Box", "Disc", "Obstacle", "World"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
+    "robot.path_choice": ("with_path_model",),
     "schema": ("json_schema",),
     "version": ("__version__",),
 }
@@ -88,7 +84,6 @@ __all__ = [
     "Goal",
     "GoalSet",
     "Grasp",
-    "HeatingLog",
     "InputError",
     "Kinematics",
     "Mode",
@@ -110,7 +105,6 @@ __all__ = [
     "Start",
     "Status",
     "Task",
-    "ThermalFit",
     "Tolerance",
     "TwosraError",
     "UnitWarning",
@@ -121,7 +115,6 @@ __all__ = [
     "check_plan",
     "compare_models",
     "explain",
-    "identify",
     "json_schema",
     "kinematics",
     "load_plan",
@@ -129,7 +122,6 @@ __all__ = [
     "load_robot",
     "obstacles_of",
     "plan",
-    "read_heating_log",
     "read_obstacles",
     "read_outline",
     "refined",

@@ -15,12 +15,12 @@ from benchmarks.measurement import PlanRecord, Timing, plan_record
 from benchmarks.report import shifted_geometric_mean
 from benchmarks.study import Measured, OneProblem, PlanStudy
 from twosra_mpc import Problem, plan
-from twosra_mpc.problem.limits import broken_by_shapes
-from twosra_mpc.reproduction.published import (
+from twosra_mpc.lab.reproduction.published import (
     PublishedTrajectory,
     StopReason,
     published_trajectory,
 )
+from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.validation import Positive
 

@@ -22,7 +22,6 @@ from twosra_mpc.checking.between_samples import between_problems
 from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.verification import Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
-from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.plan import Plan, Status, Verification
@@ -34,6 +33,7 @@ from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names, segment_model
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.robot.path_choice import with_path_model
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 EFFORT_TOLERANCE = 1e-3  # of the effort: how a wheel's speed bends between samples

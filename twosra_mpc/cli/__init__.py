@@ -34,45 +34,63 @@ from twosra_mpc.version import __version__
 # Section of the help -> command -> its module in this package, and what it does in one line.
 _COMMANDS = {
     "Plan": {
-        "plan": ("planning", "Plan a scenario, with a proved gap."),
-        "explain": ("comparisons", "Say why a plan is what it is, and what others cost."),
-        "check-passage": ("world", "Say in which shapes the robot can drive to the goal."),
-        "compare": ("comparisons", "Plan scenarios by both planners, side by side."),
-        "compare-models": ("comparisons", "Plan under each path model, and run under the others."),
+        "plan": ("cli.planning", "Plan a scenario, with a proved gap."),
+        "explain": ("cli.comparisons", "Say why a plan is what it is, and what others cost."),
+        "check-passage": ("cli.world", "Say in which shapes the robot can drive to the goal."),
+        "compare": ("cli.comparisons", "Plan scenarios by both planners, side by side."),
+        "compare-models": (
+            "cli.comparisons",
+            "Plan under each path model, and run under the others.",
+        ),
     },
     "Thousands of plans": {
-        "batch": ("batch", "Plan thousands of problems, on all cores or a cluster."),
-        "atlas": ("atlas", "Say what the plans of a batch have in common."),
+        "batch": (
+            "lab.commands.batch_command",
+            "Plan thousands of problems, on all cores or a cluster.",
+        ),
+        "atlas": ("lab.commands.atlas_command", "Say what the plans of a batch have in common."),
     },
     "Use a plan": {
-        "verify": ("plan_files", "Check plan files independently of what they say."),
-        "resample": ("plan_files", "Write set-points at a regular rate, or a denser plan."),
-        "export": ("plan_files", "Write a plan in the format of another program."),
-        "report": ("plan_files", "Write a plan as an HTML page."),
-        "animate": ("plan_files", "Animate a plan."),
-        "figures": ("figures", "Draw the paper's figures from our own runs."),
-        "reproduce": ("reproduce", "Compare the paper with what comes of it here."),
-        "stream": ("stream", "Send a plan to a robot over a serial line."),
-        "jog": ("jog", "Drive a robot by hand, over a serial line."),
+        "verify": ("cli.plan_files", "Check plan files independently of what they say."),
+        "resample": ("cli.plan_files", "Write set-points at a regular rate, or a denser plan."),
+        "export": ("cli.plan_files", "Write a plan in the format of another program."),
+        "report": ("cli.plan_files", "Write a plan as an HTML page."),
+        "animate": ("cli.plan_files", "Animate a plan."),
+        "figures": ("lab.commands.figures_command", "Draw the paper's figures from our own runs."),
+        "reproduce": (
+            "lab.commands.reproduce_command",
+            "Compare the paper with what comes of it here.",
+        ),
+        "stream": ("cli.stream", "Send a plan to a robot over a serial line."),
+        "jog": ("cli.jog", "Drive a robot by hand, over a serial line."),
     },
     "Simulate": {
-        "simulate": ("simulate", "Plan and run in closed loop on a simulated robot."),
-        "replay": ("replay", "Predict a log of motion, and say how far off it ends."),
-        "simulate-heater": ("heater_loop", "Run the closed loop of one heater."),
+        "simulate": ("cli.simulate", "Plan and run in closed loop on a simulated robot."),
+        "replay": (
+            "lab.commands.replay_command",
+            "Predict a log of motion, and say how far off it ends.",
+        ),
+        "simulate-heater": ("cli.heater_loop", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {
-        "new": ("new", "Write a scenario or a robot file to start from."),
-        "scenarios": ("robots", "List the built-in scenarios."),
-        "robots": ("robots", "List the built-in robots."),
-        "check-robot": ("robots", "Check a robot file and its wheels."),
-        "fit-paths": ("robots", "Fit spirals and cardioids to a fibre's lengths."),
-        "fit-thermal": ("thermal_fit", "Identify a segment from a heating log."),
-        "estimate-curvature": ("curvature", "Measure how segments bend in thermal photographs."),
-        "import-map": ("world", "Turn a map of ROS into obstacles."),
-        "schema": ("schema", "Print JSON Schemas of the files, for editors."),
+        "new": ("cli.new", "Write a scenario or a robot file to start from."),
+        "scenarios": ("cli.robots", "List the built-in scenarios."),
+        "robots": ("cli.robots", "List the built-in robots."),
+        "check-robot": ("cli.robots", "Check a robot file and its wheels."),
+        "fit-paths": ("cli.robots", "Fit spirals and cardioids to a fibre's lengths."),
+        "fit-thermal": (
+            "lab.commands.thermal_fit_command",
+            "Identify a segment from a heating log.",
+        ),
+        "estimate-curvature": (
+            "lab.commands.curvature_command",
+            "Measure how segments bend in thermal photographs.",
+        ),
+        "import-map": ("cli.world", "Turn a map of ROS into obstacles."),
+        "schema": ("cli.schema", "Print JSON Schemas of the files, for editors."),
     },
     "This installation": {
-        "doctor": ("doctor", "Check versions, solvers and extras; plan and verify."),
+        "doctor": ("cli.doctor", "Check versions, solvers and extras; plan and verify."),
     },
 }
 _MODULES = {name: module for section in _COMMANDS.values() for name, (module, _) in section.items()}
@@ -118,7 +136,7 @@ class _Commands(click.Group):
         del ctx
         if cmd_name not in _MODULES:
             return None
-        module = importlib.import_module(f"twosra_mpc.cli.{_MODULES[cmd_name]}")
+        module = importlib.import_module(f"twosra_mpc.{_MODULES[cmd_name]}")
         command = getattr(module, f"{cmd_name.replace('-', '_')}_command")
         assert isinstance(command, click.Command)
         return command

@@ -125,9 +125,9 @@ def fit_paths_command(
     A robot file for your own fibre's lengths, with its comments kept:
       twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
     """
-    from twosra_mpc.identification.path_choice import parameters_in_words
-    from twosra_mpc.identification.path_fitting import CASES, fit_cardioids, fit_spirals
-    from twosra_mpc.identification.robot_files import write_fitted_robot
+    from twosra_mpc.robot.copies import write_fitted_robot
+    from twosra_mpc.robot.path_choice import parameters_in_words
+    from twosra_mpc.robot.path_fitting import CASES, fit_cardioids, fit_spirals
 
     described = load_robot(robot)
     with output.progress("fitting"):

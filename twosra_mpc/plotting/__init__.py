@@ -23,11 +23,6 @@ from twosra_mpc.plotting.figures import (
     save_figure,
 )
 from twosra_mpc.plotting.film import Film, animate_plan, check_animation_path
-from twosra_mpc.plotting.paper_figures import (
-    plot_error_decrease,
-    plot_forward_kinematics,
-    plot_published_tasks,
-)
 from twosra_mpc.plotting.plan_figures import (
     draw_snapshot,
     plan_title,
@@ -79,10 +74,7 @@ __all__ = [
     "plan_stretch",
     "plan_title",
     "plot_comparison",
-    "plot_error_decrease",
-    "plot_forward_kinematics",
     "plot_plan",
-    "plot_published_tasks",
     "plot_run",
     "plot_snapshots",
     "plot_sweep",

@@ -16,19 +16,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.identification.path_fitting import (
-    CARDIOID_BEND_RAD,
-    SPIRAL_BENDS_RAD,
-    Case,
-    PathCurves,
-    path_curves,
-)
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode
+from twosra_mpc.robot.path_fitting import (
+    CARDIOID_BEND_RAD,
+    SPIRAL_BENDS_RAD,
+    Case,
+    PathCurves,
+    path_curves,
+)
 
 POSES = 4  # bends the fibre is drawn at, evenly from straight on
 PALE = 0.55  # share of white in the colours of the fibre

@@ -97,10 +97,10 @@ def report_page(result: Result, origin: words.Origin | None = None) -> str:
     )
 
 
-def environment() -> Environment:
-    """Templates of this folder; what they are given is escaped, and all of it has to be there."""
+def environment(folder: str = "report") -> Environment:
+    """Templates of a folder of the package; values are escaped, and none may be missing."""
     made = Environment(
-        loader=PackageLoader("twosra_mpc", "report"),
+        loader=PackageLoader("twosra_mpc", folder),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -110,9 +110,9 @@ def environment() -> Environment:
     return made
 
 
-def data_file(name: str) -> str:
-    """Return a text file of this folder."""
-    return files("twosra_mpc.report").joinpath(name).read_text(encoding="utf-8")
+def data_file(name: str, folder: str = "report") -> str:
+    """Return a text file of a folder of the package."""
+    return files("twosra_mpc").joinpath(folder, name).read_text(encoding="utf-8")
 
 
 def policy(style: str, script: str) -> str:

@@ -20,7 +20,6 @@ from twosra_mpc.execution.guard import bends_into_itself
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
-from twosra_mpc.identification.path_choice import with_path_model
 from twosra_mpc.keys import near_word
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.plans.result import Result
@@ -29,6 +28,7 @@ from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, all_modes
+from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn

@@ -1,1 +1,0 @@
-"""Parameters from measurements: thermal models from heating logs, paths from lengths."""

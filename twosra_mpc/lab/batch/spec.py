@@ -1,0 +1,161 @@
+"""What a batch should plan, as a TOML file says it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import LARGEST, check_kind, read_document
+from twosra_mpc.lab.batch.table import RESULT_COLUMNS
+from twosra_mpc.problem.random_set import RandomSet
+from twosra_mpc.validation import FrozenDict, Number, Value, plain
+
+MOST_PROBLEMS = 10_000_000
+
+Scalar = bool | int | float | str
+Planner = Literal["optimal", "greedy", "both"]
+
+_KINDS: dict[type, str] = {bool: "bool", int: "int64", float: "float64", str: "str"}
+
+
+class Range(Value):
+    """So many numbers at equal distances, both ends included; a file calls the first ``from``."""
+
+    first: Number = Field(alias="from")
+    to: Number
+    steps: Annotated[int, Field(ge=2, le=MOST_PROBLEMS)]
+
+    @model_validator(mode="after")
+    def _rising(self) -> Range:
+        if not self.first < self.to:
+            raise InputError("to", self.to, f"more than from ({self.first:g})")
+        return self
+
+    def __len__(self) -> int:
+        return self.steps
+
+    @property
+    def values(self) -> tuple[Scalar, ...]:
+        """The numbers."""
+        return tuple(np.linspace(self.first, self.to, self.steps).tolist())
+
+
+def _axis(given: object) -> Range | tuple[Scalar, ...]:
+    """A range, or values of one kind, each once."""
+    if isinstance(given, dict):
+        return Range(**given)
+    if not isinstance(given, list | tuple) or not given:
+        allowed = "a list of values, or { from = 0.7, to = 0.9, steps = 5 }"
+        raise InputError("", given, allowed)
+    kinds = {type(value) for value in given}
+    if kinds == {int, float}:
+        given, kinds = tuple(map(float, given)), {float}
+    if len(kinds) > 1 or not kinds <= _KINDS.keys():
+        raise InputError("", given, "all numbers, all texts, or all of true and false")
+    for number, value in enumerate(given):
+        if kinds <= {int, float} and not abs(value) <= LARGEST:
+            raise InputError(f"{number}", value, f"a finite number, at most {LARGEST:g} in size")
+    if len(set(given)) < len(given):
+        raise InputError("", given, "each value once")
+    return tuple(given)
+
+
+def _by_dotted_key(given: object) -> object:
+    """A table of tables as one table with dotted keys; what a range says stays together."""
+    if not isinstance(given, dict):
+        return given
+    flat: dict[str, object] = {}
+    for key, value in given.items():
+        inner = _by_dotted_key(value)
+        if isinstance(inner, dict) and not {"from", "to", "steps"} & inner.keys():
+            flat |= {f"{key}.{name}": one for name, one in inner.items()}
+        else:
+            flat[key] = inner
+    return flat
+
+
+class Spec(Value):
+    """What to plan: scenarios or random problems, and a grid over keys of their files.
+
+    Attributes:
+        scenario: One scenario, a file or a built-in name; or
+        scenarios: several of them; or
+        random: random problems of a robot.
+        fixed: Dotted key of scenario or robot file -> value, for all problems.
+        grid: The same -> values; every combination is planned, the last key varies fastest.
+        planner: This package's, the greedy rule, or both side by side.
+        plans: Whether plan files are written.
+    """
+
+    scenario: str | None = None
+    scenarios: Annotated[tuple[str, ...] | None, BeforeValidator(plain)] = None
+    random: RandomSet | None = None
+    fixed: Annotated[
+        dict[str, Any], BeforeValidator(_by_dotted_key), AfterValidator(FrozenDict)
+    ] = FrozenDict()
+    grid: Annotated[
+        dict[str, Annotated[Any, BeforeValidator(_axis)]],
+        BeforeValidator(_by_dotted_key),
+        AfterValidator(FrozenDict),
+    ] = FrozenDict()
+    planner: Planner = "optimal"
+    plans: bool = False
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Spec:
+        given = [name for name in ("scenario", "scenarios", "random") if getattr(self, name)]
+        if len(given) != 1:
+            allowed = "one of the keys scenario, scenarios and random"
+            raise InputError("scenario", " and ".join(given) or "missing", allowed)
+        if self.scenarios and len(set(self.scenarios)) < len(self.scenarios):
+            raise InputError("scenarios", self.scenarios, "each scenario once")
+        for name, table in (("fixed", self.fixed), ("grid", self.grid)):
+            if "planner" in table:
+                raise InputError(f"{name}.planner", table["planner"], "planner as a key by itself")
+        if taken := sorted(self.grid.keys() & RESULT_COLUMNS.keys()):
+            allowed = f"a key that is no column of results; {taken[0]} can be fixed"
+            raise InputError(f"grid.{taken[0]}", self.grid[taken[0]], allowed)
+        if twice := self.fixed.keys() & self.grid.keys():
+            raise InputError(f"grid.{min(twice)}", "also fixed", "either fixed or in the grid")
+        if self.size > MOST_PROBLEMS:
+            allowed = f"at most {MOST_PROBLEMS} problems"
+            raise InputError("grid" if self.grid else "random.count", self.size, allowed)
+        return self
+
+    @property
+    def size(self) -> int:
+        """Number of problems."""
+        sets = self.random.count if self.random else len(self.scenarios or (self.scenario,))
+        return sets * math.prod(map(len, self.grid.values()))
+
+    @property
+    def axes(self) -> dict[str, tuple[Scalar, ...]]:
+        """Dotted key -> values of the grid."""
+        return {
+            key: axis.values if isinstance(axis, Range) else axis for key, axis in self.grid.items()
+        }
+
+    @property
+    def kinds(self) -> Mapping[str, str]:
+        """Dotted key of the grid -> type of its column."""
+        return {
+            key: "float64" if isinstance(axis, Range) else _KINDS[type(axis[0])]
+            for key, axis in self.grid.items()
+        }
+
+
+def load_spec(path: Path, **overrides: Any) -> Spec:
+    """Read the spec of a batch; keyword arguments replace keys of the file.
+
+    Raises:
+        InputError: If it cannot be read, or is wrong; the message names the key.
+    """
+    document = read_document(path, str(path))
+    check_kind(document, "batch", str(path))
+    return Spec.parse({**document, **overrides}, str(path))

@@ -1,0 +1,234 @@
+"""``twosra estimate-curvature``."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from twosra_mpc.cli.options import FILE, command, ending, file_option, plot_option
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.errors import InputError
+from twosra_mpc.lab.photographs.picture import Camera
+from twosra_mpc.lab.photographs.references import Deviation, deviation
+from twosra_mpc.lab.photographs.study import Estimate, estimate_folder, save_estimates
+
+_ESTIMATORS = {"published": "published_per_m", "arc": "arc_per_m"}
+_BANDS = (0, 10, 20, 35, 50, math.inf)  # |reference| [1/m]
+
+
+@command("estimate-curvature")
+@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=FILE)
+@click.option("--scale", "scale_m", type=float, required=True, help="Width of a pixel [m].")
+@click.option("--length", "length_m", type=float, required=True, help="Of the segment [m].")
+@click.option(
+    "--towards",
+    required=True,
+    metavar="X,Y",
+    help="A point [px] at the end the segment is followed to: positive is bent left on the way.",
+)
+@click.option("--threshold", type=float, default=120.0, help="Grey value that the segment exceeds.")
+@click.option(
+    "--reference",
+    "references",
+    multiple=True,
+    type=FILE,
+    help="CSV file of reference curvatures; one for each folder.",
+)
+@click.option("--column", default="kappa_per_m", help="Its column of curvatures [1/m].")
+@file_option("--csv", "Write a row a picture.", ending(".csv"))
+@plot_option("Draw five pictures, and the estimates over the references")
+@click.option("--figures", type=FILE, help="Draw every picture into this folder (png).")
+def estimate_curvature_command(
+    folders: tuple[Path, ...],
+    scale_m: float,
+    length_m: float,
+    towards: str,
+    threshold: float,
+    references: tuple[Path, ...],
+    column: str,
+    csv: Path | None,
+    plot: Path | None,
+    figures: Path | None,
+    output: Output,
+) -> None:
+    """Estimate the curvature of the segment that shines in each thermal photograph of FOLDER.
+
+    By two estimators: "published", the steps of the robot's paper, and "arc", least squares of one
+    arc, with a standard error and a test of whether the segment is an arc. Pictures without a
+    segment, with two, or with one that is cut off are refused, by name.
+
+    \b
+    A row a picture (a pixel is 5 mm, the segment 40 mm long and held near pixel 39, 35):
+      twosra estimate-curvature shots --scale .005 --length .04 --towards 39,35 --csv found.csv
+    Beside references, of the column kappa_per_m of a CSV file:
+      twosra estimate-curvature shots --scale .005 --length .04 --towards 39,35 --reference k.csv
+    """
+    if references and len(references) != len(folders):
+        raise InputError("reference", len(references), f"one for each of {len(folders)} folders")
+    if figures is not None and not figures.is_dir():
+        raise InputError("figures", str(figures), "a folder that exists")
+    camera = Camera(
+        scale_m=scale_m, length_m=length_m, towards_px=pixel(towards), threshold=threshold
+    )
+    found = []
+    with output.progress("reading pictures") as tell:
+        for number, folder in enumerate(folders):
+            given = (references[number], column) if references else None
+            name = folder.name
+            found.append(
+                estimate_folder(
+                    folder,
+                    camera,
+                    given,
+                    lambda n, m, name=name: tell(f"{name}: {n} of {m} pictures"),  # type: ignore[misc]
+                )
+            )
+        every = [each for one in found for each in one]
+        if csv is not None:
+            save_estimates(every, csv)
+        _draw(every, camera, plot, figures, tell)
+    output.report(lambda: _document(found), lambda: _print(found))
+
+
+def pixel(text: str) -> tuple[float, float]:
+    """Return the pixel (x, y) that a text names; otherwise raises an InputError."""
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        raise InputError("towards", text, "two numbers: 37,34") from None
+    return x, y
+
+
+def _draw(
+    every: list[Estimate], camera: Camera, plot: Path | None, figures: Path | None, tell: Any
+) -> None:
+    if plot is None and figures is None:
+        return
+    from twosra_mpc.lab.figures.curvature_figure import plot_curvature  # matplotlib takes a second
+
+    if plot is not None:
+        tell("drawing")
+        plot_curvature(every, camera, plot)
+    if figures is not None:
+        for number, each in enumerate(every):
+            tell(f"drawing: {number} of {len(every)}")
+            if each.measured is not None:
+                name = f"{each.path.parent.name}-{each.path.stem}.png"
+                plot_curvature([each], camera, figures / name)
+
+
+def _deviations(found: list[list[Estimate]]) -> dict[str, Deviation]:
+    """Deviations of both estimators, from references on the whole."""
+    return {
+        name: deviation(
+            [
+                (
+                    np.array([getattr(each, field) for each in one]),
+                    np.array([each.reference_per_m for each in one]),
+                )
+                for one in found
+            ]
+        )
+        for name, field in _ESTIMATORS.items()
+    }
+
+
+def _summary(every: list[Estimate]) -> dict[str, Any]:
+    measured = [each.measured for each in every if each.measured is not None]
+    spread = np.array([each.published.spread_per_m for each in measured])
+    known = spread[np.isfinite(spread)]
+    return {
+        "pictures": len(every),
+        "refused": len(every) - len(measured),
+        "published_mean_spread_per_m": float(known.mean()) if len(known) else math.nan,
+        "share_compatible_with_an_arc": float(np.mean([each.arc.fits for each in measured])),
+        "median_scatter_m": float(np.median([each.arc.scatter_m for each in measured])),
+        "median_standard_error_per_m": float(
+            np.median([each.arc.standard_error_per_m for each in measured])
+        ),
+    }
+
+
+def _document(found: list[list[Estimate]]) -> dict[str, Any]:
+    every = [each for one in found for each in one]
+    return {
+        **_summary(every),
+        "deviations": {name: each._asdict() for name, each in _deviations(found).items()},
+        "estimates": [
+            {
+                "picture": str(each.path),
+                "reference_per_m": each.reference_per_m,
+                "published_per_m": each.published_per_m,
+                "arc_per_m": each.arc_per_m,
+                "arc_standard_error_per_m": each.measured.arc.standard_error_per_m
+                if each.measured
+                else None,
+                "arc_p_value": each.measured.arc.p_value if each.measured else None,
+                "refused": each.refused or None,
+            }
+            for each in every
+        ],
+    }
+
+
+def _print(found: list[list[Estimate]]) -> None:
+    every = [each for one in found for each in one]
+    refused = [(str(each.path), each.refused) for each in every if each.refused]
+    if refused:
+        print_table(("refused picture", "allowed"), refused)
+    if any(math.isfinite(each.reference_per_m) for each in every):
+        _print_deviations(found, every)
+    else:
+        rows = [
+            (each.path.name, _digits(each.published_per_m), _digits(each.arc_per_m), _error(each))
+            for each in every
+            if not each.refused
+        ]
+        print_table(("picture", "published [1/m]", "arc [1/m]", "standard error"), rows)
+    of = _summary(every)
+    click.echo(
+        f"{of['pictures'] - of['refused']} pictures measured, {of['refused']} refused. Published:"
+        f" mean spread along the segment {of['published_mean_spread_per_m']:.2f} 1/m.\n"
+        f"Arc: {of['share_compatible_with_an_arc']:.0%} of the segments are compatible with one"
+        f" arc; medial lines are {1e3 * of['median_scatter_m']:.2f} mm off theirs (median)."
+    )
+
+
+def _print_deviations(found: list[list[Estimate]], every: list[Estimate]) -> None:
+    rows = []
+    for name, off in _deviations(found).items():
+        bands = [_mean_square(every, _ESTIMATORS[name], *band) for band in _pairs()]
+        of_cycles = f"{off.cycle_mse_per_m2:.2f} ({off.cycles})" if off.cycles else "-"
+        each = (f"{off.pictures}", f"{off.mse_per_m2:.2f}", f"{off.slope:.3f}")
+        rows.append((name, *each, of_cycles.replace("nan", "-"), *bands))
+    header = ("estimator", "pictures", "MSE [1/m2]", "slope", "MSE of mean repeats (how many)")
+    print_table((*header, *(f"|kappa| {low:g} to {high:g}" for low, high in _pairs())), rows)
+
+
+def _pairs() -> list[tuple[float, float]]:
+    return list(itertools.pairwise(_BANDS))
+
+
+def _mean_square(every: list[Estimate], field: str, low: float, high: float) -> str:
+    off = np.array(
+        [
+            getattr(each, field) - each.reference_per_m
+            for each in every
+            if low <= abs(each.reference_per_m) < high
+        ]
+    )
+    off = off[np.isfinite(off)]
+    return f"{np.mean(off**2):.1f}" if len(off) else "-"
+
+
+def _error(each: Estimate) -> str:
+    return _digits(each.measured.arc.standard_error_per_m) if each.measured else "-"
+
+
+def _digits(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.1f}"

@@ -1,0 +1,150 @@
+"""``twosra replay``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twosra_mpc.cli.options import FILE, ROBOT, command, plot_option
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.errors import InputError
+from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
+from twosra_mpc.lab.identification.replay import PhaseReplay, replay
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot, load_robot
+from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.robot.path_choice import with_path_model
+
+
+@command("replay")
+@click.argument("log", type=FILE)
+@click.option("--robot", required=True, help="Which robot: a built-in name or a file.", **ROBOT)
+@click.option("--path-model", help="Predict by this path model, e.g. arc; default: the robot's.")
+@click.option("--wheels", help="Wheel speeds of a log of wheels [rad/s], e.g. 6,0,0,0.")
+@click.option("--mode", help="Mode of a log of wheels, e.g. 1,0.")
+@plot_option("Draw every phase as measured and as predicted")
+def replay_command(
+    log: Path,
+    robot: str,
+    path_model: str | None,
+    wheels: str | None,
+    mode: str | None,
+    plot: Path | None,
+    output: Output,
+) -> None:
+    """Predict the phases of a LOG, and say how far off they end.
+
+    LOG is a CSV file: a trial (x, y, angle, k1, k2, v1, v2, u0, v0, r0, s1, s2, time, as the
+    authors of the robot log and `twosra export plan.csv` writes), or poses of both units while
+    wheels turn at a known speed (time stamp, LU1 x, LU1 y, LU1 th, LU2 x, LU2 y, LU2 th in mm and
+    degrees). "As bent": with the commands scaled to the bend that was measured.
+
+    \b
+    A trial, with its figure:
+      twosra replay exp1.csv --robot 2sra-v1 --plot exp1.png
+    Wheel speed and mode by the file's name (segment 1 soft, wheel 1 at 6 rad/s), and as options:
+      twosra replay s1_v1_6.csv --robot 2sra-v1 --path-model log_spiral
+      twosra replay poses.csv --robot 2sra-v1 --wheels 6,0,0,0 --mode 1,0
+    """
+    described = load_robot(robot)
+    if path_model is not None:
+        described = with_path_model(described, path_model)
+    speeds = None if wheels is None else _numbers("wheels", wheels, "four numbers: 6,0,0,0")
+    bits = None if mode is None else _numbers("mode", mode, "0 or 1 for each segment: 1,0")
+    if bits is not None and not set(bits) <= {0.0, 1.0}:
+        raise InputError("mode", mode, "0 or 1 for each segment: 1,0")
+    driven = None if bits is None else tuple(map(int, bits))
+    recorded = read_motion_log(log, described, wheel_rad_s=speeds, mode=driven)
+    phases = replay(recorded, described)
+    if plot is not None:
+        from twosra_mpc.lab.figures.replay_figure import plot_replay  # matplotlib takes a second
+
+        plot_replay(recorded, described, phases, plot)
+    output.report(
+        lambda: _document(recorded, described, phases), lambda: _print(recorded, described, phases)
+    )
+
+
+def _numbers(field: str, text: str, allowed: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(field, text, allowed) from None
+
+
+def _document(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> dict[str, Any]:
+    """The replay as plain data, SI; what is not known is null."""
+    return {
+        "log": log.source,
+        "robot": robot.name,
+        "path_model": robot.path.model,
+        "commands": "wheels" if log.by_wheels else "inputs",
+        "phases": [
+            {
+                "mode": phase.mode,
+                "start_s": phase.time_s[0],
+                "end_s": phase.time_s[-1],
+                "rows": len(phase.time_s),
+                "moved": phase.moved,
+                "error": phase.error,
+                "error_as_bent": phase.error_as_bent,
+                "bend_rad": phase.bend_rad[-1],
+                "predicted_bend_rad": phase.predicted_bend_rad[-1],
+                "share": phase.share,
+                "pivot_rad_per_rad": phase.pivot_rad_per_rad,
+                "split": phase.split,
+                **dict(zip(_RATES, phase.bend_rates_rad_s, strict=True)),
+            }
+            for phase in phases
+        ],
+    }
+
+
+_RATES = ("predicted_rad_s", "best_second_rad_s", "mean_rad_s")
+
+
+def _print(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> None:
+    curvatures = tuple(f"kappa{j + 1} [1/m]" for j in range(robot.coordinates.segments))
+    header = ("phase", "mode", "time [s]", "end errors", "x [mm]", "y [mm]", "heading [rad]")
+    rows = []
+    for number, phase in enumerate(phases, 1):
+        lasted = f"{phase.time_s[-1] - phase.time_s[0]:.1f}"
+        first = (str(number), mode_name(phase.mode), lasted)
+        for words, error in (
+            ("of the commands", phase.error),
+            ("as bent", phase.error_as_bent),
+            ("of standing still", phase.moved),
+        ):
+            if error is not None:
+                rows.append((*first, words, *_cells(error)))
+                first = ("", "", "")
+    print_table((*header, *curvatures), rows)
+    bent = [
+        (
+            str(number),
+            mode_name(phase.mode),
+            *(_digits(rate) for rate in phase.bend_rates_rad_s),
+            *(_digits(value) for value in (phase.share, phase.pivot_rad_per_rad, phase.split)),
+        )
+        for number, phase in enumerate(phases, 1)
+        if any(phase.mode)
+    ]
+    if bent:
+        rates = ("bend rate predicted [rad/s]", "best second", "mean")
+        shares = ("share of the bend reached", "pivot [rad/rad]", "split")
+        print_table(("phase", "mode", *rates, *shares), bent)
+    commands = "wheel speeds" if log.by_wheels else "inputs"
+    click.echo(f"Predicted from the {commands} logged, by {robot.name} ({robot.path.model}).")
+
+
+def _cells(error: Array) -> list[str]:
+    x, y, heading = error[:POSE].tolist()
+    kappas = [f"{kappa:+z.1f}" for kappa in error[POSE:].tolist()]
+    return [f"{1e3 * x:+z.0f}", f"{1e3 * y:+z.0f}", f"{heading:+z.2f}", *kappas]
+
+
+def _digits(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.2f}"

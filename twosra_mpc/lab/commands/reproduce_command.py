@@ -1,0 +1,110 @@
+"""``twosra reproduce``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from twosra_mpc.cli.options import FILE, command
+from twosra_mpc.cli.output import Output, print_table
+from twosra_mpc.errors import InputError
+from twosra_mpc.lab.commands.curvature_command import pixel
+from twosra_mpc.lab.photographs.picture import Camera
+
+if TYPE_CHECKING:
+    from twosra_mpc.lab.paper import PaperReport
+
+_SEGMENT_M, _SEGMENT_PX = 0.04, 8.4  # in the paper's photographs
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+@command("reproduce")
+@click.option(
+    *("--out", "folder"),
+    required=True,
+    type=_FOLDER,
+    help="Folder for the report; parts that are there are used again.",
+)
+@click.option("--data", type=FILE, help="Folder with hardware/, curvature/, or both in it.")
+@click.option("--logs", type=FILE, help="Folder of logs of trials, instead of hardware/.")
+@click.option("--photographs", type=FILE, help="Folder of photographs, instead of curvature/.")
+@click.option("--simulations", type=FILE, help="CSV file of the authors' simulations.")
+@click.option("--column", default="k1", help="Column of reference curvatures [1/m].")
+@click.option(
+    *("--scale", "scale_m"),
+    type=float,
+    default=_SEGMENT_M / _SEGMENT_PX,
+    show_default=False,
+    help="Width of a pixel [m].  [default: 0.00476]",
+)
+@click.option(
+    "--length", "length_m", type=float, default=_SEGMENT_M, help="Of the segment in them [m]."
+)
+@click.option(
+    "--towards", metavar="X,Y", default="37,34", help="Pixel at the end it is followed to."
+)
+@click.option("--problems", type=int, default=1000, help="Random problems of each kind.")
+@click.option("--processes", type=int, default=2, help="How many compute them at a time.")
+def reproduce_command(
+    folder: Path,
+    data: Path | None,
+    logs: Path | None,
+    photographs: Path | None,
+    simulations: Path | None,
+    column: str,
+    scale_m: float,
+    length_m: float,
+    towards: str,
+    problems: int,
+    processes: int,
+    output: Output,
+) -> None:
+    """Compare the robot's paper with what comes of it here: every figure, table and claim.
+
+    Writes report.html, its figures and numbers.json into a folder. Each claim has what is
+    published, what we find, and a verdict by a rule. Trials and photographs are not part of this
+    package: without them their claims are not checked, and the report says what to give. What was
+    computed before is kept in the folder and not computed again.
+
+    \b
+    All that needs no data:
+      twosra reproduce --out paper
+    With the authors' logs in lab/hardware and photographs in lab/curvature:
+      twosra reproduce --out paper --data lab
+    """
+    camera = Camera(scale_m=scale_m, length_m=length_m, towards_px=pixel(towards))
+    if data is not None:
+        logs, photographs = (
+            logs or _within(data, "hardware"),
+            photographs or _within(data, "curvature"),
+        )
+        simulations = simulations or _within(data, "published_simulations.csv")
+        if logs is photographs is simulations is None:
+            raise InputError("data", str(data), "a folder with hardware/ or curvature/ in it")
+    from twosra_mpc.lab.paper import Sources, reproduce  # matplotlib takes a second
+
+    sources = Sources(logs, photographs, simulations, column, camera)
+    with output.progress("reading") as tell:
+        report = reproduce(folder, sources, problems=problems, processes=processes, tell=tell)
+    output.report(report.document, lambda: _print(report, folder))
+
+
+def _within(data: Path, name: str) -> Path | None:
+    """Path of what a folder may have in it; None if it has not."""
+    return data / name if (data / name).exists() else None
+
+
+def _print(report: PaperReport, folder: Path) -> None:
+    rows = [
+        (section.title, claim.words, claim.where, str(claim.verdict))
+        for section in report.sections
+        for claim in section.claims
+    ]
+    print_table(("", "the paper says", "where", "verdict"), rows)
+    for section in report.sections:
+        if section.missing:
+            click.echo(f"{section.title}: {section.missing}")
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in report.verdicts.items())
+    click.echo(f"{counts}\n{folder / 'report.html'}")

@@ -1,0 +1,9 @@
+"""Figures of measurements, studies and the paper: what `plotting` draws plans with, used."""
+
+from twosra_mpc.lab.figures.paper_figures import (
+    plot_error_decrease,
+    plot_forward_kinematics,
+    plot_published_tasks,
+)
+
+__all__ = ["plot_error_decrease", "plot_forward_kinematics", "plot_published_tasks"]

@@ -1,0 +1,73 @@
+"""The paper's two applications, planned as missions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from twosra_mpc.lab.paper.claims import Claim, Reading
+from twosra_mpc.lab.paper.kept import Data, Part, Tell
+from twosra_mpc.lab.paper.section import Picture, Section, Table, percent
+from twosra_mpc.planning.planner import plan
+from twosra_mpc.plotting import plot_plan
+from twosra_mpc.problem.problem import load_problem
+from twosra_mpc.robot.modes import sequence_name
+
+SCENARIOS = {"conform-cylinder": "conform to a cylinder", "grasp-cube": "grip a cube and move it"}
+
+
+def part() -> Part:
+    """Return plans of both, with figures."""
+
+    def compute(folder: Path, tell: Tell) -> Data:
+        data = {}
+        for name in SCENARIOS:
+            tell(f"planning {name}")
+            found = plan(load_problem(name))
+            made = found.require()
+            plot_plan(made, folder / f"{name}.png")
+            data[name] = {
+                "status": str(found.status),
+                "verified": made.verification.ok,
+                "sequence": made.sequence,
+                "duration_s": made.duration_s,
+                "gap": made.search_gap,
+            }
+        return data
+
+    return Part("applications", {}, compute, tuple(f"{name}.png" for name in SCENARIOS))
+
+
+_HEADER = ("scenario", "modes", "duration [s]", "proved gap at full speed")
+
+
+def section(data: Data) -> Section:
+    """Say whether there is a verified plan of each."""
+    claims = [
+        Claim(
+            f"The robot can {words}",
+            "Fig. 8",
+            (Reading("verified plans", 1.0, float(data[name]["verified"]), "", 0.0, 0.0),),
+            "In the model: no object was touched.",
+        )
+        for name, words in SCENARIOS.items()
+    ]
+    rows = [
+        (
+            name,
+            sequence_name(one["sequence"]),
+            f"{one['duration_s']:.1f}",
+            percent(one["gap"]),
+        )
+        for name, one in data.items()
+    ]
+    return Section(
+        name="applications",
+        title="Applications",
+        words=(
+            "The paper shows photographs of both. Here they are missions, planned for the robot"
+            " 2sra-v1 with the time that melting and freezing take.",
+        ),
+        claims=tuple(claims),
+        tables=(Table("Plans", _HEADER, tuple(rows), 2),),
+        pictures=tuple(Picture(f"{name}.png", f"To {words}") for name, words in SCENARIOS.items()),
+    )

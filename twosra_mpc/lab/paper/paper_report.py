@@ -1,0 +1,154 @@
+"""The report on the paper: parts computed or kept, sections of them, one page and one JSON file.
+
+What is compared is Labazanova et al., "Self-Reconfigurable Soft-Rigid Mobile Agent with Variable
+Stiffness and Adaptive Morphology", IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import plain_data, write_json, write_text
+from twosra_mpc.lab.paper import (
+    applications,
+    equations,
+    paths,
+    photographs,
+    statistics,
+    tasks,
+    trials,
+)
+from twosra_mpc.lab.paper.claims import Verdict
+from twosra_mpc.lab.paper.kept import Data, Kept, Tell
+from twosra_mpc.lab.paper.paper_page import paper_page
+from twosra_mpc.lab.paper.section import Section
+from twosra_mpc.lab.photographs.picture import Camera
+from twosra_mpc.version import __version__
+
+PAGE, NUMBERS, PARTS = "report.html", "numbers.json", "parts"
+SEGMENT_M = 0.04
+CAMERA = Camera(scale_m=SEGMENT_M / 8.4, length_m=SEGMENT_M, towards_px=(37.0, 34.0))
+"""How the paper's photographs were taken: 168 of its pixels, each a twentieth, for a segment."""
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What the report is made from besides the package; None is not given.
+
+    Attributes:
+        logs: Folder of logs of trials (CSV).
+        photographs: Folder of folders of photographs, a CSV file of references beside each.
+        simulations: CSV file of recorded simulations.
+        column: Column of the references [1/m].
+        camera: How the photographs were taken.
+    """
+
+    logs: Path | None = None
+    photographs: Path | None = None
+    simulations: Path | None = None
+    column: str = "k1"
+    camera: Camera = CAMERA
+
+
+@dataclass(frozen=True)
+class PaperReport:
+    """All sections, with the data that they were made of."""
+
+    sections: tuple[Section, ...]
+    data: Data
+
+    @property
+    def verdicts(self) -> dict[Verdict, int]:
+        """How many claims have which verdict."""
+        found = [claim.verdict for section in self.sections for claim in section.claims]
+        return {verdict: found.count(verdict) for verdict in Verdict}
+
+    def document(self) -> Data:
+        """Everything as plain data: verdicts, claims and numbers by section."""
+        found: Data = plain_data(
+            {
+                "version": __version__,
+                "verdicts": self.verdicts,
+                "claims": [
+                    {"section": section.name, **claim.document()}
+                    for section in self.sections
+                    for claim in section.claims
+                ],
+                "missing": {one.name: one.missing for one in self.sections if one.missing},
+                "numbers": self.data,
+            }
+        )
+        return found
+
+
+def reproduce(
+    folder: str | Path,
+    sources: Sources = Sources(),
+    *,
+    problems: int = 1000,
+    processes: int = 2,
+    tell: Tell = lambda _: None,
+) -> PaperReport:
+    """Compare the paper with what comes of it here; write the page, its figures and all numbers.
+
+    What was computed before by this version, from the same files and settings, is not computed
+    again.
+
+    Args:
+        folder: Where to; it is made if its parent exists.
+        sources: Logs, photographs and simulations, as far as there are any.
+        problems: Random problems of each kind.
+        processes: How many compute them at a time.
+        tell: Is told what is being done.
+
+    Raises:
+        InputError: If a source is not acceptable, or the folder cannot be written.
+    """
+    if problems < 1:
+        raise InputError("problems", problems, "1 or more")
+    if processes < 1:
+        raise InputError("processes", processes, "1 or more")
+    kept = Kept(_made(Path(folder)) / PARTS)
+    _made(kept.folder)
+    data: Data = {}
+    # What the user gave comes first: mistakes in it are told before minutes of work.
+    if sources.logs is not None:
+        data["trials"] = kept.get(trials.part(kept, sources.logs), tell)
+    if (pictures := sources.photographs) is not None:
+        part = photographs.part(pictures, sources.column, sources.camera)
+        data["curvature"] = kept.get(part, tell)
+    data["tasks"] = kept.get(tasks.part(sources.simulations), tell)
+    data["paths"] = kept.get(paths.part(), tell)
+    data["equations"] = kept.get(equations.part(), tell)
+    data["applications"] = kept.get(applications.part(), tell)
+    data["statistics"] = kept.get(statistics.part(kept, problems, processes), tell)
+    report = PaperReport(
+        (
+            paths.section(data["paths"]),
+            equations.section(data["equations"]),
+            tasks.section(data["tasks"]),
+            statistics.section(data["statistics"]),
+            photographs.section(data.get("curvature")),
+            trials.section(data.get("trials")),
+            applications.section(data["applications"]),
+        ),
+        data,
+    )
+    tell("writing the page")
+    write_json(Path(folder) / NUMBERS, report.document())
+    write_text(Path(folder) / PAGE, paper_page(report.sections, report.verdicts, Path(folder)))
+    return report
+
+
+def _made(folder: Path) -> Path:
+    """Make a folder if there is none."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        allowed = (
+            f"a folder, or a name in a folder that exists and can be written ({error.strerror})"
+        )
+        raise InputError("output", str(folder), allowed) from error
+    return folder

@@ -1,0 +1,257 @@
+"""The hardware trials of the paper against its simulations, from their logs.
+
+A log is read by ``identification.motion_log``. The clock of the authors' logs has a resolution of
+1 s, so durations are known to about 1 s. Distances are those of dynamic time warping (DTW, by
+similaritymeasures as in the authors' notebook), as published and by values alone. The published
+recipe: columns of the log are averaged over 15 rows, the simulation's last row is repeated until
+both are equally long, each column gets mean 0 and standard deviation 1, and its points are (row,
+value); rows are not scaled, so the distance is mostly one of rows.
+
+Trials: Labazanova et al., IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.installation import install_command
+from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
+from twosra_mpc.lab.reproduction.fixed_waits import fixed_waits_s
+from twosra_mpc.lab.reproduction.published import PublishedTrajectory
+from twosra_mpc.lab.reproduction.published_model import checked_configuration
+from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode, ModeSequence
+
+EXTRA = "paper"
+WINDOW = 15  # rows, of the trailing mean
+# How far from its simulation a trial may start: it was placed by hand [m, m, rad, 1/m, 1/m].
+PLACED = np.array([0.02, 0.02, 0.15, 5.0, 5.0])
+
+Q = tuple[float, ...]  # of [x, y, phi, kappa_1, kappa_2]
+
+
+@dataclass(frozen=True)
+class DtwRow:
+    """Distances of a log from a simulation, of x, y, phi, kappa_1 and kappa_2.
+
+    Attributes:
+        source: Name of the log.
+        published: Distances by the published recipe, without a unit, (5,).
+        mean: Mean deviation along the path of time warping [m, m, rad, 1/m, 1/m], (5,).
+        largest: Largest deviation along it, likewise.
+        rows: Of the log.
+        padded: Rows of the simulation that are copies of its last one.
+    """
+
+    source: str
+    published: Q
+    mean: Q
+    largest: Q
+    rows: int
+    padded: int
+
+
+@dataclass(frozen=True)
+class PhaseRow:
+    """A phase of a log.
+
+    Attributes:
+        mode: Its mode.
+        wait_s: Wait before it; of the first phase by the rule, for it is not in the log.
+        begin_s: First row, since the log's first.
+        end_s: Last row.
+        rows: How many.
+        start: Configuration of the first row [m, m, rad, 1/m, 1/m].
+        end: Of the last.
+    """
+
+    mode: Mode
+    wait_s: float
+    begin_s: float
+    end_s: float
+    rows: int
+    start: Q
+    end: Q
+
+    @property
+    def motion_s(self) -> float:
+        """How long it moved."""
+        return self.end_s - self.begin_s
+
+
+@dataclass(frozen=True)
+class WaitingShares:
+    """Where the time of a log went.
+
+    Attributes:
+        source: Name of the log.
+        phases: Its phases.
+        first_heating_s: Wait before the log, by the rule.
+        waits_s: Waits in the log.
+        motion_s: The rest of the log.
+        share_waiting: Of all time, the first heating included.
+        final_error: Last configuration less the target [m, m, rad, 1/m, 1/m]; empty without one.
+    """
+
+    source: str
+    phases: tuple[PhaseRow, ...]
+    first_heating_s: float
+    waits_s: float
+    motion_s: float
+    share_waiting: float
+    final_error: Q
+
+    @property
+    def sequence(self) -> ModeSequence:
+        """Modes of the phases."""
+        return tuple(phase.mode for phase in self.phases)
+
+    @property
+    def total_s(self) -> float:
+        """All time, the first heating included."""
+        return self.first_heating_s + self.waits_s + self.motion_s
+
+
+def read_trials(folder: str | Path, robot: Robot) -> Iterator[MotionLog]:
+    """Yield the log in each CSV file of a folder, by name.
+
+    Raises:
+        InputError: If there is none, or one is no log of motion with inputs of two segments.
+    """
+    paths = sorted(Path(folder).glob("*.csv"))
+    if not paths:
+        raise InputError("folder", str(folder), "a folder with logs of trials (.csv)")
+    for path in paths:
+        yield _checked(read_motion_log(path, robot))
+
+
+def _checked(log: MotionLog) -> MotionLog:
+    if log.by_wheels or log.q.shape[1] != len(PLACED):
+        raise InputError("log", log.source, "one of inputs and two segments")
+    return log
+
+
+def trial_of(log: MotionLog) -> int | None:
+    """Trial (1 to 5) whose simulation starts where a log does; None if there is none.
+
+    Raises:
+        InputError: If it is no log of inputs and two segments.
+    """
+    first = _checked(log).q[0]
+    off = {n: np.abs(first - each.start) / PLACED for n, each in SIMULATIONS.items()}
+    nearest = min(off, key=lambda trial: float(off[trial].max()))
+    return nearest if off[nearest].max() <= 1.0 else None
+
+
+def dtw_table(log: MotionLog, simulation: PublishedTrajectory) -> DtwRow:
+    """Compare a log with a simulation, as published and by values alone (see the module).
+
+    Raises:
+        InputError: If the log is too short or not one of inputs and two segments, or
+            similaritymeasures is not installed.
+    """
+    if len(_checked(log).q) <= WINDOW:
+        raise InputError("rows", len(log.q), f"more than {WINDOW}", log.source)
+    windows = np.lib.stride_tricks.sliding_window_view(log.q, WINDOW, axis=0)
+    q, simulated = windows.mean(axis=-1), simulation.q
+    padded = max(len(q) - len(simulated), 0)
+    simulated = np.vstack([simulated, np.repeat(simulated[-1:], padded, axis=0)])
+    published, mean, largest = [], [], []
+    for mine, theirs in zip(q.T, simulated.T, strict=True):
+        published.append(_warped(_points(mine), _points(theirs))[0])
+        _, path = _warped(mine[:, None], theirs[:, None])
+        apart = np.abs(mine[path[:, 0]] - theirs[path[:, 1]])
+        mean.append(float(apart.mean()))
+        largest.append(float(apart.max()))
+    return DtwRow(log.source, tuple(published), tuple(mean), tuple(largest), len(log.q), padded)
+
+
+def _points(column: Array) -> Array:
+    """Points (row, value) of a column with mean 0 and deviation 1; a constant one is 0."""
+    spread = np.ptp(column) and np.std(column, ddof=1)
+    return np.column_stack([np.arange(len(column)), (column - column.mean()) / (spread or 1.0)])
+
+
+def _warped(points: Array, others: Array) -> tuple[float, Array]:
+    """Sum of Euclidean distances along the best path, and the path: pairs of rows, (pairs, 2)."""
+    try:
+        import similaritymeasures  # type: ignore[import-untyped]
+    except ImportError as error:
+        needed = f"an installed similaritymeasures ({install_command(EXTRA)})"
+        raise InputError("dtw", "not available", needed) from error
+    cumulative = _cumulative(cdist(points, others))
+    return float(cumulative[-1, -1]), similaritymeasures.dtw_path(cumulative)
+
+
+def _cumulative(apart: Array) -> Array:
+    """Least sums of distances along paths to each pair of rows, as ``similaritymeasures.dtw``.
+
+    The pairs of one antidiagonal need only those of the two before it, so each is one operation.
+    """
+    rows, columns = apart.shape
+    width = columns + 1
+    padded = np.full((rows + 1, width), np.inf)
+    padded[0, 0], flat = 0.0, padded.reshape(-1)
+    distances = np.pad(apart, ((1, 0), (1, 0))).reshape(-1)
+    for diagonal in range(2, rows + columns + 1):
+        first, last = max(1, diagonal - columns), min(rows, diagonal - 1)
+        at = slice(first * width + diagonal - first, last * width + diagonal - last + 1, columns)
+        above, left, before = (
+            flat[at.start - step : at.stop - step : columns] for step in (width, 1, width + 1)
+        )
+        flat[at] = distances[at] + np.minimum(np.minimum(above, left), before)
+    return padded[1:, 1:]
+
+
+def waiting(log: MotionLog, goal: Sequence[float] | Array | None = None) -> WaitingShares:
+    """Tell where the time of a log went.
+
+    The first heating is before the log: it is taken from the rule of the trials.
+
+    Args:
+        log: The log.
+        goal: Target [m, m, rad, 1/m, 1/m], for the final error; None if it is not known.
+
+    Raises:
+        InputError: If it is no log of inputs and two segments, or the goal is none.
+    """
+    last, rows = _checked(log).q[-1], log.phases
+    target = None if goal is None else checked_configuration("goal", goal)
+    first_heating_s = fixed_waits_s((_mode(log, rows[0]),))[0]
+    phases: list[PhaseRow] = []
+    for each in rows:
+        begin_s, end_s = float(log.time_s[each.start]), float(log.time_s[each.stop - 1])
+        phases.append(
+            PhaseRow(
+                mode=_mode(log, each),
+                wait_s=begin_s - phases[-1].end_s if phases else first_heating_s,
+                begin_s=begin_s,
+                end_s=end_s,
+                rows=each.stop - each.start,
+                start=tuple(log.q[each.start].tolist()),
+                end=tuple(log.q[each.stop - 1].tolist()),
+            )
+        )
+    waits_s = sum((phase.wait_s for phase in phases[1:]), 0.0)
+    logged_s = float(log.time_s[-1])
+    return WaitingShares(
+        source=log.source,
+        phases=tuple(phases),
+        first_heating_s=first_heating_s,
+        waits_s=waits_s,
+        motion_s=logged_s - waits_s,
+        share_waiting=(first_heating_s + waits_s) / (first_heating_s + logged_s),
+        final_error=() if target is None else tuple((last - target).tolist()),
+    )
+
+
+def _mode(log: MotionLog, phase: slice) -> Mode:
+    return tuple(log.mode[phase.start].tolist())

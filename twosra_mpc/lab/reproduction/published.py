@@ -1,0 +1,234 @@
+"""Algorithm 1 as published: the greedy loop on the published model.
+
+Source: Labazanova et al., IEEE RA-L 2023, doi 10.1109/LRA.2023.3241749, Algorithm 1. This module
+reproduces the published simulations, and is the reference in benchmarks; the model, with its q,
+v, sigma and J, is ``greedy.published_model``. Nothing is repaired here either; the planner to use
+is ``greedy.planner``. One iteration at t = DT, 2 DT, ... is::
+
+    v_i = J_i^+ (q_t - q) t,    q*_i = q + (1 - e^-t) J_i v_i DT,    i in {00, 01, 10, 11}
+
+The mode nearest the target is taken once and then kept until its candidate no longer moves q.
+With e = q_t - q, a step is P e t (1 - e^-t) DT, where P = J J^+ is an orthogonal projector: the
+distance cannot grow until the gain t (1 - e^-t) DT passes 2, near t DT = 2. A problem that has not
+stopped by then diverges: about one generic problem in some thousand, by chance of round-off, and
+every one whose target is zero in all coordinates, because floats near zero have no last bit to
+stop on.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.lab.reproduction.published_model import (
+    CURVATURE_RANGE,
+    HeldFrames,
+    Vector,
+    checked_configuration,
+    combination,
+    difference,
+    distance,
+    held_frames,
+    inverse_kinematics,
+)
+from twosra_mpc.robot.modes import MODES, RIGID, Mode, ModeSequence
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+
+_CURVATURE_LIMIT = 10.0 * CURVATURE_RANGE  # 1/m, beyond it the run is given up as diverged
+_STAGNATION = 1e-17
+_RECORDED_STEP = 1e-5
+_DIVERGENCE_FACTOR = 10.0
+
+
+class StopReason(enum.Enum):
+    """Why the loop ended, and what to do about it."""
+
+    REACHED = "The target was reached to the last bit."
+    DIVERGED = (
+        "The configuration ran away, because the published gain t (1 - e^-t) DT passed 2 before "
+        "the target was met to the last bit: try another step_s, or use another planner."
+    )
+    ITERATION_LIMIT = (
+        "max_iterations was used up before the target was reached: raise max_iterations, or "
+        "accept final_q if its error is small enough."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedTrajectory:
+    """The recorded rows of one run; row 0 is the start with mode (0, 0). Arrays are read-only.
+
+    As published, only steps longer than 1e-5 (unweighted norm of m, rad and 1/m) are recorded.
+    The last rows of a diverged run are the divergence itself.
+
+    Attributes:
+        q: (n, 5) configurations [x, y, phi, kappa_1, kappa_2] in m, rad, 1/m.
+        mode: (n, 2) stiffness (s_1, s_2), 1 = soft, of the step that led to the row.
+        velocity: (n, 5) input [v_1, v_2, u_0, v_0, r_0] in m/s and rad/s of that step, before
+            the factor 1 - e^-t; zero in row 0.
+        iteration: (n,) loop iteration, counted from 0, that made the row; -1 in row 0.
+        final_q: (5,) configuration at the end, after the last unrecorded steps.
+        stop: why the loop ended.
+        iterations: how many iterations were run.
+        every_mode: modes of all iterations, recorded or not, without repetitions.
+    """
+
+    q: FloatArray
+    mode: IntArray
+    velocity: FloatArray
+    iteration: IntArray
+    final_q: FloatArray
+    stop: StopReason
+    iterations: int
+    every_mode: ModeSequence
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for array in (self.q, self.mode, self.velocity, self.iteration, self.final_q):
+            array.setflags(write=False)
+
+    @property
+    def sequence(self) -> ModeSequence:
+        """Recorded modes without repetitions; the start is not one."""
+        return without_repetitions((row[0], row[1]) for row in self.mode[1:].tolist())
+
+
+class _Problem(NamedTuple):
+    """What stays constant during one run."""
+
+    goal: Vector
+    held: HeldFrames
+    step_s: float
+    forced: frozenset[int]
+    last_forced: int
+    distance_limit: float
+    max_iterations: int
+
+
+class _Step(NamedTuple):
+    """A candidate configuration and how it is reached."""
+
+    q: Vector
+    mode: Mode
+    velocity: Vector
+    moved: float  # distance from the configuration before the step
+
+
+def published_trajectory(
+    start: ArrayLike,
+    goal: ArrayLike,
+    *,
+    step_s: float = 0.05,
+    switch_iterations: Sequence[int] | None = None,
+    max_iterations: int = 5000,
+) -> PublishedTrajectory:
+    """Run Algorithm 1 from start to goal.
+
+    Args:
+        start: (5,) configuration in m, rad, 1/m; curvatures within +-2 pi / l = +-157 1/m.
+        goal: (5,) target, likewise.
+        step_s: time step DT in s; published: 0.05, and 0.1 for simulation 5.
+        switch_iterations: iterations (from 0) at which the mode is chosen anew. Up to the last
+            of them they replace the stagnation test, whose verdict hangs on the last bit.
+        max_iterations: iterations after which the loop is stopped.
+
+    Returns:
+        The recorded rows and the reason for stopping.
+
+    Raises:
+        InputError: On a malformed or out-of-range argument.
+    """
+    first = checked_configuration("start", start)
+    target = checked_configuration("goal", goal)
+    if not (math.isfinite(step_s) and step_s > 0.0):
+        raise InputError("step_s", step_s, "a positive, finite time in s")
+    forced = frozenset(switch_iterations or ())
+    problem = _Problem(
+        goal=target,
+        held=held_frames(first),
+        step_s=step_s,
+        forced=forced,
+        last_forced=max(forced, default=-1),
+        distance_limit=_DIVERGENCE_FACTOR * max(distance(first, target), 1.0),
+        max_iterations=max_iterations,
+    )
+    step = _Step(first, RIGID, [0.0, 0.0, 0.0, 0.0, 0.0], moved=0.0)
+    iterations, steps = [-1], [step]  # that are recorded
+    modes: list[Mode] = []  # of all iterations
+    time_s, iteration = step_s, 0
+    while (stop := _stop_reason(step.q, iteration, problem)) is None:
+        step = _next_step(step, time_s, iteration, problem)
+        modes.append(step.mode)
+        if step.moved > _RECORDED_STEP:
+            iterations.append(iteration)
+            steps.append(step)
+        time_s += step_s  # by addition, as published: not bit for bit (iteration + 2) * step_s
+        iteration += 1
+    return PublishedTrajectory(
+        q=np.array([each.q for each in steps]),
+        mode=np.array([each.mode for each in steps], dtype=np.int64),
+        velocity=np.array([each.velocity for each in steps]),
+        iteration=np.array(iterations, dtype=np.int64),
+        final_q=np.array(step.q),
+        stop=stop,
+        iterations=iteration,
+        every_mode=without_repetitions(modes),
+    )
+
+
+def without_repetitions(modes: Iterable[Mode]) -> ModeSequence:
+    """Return the sequence of modes, each once until it changes."""
+    return tuple(mode for mode, _ in groupby(modes))
+
+
+def _stop_reason(q: Vector, iteration: int, problem: _Problem) -> StopReason | None:
+    remaining = distance(q, problem.goal)
+    if remaining == 0.0:  # the published test; no tolerance
+        return StopReason.REACHED
+    bent = max(abs(q[3]), abs(q[4]))
+    if not (remaining <= problem.distance_limit and bent <= _CURVATURE_LIMIT):  # also when NaN
+        return StopReason.DIVERGED
+    if iteration >= problem.max_iterations:
+        return StopReason.ITERATION_LIMIT
+    return None
+
+
+def _next_step(previous: _Step, time_s: float, iteration: int, problem: _Problem) -> _Step:
+    """Keep the previous mode while it may be kept, otherwise take the one nearest the goal.
+
+    The published loop evaluates all four modes in every iteration and then overrules the best of
+    them in favour of the previous one; asking the previous one first gives the same choice.
+    """
+    if iteration > 0:  # the first choice is free
+        kept = _candidate(previous.q, previous.mode, time_s, problem)
+        if _is_kept(kept.moved, iteration, problem):
+            return kept
+    candidates = (_candidate(previous.q, mode, time_s, problem) for mode in MODES)
+    return min(candidates, key=lambda step: distance(step.q, problem.goal))
+
+
+def _is_kept(moved: float, iteration: int, problem: _Problem) -> bool:
+    if iteration <= problem.last_forced:
+        return iteration not in problem.forced
+    # The paper has 0, the simulations 1e-17. Coordinates above 0.125 cannot move by less than
+    # 2.8e-17, so this asks whether the last bit of any of them still changes.
+    return moved > _STAGNATION
+
+
+def _candidate(q: Vector, mode: Mode, time_s: float, problem: _Problem) -> _Step:
+    """Take one Euler step of the feedback law v = J^+ (q_t - q) t in one mode."""
+    demand = [error * time_s for error in difference(problem.goal, q)]
+    velocity, rate = inverse_kinematics(q, mode, demand, problem.held)
+    ramp = 1.0 - math.exp(-time_s)
+    reached = combination(1.0, q, problem.step_s, [ramp * change for change in rate])
+    return _Step(reached, mode, velocity, moved=distance(reached, q))

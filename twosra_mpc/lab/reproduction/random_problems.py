@@ -1,0 +1,61 @@
+"""Random problems of the published loop: drawn as its authors draw them, and without structure.
+
+The authors' script (2sr-agent-simulation, ``control.py``) draws a start, a stiffness and an input
+by Python's ``random``, and lets forward kinematics make the target with both constant for 10 s: one
+mode alone leads to every target. Its draws have no seed; with one, in the same order, they can be
+repeated on any machine.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import NamedTuple
+
+import numpy as np
+
+from twosra_mpc.lab.reproduction.published_model import SEGMENT_M, published_jacobian
+from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import Mode
+
+STEP_S, STEPS = 0.05, 200  # of forward kinematics
+MOST_PER_M = 1.5 * math.pi / SEGMENT_M  # it ends before a curvature beyond
+GENERIC = np.array([0.25, 0.25, math.pi, 78.0, 78.0])  # [m, m, rad, 1/m, 1/m], to both sides
+
+
+class SingleMode(NamedTuple):
+    """A problem whose target was made in one mode: the way to it, (rows, 5), and the mode."""
+
+    driven: Array
+    mode: Mode
+
+
+def draw_single_mode(seed: int) -> SingleMode:
+    """Draw a start at the origin, a mode and an input, and drive.
+
+    phi is drawn from -0.6 to 0.06 rad (as in the script), curvatures within 60 1/m, speeds of units
+    within 8 mm/s, of the rigid robot within 30 mm/s and 0.1 rad/s.
+    """
+    draw = random.Random(seed)
+    phi = draw.uniform(-0.6, 0.06)
+    start = np.array([0.0, 0.0, phi, *(draw.uniform(-60.0, 60.0) for _ in range(2))])
+    mode = (draw.randint(0, 1), draw.randint(0, 1))
+    v = np.array([draw.uniform(-most, most) for most in (0.008, 0.008, 0.03, 0.03, 0.1)])
+    return SingleMode(forward_kinematics(start, mode, v), mode)
+
+
+def draw_generic(seed: int) -> Array:
+    """Draw start and target, (2, 5): x, y within 0.25 m, any phi, curvatures within 78 1/m."""
+    drawn: Array = np.random.default_rng(seed).uniform(-GENERIC, GENERIC, (2, len(GENERIC)))
+    return drawn
+
+
+def forward_kinematics(start: Array, mode: Mode, v: Array) -> Array:
+    """Drive with a constant input by Euler's rule; configurations (rows, 5), the start first."""
+    rows = [start]
+    for _ in range(STEPS):
+        q = rows[-1] + STEP_S * (published_jacobian(rows[-1], start, mode) @ v)
+        if np.abs(q[3:]).max() > MOST_PER_M:
+            break
+        rows.append(q)
+    return np.array(rows)

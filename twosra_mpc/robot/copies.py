@@ -1,0 +1,54 @@
+"""Robot files copied with their comments, but one part: the name, the path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tomlkit
+from tomlkit import TOMLDocument
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.files import locate, read_text, write_text
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.path_fitting import fitted_path_tables
+
+
+def write_fitted_robot(source: str | Path, target: str | Path, robot: Robot, model: str) -> None:
+    """Write a copy of a robot file whose ``[path]`` table is fitted to its lengths.
+
+    Everything else, comments included, stays as it is.
+
+    Raises:
+        InputError: If ``source`` is not TOML, or ``target`` cannot be written.
+    """
+    document = robot_document(source)
+    table = tomlkit.table()
+    for key, value in fitted_path_tables(robot)[model].items():
+        table.add(key, value)
+    table.comment("fitted to the exact paths of this robot's lengths")
+    table.add(tomlkit.nl())
+    document["path"] = table
+    write_text(target, tomlkit.dumps(document))
+
+
+def renamed_robot(source: str | Path, name: str) -> str:
+    """Return the text of a robot file with another ``name``, comments included.
+
+    Raises:
+        InputError: If ``source`` is not TOML.
+    """
+    document = robot_document(source)
+    document["name"] = name
+    return tomlkit.dumps(document)
+
+
+def robot_document(source: str | Path) -> TOMLDocument:
+    """Read a robot file (a built-in name or a path) with its comments and layout.
+
+    Raises:
+        InputError: If there is none, it cannot be read, or is not a TOML file.
+    """
+    path = locate(source, "robots", "robot")
+    if path.suffix == ".json":
+        raise InputError("robot", str(source), "a TOML file, to be copied with its comments")
+    return tomlkit.parse(read_text(path, str(source)))
