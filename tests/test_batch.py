@@ -225,10 +225,12 @@ def test_a_batch_goes_on_whatever_ended_it(
     runs = drawn.parent / "runs"
     words = ["batch", str(drawn), "--out", str(runs), "--workers", "1"]
     arguments = [sys.executable, "-m", "twosra_mpc", *words]
+    (scratch := drawn.parent / "scratch").mkdir()
+    environment = os.environ | {"TMPDIR": str(scratch)}
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         before = set((runs / "parts").glob("[!.]*"))
         with subprocess.Popen(
-            arguments, stderr=subprocess.PIPE, text=True, start_new_session=True
+            arguments, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
         ) as program:
             while program.poll() is None and before == set((runs / "parts").glob("[!.]*")):
                 time.sleep(0.02)
@@ -244,6 +246,7 @@ def test_a_batch_goes_on_whatever_ended_it(
             said = f"twosra: interrupted: {len(done)} of {COUNT} problems are planned; the same"
             assert (program.returncode, len(err.splitlines())) == (130, 1)
             assert err.startswith(said)
+            assert not list(scratch.iterdir())
     assert 6 <= len(done) < COUNT
     code, out, _ = run(*words, "--json")
     assert code == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -416,6 +417,42 @@ def test_a_start_that_is_too_near_gets_away_and_keeps_out() -> None:
     ]
     drives = Drives(ROBOT, near.world, near.start.configuration[POSE:])
     assert decide_between(drives, *boxes) != "blocked"
+
+
+def shelf_above_goal(gap_m: float, **goal: Any) -> Problem:
+    top = float(footprint(ROBOT.geometry, [0.0, 0.0]).outer[..., 1].max())
+    shelf = {"name": "shelf", "box": {"x_m": [0.2, 0.7], "y_m": [top + gap_m, 0.3]}}
+    return problem(shelf, goal={**RIGHT, **goal}, clearance_m=0.002)
+
+
+def test_a_goal_that_is_too_near_is_refused_at_once_and_one_with_a_clear_member_is_met() -> None:
+    with pytest.raises(InputError, match=r"shelf is 1\.91 mm away, 0\.09 mm too near"):
+        plan(shelf_above_goal(1.91e-3, tolerance="exact"))
+    made = plan(shelf_above_goal(1.91e-3)).require()  # members up to 1 mm farther
+    assert made.verification.ok
+    assert made.samples.q[-1, 1] < 0.0
+
+
+@pytest.mark.parametrize("gap_m", [0.003, 0.012])
+def test_a_start_near_one_obstacle_keeps_the_clearance_from_the_others(gap_m: float) -> None:
+    """A wall is 1 mm behind the start, a post above the straight way to the goal."""
+    outer = footprint(ROBOT.geometry, [0.0, 0.0]).outer
+    left, top = float(outer[..., 0].min()) + LEFT["x_m"], float(outer[..., 1].max())
+    wall = {"name": "wall", "box": {"x_m": [left - 0.1, left - 1e-3], "y_m": [-0.5, 0.5]}}
+    post = {"name": "post", "box": {"x_m": [-0.1, 0.1], "y_m": [top + gap_m, 0.5]}}
+    goal = {**RIGHT, "tolerance": "exact"}
+    tight = problem(wall, post, goal=goal, modes=[[0, 0]], clearance_m=0.01)
+    straight = plan(tight.with_values(clearance_m=0.0009)).require()
+    told = verify(replace(straight.trajectory, problem=tight)).problems
+    drives = Drives(ROBOT, tight.world, np.zeros(2))
+    ends = np.array([tight.start.configuration[:POSE], tight.goal.configuration[:POSE]])
+    assert drives.certified(ends) == (gap_m > 0.01)
+    if gap_m > 0.01:
+        assert told == ()
+    else:
+        assert told[0].startswith("comes within 3 mm of post")
+        made = plan(tight)
+        assert made.plan is None or made.plan.verification.ok
 
 
 def test_three_blocks_are_placed_as_well() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -178,3 +179,19 @@ def test_the_command_writes_what_scenarios_read(run_as_is: Run, tmp_path: Path) 
     code, _, err = run_as_is("import-map", tmp_path / "none.yaml")
     assert code == 2
     assert "none.yaml" in err
+
+
+def test_maps_that_are_too_rough_are_refused_before_they_are_traced() -> None:
+    """Of random cells, in which nearly every corner of a cell is one of the outline."""
+    rough = np.random.default_rng(0).random((400, 400)) < 0.3
+    before = time.process_time()
+    with pytest.raises(InputError, match=r"at most 20000: leave out specks .* or scale the image"):
+        obstacles_on(OccupancyMap(rough, rough, 0.01, (0.0, 0.0, 0.0)), "rough")
+    assert time.process_time() - before < 2.0
+    rough[:, :] = False
+    rough[10:20, 10:20] = rough[20, 20] = True  # they share a corner: no speck
+    rough[50, 50:53] = rough[60, 60] = True
+    found, specks = obstacles_on(
+        OccupancyMap(rough, rough, 0.01, (0.0, 0.0, 0.0)), "few", 0.0, 4e-4
+    )
+    assert (len(found), specks) == (1, 2)

@@ -39,7 +39,7 @@ class Passages:
     Attributes:
         kappa_per_m: Curvatures on the grid, the same for both segments, (m,) [1/m].
         verdicts: One of ``VERDICTS`` for each shape, (m, m), segment 1 first. "not allowed": the
-            robot's own limits forbid to drive in it.
+            robot's own limits forbid to drive in it. Nothing is said of shapes in between.
         start: Verdict on the shape at the start.
         goal: Verdict on the goal's shape; None if the goal leaves it open.
         nearest_per_m: The certified shape on the grid that is nearest to that at the start, by the

@@ -5,8 +5,10 @@ An opinion of its own: nothing here knows what is free, or how the planner separ
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -52,8 +54,19 @@ class Surroundings:
         self.geometry = geometry
         self._each = [shapely.Polygon(obstacle.corners_m) for obstacle in world.obstacles]
         self._each += [shapely.Polygon(fine_corners_m(item)) for item in objects]
+        self._unite()
+
+    def _unite(self) -> None:
         self._all = shapely.union_all(self._each, grid_size=_GRID_M)
         shapely.prepare(self._all)
+
+    def only(self, some: NDArray[np.bool_]) -> Surroundings:
+        """Some of the obstacles, (m,)."""
+        part = copy(self)
+        part.names = tuple(itertools.compress(self.names, some))
+        part._each = list(itertools.compress(self._each, some))
+        part._unite()
+        return part
 
     def distances_m(self, q: Array) -> Array:
         """Distance of configurations (m, 3 + n) to the nearest obstacle, 0 where they overlap."""
@@ -75,23 +88,26 @@ class Surroundings:
 
     def nearest(self, q: Array, carried: Carrying | None = None) -> tuple[float, int, Array]:
         """Distance (negative: depth), obstacle and nearest points (2, 2) of one configuration."""
-        body = self._body(q) if carried is None else shapely.Polygon(carried.corners_m(q[None])[0])
-        apart = np.array([shapely.distance(shape, body) for shape in self._each])
+        body = self._body(q, carried)
+        apart = shapely.distance(self._each, body)
         nearest = np.flatnonzero(apart <= apart.min()).tolist()
         depths = [self._depth(body, i) for i in nearest]
         depth, at = max(depths), nearest[int(np.argmax(depths))]
         line = shapely.get_coordinates(shapely.shortest_line(body, self._each[at]))
         return (-depth if apart[at] == 0 else float(apart[at])), at, line
 
-    def overlaps(self, q: Array) -> Iterator[tuple[str, float]]:
-        """Yield name and depth [m] of every obstacle that a configuration overlaps."""
-        body = self._body(q)
-        for i, name in enumerate(self.names):
-            if (depth := self._depth(body, i)) > _ROUNDING_M:
-                yield name, depth
+    def each_m(self, q: Array, carried: Carrying | None = None) -> Array:
+        """Distance (negative: depth) of one configuration to each obstacle, (m,)."""
+        body = self._body(q, carried)
+        found: Array = shapely.distance(self._each, body)
+        for i in np.flatnonzero(found == 0).tolist():
+            found[i] = -self._depth(body, i)
+        return found
 
-    def _body(self, q: Array) -> shapely.Geometry:
-        """The robot as one geometry, fibre thickened."""
+    def _body(self, q: Array, carried: Carrying | None) -> shapely.Geometry:
+        """The robot as one geometry, fibre thickened, or what it carries."""
+        if carried is not None:
+            return shapely.Polygon(carried.corners_m(q[None])[0])
         solid, fibre = _drawn(self.geometry, q[None])
         radius = max(self.geometry.fibre_radius_m, _NO_LINE_M)
         thick = shapely.buffer(fibre[0], radius, quad_segs=16)
@@ -262,20 +278,20 @@ def _closest(
 def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
     """What is left of the clearance that a plan must keep [m], and what is wrong if too little.
 
-    Uncertain curvatures add to what must be kept. A start that is nearer keeps its own distance, to
-    the accuracy of the sweep, until its first leg ends: all that it moves in one direction. So does
-    an object that stands nearer to something when it is taken.
+    Uncertain curvatures add to what must be kept. A start that is nearer to some obstacles keeps
+    its own distance from each of them, to the accuracy of the sweep, until its first leg ends: all
+    that it moves in one direction. So does an object that stands nearer when it is taken.
     """
     problem = trajectory.problem
     needed = problem.clearance_m + uncertain_m(problem)
     worst, words = np.inf, ""
     for stage, around, carried in _pairs(problem, of):
         begins = stage.first == 0 if carried is None else stage.taken
-        spans = [(stage.first, stage.last, needed)]
+        spans = [(around, stage.first, stage.last, needed)]
         if begins:
             spans = _leaving(trajectory, sweep, stage, around, carried)
-        for first, end, asked in spans:
-            found = _closest(around, sweep, first, end, carried)
+        for obstacles, first, end, asked in spans:
+            found = _closest(obstacles, sweep, first, end, carried)
             margin = found.least_m - asked
             if abs(margin) <= _ROUNDING_M:
                 margin = 0.0
@@ -290,21 +306,23 @@ def _leaving(
     stage: Stage,
     around: Surroundings,
     carried: Carrying | None,
-) -> list[tuple[int, int, float]]:
-    """Spans of fine times, and what must be kept in each [m], where a stage may begin nearer."""
+) -> list[tuple[Surroundings, int, int, float]]:
+    """Obstacles, spans of fine times and what must be kept [m], where a stage may begin nearer."""
     problem, begin, last = trajectory.problem, stage.first, stage.last
     needed = problem.clearance_m + uncertain_m(problem)
-    here = sweep.q[begin : begin + 1]
-    apart = around.distances_m(here) if carried is None else around.distances_of_m(carried, here)
-    nearest = float(apart[0])
-    if nearest >= needed or (not nearest and -around.nearest(here[0], carried)[0] > _ROUNDING_M):
-        return [(begin, last, needed)]
+    own = around.each_m(sweep.q[begin], carried)
+    near = own < needed
+    if not near.any() or own.min() < -_ROUNDING_M:
+        return [(around, begin, last, needed)]
     samples, now = trajectory.samples, sweep.t_s[begin]
     ways = (samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
     ends = next((end for end in ways if end > now), np.inf)
     away = min(int(np.searchsorted(sweep.t_s, ends)), last)
-    spans = [(begin, away, max(nearest - UNSEEN_M, 0.0))]
-    return [*spans, (away, last, needed)] if away < last else spans
+    spans = [(around.only(~near), begin, away, needed)] if not near.all() else []
+    for i in np.flatnonzero(near).tolist():
+        one = around.only(np.arange(len(own)) == i)
+        spans.append((one, begin, away, max(float(own[i]) - UNSEEN_M, 0.0)))
+    return [*spans, (around, away, last, needed)] if away < last else spans
 
 
 def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float, str]:
@@ -368,27 +386,49 @@ def _too_near(problem: Problem, found: Clearance, asked: float, own: bool) -> st
 
 
 def check_obstacles(problem: Problem) -> None:
-    """Refuse a start, or a goal that leaves little choice, that overlaps an obstacle.
+    """Refuse a start that overlaps an obstacle, and a goal that is nearer to one than it may be.
 
-    A goal is refused if its middle and all its corners overlap.
+    Only a goal that leaves little choice is: if that holds of its middle and of all its corners.
 
     Raises:
         InputError: Naming the end, the obstacles, and how deep the deepest point of either lies in
-            the other.
+            the other, or what is missing of ``clearance_m``.
     """
     if not problem.obstacles:
         return
     around = Surroundings(problem.world, problem.robot.geometry)
+    at_start = np.maximum(around.each_m(problem.start.configuration), 0.0)
+    asked = problem.clearance_m + uncertain_m(problem)
     found = []
     for name, q in ends_to_check(problem):
-        if (around.distances_m(q) > 0).any():
+        needed = (
+            np.zeros_like(at_start) if name == "start" else np.minimum(asked, at_start - UNSEEN_M)
+        )
+        if (around.distances_m(q) > needed.max()).any():
             continue
-        hit = [f"{other} by {1e3 * deep:.1f} mm" for other, deep in around.overlaps(q[0])]
-        if hit:
-            allowed = f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
+        each = np.array([around.each_m(one) for one in q])
+        if (each < needed - _ROUNDING_M).any(axis=1).all():
+            allowed = _what_lacks(around, each[0], needed, asked)
             found.append(InputError(name, tuple(q[0].tolist()), allowed))
     if found:
         raise found[0].among(found[1:])
+
+
+def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
+    """What an end of a problem would have to be, and is not: overlaps, else what is too near."""
+    named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
+    hit = [f"{name} by {-1e3 * m:.1f} mm" for name, m, _ in named if m < -_ROUNDING_M]
+    if hit:
+        return f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
+    near = [
+        f"{name} is {1e3 * m:.3g} mm away, {1e3 * (least - m):.3g} mm too near"
+        for name, m, least in named
+        if m < least
+    ]
+    return (
+        f"a robot {1e3 * asked:.3g} mm or more from every obstacle (clearance_m, and what"
+        f" curvature_uncertainty_per_m adds); here {', '.join(near)}: move it or lower clearance_m"
+    )
 
 
 def check_apart(field: str, thing: Obstacle, world: World) -> None:

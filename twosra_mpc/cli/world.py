@@ -84,7 +84,8 @@ def check_passage_command(
     """Say in which shapes the robot can drive from start to goal of SCENARIO (a name or a file).
 
     For each shape on a grid: certified (a drive exists), blocked (proved: none does) or undecided.
-    The shape is kept all the way; start and goal lend their poses.
+    The shape is kept all the way; start and goal lend their poses. Shapes between those of the grid
+    are not tried.
 
     \b
     Which shapes pass the doorway?
@@ -110,5 +111,9 @@ def check_passage_command(
     nearest = found.nearest_per_m
     words = "none on this grid" if nearest is None else f"({numbers(nearest)}) 1/m"
     rows.append(("certified, nearest to the start's", words))
+    if found.count("undecided"):
+        words = "too tight for its slices of headings: lower clearance_m, or ask twosra plan"
+        rows.append(("undecided is what is", words))
+    rows.append(("not tried", f"shapes between those of the grid ({step:g} 1/m apart)"))
     document = {"headings": headings, **vars(found)}
     output.report(lambda: document, lambda: print_table((scenario, "shapes"), rows))

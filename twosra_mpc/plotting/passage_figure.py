@@ -19,17 +19,21 @@ from twosra_mpc.robot.coordinates import POSE
 
 _COLOURS = ("#56b4a0", "#d3735a", "#f3d58a", "#e3e3e3")  # of VERDICTS, told apart by everyone
 _WORDS = ("certified", "proved blocked", "undecided", "not allowed")
+_SPAN_PT = 180.0  # of the marks of a row, together
 _MARK: dict[str, Any] = {"ls": "", "ms": 9.0, "mfc": "white", "mec": "black", "mew": 1.4}
 _MARKS = {"start": _MARK | {"marker": "o"}, "goal": _MARK | {"marker": "s"}}
 
 
 def draw_passages(ax: Axes, passages: Passages) -> Axes:
-    """Draw which shapes pass: a square for each shape on the grid, in the colour of its verdict."""
+    """Draw which shapes pass: a mark at each shape that was tried, in the colour of its verdict.
+
+    Nothing is drawn between them, as nothing is known there.
+    """
     codes = np.array([VERDICTS.index(each) for each in passages.verdicts.ravel().tolist()])
-    shape, kappa = passages.verdicts.shape, passages.kappa_per_m
+    kappa = passages.kappa_per_m
     style: dict[str, Any] = {"cmap": ListedColormap(_COLOURS), "vmin": -0.5, "vmax": 3.5}
-    ax.pcolormesh(kappa, kappa, codes.reshape(shape).T, shading="nearest", ec="white", lw=0.4,
-                  **style)  # fmt: skip
+    ax.scatter(np.repeat(kappa, len(kappa)), np.tile(kappa, len(kappa)), c=codes, marker="s",
+               s=min(120.0, (_SPAN_PT / len(kappa)) ** 2), **style)  # fmt: skip
     ax.set(xlabel=r"$\kappa_1$ [1/m]", ylabel=r"$\kappa_2$ [1/m]", aspect="equal")
     return ax
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -94,17 +95,23 @@ class Drives:
         """Time of a drive through poses (m, 3) [s]."""
         return float(self.leg_times_s(poses[:-1], poses[1:]).sum())
 
-    def clear_legs(self, start: Array, end: Array, needed_m: Array | float) -> Bools:
-        """Which legs between poses (m, 3) are proved to keep a distance, (m,)."""
+    def clear_legs(self, start: Array, end: Array, lent_m: Array | float = 0.0) -> Bools:
+        """Which legs between poses (m, 3) are proved to keep the clearance, (m,).
+
+        They may keep less from each part of an obstacle, by what is lent to it, (parts,) [m].
+        """
         start, end = np.atleast_2d(start), np.atleast_2d(end)
-        twist = twists(start, end)
-        found = clear_legs(self.clear, start, twist, self.footprint.radius_m, needed_m)
+        twist, clear = twists(start, end), partial(self.clear, lent_m=lent_m)
+        found = clear_legs(clear, start, twist, self.footprint.radius_m, self.kept_m)
         return found if self._may is None else found & self._may(twist)
 
-    def needed_m(self, start: Array) -> float:
-        """What the first leg from a pose (3,) must keep: no more than the pose itself does."""
-        own = float(self.clear(start[None])[0])
-        return self.kept_m if own >= self.kept_m else max(own - _TOUCHING_M, 0.0)
+    def lent_m(self, start: Array) -> Array:
+        """By what the first leg from a pose (3,) may be nearer to each part, (parts,) [m].
+
+        It keeps the clearance, or from each obstacle that is nearer to the pose what that does.
+        """
+        lacking = self.separation.lacking_m(start)
+        return np.where(lacking > 0, np.minimum(lacking + _TOUCHING_M, self.kept_m), 0.0)
 
     def certified(self, poses: Array) -> bool:
         """Whether all legs of a drive (m, 3) are proved clear."""
@@ -112,11 +119,13 @@ class Drives:
 
     def _proof(self, first: Array) -> Proof:
         """Which legs are proved clear; those that start at a pose (3,) keep no more than it."""
-        own = self.needed_m(first)
+        lent = self.lent_m(first)
 
         def proof(start: Array, end: Array) -> Bools:
-            needed = np.where((start == first).all(axis=1), own, self.kept_m)
-            found = self.clear_legs(start, end, needed)
+            leaving = (start == first).all(axis=1) & lent.any()
+            found = np.zeros(len(start), dtype=bool)
+            for some, less_m in ((leaving, lent), (~leaving, 0.0)):
+                found[some] = self.clear_legs(start[some], end[some], less_m)
             for slices in self._certified.values() if self._may is None else ():
                 for i in np.flatnonzero(~found):
                     check_time()
@@ -195,7 +204,7 @@ class Drives:
 
     def decide(self, start: Array, goal: Array) -> Decision:
         """Whether a drive from start to goal (3,) exists; finer slices as needed."""
-        if self.clear_legs(start, goal, self.needed_m(start)).all():
+        if self.clear_legs(start, goal, self.lent_m(start)).all():
             return Decision("certified", 0)
         for headings in self.headings:
             if self._ends(headings, start, goal) is not None:
@@ -249,13 +258,13 @@ class Drives:
     def _ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
         """Poses in one component of F- that straight legs join to start and goal."""
         slices = self.certified_slices(headings)
-        for first in self._entries(headings, start, self.needed_m(start)):
-            for last in self._entries(headings, goal, self.kept_m):
+        for first in self._entries(headings, start, self.lent_m(start)):
+            for last in self._entries(headings, goal, 0.0):
                 if slices.component(first) == slices.component(last) is not None:
                     return first, last
         return None
 
-    def _entries(self, headings: int, pose: Array, needed_m: float) -> list[Array]:
+    def _entries(self, headings: int, pose: Array, lent_m: Array | float) -> list[Array]:
         """The pose itself if a slice holds it, else nodes that straight legs join to it."""
         slices = self.certified_slices(headings)
         if not len(slices.parts) or slices.component(pose) is not None:
@@ -263,7 +272,7 @@ class Drives:
         nodes = self.roadmap(headings).poses
         at = np.broadcast_to(pose, nodes.shape)
         near = np.argsort(self.leg_times_s(at, nodes), kind="stable")[:_ENTRIES]
-        joined = self.clear_legs(at[near], nodes[near], needed_m)
+        joined = self.clear_legs(at[near], nodes[near], lent_m)
         return list(nodes[near[joined]])
 
     def _blocked(self, headings: int, start: Array, goal: Array) -> bool:

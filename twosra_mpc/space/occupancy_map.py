@@ -23,6 +23,7 @@ from twosra_mpc.validation import NonNegative, Number, Positive, Value
 
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
+_MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
 
 
@@ -82,9 +83,10 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
         allowed = f"from free_thresh = {said.free_thresh:g} to 1"
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, str(path))
     light, seen = _pixels(path.parent / said.image, str(path))
-    share = light if said.negate else 1.0 - light
-    occupied, free = seen & (share > said.occupied_thresh), seen & (share < said.free_thresh)
-    unknown = ~occupied & ~free
+    share = np.arange(256) / 255.0 if said.negate else 1.0 - np.arange(256) / 255.0
+    occupied, free = (share > said.occupied_thresh)[light], (share < said.free_thresh)[light]
+    occupied, free = occupied & seen, free & seen
+    unknown = ~(occupied | free)
     taken = occupied if unknown_is_free else ~free
     return OccupancyMap(taken[::-1], unknown[::-1], said.resolution, said.origin)
 
@@ -103,17 +105,54 @@ def obstacles_on(
         name: Of the obstacles, followed by their number.
         tolerance_m: How far the outline may be moved; by default, one cell.
         least_area_m2: Occupied places that are smaller and stand alone are left out.
+
+    Raises:
+        InputError: If the outline has so many corners that nothing could be planned around it.
     """
     import shapely
 
     tolerance = 1.0 if tolerance_m is None else tolerance_m / cells.cell_m
-    parts = shapely.get_parts(_union(cells.occupied)).tolist()
-    large = [part for part in parts if part.area * cells.cell_m**2 >= least_area_m2]
+    occupied, specks = _without_specks(cells.occupied, least_area_m2 / cells.cell_m**2)
+    if (corners := _corners(occupied)) > _MOST_OF_MAP:
+        allowed = (
+            f"at most {_MOST_OF_MAP}: leave out specks (--least-area), or scale the image down"
+            " (half as wide and high, each cell as dark as its darkest; resolution is then double)"
+        )
+        raise InputError("corners of what is occupied", corners, allowed)
+    large = shapely.get_parts(_union(occupied)).tolist()
     fills = [fill for part in large for fill in _fills(part, tolerance)]
     filled = shapely.union_all([*large, *fills])
     found = [_unpinched(part) for part in shapely.get_parts(filled.simplify(0.0)).tolist()]
     outlines = [shapely.transform(part, cells.in_plane) for part in found]
-    return obstacles_of(outlines, [name] * len(outlines)), len(parts) - len(large)
+    return obstacles_of(outlines, [name] * len(outlines)), specks
+
+
+def _without_specks(occupied: NDArray[np.bool_], least: float) -> tuple[NDArray[np.bool_], int]:
+    """What is occupied without places of fewer cells, and how many of these there are."""
+    if least <= 1.0:
+        return occupied, 0
+    from scipy.ndimage import label
+
+    place, _ = label(occupied, np.ones((3, 3)))
+    small = np.bincount(place.ravel()) < least
+    small[0] = False
+    return occupied & ~small[place], int(small.sum())
+
+
+def _corners(occupied: NDArray[np.bool_]) -> int:
+    """Corners of the outline of what is occupied."""
+    padded = np.pad(occupied, 1)
+    lower, upper = padded[:-1], padded[1:]
+    odd = (lower[:, :-1] ^ lower[:, 1:]) ^ (upper[:, :-1] ^ upper[:, 1:])
+    return int(odd.sum()) + 2 * int(_pinched(occupied).sum())
+
+
+def _pinched(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where two occupied cells share a corner alone, (rows - 1, columns - 1)."""
+    lower, upper = occupied[:-1], occupied[1:]
+    a, b, c, d = lower[:, :-1], lower[:, 1:], upper[:, :-1], upper[:, 1:]
+    found: NDArray[np.bool_] = (a & d & ~b & ~c) | (b & c & ~a & ~d)
+    return found
 
 
 def _union(occupied: NDArray[np.bool_]) -> Any:
@@ -124,9 +163,7 @@ def _union(occupied: NDArray[np.bool_]) -> Any:
     rows, left = np.nonzero(edges == 1)
     _, right = np.nonzero(edges == -1)
     runs = shapely.box(left, rows, right, rows + 1)
-    lower, upper = occupied[:-1], occupied[1:]
-    a, b, c, d = lower[:, :-1], lower[:, 1:], upper[:, :-1], upper[:, 1:]
-    y, x = np.nonzero((a & d & ~b & ~c) | (b & c & ~a & ~d))
+    y, x = np.nonzero(_pinched(occupied))
     bridges = shapely.box(x + 1 - _BRIDGE, y + 1 - _BRIDGE, x + 1 + _BRIDGE, y + 1 + _BRIDGE)
     return shapely.union_all(np.concatenate([runs, bridges])).simplify(0.0)  # straight sides whole
 
@@ -137,6 +174,8 @@ def _fills(polygon: Any, tolerance: float) -> list[Any]:
 
     inside = [shapely.Polygon(ring) for ring in polygon.interiors]
     fills: list[Any] = [hole for hole in inside if hole.buffer(-tolerance).is_empty]
+    if polygon.area == polygon.envelope.area:  # a box: nothing is between it and lines beyond it
+        return fills
     turned = shapely.orient_polygons(polygon)  # the polygon is on the left of its rings
     for ring in (turned.exterior, *turned.interiors):
         corners = np.array(ring.coords)[:-1]
@@ -175,8 +214,8 @@ def _unpinched(polygon: Any) -> Any:
     return polygon.buffer(_BRIDGE, join_style="mitre")
 
 
-def _pixels(path: Path, source: str) -> tuple[Array, NDArray[np.bool_]]:
-    """How light each pixel is, from 0 to 1, and whether it is opaque; (rows, columns)."""
+def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """How light each pixel is, from 0 to 255, and whether it is opaque; (rows, columns)."""
     try:
         with open_image(path) as image:
             if image.mode not in _MODES:
@@ -186,7 +225,7 @@ def _pixels(path: Path, source: str) -> tuple[Array, NDArray[np.bool_]]:
         raise
     except Exception as error:  # a spoilt image fails in many ways
         raise InputError("image", str(path), f"an image file ({error})", source) from None
-    return pixels[..., 0] / 255.0, pixels[..., 1] == 255
+    return pixels[..., 0], pixels[..., 1] == 255
 
 
 def _flat_yaml(text: str, source: str) -> dict[str, Any]:

@@ -40,14 +40,14 @@ class Surroundings:
         self._parts = [part for _, part in parts]
         self._workspace = None if world.workspace is None else world.workspace.corners_m
 
-    def distances(self, corners: Array) -> Array:
+    def distances(self, corners: Array, lent_m: Array | float = 0.0) -> Array:
         """Least distance of sets of pieces (m, p, k, 2) to obstacles and edges, (m,) [m].
 
         At most `FAR_M`. At least ``kept_m`` is allowed: the edge of the workspace may be touched,
-        and counts as farther away by that.
+        and counts as farther away by that; so does each part by what is lent to it, (parts,).
         """
         batches = (corners[i : i + _BATCH] for i in range(0, len(corners), _BATCH))
-        return np.concatenate([np.zeros(0), *map(self._least, batches)])
+        return np.concatenate([np.zeros(0), *(self._least(each, lent_m) for each in batches)])
 
     def to_parts(self, corners: Array) -> Array:
         """Distance of sets of pieces (m, p, k, 2) to each convex part of obstacles, (m, parts)."""
@@ -68,8 +68,8 @@ class Surroundings:
         least: Array = np.minimum(found, FAR_M)
         return least
 
-    def _least(self, corners: Array) -> Array:
-        least: Array = self.to_parts(corners).min(axis=1, initial=FAR_M)
+    def _least(self, corners: Array, lent_m: Array | float) -> Array:
+        least: Array = (self.to_parts(corners) + lent_m).min(axis=1, initial=FAR_M)
         if self._workspace is not None:
             low, high = self._workspace
             inside = np.minimum(corners - low, high - corners).min(axis=(1, 2, 3))
@@ -91,11 +91,21 @@ class Separation:
         self.surroundings = Surroundings(world, kept_m)
         self._pieces = np.array(footprint.outer)
 
-    def distances(self, poses: Array) -> Array:
+    def distances(self, poses: Array, lent_m: Array | float = 0.0) -> Array:
         """Least distance at each pose (m, 3), (m,) [m]; see `Surroundings.distances`."""
-        batches = (poses[i : i + _BATCH] for i in range(0, len(poses), _BATCH))
-        found = (self.surroundings.distances(placed(self._pieces, each)) for each in batches)
+        batches = (
+            placed(self._pieces, poses[i : i + _BATCH]) for i in range(0, len(poses), _BATCH)
+        )
+        found = (self.surroundings.distances(each, lent_m) for each in batches)
         return np.concatenate([np.zeros(0), *found])
+
+    def lacking_m(self, pose: Array) -> Array:
+        """What a pose (3,) lacks of ``kept_m`` to the obstacle that each part is of, (parts,)."""
+        of_part, apart = self.surroundings.obstacle_of_part, self.to_parts(pose[None])[0]
+        nearest = np.full(of_part.max(initial=-1) + 1, self.kept_m)
+        np.minimum.at(nearest, of_part, apart)
+        lacking: Array = self.kept_m - np.maximum(nearest, 0.0)[of_part]
+        return lacking
 
     def kept_from_m(self, poses: Array) -> float:
         """What drives that start at one of these poses (m, 3) must keep: no more than all do."""

@@ -10,7 +10,9 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from multiprocessing import resource_tracker
+from tempfile import TemporaryDirectory
 
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, Worker, as_completed, rpc
@@ -28,6 +30,8 @@ _LOOPBACK = "127.0.0.1"  # neither scheduler nor dashboard asks who is there
 # Numerical libraries would start a thread for every core in every worker.
 _ONE_CORE = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 
+_scratch = partial(TemporaryDirectory, prefix="twosra-batch-", ignore_cleanup_errors=True)
+
 # 100 looks a second at every process, and 50 ticks, cost 4 % of a core with two workers.
 _SELDOM = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "500ms"}
 
@@ -35,7 +39,8 @@ _SELDOM = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.
 @contextmanager
 def local_cluster(workers: int | None) -> Iterator[Client]:
     """Start workers on this machine, each a process of one thread; by default one a core."""
-    with _quiet(), dask.config.set(_SELDOM), ExitStack() as stack:
+    with _quiet(), _scratch() as folder, ExitStack() as stack:
+        stack.enter_context(dask.config.set(_SELDOM | {"temporary-directory": folder}))
         with _interrupts_not_for_children():
             cluster = LocalCluster(
                 n_workers=workers,

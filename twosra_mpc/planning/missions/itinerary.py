@@ -211,7 +211,7 @@ class Itinerary:
                 [np.cos(_AWAY_RAD), np.sin(_AWAY_RAD), 0 * _AWAY_RAD]
             )
             legs = np.tile(pose, (len(ways), 1)), composed(pose, ways)
-            return bool(away.clear_legs(*legs, away.kept_m).any())
+            return bool(away.clear_legs(*legs).any())
 
         return _stop(np.zeros(POSE), ends, may_be_clear, can_leave)
 

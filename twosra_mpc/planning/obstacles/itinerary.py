@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -23,6 +24,8 @@ _INSIDE_M = 5e-3  # of a box if it is as wide, and rad
 _MOST_LOOKS = 60
 _MOST_CHAINS, _MOST_CHAINS_OF_SEVERAL = 6, 2  # compared
 _MOST_POSES = 1500  # all over the plane
+_WITHIN = 0.9  # of the half-widths of a goal: how far from its middle is aimed, at most
+_AROUND = np.array([*itertools.product((0.0, -1.0, 1.0), repeat=POSE)])
 
 
 class Stop(NamedTuple):
@@ -149,11 +152,22 @@ class Itinerary:
         return chain._replace(routes=tuple(routes))
 
     def _goals(self, poses: Array) -> Array:
-        """Members of the goal to aim at from poses (m, 3) in the last shape, (m, 3)."""
-        goal, shape = self._problem.goal, self._last_shape
-        return np.array([goal.aim(np.append(pose, shape))[:POSE] for pose in poses]).reshape(
-            -1, POSE
-        )
+        """Members of the goal to aim at from poses (m, 3) in the last shape, (m, 3).
+
+        Where the one to aim at is too near to something, the clearest of the box around it.
+        """
+        goal, shape, drives = self._problem.goal, self._last_shape, self._drives[-1]
+        aims = [goal.aim(np.append(pose, shape))[:POSE] for pose in poses]
+        found = np.array(aims).reshape(-1, POSE)
+        if drives is not None and goal.is_box:
+            several, of = np.unique(found, axis=0, return_inverse=True)
+            for i in np.flatnonzero(drives.clear(several) < drives.kept_m):
+                low, high = (end[:POSE] for end in goal.box(np.append(several[i], shape)))
+                half = np.where(np.isfinite(high - low), _WITHIN * (high - low) / 2, 0.0)
+                members = several[i] + half * _AROUND
+                several[i] = members[drives.clear(members).argmax()]
+            found = several[of.ravel()]
+        return found
 
 
 def passing(task: Pass, ends: Array) -> Stop:
