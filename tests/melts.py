@@ -24,9 +24,15 @@ TARGETS = ((1, 1), (1, 0), (0, 1), (1, 1), (1, 0), (1, 1))
 Rows = list[dict[str, object]]
 
 
-def course(state: list[float], heated: bool, until_C: float) -> tuple[list[float], list[float]]:
-    """Readings each second of (core, body, both lags) until one is at ``until_C``, and the end."""
+def course(
+    state: list[float], heated: bool, until_C: float, power: float = 1.0, lasts_s: float = 0.0
+) -> tuple[list[float], list[float]]:
+    """Readings each second of (core, body, both lags) until one is at ``until_C``, and the end.
+
+    ``power`` is in shares of the true one; with ``lasts_s`` it goes on so long, whatever is read.
+    """
     p, a, beta, b = TRUE.values()
+    p *= power
     lag_s, setpoint_C = 2.85, ROBOT.heater.soft_setpoint_C
 
     def rate(_: float, x: list[float]) -> list[float]:
@@ -41,7 +47,8 @@ def course(state: list[float], heated: bool, until_C: float) -> tuple[list[float
 
     reached.terminal = True  # type: ignore[attr-defined]
     reached.direction = 1 if heated else -1  # type: ignore[attr-defined]
-    done = solve_ivp(rate, (0, 900), state, events=reached, max_step=0.2, rtol=1e-8)
+    stop = None if lasts_s else reached
+    done = solve_ivp(rate, (0, lasts_s or 900), state, events=stop, max_step=0.2, rtol=1e-8)
     return [done.t[-1], *np.interp(np.arange(0.0, done.t[-1], 1.0), done.t, done.y[3])], list(
         done.y[:, -1]
     )
@@ -70,6 +77,29 @@ def made_up() -> tuple[Rows, Rows]:
                 columns = {f"reading{slow + 1}_C": here_C, f"reading{2 - slow}_C": other}
                 time_s = min(float(i), duration_s)
                 readings.append({"transition": number, "time_s": time_s, **columns})
+    return transitions, readings
+
+
+def of_both(powers: tuple[float, float]) -> tuple[Rows, Rows]:
+    """Rows of both files: all segments melt and freeze at once, each with a power of its own."""
+    transitions: Rows = []
+    readings: Rows = []
+    for begins in BEGINS_C:
+        states = [[begin] * 4 for begin in begins]
+        for kind, until_C in (("melt", 63.0), ("freeze", 53.0)):
+            given = [(s, kind == "melt", until_C, p) for s, p in zip(states, powers, strict=True)]
+            lasts_s = max(course(*each)[0][0] for each in given)
+            courses = [course(*each, lasts_s) for each in given]
+            states, number = [end for _, end in courses], len(transitions) + 1
+            targets = dict.fromkeys(("target1", "target2"), int(kind == "melt"))
+            transitions.append(
+                {"transition": number, **targets, "kind": kind, "duration_s": lasts_s}
+            )
+            told = [[*times_C[1:], end[3]] for times_C, end in courses]
+            for i, (one_C, other_C) in enumerate(zip(*told, strict=True)):
+                row = {"reading1_C": one_C, "reading2_C": other_C}
+                time_s = min(float(i), lasts_s)
+                readings.append({"transition": number, "time_s": time_s, **row})
     return transitions, readings
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.resources import files as package_files
 from pathlib import Path
 
 import pytest
+import tomlkit
 from conftest import Run
-from melts import BEGINS_C, ROBOT, TARGETS, TRUE, Rows, made_up, write
+from melts import BEGINS_C, ROBOT, TARGETS, TRUE, Rows, made_up, of_both, write
 
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.lab.identification.transition_fit import (
@@ -73,6 +75,38 @@ def test_one_wrong_duration_hardly_moves_the_fit(
     for name in ("power_K_per_s", "body_ratio"):
         assert getattr(found.segment, name) == pytest.approx(getattr(fit.segment, name), rel=0.1)
     assert found.within(0.35) == 11
+
+
+def test_each_listed_segment_is_fitted_to_its_own_crossings(run: Run) -> None:
+    """Both melt at once; the one of twice the power is done long before the log says so."""
+    powers = (1.0, 2.0)
+    transitions, readings = of_both(powers)
+    log, other = write(transitions, Path("melts.csv")), write(readings, Path("readings.csv"))
+    given = ("fit-thermal", log, "--readings", other, "--robot", listed())
+    for number, power in enumerate(powers, start=1):
+        code, out, _ = run(*given, "--segment", str(number), "--out", f"{number}.toml")
+        assert code == 0
+        assert "12 of 12 within 35 %" in out
+        fitted = load_robot(f"{number}.toml")
+        own, same = fitted.segments[number - 1], fitted.segments[2 - number]
+        assert isinstance(own, TwoNodeSegment)
+        assert same == load_robot("listed.toml").segments[2 - number]
+        for name, true in TRUE.items():
+            share = power if name == "power_K_per_s" else 1.0
+            assert getattr(own, name) == pytest.approx(share * true, rel=0.1), name
+    code, _, err = run(*given, "--segment", "3")
+    assert code == 2
+    assert "segment = 3 is not acceptable; allowed: 1 to 2" in err
+
+
+def listed() -> Path:
+    """The follow-up robot with a table for each of its segments, written to a file."""
+    path = package_files("twosra_mpc").joinpath("robots", "2sr-v2.toml")
+    document = tomlkit.parse(path.read_text(encoding="utf-8")).unwrap()
+    length_m = document["geometry"].pop("segment_length_m")
+    document["segment"] = [{"length_m": length_m, **document["segment"]} for _ in range(2)]
+    Path("listed.toml").write_text(tomlkit.dumps(document), encoding="utf-8")
+    return Path("listed.toml")
 
 
 # --- what is refused -----------------------------------------------------------------------------

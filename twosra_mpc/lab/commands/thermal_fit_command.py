@@ -21,6 +21,7 @@ from twosra_mpc.lab.identification.transition_fit import (
     read_transitions,
 )
 from twosra_mpc.robot.description import Robot, load_robot
+from twosra_mpc.robot.segment import TwoNodeSegment
 
 Scores = list[tuple[HeatingLog, thermal_fit.Score]]
 
@@ -58,6 +59,14 @@ _HEADER = ("heating RMS [C]", "cooling RMS [C]", "both RMS [C]", "largest [C]")
     type=FILE,
     help="LOG has melts and freezes: their temperatures (transition, time_s, reading1_C, ...).",
 )
+@click.option(
+    "--segment",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Which one, of a robot whose file lists its segments.",
+)
 @click.option("--score", "only_score", is_flag=True, help="Only score the robot as it is.")
 def fit_thermal_command(
     log: Path,
@@ -67,6 +76,7 @@ def fit_thermal_command(
     plot: Path | None,
     others: tuple[Path, ...],
     readings: Path | None,
+    segment: int,
     only_score: bool,
     output: Output,
 ) -> None:
@@ -88,52 +98,59 @@ def fit_thermal_command(
     if readings is not None:
         if only_score or others or plot or ambient_C is not None:
             raise click.UsageError("--readings goes with --robot and --out only")
-        _fit_transitions(log, readings, described, robot, out, output)
+        _fit_transitions(log, readings, described, robot, segment - 1, out, output)
         return
     if only_score and (out or plot):
         raise click.UsageError("--score fits nothing: there is nothing to write to --out or --plot")
     recorded = read_heating_log(log, ambient_C)
     unseen = [read_heating_log(path) for path in others]
     if only_score:
-        own = thermal_fit.two_node_segment(described)
+        own = thermal_fit.two_node_segment(described, segment - 1)
         scores = [(each, thermal_fit.score(each, own)) for each in (recorded, *unseen)]
         output.report(lambda: _scores(scores), lambda: _print_scores(described, scores))
         return
     with output.progress("fitting") as tell:
-        fit = thermal_fit.identify(
-            recorded, described, lambda n, m: tell(f"fitting: {n} of {m} done")
-        )
+        told = lambda n, m: tell(f"fitting: {n} of {m} done")  # noqa: E731
+        fit = thermal_fit.identify(recorded, described, told, segment - 1)
         if out is not None:
-            write_identified_robot(robot, out, fit)
+            write_identified_robot(robot, out, fit, segment - 1)
         if plot is not None:
             from twosra_mpc.lab.figures.thermal_fit_figure import plot_thermal_fit
 
             plot_thermal_fit(fit, plot)
     scores = [(each, thermal_fit.score(each, fit.segment, fit.parameters.law)) for each in unseen]
-    doubts = plausibility.doubts(described, fit.segment, fit.fitted, recorded.ambient_C)
+    own, air_C = thermal_fit.two_node_segment(described, segment - 1), recorded.ambient_C
+    doubts = plausibility.doubts(described, fit.segment, fit.fitted, air_C, segment - 1)
 
     def tables() -> None:
-        _print_fit(recorded, fit, described, scores)
+        _print_fit(recorded, fit, own, scores)
         _print_doubts(doubts)
 
     output.report(lambda: {**_document(fit, scores), "warnings": doubts}, tables)
 
 
 def _fit_transitions(
-    log: Path, readings: Path, robot: Robot, source: str, out: Path | None, output: Output
+    log: Path,
+    readings: Path,
+    robot: Robot,
+    source: str,
+    segment: int,
+    out: Path | None,
+    output: Output,
 ) -> None:
     """Fit melts and freezes, and tell every one of them."""
     logged = read_transitions(log, readings, robot.geometry.segments)
     with output.progress("fitting") as tell:
         fit = identify_transitions(
-            logged, robot, str(log), lambda n, m: tell(f"fitting: {n} of {m} done")
+            logged, robot, str(log), lambda n, m: tell(f"fitting: {n} of {m} done"), segment
         )
         if out is not None:
-            write_identified_robot(source, out, fit)
-    doubts = plausibility.doubts(robot, fit.segment, fit.fitted, robot.heater.ambient_C)
+            write_identified_robot(source, out, fit, segment)
+    own, air_C = thermal_fit.two_node_segment(robot, segment), robot.heater.ambient_C
+    doubts = plausibility.doubts(robot, fit.segment, fit.fitted, air_C, segment)
 
     def tables() -> None:
-        _print_transitions(fit, robot)
+        _print_transitions(fit, own)
         _print_doubts(doubts)
 
     output.report(lambda: {**_transition_document(fit), "warnings": doubts}, tables)
@@ -167,13 +184,13 @@ def _transition_document(fit: TransitionFit) -> dict[str, Any]:
     }
 
 
-def _print_transitions(fit: TransitionFit, robot: Robot) -> None:
-    own, rows = thermal_fit.two_node_segment(robot), []
+def _print_transitions(fit: TransitionFit, own: TwoNodeSegment) -> None:
+    rows = []
     for name in fit.fitted:
         span = f"{fit.smallest[name]:.4g} to {fit.largest[name]:.4g}"
         known = f"{getattr(own, name):.4g}"
         rows.append((_NAMES[name], f"{getattr(fit.segment, name):.4g}", span, known))
-    print_table(("parameter", "identified", "with a part left out", f"in {robot.name}"), rows)
+    print_table(("parameter", "identified", "with a part left out", f"in {fit.robot}"), rows)
     times = [
         (
             f"{each.logged.number}",
@@ -213,8 +230,10 @@ def _scores(scores: Scores) -> list[dict[str, Any]]:
     ]
 
 
-def _print_fit(log: HeatingLog, fit: thermal_fit.ThermalFit, robot: Robot, scores: Scores) -> None:
-    _print_parameters(fit, robot)
+def _print_fit(
+    log: HeatingLog, fit: thermal_fit.ThermalFit, own: TwoNodeSegment, scores: Scores
+) -> None:
+    _print_parameters(fit, own)
     rows = [
         (row.model, f"{row.fitted}", *_residuals(row), _digits(row.held_out_rms_C))
         for row in fit.rows
@@ -244,8 +263,7 @@ def _print_scores(robot: Robot, scores: Scores) -> None:
     print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
 
 
-def _print_parameters(fit: thermal_fit.ThermalFit, robot: Robot) -> None:
-    own = thermal_fit.two_node_segment(robot)
+def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
     rows = []
     for name in thermal_fit.Parameters._fields:
         value, error, low, high = (
@@ -257,7 +275,7 @@ def _print_parameters(fit: thermal_fit.ThermalFit, robot: Robot) -> None:
         rows.append((_NAMES[name], f"{value:.4g}", f"{error:.2g}", span, known))
     fixed = f"{own.sensor_gain:.4g}"
     rows.append(("sensor gain", fixed, "not identifiable", "-", fixed))
-    header = ("parameter", "identified", "standard error", "without one cycle", f"in {robot.name}")
+    header = ("parameter", "identified", "standard error", "without one cycle", f"in {fit.robot}")
     print_table(header, rows)
 
 

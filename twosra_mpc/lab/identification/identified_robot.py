@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import tomlkit
-from tomlkit.items import Table
+from tomlkit.items import AoT, Table
 
 from twosra_mpc.files import write_text
 from twosra_mpc.lab.identification.thermal_fit import LOGS_DIFFER, ThermalFit
@@ -14,17 +14,20 @@ from twosra_mpc.robot.copies import robot_document
 
 
 def write_identified_robot(
-    source: str | Path, target: str | Path, fit: ThermalFit | TransitionFit
+    source: str | Path, target: str | Path, fit: ThermalFit | TransitionFit, number: int = 0
 ) -> None:
     """Write a copy of a robot file whose ``[segment]`` has the identified values and ranges.
 
-    Everything else, comments included, stays as it is.
+    Of a file that lists its segments, this is the one of a number, from 0. Everything else,
+    comments included, stays as it is.
 
     Raises:
         InputError: If ``source`` is not TOML, or ``target`` cannot be written.
     """
     document = robot_document(source)
     segment = document["segment"]
+    if isinstance(segment, AoT):
+        segment = segment[number]
     assert isinstance(segment, Table)
     for name in fit.fitted:
         segment[name] = getattr(fit.segment, name)

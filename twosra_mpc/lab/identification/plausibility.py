@@ -117,7 +117,9 @@ def check_bounds(parameters: Mapping[str, Bounded], values: Sequence[float], sou
                 raise InputError(name, float(f"{value:.4g}"), allowed, source)
 
 
-def doubts(robot: Robot, segment: Segment, fitted: Sequence[str], air_C: float) -> list[str]:
+def doubts(
+    robot: Robot, segment: Segment, fitted: Sequence[str], air_C: float, number: int = 0
+) -> list[str]:
     """Findings that are possible, but unlike the robot's own file: sentences for who reads them.
 
     Args:
@@ -125,10 +127,11 @@ def doubts(robot: Robot, segment: Segment, fitted: Sequence[str], air_C: float) 
         segment: Its segment with what was fitted.
         fitted: Fields that were fitted.
         air_C: Temperature of the air while it was logged.
+        number: Which segment of the robot it is, from 0.
     """
     found = []
     for name in fitted:
-        low, high = robot.thermal_segment(0).ranges.get(name, (0.0, np.inf))
+        low, high = robot.thermal_segment(number).ranges.get(name, (0.0, np.inf))
         if not low <= getattr(segment, name) <= high:
             value = f"{name} = {getattr(segment, name):.4g}"
             own = f"outside {low:g} to {high:g}, the range of {robot.name}"

@@ -180,19 +180,22 @@ class ThermalFit:
         return f"{log}: residual {rms:.2g} C (RMS) at the sensor"
 
 
-def identify(log: HeatingLog, robot: Robot, on_progress: OnProgress | None = None) -> ThermalFit:
+def identify(
+    log: HeatingLog, robot: Robot, on_progress: OnProgress | None = None, segment: int = 0
+) -> ThermalFit:
     """Fit the two-node model to a log, cross-validate it, and compare it with others.
 
     Args:
         log: The log.
         robot: Whose segment it is; its sensor gain and melting point count.
         on_progress: Called with the number of fits done and to do.
+        segment: Which segment of the robot it is, from 0.
 
     Raises:
-        InputError: If the robot's segments are not described by two nodes, or the log or what is
-            fitted to it is not plausible (see `plausibility`).
+        InputError: If the segment is not described by two nodes, or the log or what is fitted to
+            it is not plausible (see `plausibility`).
     """
-    own = two_node_segment(robot)
+    own = two_node_segment(robot, segment)
     even = _plausible(log)
     families = two_nodes(own.sensor_gain), _one_node(own.sensor_gain, robot.heater.melting_point_C)
     cycles = _separable_cycles(even)
@@ -256,16 +259,19 @@ def _plausible(log: HeatingLog) -> EvenLog:
     return even
 
 
-def two_node_segment(robot: Robot) -> TwoNodeSegment:
-    """Segment of a robot that is described by two nodes.
+def two_node_segment(robot: Robot, segment: int = 0) -> TwoNodeSegment:
+    """Segment (from 0) of a robot that is described by two nodes.
 
     Raises:
-        InputError: If it is described otherwise, or not at all.
+        InputError: If there is none, or it is described otherwise, or not at all.
     """
-    if not isinstance(robot.segment, TwoNodeSegment):
-        given = robot.segment.model if robot.segment else "missing"
+    if not 0 <= segment < (count := robot.geometry.segments):
+        raise InputError("segment", segment + 1, f"1 to {count}, those of {robot.name}")
+    own = robot.thermal_segment(segment) if robot.describes_heat else None
+    if not isinstance(own, TwoNodeSegment):
+        given = own.model if own else "missing"
         raise InputError("segment.model", given, "two_node, the model that is fitted", robot.name)
-    return robot.segment
+    return own
 
 
 def two_nodes(sensor_gain: float) -> Family:

@@ -5,9 +5,12 @@ rigid; ``kind``: melt or freeze; ``duration_s``), and readings of all segments w
 (``transition``, ``time_s`` from its begin, ``reading1_C``, ``reading2_C``, ...).
 
 A melt lasts until every segment that should be soft reads ``liquid_above_C``, a freeze until every
-one that was soft reads ``solid_below_C``. A melt is predicted from the readings at its begin, core
-and body alike, at full power up to the set-point. A freeze begins where the melt before it ended,
-core and sensor moved so that the reading is the logged one. Readings follow the core through the
+one that was soft reads ``solid_below_C``. Where a robot's file lists its segments, each is fitted
+to the times at which it crossed these itself.
+
+A melt is predicted from the readings at its begin, core and body alike, at full power up to the
+set-point. A freeze begins where the melt before it ended, core and sensor moved so that the reading
+is the logged one. Readings follow the core through the
 sensor of the robot file, whose gain and lag are kept; four parameters are fitted to logarithms of
 durations, with a loss (soft L1) that bears outliers, the body's heat near that of the file.
 """
@@ -15,8 +18,8 @@ durations, with a loss (soft L1) that bears outliers, the body's heat near that 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, cast, get_args
 
@@ -53,6 +56,7 @@ _BEGIN_S = 1.0  # readings in this time are those at the begin
 _SCALE = 0.15  # relative errors beyond this count less
 # Durations hardly tell the body's heat: it is taken as known to this factor, as one transition is.
 _BODY_RATIO_WITHIN = 1.5
+_NEARLY_K = 3.0  # from a threshold: what ended so near to it has crossed it
 _ENDS_S, _ENDS = 3.0, 0.1  # by which a duration and the last reading may differ: s, relative
 _FITTED = tuple(name for name in SEGMENT_PARAMETERS if name != "sensor_lag_s")
 _BODY = _FITTED.index("body_ratio")
@@ -60,7 +64,18 @@ _BODY = _FITTED.index("body_ratio")
 
 @dataclass(frozen=True)
 class LoggedTransition:
-    """A melt or freeze: its number, kind, targets (1 soft), duration, and readings [C] at begin."""
+    """A melt or freeze.
+
+    Attributes:
+        number: In the log.
+        kind: Melt or freeze.
+        target: For each segment 1 (soft) or 0.
+        duration_s: Until the last segment, or the one that is looked at, was as it should be [s].
+        begin_C: Readings at its begin.
+        end_C: Readings at its end.
+        readings: Times [s] and readings of the segments [C], (m, 1 + n).
+        heated_s: How long heaters were on, if not as long as that [s].
+    """
 
     number: int
     kind: Kind
@@ -68,6 +83,23 @@ class LoggedTransition:
     duration_s: float
     begin_C: tuple[float, ...]
     end_C: tuple[float, ...]
+    readings: Array = field(repr=False, compare=False)
+    heated_s: float | None = None
+
+    def crossed_s(self, segment: int, level_C: float) -> float | None:
+        """When a segment's reading crossed a level: its end if it nearly did, None if not [s]."""
+        time_s, reading = self.readings[:, 0], self.readings[:, 1 + segment]
+        sign = 1 if self.kind == "melt" else -1
+        beyond = np.flatnonzero(sign * (reading - level_C) >= 0)
+        if not len(beyond):
+            near = sign * (level_C - reading[-1]) < _NEARLY_K
+            return self.duration_s if near else None
+        last = int(beyond[0])
+        if last == 0:
+            return 0.0
+        some = slice(last - 1, last + 1)
+        order = slice(None, None, sign)
+        return float(np.interp(level_C, reading[some][order], time_s[some][order]))
 
 
 class Prediction(NamedTuple):
@@ -167,9 +199,30 @@ def read_transitions(
             allowed = f"{' or '.join(get_args(Kind))}, targets 1 (soft) or 0 (rigid)"
             raise InputError(f"kind, row {i}", f"{kind}, {soft}", allowed, source)
         begin = np.median(here[here[:, 0] <= here[0, 0] + _BEGIN_S], axis=0)
-        target, ends = tuple(map(int, soft)), [tuple(at[1:].tolist()) for at in (begin, here[-1])]
-        found.append(LoggedTransition(index, cast(Kind, kind), target, duration_s, *ends))
+        target = tuple(map(int, soft))
+        begin_C, end_C = (tuple(at[1:].tolist()) for at in (begin, here[-1]))
+        told = index, cast(Kind, kind), target, duration_s, begin_C, end_C, here
+        found.append(LoggedTransition(*told))
     _check(found, source)
+    return tuple(found)
+
+
+def of_segment(
+    logged: tuple[LoggedTransition, ...], segment: int, own: TwoNodeSegment
+) -> tuple[LoggedTransition, ...]:
+    """The melts and freezes of one segment (from 0) alone, as long as it took itself."""
+    found, soft = [], False
+    for each in logged:
+        wanted = bool(each.target[segment])
+        if wanted == soft or wanted != (each.kind == "melt"):
+            continue
+        crossed_s = each.crossed_s(segment, own.liquid_above_C if wanted else own.solid_below_C)
+        told = crossed_s is not None and crossed_s > SHORTEST_S
+        soft = wanted and told
+        if crossed_s is not None and told:
+            alone = replace(each, target=(int(wanted),), duration_s=crossed_s)
+            begin_C, end_C = (ends[segment : segment + 1] for ends in (each.begin_C, each.end_C))
+            found.append(replace(alone, begin_C=begin_C, end_C=end_C, heated_s=each.duration_s))
     return tuple(found)
 
 
@@ -178,6 +231,7 @@ def identify_transitions(
     robot: Robot,
     source: str,
     on_progress: OnProgress | None = None,
+    segment: int = 0,
 ) -> TransitionFit:
     """Fit the two-node model to logged durations, and predict each by a fit that leaves it out.
 
@@ -186,12 +240,16 @@ def identify_transitions(
         robot: Whose they are; its thresholds, set-point, air, sensor gain and lag count.
         source: Name of the log.
         on_progress: Called with the number of fits done and to do.
+        segment: Which segment is fitted, from 0, where the robot's file lists them.
 
     Raises:
         InputError: If the robot's segments are not described by two nodes, or the fit is not
             plausible.
     """
-    own = two_node_segment(robot)
+    own = two_node_segment(robot, segment)
+    if robot.segments:
+        logged = of_segment(logged, segment, own)
+        _check(logged, source)
     counted = np.array([each.duration_s > SHORTEST_S for each in logged])
     start = tuple(SEGMENT_PARAMETERS[name].start for name in _FITTED)
     predict = _predictor(logged, own, robot.heater)
@@ -218,7 +276,7 @@ def identify_transitions(
     plausibility.check_bounds(bounds, best.values, source)
     left_out_s, parts = np.empty(len(logged)), [best.values]
     for part in range(PARTS):
-        out = number % PARTS == part
+        out = number * PARTS // len(logged) == part  # a stretch of the log: days differ
         if (out & counted).any():
             parts.append(fitted(~out, best.values).values)
         left_out_s[out] = predict(parts[-1])[out]
@@ -298,7 +356,8 @@ def _predictor(
                     times.append(course.melt_s(each.begin_C[j]))
                 elif not soft and j in melts:
                     melt = melts.pop(j)
-                    warm = course.melted(melt.begin_C[j], melt.duration_s)
+                    heated_s = melt.duration_s if melt.heated_s is None else melt.heated_s
+                    warm = course.melted(melt.begin_C[j], heated_s)
                     times.append(course.freeze_s(warm, each.begin_C[j]))
             found.append(max(times))
         return np.array(found)
@@ -363,7 +422,7 @@ def _until(rising: Array) -> float:
     return _STEP_S * float(k - part)
 
 
-def _check(logged: list[LoggedTransition], source: str) -> None:
+def _check(logged: Sequence[LoggedTransition], source: str) -> None:
     """Refuse too few transitions, a freeze of what never melted, and swapped kinds.
 
     Raises:
