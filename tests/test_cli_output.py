@@ -37,7 +37,15 @@ from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
-from twosra_mpc.cli import jog, options, output, planning, robot_line, simulate, stream
+from twosra_mpc.cli import (
+    jog_command,
+    options,
+    output,
+    planning,
+    robot_line,
+    simulate_command,
+    stream_command,
+)
 from twosra_mpc.execution.simulation.simulate import Simulation
 from twosra_mpc.execution.simulation.simulate import simulate as run_simulation
 from twosra_mpc.files import plain_data
@@ -81,7 +89,7 @@ def simulated() -> Simulation:
 @pytest.fixture
 def one_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let all simulated robots be alike."""
-    monkeypatch.setattr(simulate, "simulate", lambda *_, **__: simulated())
+    monkeypatch.setattr(simulate_command, "simulate", lambda *_, **__: simulated())
 
 
 def command(name: str) -> click.Command:
@@ -425,7 +433,7 @@ def connect(planned: Planned, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
             firmware = SimulatedFirmware(planned("shape-change"), numbers=numbers)
             stack.callback(firmware.close)
             monkeypatch.setattr(robot_line, "open_serial_port", lambda _: firmware.port)
-            for module in (stream, jog):
+            for module in (stream_command, jog_command):
                 monkeypatch.setattr(module, "SystemClock", lambda: firmware)
 
         yield connect_once

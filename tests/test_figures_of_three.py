@@ -40,8 +40,8 @@ from twosra_mpc.plotting import (
 from twosra_mpc.plotting.film import LEAST
 from twosra_mpc.plotting.playback import PLACES, plan_playback
 from twosra_mpc.plotting.scene import Scene
-from twosra_mpc.report.film import film_of
-from twosra_mpc.report.timeline import lanes
+from twosra_mpc.report.lanes import lanes
+from twosra_mpc.report.player import film_of
 from twosra_mpc.robot.modes import all_modes
 
 SEGMENTS = 3

@@ -31,7 +31,7 @@ from twosra_mpc.lab.reproduction.greedy_statistics import (
     published_study,
     statistics,
 )
-from twosra_mpc.lab.reproduction.published import StopReason
+from twosra_mpc.lab.reproduction.published_runs import StopReason
 from twosra_mpc.lab.reproduction.random_problems import MOST_PER_M, draw_single_mode
 from twosra_mpc.lab.reproduction.shares import share, spread
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH

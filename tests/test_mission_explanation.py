@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from conftest import Run
 
-import twosra_mpc.analysis.missions as module
+import twosra_mpc.analysis.mission_explanation as module
 from twosra_mpc import InputError, Problem, load_problem, plan
 from twosra_mpc.analysis.explanation import explain
-from twosra_mpc.analysis.missions import (
+from twosra_mpc.analysis.mission_explanation import (
     MissionExplanation,
     explain_mission,
     goal_by_goal,

@@ -27,7 +27,14 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.plans.stages import Stage, stages
-from twosra_mpc.plotting import figures, objects, plot_plan, plot_snapshots, plot_sweep, timeline
+from twosra_mpc.plotting import (
+    figures,
+    object_figures,
+    plot_plan,
+    plot_snapshots,
+    plot_sweep,
+    timeline_figures,
+)
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.problem.objects import Object
@@ -64,16 +71,16 @@ def drawn_objects(ax: Any) -> list[Array]:
 
 def outlines(made: Plan, time_s: float) -> list[Array]:
     poses = object_poses(made.trajectory, np.array([time_s]))[0]
-    return objects.outlines_m(made.problem, poses)
+    return object_figures.outlines_m(made.problem, poses)
 
 
 def test_a_disc_is_drawn_on_its_edge_and_a_box_by_its_corners() -> None:
     disc = Object(name="a", pose={"x_m": 0, "y_m": 0}, disc={"radius_m": 0.03})
-    round_about = objects.outline_m(disc, np.array([0.2, 0.1, 0.0])) - [0.2, 0.1]
+    round_about = object_figures.outline_m(disc, np.array([0.2, 0.1, 0.0])) - [0.2, 0.1]
     assert np.hypot(*round_about.T) == pytest.approx(0.03)
     box = {"x_m": (-0.02, 0.02), "y_m": (-0.01, 0.01)}
     cube = Object(name="b", pose={"x_m": 0, "y_m": 0}, box=box)
-    turned = objects.outline_m(cube, np.array([0.0, 0.0, np.pi / 2]))
+    turned = object_figures.outline_m(cube, np.array([0.0, 0.0, np.pi / 2]))
     assert sorted(np.abs(turned).ravel()) == pytest.approx([0.01] * 4 + [0.02] * 4)
 
 
@@ -91,7 +98,7 @@ def test_in_a_film_what_is_held_moves_with_the_robot_and_else_rests() -> None:
     made, playback = fetched(), plan_playback(fetched(), 0.1)
     scene = Scene(playback, ("robot", "end"), 1.0)
     grasped_s, carried_s, _ = made.trajectory.done_s
-    own = objects.outline_m(made.problem.objects[0], np.zeros(3))
+    own = object_figures.outline_m(made.problem.objects[0], np.zeros(3))
     for row in (0, 300, *np.searchsorted(playback.time_s, [grasped_s + 3, carried_s]).tolist()):
         scene.image(row)
         (drawn,) = drawn_objects(scene.figure.axes[0])
@@ -155,14 +162,14 @@ def test_words_over_the_time_axes_do_not_lie_on_each_other(made: Any) -> None:
 
 def test_levels_keep_words_off_each_other_and_off_the_lines_of_others() -> None:
     rng = np.random.default_rng(4)
-    stretch = timeline.TimeStretch((0.0, 100.0), (0.0, 1.0))
+    stretch = timeline_figures.TimeStretch((0.0, 100.0), (0.0, 1.0))
     for _ in range(50):
         times_s = np.sort(rng.uniform(0.0, 100.0, 6)).tolist()
         each = [Stage("x" * int(rng.integers(1, 30)), 0.0, time_s, None) for time_s in times_s]
-        levels = timeline.label_levels(each, stretch)
+        levels = timeline_figures.label_levels(each, stretch)
         for (i, one), (j, other) in itertools.combinations(enumerate(each), 2):
-            words = timeline.stage_words(i + 1, one)
-            if one.to_s / 100 + timeline.LETTER * (1 + len(words)) > other.to_s / 100:
+            words = timeline_figures.stage_words(i + 1, one)
+            if one.to_s / 100 + timeline_figures.LETTER * (1 + len(words)) > other.to_s / 100:
                 assert levels[i] > levels[j]
         assert set(levels) == set(range(max(levels) + 1))
 
@@ -178,7 +185,7 @@ def test_contact_is_where_fibre_and_object_meet() -> None:
     for gap_m, touched in ((0.0, True), (0.001, True), (0.002, False)):
         radius = 1 / 20.0 - geometry.fibre_radius_m - gap_m
         disc = centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])
-        parts = objects.touching(geometry, shape, disc)
+        parts = object_figures.touching(geometry, shape, disc)
         whole = [len(part) == count and part == pytest.approx(shape.segments[0]) for part in parts]
         assert any(whole) is touched
 
@@ -203,7 +210,7 @@ def test_a_mission_without_a_goal_draws_none_and_prints_no_nan() -> None:
 def test_goals_on_the_way_are_drawn_as_ghosts() -> None:
     made = reshaped()
     ends = made.trajectory.configuration([*made.trajectory.done_s, made.duration_s])
-    assert np.array(objects.goals(made.trajectory)) == pytest.approx(ends)
+    assert np.array(object_figures.goals(made.trajectory)) == pytest.approx(ends)
     assert page("reshaped").count('class="ghost goal"') == 3
     dashed = [line for line in plot_plan(made).axes[0].lines if line.get_linestyle() == "--"]
     assert len(dashed) == 3 * made.robot.geometry.segments

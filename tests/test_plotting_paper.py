@@ -24,7 +24,7 @@ from twosra_mpc.lab.figures.paper_figures import (
     plot_forward_kinematics,
     plot_published_tasks,
 )
-from twosra_mpc.lab.reproduction.published import published_trajectory
+from twosra_mpc.lab.reproduction.published_runs import published_trajectory
 from twosra_mpc.robot.modes import mode_name
 
 

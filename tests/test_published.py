@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.reproduction.published import (
+from twosra_mpc.lab.reproduction.published_model import published_jacobian
+from twosra_mpc.lab.reproduction.published_runs import (
     PublishedTrajectory,
     StopReason,
     published_trajectory,
 )
-from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.robot.modes import MODES, Mode
 
 Q = tuple[float, float, float, float, float]

@@ -33,9 +33,9 @@ from twosra_mpc.plans.stiffness import stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape
 from twosra_mpc.plotting.playback import PLACES
-from twosra_mpc.report import Origin, film, report_page, words, write_report
+from twosra_mpc.report import Origin, player, report_page, words, write_report
 from twosra_mpc.report import page as page_module
-from twosra_mpc.report.timeline import MOST_ROWS, Thermometer, lanes, setpoint_table, ticks
+from twosra_mpc.report.lanes import MOST_ROWS, Thermometer, lanes, setpoint_table, ticks
 from twosra_mpc.report.words import scenario_toml
 from twosra_mpc.robot.path_choice import with_path_model
 
@@ -205,7 +205,7 @@ def test_every_frame_shows_the_robot_at_its_time(paper: Result, page: str) -> No
     for frame in range(0, PLACES, 13):
         t, pose = made["time_s"][frame], made["poses"][made["pose"][frame]]
         q = plan.trajectory.configuration(t)[0]
-        shape = robot_shape(plan.robot.geometry, q, film.ARC_POINTS)
+        shape = robot_shape(plan.robot.geometry, q, player.ARC_POINTS)
         for name in ("segments", "links", "units", "wheels"):
             drawn = np.array([coordinates(points) for points in pose[name]])
             assert np.abs(drawn - getattr(shape, name)).max() < 2e-5, (name, t)
@@ -218,7 +218,7 @@ def test_waits_store_one_pose_and_events_are_frames(paper: Result, page: str) ->
     made = film_in(page)
     assert len(made["poses"]) < 0.5 * PLACES
     shown = np.array(made["time_s"])[made["events"]]
-    for t in film.event_times(paper.plan):
+    for t in player.event_times(paper.plan):
         assert np.abs(shown - t).min() < 1.0
     for phase in paper.plan.phases:
         mode = f"[{phase.mode[0]},{phase.mode[1]}]"

@@ -25,7 +25,7 @@ from twosra_mpc.lab.paper.paper_page import paper_page
 from twosra_mpc.lab.paper.section import Picture, Section, Table
 from twosra_mpc.plotting import robot_shape
 from twosra_mpc.plotting.playback import PLACES
-from twosra_mpc.report import film, page, write_report
+from twosra_mpc.report import page, player, write_report
 
 Solved = Callable[..., Result]
 HOSTILE = (
@@ -169,7 +169,7 @@ def test_the_slider_moves_the_robot_where_the_plan_has_it(report: Chrome, paper:
     for frame in (0, 60, 300, 480, 500, 1000):
         move_to(report, frame)
         q = paper.trajectory.configuration(times[frame])[0]
-        shape = robot_shape(paper.robot.geometry, q, film.ARC_POINTS)
+        shape = robot_shape(paper.robot.geometry, q, player.ARC_POINTS)
         for kind, points in (
             ("unit", shape.units),
             ("wheel", shape.wheels),

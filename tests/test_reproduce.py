@@ -29,12 +29,12 @@ from twosra_mpc.lab.paper import (
     Verdict,
     applications,
     kept,
-    paths,
     pieces,
+    published_tasks,
     reproduce,
     statistics,
-    tasks,
     trials,
+    unit_paths,
 )
 from twosra_mpc.lab.paper.claims import equal, every
 from twosra_mpc.lab.paper.kept import Kept, Part
@@ -150,9 +150,9 @@ def quick() -> Iterator[None]:
     """Draw little where figures have tests of their own; the longer mission is left out."""
     with pytest.MonkeyPatch.context() as patch:
         for module, name in (
-            (tasks, "plot_published_tasks"),
-            (tasks, "plot_error_decrease"),
-            (paths, "plot_paths"),
+            (published_tasks, "plot_published_tasks"),
+            (published_tasks, "plot_error_decrease"),
+            (unit_paths, "plot_paths"),
             (applications, "plot_plan"),
             (statistics, "plot_forward_kinematics"),
         ):
@@ -179,7 +179,7 @@ def write_simulations(path: Path) -> Path:
     run = SIMULATIONS[TRIAL].run()
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([*tasks._COLUMNS[:1], "row", *tasks._COLUMNS[1:]])
+        writer.writerow([*published_tasks._COLUMNS[:1], "row", *published_tasks._COLUMNS[1:]])
         for row, (q, mode) in enumerate(zip(run.q, run.mode, strict=True)):
             writer.writerow([7, row, *q, *mode])
     return path
@@ -329,8 +329,8 @@ def test_nothing_is_computed_twice(
         raise AssertionError
 
     for module, name in (
-        (tasks, "_compare"),
-        (paths, "fit_spirals"),
+        (published_tasks, "_compare"),
+        (unit_paths, "fit_spirals"),
         (pieces, "published_study"),
         (pieces, "optimal_study"),
         (trials, "read_trials"),

@@ -17,7 +17,7 @@ from twosra_mpc.lab.paper import Sources, pieces, reproduce
 from twosra_mpc.lab.paper.kept import Kept
 from twosra_mpc.lab.paper.paper_report import PARTS
 from twosra_mpc.lab.paper.pieces import random_problems
-from twosra_mpc.lab.paper.tasks import read_simulations
+from twosra_mpc.lab.paper.published_tasks import read_simulations
 
 __all__ = ["lab"]  # a fixture
 Change = Callable[[Path], object]

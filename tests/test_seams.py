@@ -47,7 +47,7 @@ ALLOWED = {
     "shapely": ("space/", "checking/clearance.py"),
     "serial": ("execution/serial/port.py",),
     "flint": CERTIFICATES,
-    "skimage": ("lab/photographs/published.py",),
+    "skimage": ("lab/photographs/published_steps.py",),
     "similaritymeasures": ("lab/reproduction/hardware.py",),
     "foxglove": ("export/",),
     "mcap_ros2": ("export/",),

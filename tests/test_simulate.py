@@ -100,7 +100,7 @@ def test_a_robot_that_arrived_unseen_has_a_code_of_its_own(
         done = simulate(*given, **asked)
         return replace(done, run=replace(done.run, ending=Ending.UNSEEN))
 
-    monkeypatch.setattr("twosra_mpc.cli.simulate.simulate", unseen)
+    monkeypatch.setattr("twosra_mpc.cli.simulate_command.simulate", unseen)
     code, out, _ = run("rigid-move", "--robot", ARC)
     assert code == 5
     assert "ending arrived unseen" in out

@@ -26,7 +26,7 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import figures, plot_plan, plot_snapshots, plot_sweep
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.plotting.scene import Scene
-from twosra_mpc.plotting.world import draw_world, names_m, shown_m
+from twosra_mpc.plotting.world_figures import draw_world, names_m, shown_m
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.report import report_page

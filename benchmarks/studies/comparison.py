@@ -15,7 +15,7 @@ from benchmarks.measurement import PlanRecord, Timing, plan_record
 from benchmarks.report import shifted_geometric_mean
 from benchmarks.study import Measured, OneProblem, PlanStudy
 from twosra_mpc import Problem, plan
-from twosra_mpc.lab.reproduction.published import (
+from twosra_mpc.lab.reproduction.published_runs import (
     PublishedTrajectory,
     StopReason,
     published_trajectory,

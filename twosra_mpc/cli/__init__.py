@@ -36,7 +36,10 @@ _COMMANDS = {
     "Plan": {
         "plan": ("cli.planning", "Plan a scenario, with a proved gap."),
         "explain": ("cli.comparisons", "Say why a plan is what it is, and what others cost."),
-        "check-passage": ("cli.world", "Say in which shapes the robot can drive to the goal."),
+        "check-passage": (
+            "cli.world_commands",
+            "Say in which shapes the robot can drive to the goal.",
+        ),
         "compare": ("cli.comparisons", "Plan scenarios by both planners, side by side."),
         "compare-models": (
             "cli.comparisons",
@@ -61,16 +64,16 @@ _COMMANDS = {
             "lab.commands.reproduce_command",
             "Compare the paper with what comes of it here.",
         ),
-        "stream": ("cli.stream", "Send a plan to a robot over a serial line."),
-        "jog": ("cli.jog", "Drive a robot by hand, over a serial line."),
+        "stream": ("cli.stream_command", "Send a plan to a robot over a serial line."),
+        "jog": ("cli.jog_command", "Drive a robot by hand, over a serial line."),
     },
     "Simulate": {
-        "simulate": ("cli.simulate", "Plan and run in closed loop on a simulated robot."),
+        "simulate": ("cli.simulate_command", "Plan and run in closed loop on a simulated robot."),
         "replay": (
             "lab.commands.replay_command",
             "Predict a log of motion, and say how far off it ends.",
         ),
-        "simulate-heater": ("cli.heater_loop", "Run the closed loop of one heater."),
+        "simulate-heater": ("cli.heater_command", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {
         "new": ("cli.new", "Write a scenario or a robot file to start from."),
@@ -86,8 +89,8 @@ _COMMANDS = {
             "lab.commands.curvature_command",
             "Measure how segments bend in thermal photographs.",
         ),
-        "import-map": ("cli.world", "Turn a map of ROS into obstacles."),
-        "schema": ("cli.schema", "Print JSON Schemas of the files, for editors."),
+        "import-map": ("cli.world_commands", "Turn a map of ROS into obstacles."),
+        "schema": ("cli.schema_command", "Print JSON Schemas of the files, for editors."),
     },
     "This installation": {
         "doctor": ("cli.doctor", "Check versions, solvers and extras; plan and verify."),

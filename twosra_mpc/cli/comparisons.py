@@ -11,7 +11,7 @@ import click
 
 from twosra_mpc.analysis.critical_path import Activity, in_words
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
-from twosra_mpc.analysis.missions import MissionExplanation, explain_mission
+from twosra_mpc.analysis.mission_explanation import MissionExplanation, explain_mission
 from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
 from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table

@@ -32,7 +32,7 @@ from twosra_mpc.plotting.plan_figures import (
 )
 from twosra_mpc.plotting.plane import draw_outline, draw_robot
 from twosra_mpc.plotting.sweep_figure import draw_sweep, plot_sweep
-from twosra_mpc.plotting.timeline import (
+from twosra_mpc.plotting.timeline_figures import (
     TimeStretch,
     draw_configuration,
     draw_melt_fractions,

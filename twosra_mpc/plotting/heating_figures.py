@@ -14,7 +14,7 @@ from matplotlib.ticker import PercentFormatter
 from twosra_mpc.control.controller import StiffnessController
 from twosra_mpc.control.heater_loop import HeaterRun
 from twosra_mpc.plotting import figures
-from twosra_mpc.plotting.timeline import draw_stiffness, intervals_of
+from twosra_mpc.plotting.timeline_figures import draw_stiffness, intervals_of
 from twosra_mpc.thermal.model import thresholds_C
 
 TRUE_COLOUR, MEASURED_COLOUR = "#222222", "#12997c"

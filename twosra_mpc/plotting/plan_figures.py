@@ -22,7 +22,7 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stages import Stage, stages
 from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase, Samples
-from twosra_mpc.plotting import figures, objects, plane, timeline, world
+from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.problem.tasks import Conform, Grasp, Release
 from twosra_mpc.robot.coordinates import Array
@@ -88,14 +88,18 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
             q = phase_rows(plan.trajectory.samples, phase)
             plane.draw_ends(ax, plan.robot.geometry, q, (phase.mode, phase.mode), 3)
             _draw_path(ax, q, phase)
-            ax.set_title(f"{number}: {mode_name(phase.mode)}, {timeline.phase_duration(phase)}")
+            ax.set_title(
+                f"{number}: {mode_name(phase.mode)}, {timeline_figures.phase_duration(phase)}"
+            )
     seen = plan.trajectory.configuration([0.0, *(t for phase in plan.phases for t in phase[1:])])
     wheels = robot_shape(plan.robot.geometry, seen, 2).wheels.reshape(-1, 2)
-    shown = world.shown_m(plan.problem, np.concatenate([wheels, objects.seen_m(plan.trajectory)]))
+    shown = world_figures.shown_m(
+        plan.problem, np.concatenate([wheels, object_figures.seen_m(plan.trajectory)])
+    )
     for ax, size_pt in zip(axes, (8.0, *[6.0] * len(axes)), strict=False):
-        world.draw_world(ax, plan.problem, shown, size_pt)
+        world_figures.draw_world(ax, plan.problem, shown, size_pt)
     nearest = closest_approach(plan.trajectory)
-    world.draw_nearest(axes[0], nearest)
+    world_figures.draw_nearest(axes[0], nearest)
     if nearest is not None:
         q, mode = nearest.configuration, plan.robot.rigid
         plane.draw_robot(axes[0], plan.robot.geometry, q, mode, alpha=figures.FAINT / 2)
@@ -112,8 +116,8 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
         "soft segment": plane.SOFT,
         "path of the middle link": tuple(map(plane.line, (RIGID_COLOUR, SOFT_COLOUR))),
     }
-    entries |= objects.legend_entries(plan.problem)
-    entries |= world.legend_entries(plan.problem, nearest)
+    entries |= object_figures.legend_entries(plan.problem)
+    entries |= world_figures.legend_entries(plan.problem, nearest)
     plane.legend_below(figure, entries, 5)
 
 
@@ -131,8 +135,8 @@ def _draw_stage(ax: Axes, plan: Plan, stage: Stage) -> None:
     within = [p for p in plan.phases if stage.from_s <= (p.start_s + p.end_s) / 2 <= stage.to_s]
     for phase in reversed(within):
         _draw_path(ax, phase_rows(trajectory.samples, phase), phase)
-    objects.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
-    ahead = None if isinstance(stage.task, TOUCHING) else objects.UP
+    object_figures.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
+    ahead = None if isinstance(stage.task, TOUCHING) else object_figures.UP
     _draw_touched(ax, plan, ends.q[1], poses[1], 3, ahead)
 
 
@@ -143,9 +147,9 @@ def _draw_touched(
     geometry, shape = plan.robot.geometry, robot_shape(plan.robot.geometry, q)
     size_pt = 8.0 if linewidth == 5 else 7.0
     style: dict[str, Any] = {"beside": shape, "ahead": ahead, "size_pt": size_pt}
-    objects.draw_objects(ax, plan.problem, poses, **style)
-    outlines = objects.outlines_m(plan.problem, poses)
-    objects.draw_contacts(ax, geometry, shape, outlines, linewidth)
+    object_figures.draw_objects(ax, plan.problem, poses, **style)
+    outlines = object_figures.outlines_m(plan.problem, poses)
+    object_figures.draw_contacts(ax, geometry, shape, outlines, linewidth)
 
 
 def _look_closely(ax: Axes, plan: Plan, stage: Stage) -> None:
@@ -192,15 +196,15 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
 def _draw_mission(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
     """Draw where objects are first and last, and where each task is done."""
     trajectory, ends = plan.trajectory, plan.trajectory.samples.q[[0, -1]]
-    objects.draw_ends(ax, trajectory)
+    object_figures.draw_ends(ax, trajectory)
     poses = object_poses(trajectory, trajectory.samples.t_s[[-1]])[0]
     shape = robot_shape(plan.robot.geometry, ends[1])
-    outlines = objects.outlines_m(plan.problem, poses)
-    objects.draw_contacts(ax, plan.robot.geometry, shape, outlines, 5)
-    objects.draw_targets(ax, plan.problem, objects.targets(trajectory))
-    for q in objects.goals(trajectory):
+    outlines = object_figures.outlines_m(plan.problem, poses)
+    object_figures.draw_contacts(ax, plan.robot.geometry, shape, outlines, 5)
+    object_figures.draw_targets(ax, plan.problem, object_figures.targets(trajectory))
+    for q in object_figures.goals(trajectory):
         plane.draw_outline(ax, plan.robot.geometry, q)
-    objects.number_places(ax, trajectory, each)
+    object_figures.number_places(ax, trajectory, each)
 
 
 def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:
@@ -212,25 +216,25 @@ def _draw_path(ax: Axes, q: Array, phase: Phase) -> None:
 
 def _draw_over_time(figure: SubFigure, plan: Plan) -> None:
     heights: tuple[float, ...] = (0.25 + 0.5 * plan.robot.geometry.segments, 1.0, 1.0, 1.0, 0.7)
-    stretch, each = timeline.plan_stretch(plan), stages(plan.trajectory)
-    levels = timeline.label_levels(each, stretch)
+    stretch, each = timeline_figures.plan_stretch(plan), stages(plan.trajectory)
+    levels = timeline_figures.label_levels(each, stretch)
     if each:
-        heights = (0.15 + timeline.LEVEL * (1 + max(levels)), *heights)
+        heights = (0.15 + timeline_figures.LEVEL * (1 + max(levels)), *heights)
     *above, lanes, curvature, wheels, temperature, liquid = figure.subplots(
         len(heights), 1, sharex=True, height_ratios=heights
     )
-    timeline.draw_timeline(lanes, plan)
-    timeline.name_phases(lanes, plan.phases, stretch, "{number}: {mode}\n{took}")
-    timeline.draw_configuration(curvature, plan)
-    timeline.draw_wheel_speeds(wheels, plan)
-    timeline.draw_temperatures(temperature, plan)
-    timeline.draw_melt_fractions(liquid, plan)
+    timeline_figures.draw_timeline(lanes, plan)
+    timeline_figures.name_phases(lanes, plan.phases, stretch, "{number}: {mode}\n{took}")
+    timeline_figures.draw_configuration(curvature, plan)
+    timeline_figures.draw_wheel_speeds(wheels, plan)
+    timeline_figures.draw_temperatures(temperature, plan)
+    timeline_figures.draw_melt_fractions(liquid, plan)
     for ax in (curvature, wheels, temperature, liquid):
-        timeline.draw_motion(ax, plan)
+        timeline_figures.draw_motion(ax, plan)
     stretch.apply(liquid)
     if above:
-        timeline.name_stages(above[0], each, levels)
-        timeline.mark_stages([lanes, curvature, wheels, temperature, liquid], each)
+        timeline_figures.name_stages(above[0], each, levels)
+        timeline_figures.mark_stages([lanes, curvature, wheels, temperature, liquid], each)
     note = "" if stretch.even else ", stretched inside the motion phases (grey)"
     liquid.set(xlabel=f"time [s]{note}")
     figure.align_ylabels([lanes, curvature, wheels, temperature, liquid])
@@ -267,10 +271,10 @@ def plot_snapshots(
         for ax in grid[len(moments) :]:
             ax.remove()
         shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        seen = [shapes.wheels.reshape(-1, 2), objects.seen_m(plan.trajectory)]
-        shown = world.shown_m(plan.problem, np.concatenate(seen))
+        seen = [shapes.wheels.reshape(-1, 2), object_figures.seen_m(plan.trajectory)]
+        shown = world_figures.shown_m(plan.problem, np.concatenate(seen))
         for ax in figure.axes:
-            world.draw_world(ax, plan.problem, shown)
+            world_figures.draw_world(ax, plan.problem, shown)
         plane.to_one_scale(figure.axes, shown)
         entries = {
             "rigid": plane.RIGID,
@@ -279,8 +283,8 @@ def plot_snapshots(
             "freezing": plane.line(figures.FREEZING_COLOUR, 4),
             **({"target": plane.FAINT_ROBOT} if not plan.problem.ends_anywhere else {}),
             "path of middle link": plane.line("black", 1.0),
-            **objects.legend_entries(plan.problem),
-            **world.legend_entries(plan.problem, None),
+            **object_figures.legend_entries(plan.problem),
+            **world_figures.legend_entries(plan.problem, None),
         }
         plane.legend_below(figure, entries, 5)
     return figure
@@ -305,8 +309,8 @@ def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
             ax, geometry, trajectory.samples.q[-1], plan.problem.goal.mode, alpha=figures.FAINT
         )
     poses = object_poses(trajectory, np.array([time_s]))[0]
-    objects.draw_targets(ax, plan.problem, objects.targets(trajectory))
-    _draw_touched(ax, plan, q[-1], poses, 4, objects.UP)
+    object_figures.draw_targets(ax, plan.problem, object_figures.targets(trajectory))
+    _draw_touched(ax, plan, q[-1], poses, 4, object_figures.UP)
     plane.draw_robot(ax, geometry, q[-1], mode, changing=changing)
     plane.number_units(ax, geometry, q[-1])
     ax.plot(*q[:, :2].T, c="black", lw=1.0, zorder=5)
@@ -367,14 +371,14 @@ def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None
         axes[-1].set(xlim=(0.0, 1.005 * end_s), xlabel="time [s]")
         motion = Patch(**MOTION, label="motion")
         figure.legend(
-            handles=[*timeline.state_handles(), motion], loc="outside lower center", ncols=6
+            handles=[*timeline_figures.state_handles(), motion], loc="outside lower center", ncols=6
         )
     return figure
 
 
 def _draw_row(ax: Axes, name: str, made: Plan) -> None:
     """Lanes of a plan, named above; its motion as lines that are never too thin to see."""
-    timeline.draw_lanes(ax, made)
+    timeline_figures.draw_lanes(ax, made)
     for phase in made.phases:
         ax.axvspan(phase.start_s, phase.end_s, **MOTION, zorder=4)
     ax.set_title(f"{name}: {plan_title(made)}", loc="left", fontsize=9)

@@ -15,8 +15,8 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stages import Stage, stages
 from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
-from twosra_mpc.plotting.objects import goals, targets
-from twosra_mpc.plotting.timeline import TimeStretch
+from twosra_mpc.plotting.object_figures import goals, targets
+from twosra_mpc.plotting.timeline_figures import TimeStretch
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry

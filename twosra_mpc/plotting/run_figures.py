@@ -21,7 +21,7 @@ from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import Interval
 from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting import figures, plane, timeline, world
+from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -88,9 +88,9 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
     axes[0].set(xlabel="x [m]", ylabel="y [m]")
     for number, (ax, drive) in enumerate(zip(axes[1:], drives, strict=True), start=1):
         _draw_drive(ax, run, record, number, drive)
-    shown = world.shown_m(run.problem, robot_shape(geometry, record.q[::20], 2).wheels)
+    shown = world_figures.shown_m(run.problem, robot_shape(geometry, record.q[::20], 2).wheels)
     for ax, size_pt in zip(axes, (8.0, *[6.0] * len(axes)), strict=False):
-        world.draw_world(ax, run.problem, shown, size_pt)
+        world_figures.draw_world(ax, run.problem, shown, size_pt)
     plane.to_one_scale(axes, shown)
     entries: dict[str, Any] = {
         "start": plane.FAINT_ROBOT,
@@ -102,7 +102,7 @@ def _draw_plane(figure: SubFigure, run: Run, record: Record) -> None:
         "of unit 2": plane.line(figures.UNIT_COLOURS[1]),
         "of the middle link": plane.line(figures.MIDDLE_COLOUR),
     }
-    entries |= world.legend_entries(run.problem, None)
+    entries |= world_figures.legend_entries(run.problem, None)
     plane.legend_below(figure, entries, 8)
 
 
@@ -149,11 +149,11 @@ def _draw_paths(ax: Axes, run: Run, record: Record, start_s: float, end_s: float
         ax.plot(*rows[:, :2].T, c=figures.MIDDLE_COLOUR, zorder=5, **style)
 
 
-def run_stretch(run: Run) -> timeline.TimeStretch:
+def run_stretch(run: Run) -> timeline_figures.TimeStretch:
     """Time axis of a run, stretched where it was driven."""
     drives = joined_drives(run)
     least = min(0.12, 0.6 / max(len(drives), 1))
-    return timeline.TimeStretch.of(drives, run.duration_s or 1.0, least)
+    return timeline_figures.TimeStretch.of(drives, run.duration_s or 1.0, least)
 
 
 def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
@@ -163,10 +163,10 @@ def _draw_timeline(figure: SubFigure, run: Run, record: Record) -> None:
     note = "time [s]" + (", stretched where the robot was driven (grey)" if drives else "")
     stretch.apply(axes[-1]).set_xlabel(note)
     _draw_states(axes[0], run)
-    timeline.name_phases(axes[0], drives, stretch, "{number}: {mode}")
+    timeline_figures.name_phases(axes[0], drives, stretch, "{number}: {mode}")
     _draw_curvatures(axes[1], run, record)
     _draw_distances(axes[2], run, record)
-    timeline.wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s, "steps-post")
+    timeline_figures.wheel_speeds(axes[3], run.log.time_s, run.log.wheel_rad_s, "steps-post")
     _draw_temperatures(axes[4], run, record)
     for ax, drive in product(axes, drives):
         ax.axvspan(drive.start_s, drive.end_s, color="0.9", lw=0, zorder=0)
@@ -182,15 +182,15 @@ def reported_states(run: Run) -> tuple[tuple[Interval, ...], ...]:
     asked = np.where(log.setpoint_C >= heater.soft_setpoint_C, "melting", "freezing")
     still = np.where(log.stiffness > CHANGING, "soft", "rigid")
     states = np.where(log.stiffness == CHANGING, asked, still)
-    return tuple(timeline.intervals_of(log.time_s, column) for column in states.T)
+    return tuple(timeline_figures.intervals_of(log.time_s, column) for column in states.T)
 
 
 def _draw_states(ax: Axes, run: Run) -> None:
     """A bar a segment, as reported."""
     intervals = reported_states(run)
-    timeline.draw_stiffness(ax, intervals, 0.6).set_ylim(-0.5, len(intervals) - 0.5)
+    timeline_figures.draw_stiffness(ax, intervals, 0.6).set_ylim(-0.5, len(intervals) - 0.5)
     ax.tick_params(axis="y", length=0)
-    handles: list[Any] = timeline.state_handles("heater current")
+    handles: list[Any] = timeline_figures.state_handles("heater current")
     if run.replans:
         handles.append(Line2D([], [], c=figures.SOFT_COLOUR, lw=1.0, ls=":", label="planned again"))
     ax.legend(handles=handles, **figures.BESIDE)
@@ -206,7 +206,7 @@ def _draw_curvatures(ax: Axes, run: Run, record: Record) -> None:
     if run.plans:
         ax.plot([], [], c=figures.PLANNED_COLOUR, lw=1.1, ls="--", label="planned")
     ax.plot([], [], c=figures.PLANNED_COLOUR, ls="", marker=".", alpha=0.6, label="camera")
-    timeline.finished(ax, "curvature\n[1/m]")
+    timeline_figures.finished(ax, "curvature\n[1/m]")
 
 
 def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
@@ -231,7 +231,7 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
 
 def _draw_temperatures(ax: Axes, run: Run, record: Record) -> None:
     log, problem = run.log, run.problem
-    timeline.mark_melting(ax, problem.stiffness_thresholds_C)
+    timeline_figures.mark_melting(ax, problem.stiffness_thresholds_C)
     for j, colour in enumerate(figures.SEGMENT_COLOURS[: log.stiffness.shape[1]]):
         warm, label = record.temperature_C[:, j], f"segment {j + 1}"
         ax.plot(record.time_s, warm, c=colour, lw=1.5, label=label)
@@ -241,7 +241,7 @@ def _draw_temperatures(ax: Axes, run: Run, record: Record) -> None:
     if record is not log:
         ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls=":", label="by the sensor")
     ax.plot([], [], c=figures.PLANNED_COLOUR, lw=0.9, ls="--", label="set-point")
-    timeline.finished(ax, "temperature\n[°C]")
+    timeline_figures.finished(ax, "temperature\n[°C]")
 
 
 def animate_run(

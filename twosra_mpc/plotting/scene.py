@@ -20,7 +20,7 @@ from PIL import Image
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.stiffness import soft_and_changing
 from twosra_mpc.plotting import figures
-from twosra_mpc.plotting.objects import draw_contacts, draw_objects, draw_targets, outlines_m
+from twosra_mpc.plotting.object_figures import draw_contacts, draw_objects, draw_targets, outlines_m
 from twosra_mpc.plotting.plane import (
     DASHED,
     draw_outline,
@@ -29,8 +29,8 @@ from twosra_mpc.plotting.plane import (
     robot_artists,
 )
 from twosra_mpc.plotting.playback import Playback
-from twosra_mpc.plotting.timeline import STAGE_LINE, draw_stiffness
-from twosra_mpc.plotting.world import draw_nearest, draw_world, shown_m
+from twosra_mpc.plotting.timeline_figures import STAGE_LINE, draw_stiffness
+from twosra_mpc.plotting.world_figures import draw_nearest, draw_world, shown_m
 from twosra_mpc.robot.coordinates import Array
 
 SIZE_IN, DPI = (8.0, 6.6), 100

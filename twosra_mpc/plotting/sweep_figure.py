@@ -14,7 +14,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Phase
-from twosra_mpc.plotting import figures, objects, plane, world
+from twosra_mpc.plotting import figures, object_figures, plane, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -42,11 +42,11 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
         figure.suptitle(plan_title(plan), wrap=True)
         draw_sweep(ax, plan)
         shapes = robot_shape(plan.robot.geometry, plan.trajectory.samples.q, 2)
-        seen = [shapes.wheels.reshape(-1, 2), objects.seen_m(plan.trajectory)]
-        shown = world.shown_m(plan.problem, np.concatenate(seen))
+        seen = [shapes.wheels.reshape(-1, 2), object_figures.seen_m(plan.trajectory)]
+        shown = world_figures.shown_m(plan.problem, np.concatenate(seen))
         nearest = closest_approach(plan.trajectory)
-        world.draw_world(ax, plan.problem, shown)
-        world.draw_nearest(ax, nearest)
+        world_figures.draw_world(ax, plan.problem, shown)
+        world_figures.draw_nearest(ax, nearest)
         plane.to_one_scale([ax], shown)
         ax.set(xlabel="x [m]", ylabel="y [m]")
         entries = {
@@ -54,8 +54,8 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
             "end": plane.ROBOT,
             "swept while driving": plane.line(RIGID_COLOUR, 6),
             "swept while bending": plane.line(SOFT_COLOUR, 6),
-            **objects.resting_entries(plan.problem),
-            **world.legend_entries(plan.problem, nearest),
+            **object_figures.resting_entries(plan.problem),
+            **world_figures.legend_entries(plan.problem, nearest),
         }
         plane.legend_below(figure, entries, 3)
     return figure
@@ -75,13 +75,13 @@ def draw_sweep(ax: Axes, plan: Plan) -> Axes:
         fibre = [*shape.segments.reshape(-1, 12, 2), *shape.links.reshape(-1, 2, 2)]
         ax.add_collection(LineCollection(fibre, colors=colour, lw=2.0, alpha=_PALE, zorder=2))
     for item in carried(plan.trajectory):
-        colour, thing = objects.fill_of(item.object), plan.problem.objects[item.object]
+        colour, thing = object_figures.fill_of(item.object), plan.problem.objects[item.object]
         held = [p for p in plan.phases if item.from_s <= (p.start_s + p.end_s) / 2 <= item.to_s]
         poses = [composed(_spread(plan, phase)[:, :POSE], item.pose_in_b0) for phase in held]
-        outlines = [objects.outline_m(thing, pose) for each in poses for pose in each]
+        outlines = [object_figures.outline_m(thing, pose) for each in poses for pose in each]
         ax.add_collection(PolyCollection(outlines, fc=colour, ec="none", alpha=_PALE, zorder=2.1))
     plane.draw_ends(ax, geometry, samples.q[[0, -1]], samples.mode[[0, -1]].tolist(), 4)
-    objects.draw_ends(ax, plan.trajectory)
+    object_figures.draw_ends(ax, plan.trajectory)
     return ax
 
 

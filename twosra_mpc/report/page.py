@@ -24,11 +24,11 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address
-from twosra_mpc.plotting.objects import goals, seen_m
+from twosra_mpc.plotting.object_figures import goals, seen_m
 from twosra_mpc.plotting.playback import plan_playback
 from twosra_mpc.report import words
-from twosra_mpc.report.film import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
-from twosra_mpc.report.timeline import Thermometer, curve, lanes, setpoint_table, ticks
+from twosra_mpc.report.lanes import Thermometer, curve, lanes, setpoint_table, ticks
+from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
 

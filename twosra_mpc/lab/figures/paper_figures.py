@@ -18,14 +18,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from twosra_mpc.lab.reproduction.published import PublishedTrajectory, published_trajectory
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
+from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.plotting.plan_figures import phase_rows
-from twosra_mpc.plotting.timeline import COORDINATES
+from twosra_mpc.plotting.timeline_figures import COORDINATES
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry

@@ -14,11 +14,11 @@ from twosra_mpc.files import plain_data, write_json, write_text
 from twosra_mpc.lab.paper import (
     applications,
     equations,
-    paths,
     photographs,
+    published_tasks,
     statistics,
-    tasks,
     trials,
+    unit_paths,
 )
 from twosra_mpc.lab.paper.claims import Verdict
 from twosra_mpc.lab.paper.kept import Data, Kept, Tell
@@ -119,16 +119,16 @@ def reproduce(
     if (pictures := sources.photographs) is not None:
         part = photographs.part(pictures, sources.column, sources.camera)
         data["curvature"] = kept.get(part, tell)
-    data["tasks"] = kept.get(tasks.part(sources.simulations), tell)
-    data["paths"] = kept.get(paths.part(), tell)
+    data["tasks"] = kept.get(published_tasks.part(sources.simulations), tell)
+    data["paths"] = kept.get(unit_paths.part(), tell)
     data["equations"] = kept.get(equations.part(), tell)
     data["applications"] = kept.get(applications.part(), tell)
     data["statistics"] = kept.get(statistics.part(kept, problems, processes), tell)
     report = PaperReport(
         (
-            paths.section(data["paths"]),
+            unit_paths.section(data["paths"]),
             equations.section(data["equations"]),
-            tasks.section(data["tasks"]),
+            published_tasks.section(data["tasks"]),
             statistics.section(data["statistics"]),
             photographs.section(data.get("curvature")),
             trials.section(data.get("trials")),

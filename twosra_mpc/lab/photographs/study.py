@@ -22,7 +22,7 @@ from twosra_mpc.lab.photographs.picture import (
     pictures_in,
     read_photograph,
 )
-from twosra_mpc.lab.photographs.published import PublishedCurvature, published_curvature
+from twosra_mpc.lab.photographs.published_steps import PublishedCurvature, published_curvature
 from twosra_mpc.lab.photographs.references import read_references
 
 COLUMNS = (

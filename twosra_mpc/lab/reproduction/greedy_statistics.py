@@ -23,7 +23,7 @@ from twosra_mpc.lab.reproduction.error_curves import (
     starts_above,
 )
 from twosra_mpc.lab.reproduction.fixed_waits import fixed_waits_s
-from twosra_mpc.lab.reproduction.published import StopReason, published_trajectory
+from twosra_mpc.lab.reproduction.published_runs import StopReason, published_trajectory
 from twosra_mpc.lab.reproduction.random_problems import draw_generic, draw_single_mode
 from twosra_mpc.lab.reproduction.shares import (
     Share,

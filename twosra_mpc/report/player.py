@@ -16,9 +16,9 @@ from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Trajectory
-from twosra_mpc.plotting import objects
+from twosra_mpc.plotting import object_figures
 from twosra_mpc.plotting.playback import PLACES, Playback
-from twosra_mpc.plotting.world import length, names_m, shown_m
+from twosra_mpc.plotting.world_figures import length, names_m, shown_m
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 
@@ -85,9 +85,9 @@ def objects_at(playback: Playback, q: Array, poses: Array) -> dict[str, Any]:
     As SVG has it: transforms, places, and the data of one path [mm, y down].
     """
     geometry, shape = playback.geometry, robot_shape(playback.geometry, q)
-    outlines = objects.outlines_m(playback.problem, poses)
-    sides = [objects.free_side(outline, shape) for outline in outlines]
-    parts = [part for each in outlines for part in objects.touching(geometry, shape, each)]
+    outlines = object_figures.outlines_m(playback.problem, poses)
+    sides = [object_figures.free_side(outline, shape) for outline in outlines]
+    parts = [part for each in outlines for part in object_figures.touching(geometry, shape, each)]
     return {
         "objects": [moved_to(pose) for pose in poses],
         "names": [_name_at(at, way) for at, way in sides],
@@ -110,14 +110,14 @@ def moved_to(pose: Array) -> str:
 def mission(trajectory: Trajectory) -> dict[str, Any]:
     """Objects in their own frames, where they shall be carried, as SVG has it [mm, y down]."""
     problem, own = trajectory.problem, np.zeros(POSE)
-    aims = objects.targets(trajectory)
+    aims = object_figures.targets(trajectory)
     return {
         "objects": [
             {
                 "name": item.name,
-                "fill": objects.fill_of(number),
-                "edge": objects.edge_of(number),
-                "points": svg_points(objects.outline_m(item, own)),
+                "fill": object_figures.fill_of(number),
+                "edge": object_figures.edge_of(number),
+                "points": svg_points(object_figures.outline_m(item, own)),
             }
             for number, item in enumerate(problem.objects)
         ],

@@ -21,7 +21,7 @@ from twosra_mpc.lab.figures.paper_figures import (
 from twosra_mpc.lab.paper.claims import Claim, equal, every
 from twosra_mpc.lab.paper.kept import Data, Part, Tell, digest
 from twosra_mpc.lab.paper.section import Picture, Section, Table, percent
-from twosra_mpc.lab.reproduction.published import PublishedTrajectory, published_trajectory
+from twosra_mpc.lab.reproduction.published_runs import PublishedTrajectory, published_trajectory
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import POSE, Array
