@@ -15,6 +15,7 @@ from twosra_mpc import InputError, load_robot
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import LEAST_BEND_RAD, PhaseReplay, replay
+from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import Drift, rolling
 from twosra_mpc.robot.coordinates import Array
@@ -148,6 +149,27 @@ def test_the_share_of_the_bend_is_found_at_any_speed_and_by_any_model(tmp_path: 
     assert np.abs(phase.predicted[:, 3]).max() <= limit  # it stays where it reaches the limit
     assert phase.predicted[-1, 3] == phase.predicted[-2, 3] > 0.8 * limit
     assert phase.share < 0.2
+
+
+@pytest.mark.parametrize("mode", [(1, 0), (0, 1), (1, 1)])
+def test_where_arcs_lead_is_told_by_the_history_of_curvatures_alone(
+    tmp_path: Path, mode: tuple[int, int]
+) -> None:
+    """Wheels may do more or less than commanded, row by row, backwards, too."""
+    rng, step_s = np.random.default_rng([*mode, 9]), 1 / RATE_HZ
+    done = np.zeros((120, 5))
+    done[:, [0, 1]] = rng.normal(5e-4, 1e-3, (120, 1)) * [0.3, 0.7]
+    start = np.array([0.1, 0.2, 0.3, -5.0, 10.0])
+    q = roll_out(ROBOT, start, (mode,), done[None]).states[0]
+    told = np.abs(done / step_s) * rng.uniform(0.2, 5.0, (120, 1))
+    columns = np.hstack([np.vstack([told, told[-1:]]), np.tile(mode, (121, 1))])
+    rows = [[*q[k], *columns[k], k * step_s] for k in range(121)]
+    path = written(tmp_path / "arcs.csv", TRIAL, rows)
+    phase = one_phase(read_motion_log(path, ROBOT))
+    assert (np.diff(phase.bend_rad) * phase.bend_rad[-1]).min() < 0
+    assert phase.error_as_bent is not None
+    assert np.abs(phase.error_as_bent).max() < 1e-4
+    assert np.abs(phase.as_bent - q).max() < 1e-4  # all the way, not only at the end
 
 
 # --- command -------------------------------------------------------------------------------------

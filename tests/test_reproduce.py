@@ -286,6 +286,8 @@ def test_a_trial_that_does_as_simulated_is_near_and_waits(written: Path) -> None
     assert all(data["nearest"][:3])
     assert max(data["dtw"]["mean"][:2]) < 1e-3
     assert data["waiting"]["waits_s"] == pytest.approx(PAUSE_S, abs=0.1)
+    assert len(data["bends"]) == sum(map(any, data["sequence"]))
+    assert all(abs(np.array(one["error"][3:])).max() == 0 for one in data["bends"])
     found = claims(written)
     assert found["Simulation and robot show a similar pattern of movement"]["verdict"] == "holds"
     axes = found["The axes of Fig. 7(a, c) are the time the trials took"]

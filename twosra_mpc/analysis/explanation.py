@@ -96,12 +96,19 @@ class Alternative:
         """``difference_s`` and ``difference`` in words; empty where there is no plan."""
         if self.difference_s is None:
             return ""
-        percent = 100 * (self.difference or 0.0)
-        digits = 1 if abs(percent) >= 1 else 3
-        return f"{self.difference_s:+z.2f} s ({percent:+z.{digits}f} %)"
+        return price_words(self.difference_s, self.original.cost.total)
 
     def __str__(self) -> str:
         return ": ".join(filter(None, [self.change, self.price, self.outcome]))
+
+
+def price_words(more_s: float, cost_s: float) -> str:
+    """How much more another plan costs than one of ``cost_s``, in words."""
+    if more_s < -_SAME_S:
+        return f"{-more_s:.2f} s less: this plan is not the best"
+    percent = 100 * more_s / cost_s if cost_s else 0.0
+    digits = 1 if abs(percent) >= 1 else 3
+    return f"{more_s:+z.2f} s ({percent:+z.{digits}f} %)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -233,7 +233,7 @@ class _TrackedPhase:
             missed = self._predicted_miss()
         if accuracy.of_shape(missed) <= ACCEPTED:
             return None
-        bends = " and ".join(f"{kappa:+.1f}" for kappa in missed[POSE:].tolist())
+        bends = " and ".join(f"{kappa:+z.1f}" for kappa in missed[POSE:].tolist())
         stiff = bool(np.abs(missed[POSE:]).max() > patience.stiff_per_m)
         text = f"the plan would miss the curvatures by {bends} 1/m"
         return Abort("corridor", text, stiff=stiff, missed=self.phase.mode)

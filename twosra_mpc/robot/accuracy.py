@@ -61,5 +61,5 @@ class Accuracy(Value):
         """Put an error of q (3 + n,) into words."""
         millimetres = 1e3 * math.hypot(error[0], error[1])
         degrees = math.degrees(abs(error[2]))
-        bent = " and ".join(f"{kappa:+.2f}" for kappa in error[POSE:].tolist())
+        bent = " and ".join(f"{kappa:+z.2f}" for kappa in error[POSE:].tolist())
         return f"{millimetres:.1f} mm, {degrees:.2f} degrees, {bent} 1/m from the goal"

@@ -40,7 +40,7 @@ def replay_command(
     LOG is a CSV file: a trial (x, y, angle, k1, k2, v1, v2, u0, v0, r0, s1, s2, time, as the
     authors of the robot log and `twosra export plan.csv` writes), or poses of both units while
     wheels turn at a known speed (time stamp, LU1 x, LU1 y, LU1 th, LU2 x, LU2 y, LU2 th in mm and
-    degrees). "As bent": with the commands scaled to the bend that was measured.
+    degrees). "As bent": along the history of curvatures that was measured.
 
     \b
     A trial, with its figure:

@@ -196,7 +196,7 @@ def _print_transitions(fit: TransitionFit, own: TwoNodeSegment) -> None:
             f"{each.logged.number}",
             each.logged.kind,
             *(f"{s:.1f}" for s in (each.logged.duration_s, each.fitted_s, each.left_out_s)),
-            f"{each.error:+.0%}",
+            f"{each.error:+z.0%}",
         )
         for each in fit.predictions
     ]

@@ -1,8 +1,8 @@
 """Replay of a log: where commands that were given lead by the model, and where the robot came.
 
-Every phase is predicted from where it began: from its commands alone, and with all of them scaled
-by one number so that the soft segments bend as much as they did. What is then still missing is what
-no knowledge of the bend could have told: the unit that should hold pivots, b0 slides.
+Every phase is predicted from where it began: from its commands alone, and along the measured
+history of curvatures, with each unit's share of the travel as commanded. What is then still missing
+is what no knowledge of the bend could have told: the unit that should hold pivots, b0 slides.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, is_rigid, soft_segments
 
 LEAST_BEND_RAD = 0.2  # less is lost in the noise: two segments seen to 1/m are good to 0.06
-_SECANTS, _CLOSE_RAD = 8, 1e-4  # steps for the scale, and where they end
+_SECANTS, _CLOSE_RAD = 8, 1e-6  # steps for the scale of a row's motion, and where they end
+_PROBE = 1e-3  # share of a phase's travel that tells how fast it bends
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +35,9 @@ class PhaseReplay:
         measured: Configuration [m, m, rad, 1/m ...], (rows, 3 + n).
         predicted: The same by the commands, (rows, 3 + n); it stays where a curvature limit is
             reached.
-        as_bent: The same with the commands scaled to the bend that was reached, (rows, 3 + n); None
-            in a rigid phase, and where hardly anything was bent or predicted to be.
+        as_bent: The same along the measured history of curvatures, (rows, 3 + n): the curvatures
+            measured, and where b0 is by the model. None in a rigid phase, and where hardly anything
+            was bent or predicted to be.
         bend_rad: Bend of all soft segments together in each row, since the first, (rows,).
         predicted_bend_rad: The same as predicted.
     """
@@ -60,7 +62,7 @@ class PhaseReplay:
 
     @property
     def error_as_bent(self) -> Array | None:
-        """Measured less predicted configuration at the end, given the bend, (3 + n,)."""
+        """Measured less predicted configuration at the end, given the curvatures, (3 + n,)."""
         return None if self.as_bent is None else _difference(self.measured[-1], self.as_bent[-1])
 
     @property
@@ -121,19 +123,43 @@ def _phase(log: MotionLog, robot: Robot, rows: slice) -> PhaseReplay:
     done = log.commands[rows][:-1] * np.diff(time_s)[:, None]
     lengths, soft = np.array(robot.geometry.lengths_m), list(soft_segments(mode))
 
-    def led(scale: float) -> Array:
-        return _within(robot, _states(robot, mode, measured[0], scale * done, log.by_wheels))
+    def states(start: Array, displacements: Array) -> Array:
+        return _states(robot, mode, start, displacements, log.by_wheels)
 
     def bend(q: Array) -> Array:
         turned: Array = (q[:, POSE:] - q[0, POSE:])[:, soft] @ lengths[soft]
         return turned
 
-    predicted, bent = led(1.0), bend(measured)
+    predicted, bent = _within(robot, states(measured[0], done)), bend(measured)
     expected, as_bent = bend(predicted), None
     if soft and min(abs(expected[-1]), abs(bent[-1])) >= LEAST_BEND_RAD:
-        scale = _scale(lambda of: float(bend(led(of))[-1]), bent[-1], bent[-1] / expected[-1])
-        as_bent = led(scale)
+        travel = (done if log.by_wheels else np.abs(done)).sum(axis=0)
+        as_bent = _along(measured, bend, lambda q, of: states(q, of * travel[None])[-1])
     return PhaseReplay(mode, time_s, measured, predicted, as_bent, bent, expected)
+
+
+def _along(
+    measured: Array, bend: Callable[[Array], Array], moved: Callable[[Array, float], Array]
+) -> Array:
+    """Configurations with the curvatures measured, each pose by the motion that bends so.
+
+    Args:
+        measured: Configurations measured, (rows, 3 + n).
+        bend: Bend of the soft segments since the first of some configurations.
+        moved: Configuration after a share of the phase's travel from another one.
+    """
+    states = [measured[0]]
+    for wanted, after in zip(np.diff(bend(measured)).tolist(), measured[1:], strict=True):
+        here = states[-1]
+
+        def bent(share: float, here: Array = here) -> float:
+            return float(bend(np.stack([here, moved(here, share)]))[-1])
+
+        rate = bent(_PROBE) / _PROBE
+        reached = moved(here, _scale(bent, wanted, wanted / rate)) if rate else here
+        pose = reached[:POSE] if np.isfinite(reached).all() else here[:POSE]
+        states.append(np.concatenate([pose, after[POSE:]]))
+    return np.array(states)
 
 
 def _states(robot: Robot, mode: Mode, start: Array, done: Array, by_wheels: bool) -> Array:
@@ -156,7 +182,7 @@ def _within(robot: Robot, states: Array) -> Array:
 
 
 def _scale(bend: Callable[[float], float], wanted: float, guess: float) -> float:
-    """Scale of the commands at which the bend is the one wanted, by secants."""
+    """Share of the travel at which the bend is the one wanted, by secants."""
     before, off_before, scale = 0.0, -wanted, guess
     for _ in range(_SECANTS):
         off = bend(scale) - wanted

@@ -10,6 +10,7 @@ import numpy as np
 from twosra_mpc.files import plain_data
 from twosra_mpc.lab.figures.trial_figures import plot_distances, plot_trials
 from twosra_mpc.lab.identification.motion_log import MotionLog
+from twosra_mpc.lab.identification.replay import replay
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Kept, Part, Tell, digest
 from twosra_mpc.lab.paper.section import Picture, Section, Table
@@ -17,7 +18,7 @@ from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_o
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import load_robot
-from twosra_mpc.robot.modes import sequence_name
+from twosra_mpc.robot.modes import mode_name, sequence_name
 
 TRIALS_FIGURE, DTW_FIGURE = "trials.png", "dtw.png"
 COORDINATES = ("x", "y", "phi", "kappa_1", "kappa_2")
@@ -67,7 +68,7 @@ def part(kept: Kept, logs: Path) -> Part:
 def _one(name: str, logs: Path, log: MotionLog) -> Part:
     def compute(_folder: Path, tell: Tell) -> Data:
         tell(f"comparing {name} with the simulations")
-        said: Data = plain_data(_log(log))
+        said: Data = plain_data(_log(log) | {"bends": _bends(log)})
         return said
 
     return Part(f"trial-{name}", {"log": digest(logs / f"{name}.csv")}, compute)
@@ -89,6 +90,15 @@ def _log(log: MotionLog) -> Data:
     return data
 
 
+def _bends(log: MotionLog) -> list[Data]:
+    """Where soft phases end by the model, given the history of curvatures that was measured."""
+    return [
+        {"mode": one.mode, "bend_rad": one.bend_rad[-1], "error": error, "moved": one.moved}
+        for one in replay(log, load_robot("2sra-v1"))
+        if (error := one.error_as_bent) is not None
+    ]
+
+
 def section(data: Data | None) -> Section:
     """Compare the trials with the paper; without logs say what to give."""
     logs = {} if data is None else data["logs"]
@@ -108,7 +118,7 @@ def section(data: Data | None) -> Section:
             " a log; it is taken from the authors' program.",
         ),
         claims=tuple(claims),
-        tables=(_waits(logs), _deviations(trials), _ends(trials)) if logs else (),
+        tables=(_waits(logs), _deviations(trials), _ends(trials), _bent(logs)) if logs else (),
         pictures=tuple(
             Picture(file, words)
             for file, words in (
@@ -321,7 +331,32 @@ def _in_units(q: Any) -> list[float]:
 
 def _ends(trials: Trials) -> Table:
     rows = [
-        (f"trial {n}", *(f"{v:+.1f}" for v in _in_units(one["waiting"]["final_error"])))
+        (f"trial {n}", *(f"{v:+z.1f}" for v in _in_units(one["waiting"]["final_error"])))
         for n, one in trials.items()
     ]
     return Table("Error at the end: last row less target", ("", *_UNITS), tuple(rows))
+
+
+def _bent(logs: Data) -> Table:
+    rows = [
+        (
+            name,
+            mode_name(one["mode"]),
+            f"{one['bend_rad']:+z.2f}",
+            *_off(one["error"], one["moved"]),
+        )
+        for name, log in logs.items()
+        for one in log["bends"]
+    ]
+    header = ("log", "mode", "bend [rad]", "place [mm]", "still [mm]", "phi [rad]", "still [rad]")
+    words = (
+        "Error of exact arcs at the end of soft phases, given the measured history of curvatures;"
+        ' beside it that of "nothing moves"'
+    )
+    return Table(words, header, tuple(rows), numbers=2)
+
+
+def _off(*errors: Any) -> list[str]:
+    """Distances [mm] of some configurations' errors, then their headings' [rad]."""
+    places = [f"{1e3 * float(np.hypot(*error[:2])):.0f}" for error in errors]
+    return places + [f"{abs(error[2]):.2f}" for error in errors]
