@@ -8,10 +8,12 @@ from dataclasses import replace
 from importlib.resources import files as package_files
 from pathlib import Path
 
+import melts
+import numpy as np
 import pytest
 import tomlkit
 from conftest import Run
-from melts import BEGINS_C, ROBOT, TARGETS, TRUE, Rows, made_up, of_both, write
+from melts import BEGINS_C, ROBOT, TARGETS, TRUE, Rows, course, made_up, of_both, write
 
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.lab.identification.transition_fit import (
@@ -57,6 +59,33 @@ def test_the_segment_that_made_the_log_is_found(fit: TransitionFit) -> None:
     assert fit.within(0.1) == len(fit.predictions) == 12
     assert isinstance(ROBOT.segment, TwoNodeSegment)
     assert fit.segment.sensor_lag_s == ROBOT.segment.sensor_lag_s
+
+
+# Melts from rest and the freezes after them, of one segment: reading at the begin [C], its own
+# crossings of 63 and 53 C [s]; public logs of the follow-up robot in use.
+CROSSINGS = (
+    *((27.4, 43.8, 68.4), (35.8, 42.6, 79.0), (28.4, 32.2, 75.2), (47.0, 22.3, 73.0)),
+    *((52.9, 14.3, 102.5), (49.0, 21.5, 78.4), (40.7, 23.8, 87.9), (52.8, 14.1, 99.9)),
+    (46.7, 13.0, 71.9),
+)
+
+
+def test_ranges_of_the_built_in_robot_hold_each_segments_own_crossings(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nine of ten lie between those of a fast melt with a slow freeze, and of the contrary."""
+    ranges = ROBOT.thermal_segment(0).ranges
+    found = []
+    for picked in ((1, 0, 0, 0), (0, 1, 1, 1)):
+        corner = {name: ranges[name][at] for name, at in zip(TRUE, picked, strict=True)}
+        monkeypatch.setattr(melts, "TRUE", corner)
+        for begin_C, _, _ in CROSSINGS:
+            (melt_s, *_), molten = course([begin_C] * 4, True, 63.0)
+            found.append((melt_s, course(molten, False, 53.0)[0][0]))
+    fast, slow = np.array(found).reshape(2, -1, 2)
+    logged = np.array(CROSSINGS)[:, 1:]
+    inside = (np.minimum(fast, slow) <= logged) & (logged <= np.maximum(fast, slow))
+    assert inside.mean() >= 0.9
 
 
 def test_ranges_hold_every_fit_and_are_as_wide_as_logs_differ(fit: TransitionFit) -> None:
