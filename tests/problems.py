@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
+from twosra_mpc.planning.missions.relaxed import bending_task, stage_tree
+from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
-from twosra_mpc.planning.single_goal.relaxed import bending_task
+from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
 from twosra_mpc.robot.timing import OverlappedTiming
@@ -77,3 +79,8 @@ def faster_robot(factor: float) -> Robot:
         superheat_s=3.0 / factor,
     )
     return ROBOT.with_values(timing={"nominal": timing})
+
+
+def goal_tree(problem: Problem, solver: Any = lambda *_: (), in_the_way: Any = None) -> Tree[Any]:
+    """The search tree of a single goal."""
+    return stage_tree(problem, [only_goal(problem)], solver, in_the_way=in_the_way)

@@ -22,7 +22,7 @@ from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
 from twosra_mpc.planning.proof import Prover
-from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.planning.search.tree import Node, Tree
 from twosra_mpc.planning.single_goal.outcome import verified
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.limits import shape_margins
@@ -160,12 +160,12 @@ def test_the_study_says_how_to_repeat_what_breaks_a_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = ["attack", "--out", str(tmp_path), "--set", "first=3", "--set", "count=2"]
-    true = ModeTree.leaf_bound
+    true = Tree.leaf_bound
 
-    def too_high(tree: ModeTree[None], node: ModeSequence) -> float:
+    def too_high(tree: Tree[None], node: Node) -> float:
         return 10 * true(tree, node)
 
-    monkeypatch.setattr(ModeTree, "leaf_bound", too_high)
+    monkeypatch.setattr(Tree, "leaf_bound", too_high)
     told = CliRunner().invoke(main, given).output
     assert "| all | 2 | 2 | 0 |" in told
     assert "`--set first=3 --set count=1`" in told

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import ROBOT, random_problem
+from problems import ROBOT, goal_tree, random_problem
 from thermal_problems import V2, earliest_finish, settled, thermal_model, thermal_problem
 
 from twosra_mpc import Goal, Problem, Robot, Start, Status, plan
-from twosra_mpc.planning.single_goal.relaxed import mode_tree
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.thermal.first_cycle import FirstCycle
@@ -166,10 +165,10 @@ def test_bounds_with_coasting_hold_for_every_node_above(melt_s: float) -> None:
     problem = both_at_once(melt_s, (25.0, 40.0))
     problem = problem.with_values(modes=(RIGID, SOFT_1, SOFT_2, SOFT_BOTH))
     assert transition_model(problem).refusal((SOFT_1, SOFT_BOTH), RIGID) is None
-    tree, leaves = mode_tree(problem, lambda *_: ()), 0
+    tree, leaves = goal_tree(problem), 0
     for first in problem.modes:
-        for second in tree.children((RIGID, first)):
-            above = max(map(tree.bound, [(RIGID,), second[:2], second]))
+        for second in tree.children(tree.at((RIGID, first))):
+            above = max(map(tree.bound, [*map(tree.at, [(RIGID,), second.head[:2]]), second]))
             leaf = tree.leaf_bound(second)
             leaves += leaf < np.inf
             assert leaf >= above - 1e-6

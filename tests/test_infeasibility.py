@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from problems import goal_tree
 
 from twosra_mpc import Goal, Problem, Start, Status, load_problem, load_robot, plan
 from twosra_mpc.model.bending import bending
+from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.planner import plan_without
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.planning.search.infeasibility import impossibility
-from twosra_mpc.planning.single_goal.relaxed import bending_task, mode_tree
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.timing import transition_model
@@ -189,7 +190,7 @@ def test_nothing_is_called_impossible_that_some_sequence_bends(timing: str, heat
                 timing=timing,
                 heaters_at_once=heaters,
             )
-            reason = impossibility(mode_tree(case, lambda *_: ()))
+            reason = impossibility(goal_tree(case))
             found = bending_sequences(case)
             assert reason is None or not found, (modes, last, goal, reason)
             if case.start_mode == RIGID:  # metal that is liquid already may coast: no proof then

@@ -17,13 +17,13 @@ from problems import faster_robot, random_problem
 from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.planning.missions.free_space import StageSolver
-from twosra_mpc.planning.missions.mission import mission_tree
-from twosra_mpc.planning.missions.relaxed import stage_tasks
+from twosra_mpc.planning.missions.relaxed import stage_tasks, stage_tree
+from twosra_mpc.planning.missions.stages import Variant
 from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
-from twosra_mpc.planning.search.mission_tree import MissionTree, Node
 from twosra_mpc.planning.search.schedule import with_durations
+from twosra_mpc.planning.search.tree import Node, Tree
+from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.planning.single_goal.sequence_solver import Solved as Made
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.problem.tasks import Reach
@@ -57,10 +57,10 @@ def cube() -> dict[str, Any]:
     return {**cup_there, "box": {"x_m": (-0.025, 0.025), "y_m": (-0.025, 0.025)}}
 
 
-def tree_of(problem: Problem) -> MissionTree[Made]:
+def tree_of(problem: Problem) -> Tree[Made]:
     variants = Ways(problem).variants()
     assert variants is not None, "nothing ends it early"
-    return mission_tree(problem, variants, StageSolver(variants))
+    return stage_tree(problem, variants, SequenceSolver(variants))
 
 
 def random_mission(seed: int, goals: int, robot: str = "2sra-v1", **values: Any) -> Problem:
@@ -98,22 +98,26 @@ CASES = [
 @pytest.mark.parametrize("case", CASES)
 def test_search_finds_what_trying_all_sequences_finds(case: dict[str, Any]) -> None:
     tree = tree_of(two_goals(**case))
-    costs, bounds, most = list[float](), list[float](), 0
+    costs, bounds, tight, most = list[float](), list[float](), list[float](), 0
 
     def try_all(node: Node, above: float) -> None:
         nonlocal most
         low = max(above, tree.bound(node))
         if tree.too_deep(node):
             bounds.append(low)
+            tight.append(low)
             return
         leaf = tree.leaf_bound(node)
         assert low <= leaf + ROUNDING
         if math.isfinite(leaf):
             found = [made[0] for made in tree.solve(node) if made is not None]
             assert all(leaf <= cost + ROUNDING for cost in found)
-            most = max(most, *(sum(map(any, each)) for each in node.sequences))
+            whole = tree.whole(node)
+            assert whole is not None
+            most = max(most, *(sum(map(any, each)) for each in whole.sequences))
             costs.extend(found)
             bounds.append(leaf)
+            tight.append(max(leaf, tree.tighter_bound(node, math.inf)))
         for child in tree.children(node):
             try_all(child, low)
 
@@ -123,7 +127,8 @@ def test_search_finds_what_trying_all_sequences_finds(case: dict[str, Any]) -> N
     )
     assert most == 2  # blocks of a stage
     assert result.cost == pytest.approx(min(costs), abs=1e-9)
-    assert result.lower_bound == pytest.approx(min(*bounds, *costs), abs=ROUNDING)
+    assert result.lower_bound <= min(*tight, *costs) + ROUNDING
+    assert result.lower_bound >= min(*bounds, *costs) - ROUNDING
 
 
 VALUES = [
@@ -142,11 +147,11 @@ def test_bounds_never_fall_on_the_way_to_a_plan(values: dict[str, Any]) -> None:
     for _ in range(40):
         node, path = tree.root(), [0.0]
         while math.isfinite(path[-1]):
+            leaf = tree.leaf_bound(node)
+            leaves += math.isfinite(leaf)
+            assert max(path) <= leaf + ROUNDING, node
             below = [child for child in tree.children(node) if not tree.too_deep(child)]
             if not below:
-                leaf = tree.leaf_bound(node)
-                leaves += math.isfinite(leaf)
-                assert max(path) <= leaf + ROUNDING, node
                 break
             node = below[rng.integers(len(below))]
             path.append(tree.bound(node))
@@ -412,9 +417,9 @@ def test_any_heading_at_a_disc_is_near_one_that_bounds_look_at() -> None:
 def test_bounds_hold_for_all_members_of_a_variant() -> None:
     problem = mission(GRASP, objects=[cube()])
     for variant in Ways(problem).variants() or []:
-        (all_of_them,) = stage_tasks(problem, variant.members)[:1]
+        (all_of_them,) = stage_tasks(variant)[:1]
         for member in variant.members:
-            (alone,) = stage_tasks(problem, [member])[:1]
+            (alone,) = stage_tasks(Variant(variant.problem, (member,)))[:1]
             assert all_of_them.distance_m <= alone.distance_m + ROUNDING
 
 

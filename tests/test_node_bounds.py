@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from problems import ROBOT, network_of, random_problem
+from problems import ROBOT, goal_tree, network_of, random_problem
 from thermal_problems import SEQUENCES, earliest_finish, thermal_problem, thermal_problems
 
 from twosra_mpc import Problem, load_problem, plan
+from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.planning.single_goal.relaxed import bending_task, mode_tree
+from twosra_mpc.planning.search.tree import Node, Tree
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import transition_model
 
 
-def lineages(tree: ModeTree[Any], depth: int) -> Iterator[list[ModeSequence]]:
+def lineages(tree: Tree[Any], depth: int) -> Iterator[list[Node]]:
     """Every node down to a depth, with its ancestors from the root on."""
     rows = [[tree.root()]]
     for _ in range(depth):
@@ -51,8 +51,8 @@ def test_no_leaf_is_bounded_below_a_node_above_it(seed: int, timing: str, heater
 
 def leaves_checked(problem: Problem, depth: int) -> int:
     """Number of sequences whose bound was compared with those of all nodes above it."""
-    tree = mode_tree(problem, lambda *_: ())
-    bounds, leaves = dict[ModeSequence, float](), 0
+    tree = goal_tree(problem)
+    bounds, leaves = dict[Node, float](), 0
     for *above, node in lineages(tree, depth):
         bounds[node] = tree.bound(node)
         highest = max(bounds[item] for item in (*above, node))
@@ -114,10 +114,10 @@ def test_with_fewer_modes_no_plan_costs_less_than_the_bound_with_all() -> None:
 
 def test_with_fewer_phases_the_bound_holds_for_longer_sequences() -> None:
     problem = load_problem("paper-1", timing="paper", modes=[RIGID, SOFT_1, SOFT_2])
-    short = mode_tree(problem.with_values(max_phases=4), lambda *_: ())
+    short = goal_tree(problem.with_values(max_phases=4))
     longer = plan(problem.with_values(max_phases=5)).require()
     assert longer.cost.total < 815.0
-    assert max(short.bound((RIGID,)), short.bound((RIGID, SOFT_1))) <= longer.cost.total
+    assert max(map(short.bound, map(short.at, [(RIGID,), (RIGID, SOFT_1)]))) <= longer.cost.total
 
 
 @pytest.mark.parametrize("price", [0.0, 10.0])
@@ -125,10 +125,10 @@ def test_to_freeze_everything_in_between_may_be_quicker_and_take_less_heat(price
     """As published, 300 + 100 s and heat for 100 s; a reconfiguration takes 502 s, of which 102."""
     given = {"temperature_C": (25.0, 65.0), "timing": "paper"}
     problem = thermal_problem(**given, weights={"energy_s_per_J": price})
-    tree = mode_tree(problem, lambda *_: ())
-    leaf = tree.leaf_bound((SOFT_2, RIGID, SOFT_1))
-    assert leaf < tree.leaf_bound((SOFT_2, SOFT_1))
-    assert tree.bound((SOFT_2,)) <= leaf
+    tree = goal_tree(problem)
+    leaf = tree.leaf_bound(tree.at((SOFT_2, RIGID, SOFT_1)))
+    assert leaf < tree.leaf_bound(tree.at((SOFT_2, SOFT_1)))
+    assert tree.bound(tree.at((SOFT_2,))) <= leaf
 
 
 @settings(max_examples=150)
@@ -154,4 +154,5 @@ def test_no_sequence_of_transitions_is_cheaper_than_the_bound_of_its_beginning(
     whole = timing.network(sequence, problem.goal.mode, [0.0] * len(sequence))
     cost = earliest_finish(whole) + weights.energy_s_per_J * whole.melt_energy_J
     cost += weights.transition_s * whole.transitions
-    assert mode_tree(problem, lambda *_: ()).bound(sequence[:cut]) <= cost + 1e-6
+    tree = goal_tree(problem)
+    assert tree.bound(tree.at(sequence[:cut])) <= cost + 1e-6

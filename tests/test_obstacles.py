@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from problems import goal_tree
 from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
@@ -19,6 +20,7 @@ from twosra_mpc.analysis.passages import decide_between
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
+from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
 from twosra_mpc.planning.obstacles.placement import Placer
@@ -396,13 +398,15 @@ def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None
     }[walls]
     base = Problem(robot=ROBOT, start=LEFT, goal=goal, gap=0.0, motion="fastest", **given)
     made = plan(base).require()
-    placer = Placer(base, checked)
-    tree = planner.mode_tree(base, placer, in_the_way=placer.necessity)
+    placer = Placer([only_goal(base)], checked)
+    tree = goal_tree(base, placer, placer.in_the_way)
     modes = [phase.mode for phase in made.phases]
-    node = tuple(modes[:-1] if modes[-1] == (0, 0) else modes)
+    node = tree.at(tuple(modes[:-1] if modes[-1] == (0, 0) else modes))
     assert tree.leaf_bound(node) <= made.cost.total
     assert tree.tighter_bound(node, math.inf) <= made.cost.total
-    assert blocks_of(tuple(modes)) >= placer.necessity.needed
+    ((necessity,),) = placer.in_the_way
+    assert isinstance(necessity, Necessity)
+    assert blocks_of(tuple(modes)) >= necessity.needed
 
 
 def test_a_start_that_is_too_near_gets_away_and_keeps_out() -> None:
@@ -459,10 +463,11 @@ def test_three_blocks_are_placed_as_well() -> None:
     """Of one sequence, asked for by itself: no scene here needs three."""
     between = problem(POST, start={**LEFT, "y_m": 0.2}, goal={**RIGHT, "kappa_per_m": [20.0, 15.0]})
     sequence = ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0), (1, 0), (0, 0))
-    placer = Placer(between, checked)
-    tree = planner.mode_tree(between, placer, in_the_way=placer.necessity)
-    bound = tree.leaf_bound(sequence[:-1])
-    made = next(found for found in tree.solve(sequence[:-1]) if found is not None)
+    placer = Placer([only_goal(between)], checked)
+    tree = goal_tree(between, placer, placer.in_the_way)
+    node = tree.at(sequence[:-1])
+    bound = tree.leaf_bound(node)
+    made = next(found for found in tree.solve(node) if found is not None)
     cost, solution = made
     assert solution.plan.sequence[:6] == sequence[:6]
     assert blocks_of(solution.plan.sequence) == 3

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 import pytest
+from problems import goal_tree
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.planning.single_goal.relaxed import mode_tree
+from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import ModeSequence, all_modes
 
@@ -71,14 +72,14 @@ def test_the_search_finds_what_solving_every_short_sequence_finds(kappa: tuple[f
     """Over all sequences of up to four phases and the closing rigid one; bounds are below costs."""
     goal = Goal(x_m=0.15, y_m=0.1, phi_rad=0.8, kappa_per_m=kappa)
     problem = THREE.with_values(goal=goal, max_phases=5, gap=1e-3)
-    solver = SequenceSolver(problem)
-    tree = mode_tree(problem, solver)
+    tree = goal_tree(problem, SequenceSolver([only_goal(problem)]))
     best, solved = math.inf, 0
     for sequence in [((0, 0, 0),), *(s for n in (3, 4, 5) for s in sequences(n))]:
-        bound = tree.leaf_bound(sequence[:-1] if len(sequence) > 1 else sequence)
+        node = tree.at(sequence[:-1] if len(sequence) > 1 else sequence)
+        bound = tree.leaf_bound(node)
         if bound >= best:
             continue
-        attempts = itertools.islice(tree.solve(sequence[:-1]), 1)  # the NLP would take minutes
+        attempts = itertools.islice(tree.solve(node), 1)  # the NLP would take minutes
         costs = [found[0] for found in attempts if found is not None]
         solved += bool(costs)
         assert all(cost >= bound - 1e-6 for cost in costs)

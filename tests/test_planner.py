@@ -15,11 +15,12 @@ import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
 from twosra_mpc.deadline import time_limit
+from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
 from twosra_mpc.planning.planner import Progress
 from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.single_goal.relaxed import bending_task
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver, Solved, trusted
+from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver, Solved, trusted
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
@@ -75,7 +76,7 @@ def test_random_problems_are_planned_verified_and_no_longer_than_greedy(seed: in
 def test_the_search_finds_what_solving_every_sequence_finds(factor: float | None) -> None:
     robot = ROBOT if factor is None else faster_robot(factor)  # thermal or constant times
     problem = random_problem(21, robot=robot, gap=0.001, max_phases=4)
-    solver, task = SequenceSolver(problem), bending_task(problem)
+    solver, task = GoalSolver(only_goal(problem)), bending_task(problem)
     best = math.inf
     for n in (1, 2):
         for soft in itertools.product((SOFT_1, SOFT_2, SOFT_BOTH), repeat=n):
@@ -343,7 +344,7 @@ def test_no_plan_costs_less_than_its_bound_with_weights_and_warm_starts(
     goal = Goal(**{**base.goal.model_dump(), "mode": last})
     weights = {"energy_s_per_J": 1.0, "transition_s": 3.0}
     problem = Problem(robot=ROBOT, start=start, goal=goal, weights=weights, timing=timing)
-    solver = SequenceSolver(problem)
+    solver = GoalSolver(only_goal(problem))
     found = 0
     for sequence in ((RIGID, SOFT_1, SOFT_2, RIGID), (RIGID, SOFT_2, SOFT_1), (SOFT_BOTH, SOFT_1)):
         network, bound = network_of(problem, sequence, last), bound_of(problem, sequence, last)
@@ -374,4 +375,4 @@ def test_a_deadline_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch)
     assert bound is not None
     guesses = 2  # a screw, and a turn, a straight way and a turn
     with time_limit(1e-9):
-        assert len(list(SequenceSolver(problem)(network, bound))) == guesses
+        assert len(list(GoalSolver(only_goal(problem))(network, bound))) == guesses

@@ -13,12 +13,12 @@ from twosra_mpc import Goal, Problem, Robot, Start, load_robot
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.search import bounds
 from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import pose_bound
 from twosra_mpc.planning.search.rigid_motion import twist_vertices
 from twosra_mpc.planning.search.schedule import cost_coefficients, schedule
-from twosra_mpc.planning.single_goal.relaxed import bending_task
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.problem.limits import interval_durations

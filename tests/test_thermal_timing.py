@@ -24,7 +24,8 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Problem, load_problem
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
+from twosra_mpc.planning.missions.stages import only_goal
+from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.thermal.model import SegmentModel, State
@@ -343,7 +344,7 @@ def test_the_plan_of_a_remelt_is_shorter_and_cheaper_than_with_cold_melts() -> N
         problem = load_problem("shape-change", timing=timing)
         network, bound = network_of(problem, sequence), bound_of(problem, sequence)
         assert bound is not None
-        first = next(iter(SequenceSolver(problem)(network, bound)))
+        first = next(iter(GoalSolver(only_goal(problem))(network, bound)))
         assert first is not None
         found = first[1].plan
         assert found.verification.ok

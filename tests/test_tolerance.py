@@ -11,14 +11,15 @@ from problems import ROBOT, bound_of, exactly, faster_robot, network_of, random_
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.bending import bending
+from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
 from twosra_mpc.planning.nlp.guess import bends_around, guess_motion
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search import bounds
 from twosra_mpc.planning.search.bends import bend_steps, least_durations
 from twosra_mpc.planning.search.parts import bound_by_parts
-from twosra_mpc.planning.single_goal.relaxed import bending_task
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
+from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH
 
 NEAR = 9e-7  # 1/m, within what goals may be missed by
@@ -141,7 +142,7 @@ def test_a_curled_shape_is_reached_along_the_curvature_limits() -> None:
     problem = Problem(robot=ROBOT, start=start, goal=goal)
     bound = bound_of(problem, sequence)
     assert bound is not None
-    found = next(iter(SequenceSolver(problem)(network_of(problem, sequence), bound)))
+    found = next(iter(GoalSolver(only_goal(problem))(network_of(problem, sequence), bound)))
     assert found is not None
     assert bound.cost <= found[0] <= 1.01 * bound.cost
     fixed = (RIGID, SOFT_2, SOFT_1, RIGID)  # leaves no choice
@@ -161,7 +162,7 @@ def test_where_metal_is_fast_the_drive_that_costs_least_is_taken() -> None:
     sequence = (RIGID, SOFT_1, SOFT_BOTH, RIGID)
     network, bound = network_of(problem, sequence), bound_of(problem, sequence)
     assert bound is not None
-    found = next(iter(SequenceSolver(problem)(network, bound)))
+    found = next(iter(GoalSolver(only_goal(problem))(network, bound)))
     q = problem.start.configuration
     first = guess_motion(ROBOT, q, problem.goal, sequence, bound.bends, intervals=10)
     made = scheduled(first, network, problem, 0)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 from benchmarks.attack.attacks import Attack
 from twosra_mpc import InputError, Status, plan
-from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.planning.single_goal.relaxed import mode_tree
+from twosra_mpc.planning.missions.relaxed import stage_tree
+from twosra_mpc.planning.missions.stages import only_goal
+from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.robot.modes import sequence_name
 
 _MOST_PHASES = 12  # that a problem may allow
@@ -24,16 +25,15 @@ class Claim(NamedTuple):
 
 def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
     """Yield what the search tree says of the nodes above an attack's sequence, and of itself."""
-    tree: ModeTree[None] = mode_tree(
-        attack.problem.with_values(max_phases=_MOST_PHASES), lambda *_: ()
-    )
+    problem = attack.problem.with_values(max_phases=_MOST_PHASES)
+    tree: Tree[None] = stage_tree(problem, [only_goal(problem)], lambda *_: ())
     leaf, node = attack.sequence, tree.root()
     while True:
-        yield Claim(f"node {sequence_name(node)}", tree.bound(node))
-        if tree.leaf(node) == leaf:
+        yield Claim(f"node {sequence_name(node.head)}", tree.bound(node))
+        if (whole := tree.whole(node)) is not None and whole.joined == leaf:
             break
-        assert len(node) < len(leaf), f"{sequence_name(leaf)} is no leaf of the tree"
-        node = leaf[: len(node) + 1]
+        assert len(node.head) < len(leaf), f"{sequence_name(leaf)} is no leaf of the tree"
+        node = tree.at(leaf[: len(node.head) + 1])
     bound = tree.leaf_bound(node)
     yield Claim(f"leaf {sequence_name(leaf)}", bound)
     if tighter and math.isfinite(bound):

@@ -19,9 +19,11 @@ from benchmarks.measurement import PlanRecord
 from benchmarks.study import Count, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Problem
+from twosra_mpc.planning.missions.relaxed import stage_tree
+from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.search.bounds import SequenceBound
-from twosra_mpc.planning.single_goal.relaxed import mode_tree
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
+from twosra_mpc.planning.search.tree import Whole
+from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork
 from twosra_mpc.validation import Positive
@@ -105,24 +107,24 @@ class Certificate(PlanStudy):
 
 def _brute_force(problem: Problem, starts: int) -> Iterator[tuple[float, float]]:
     """Yield (proved bound, best verified cost or inf) of every mode sequence [s]."""
-    solve, rng = SequenceSolver(problem), np.random.default_rng(0)
+    solve, rng = GoalSolver(only_goal(problem)), np.random.default_rng(0)
 
-    def attempts(network: TemporalNetwork, bound: SequenceBound) -> Iterator[Any]:
+    def attempts(network: TemporalNetwork, bound: SequenceBound, _: Whole) -> Iterator[Any]:
         """Plans from the relaxation's own bends, and from disturbed ones."""
         soft = [not is_rigid(mode) for mode in network.sequence]
         for start in range(starts):
             noise = rng.normal(0.0, _NOISE, len(bound.bends)) if start else 0.0
             yield from solve(network, replace(bound, bends=np.where(soft, bound.bends + noise, 0)))
 
-    tree = mode_tree(problem, attempts)
+    tree = stage_tree(problem, [only_goal(problem)], attempts)
     nodes = [tree.root()]
     while nodes:
         node = nodes.pop()
-        if len(node) < problem.max_phases:
+        if len(node.head) < problem.max_phases:
             nodes += tree.children(node)
         bound = tree.leaf_bound(node)
         if math.isfinite(bound):
-            if not all(map(is_rigid, node)):
+            if not all(map(is_rigid, node.head)):
                 bound = max(bound, tree.tighter_bound(node, math.inf))
             found = [made[0] for made in tree.solve(node) if made is not None]
             yield bound, min(found, default=math.inf)

@@ -28,9 +28,9 @@ from twosra_mpc.analysis.critical_path import (
 from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError
+from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.planner import plan, plan_without
 from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.single_goal.relaxed import bending_task
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result

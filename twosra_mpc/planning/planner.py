@@ -5,22 +5,28 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from twosra_mpc.deadline import OutOfTimeError, finishing, out_of_time, time_limit
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
+from twosra_mpc.planning.missions.relaxed import stage_tree
+from twosra_mpc.planning.missions.stages import Variant, only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import timed
-from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound
-from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
-from twosra_mpc.planning.search.mode_tree import ModeTree
-from twosra_mpc.planning.single_goal.conclusion import ADVICE, STOPPED, Progress, as_asked, quality
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
+from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.single_goal.conclusion import (
+    ADVICE,
+    STOPPED,
+    Progress,
+    as_asked,
+    conclude,
+    nothing_found,
+)
 from twosra_mpc.planning.single_goal.outcome import verified
-from twosra_mpc.planning.single_goal.relaxed import mode_tree
 from twosra_mpc.planning.single_goal.sequence_solver import (
     Check,
     SequenceSolver,
@@ -34,11 +40,10 @@ from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import forgiven
-from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.robot.modes import ModeSequence, mode_name
+from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
 
-Solution = TypeVar("Solution")
+_WIDTH, _LEAVES, _TRIES = 4, 30, 8  # of the first look for a plan of several stages
 
 
 def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Result:
@@ -73,10 +78,8 @@ def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> R
         check_obstacles(problem)
     if problem.is_mission:
         from twosra_mpc.planning.missions.checks import check_mission
-        from twosra_mpc.planning.missions.mission import plan_mission
 
         check_mission(problem)
-        return plan_mission(problem, on_progress)
     if problem.planner == "greedy":
         return plan_greedily(problem)
     return _search(problem, frozenset(), on_progress)
@@ -110,12 +113,16 @@ def _search(
     excluded: frozenset[ModeSequence],
     on_progress: Callable[[Progress], None] | None,
 ) -> Result:
+    """Stages, their variants, their tree and its bounds, the solver: a result."""
     started = time.perf_counter()
-    if (resting := _rest(problem)) is not None:
+    variants = _variants(problem, started)
+    if isinstance(variants, Result):
+        return variants
+    if (resting := _rest(variants)) is not None:
         return resting
     inside = problem.workspace is not None  # which guesses may leave between nodes
     for guessed in [checked] if inside else [trusted, checked]:
-        result, tree, iterations = _searched(problem, excluded, guessed, on_progress)
+        result, tree, iterations = _searched(problem, variants, excluded, guessed, on_progress)
         with finishing():
             if result.solution is None or result.solution.plan.verification.ok:
                 break
@@ -128,99 +135,86 @@ def _search(
         sequences_solved=result.solved,
         nlp_iterations=iterations,
     )
-    return _conclude(problem, result, tree, stats)
+    return conclude(variants[0].problem if tree.only else problem, result, tree, stats)
+
+
+def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
+    """The ways to solve a problem, each as stages; a result if there are none, or not in time."""
+    if not problem.is_mission:
+        return [only_goal(problem)]
+    from twosra_mpc.planning.missions.variants import Ways  # only then anyone waits for it
+
+    ways, ending, status = Ways(problem), Ending.LIMIT, Status.FAILED
+    try:
+        variants = ways.variants()
+    except OutOfTimeError:
+        variants = None
+    except KeyboardInterrupt:
+        variants, ending = None, Ending.INTERRUPTED
+    if variants:
+        return variants
+    if variants is None:
+        before = f"{STOPPED[ending]} before all ways were known"
+        why = f"{nothing_found(problem, several=True)} ({before}): {ADVICE[ending]}"
+    else:
+        why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
+        status, ending = Status.INFEASIBLE, Ending.EXHAUSTED
+    stats = Stats(time.perf_counter() - started, 0, 0, 0)
+    return Result(problem, "optimal", status, why, None, ending, stats, None)
 
 
 def _searched(
     problem: Problem,
+    variants: Sequence[Variant],
     excluded: frozenset[ModeSequence],
     guessed: Check,
     on_progress: Callable[[Progress], None] | None,
-) -> tuple[SearchResult[Solved], ModeTree[Solved], int]:
+) -> tuple[SearchResult[Solved], Tree[Solved], int]:
     """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
-    if problem.obstacles or problem.tasks:
+    solver = SequenceSolver(variants, guessed)
+    if problem.passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
 
-        placer = Placer(problem, checked)
-        solver: SequenceSolver | Placer[Solved] = placer
-        tree = mode_tree(problem, placer, excluded, placer.necessity)
+        placer = Placer(variants, checked)
+        tree = stage_tree(problem, variants, placer, excluded, placer.in_the_way)
     else:
-        solver = SequenceSolver(problem, guessed)
-        tree = mode_tree(problem, solver, excluded)
+        tree = stage_tree(problem, variants, solver, excluded)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
         out_of_time=out_of_time,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        first_look=lambda: _drive(tree) if isinstance(solver, SequenceSolver) else None,
+        first_look=lambda: _first_look(tree),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations
 
 
-def _drive(tree: ModeTree[Solved]) -> tuple[float, Solved] | None:
-    """Only to drive, if that leads to the goal; many sequences may be bounded below it."""
+def _first_look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
+    """The best of a few promising leaves; of a single goal in free space only to drive."""
+    if tree.only is None:
+        few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
+        return dive(tree, tree.leaps, **few, out_of_time=out_of_time)
     node = tree.root()
-    if not node or tree.leaf_bound(node) == math.inf:
-        return None
-    guesses = itertools.islice(tree.solve(node), 2)
-    return min(filter(None, guesses), key=lambda found: found[0], default=None)
+    if isinstance(tree.solver, SequenceSolver) and tree.leaf_bound(node) < math.inf:
+        guesses = itertools.islice(tree.solve(node), 2)
+        return min(filter(None, guesses), key=lambda found: found[0], default=None)
+    return None
 
 
-def _rest(problem: Problem) -> Result | None:
+def _rest(variants: Sequence[Variant]) -> Result | None:
     """The empty plan, where the start is the goal already."""
-    start = problem.start.configuration
-    there = problem.goal.met_at(start) and problem.start_mode == problem.goal.mode
-    if not there or problem.tasks:
+    problem, stages = variants[0].problem, variants[0].members[0]
+    start, goal = problem.start.configuration, stages[0].goal
+    there = goal.met_at(start) and problem.start_mode == stages[0].last
+    plain = len(variants) == len(stages) == 1 and stages[0].reaches and not stages[0].passes
+    if not there or not plain:
         return None
     sequence = (problem.start_mode,)
-    network = transition_model(problem).network(sequence, problem.goal.mode, [0.0])
+    network = transition_model(problem).network(sequence, problem.start_mode, [0.0])
     motion = roll_out(problem.robot, start, sequence, np.zeros((1, 1, 5)))
     candidate = timed(motion, network, problem, iterations=0)
     assert candidate is not None, "a robot that rests is where it should be"
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
     message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0)
     return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)
-
-
-def _conclude(
-    problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved], stats: Stats
-) -> Result:
-    """Turn the outcome of the search into a result with a true status and a useful message."""
-    lower = search.lower_bound if math.isfinite(search.lower_bound) else None
-    ending, made = search.ending, None
-    if search.solution is not None:
-        made = replace(search.solution.plan, lower_bound=lower)
-        status, message = made.status, quality(made, ending)
-    elif (proof := _proof(problem, search, tree)) is not None:
-        status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
-        lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
-    else:
-        status, message = Status.FAILED, _failure(problem, search, tree)
-    return Result(problem, "optimal", status, message, lower, ending, stats, made)
-
-
-def _proof(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str | None:
-    """Why there is no plan at all; None where that is not proved."""
-    proof = tree.in_the_way.blocks(None) or impossibility(tree)
-    if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
-        proof = tree.in_the_way.blocks((problem.robot.rigid,)) or disproof(tree)
-    return proof
-
-
-def _failure(problem: Problem, search: SearchResult[Solved], tree: ModeTree[Solved]) -> str:
-    """Why no plan was found although one may exist, and what to change."""
-    within = "" if problem.workspace is None else " within the workspace"
-    within = " among the obstacles" if problem.obstacles else within
-    if (ending := search.ending) is not Ending.EXHAUSTED:
-        effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
-        return f"no plan found{within} ({STOPPED[ending]}): {ADVICE[ending]} ({effort})"
-    tried = f"no plan found{within} ({search.solved} mode sequences tried)"
-    if search.solved == 0:
-        return f"{tried}: {too_few_phases(tree)}"
-    rigid = problem.robot.rigid
-    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
-        only = f"without mode {mode_name(rigid)} the pose changes only by bending"
-        return f"{tried}: {only}: add {mode_name(rigid)} to modes"
-    wider = "the workspace" if within else "the goal's tolerance"
-    return f"{tried}: raise max_phases, allow more modes, or widen {wider}"

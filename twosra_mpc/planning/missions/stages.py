@@ -1,4 +1,7 @@
-"""The stages of a mission: what each task ends in, and what is around the robot meanwhile."""
+"""The stages of a plan: what each task ends in, and what is around the robot meanwhile.
+
+A single goal is one stage.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -57,6 +61,11 @@ class Stage:
     touches: bool = False
 
     @property
+    def reaches(self) -> bool:
+        """Whether it ends in any pose and shape of its goal."""
+        return self.ends is None and self.away is None
+
+    @property
     def sagitta_m(self) -> float:
         """By which what is drawn around the robot may stray from it."""
         return _TOUCHING_SAGITTA_M if self.touches else SAGITTA_M
@@ -68,3 +77,36 @@ class Stage:
             low[:POSE], high[:POSE] = self.ends.min(axis=0), self.ends.max(axis=0)
             low[:2], high[:2] = low[:2] - self.within_m, high[:2] + self.within_m
         return low, high
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """Ways to solve a problem with the same shapes.
+
+    Attributes:
+        problem: The problem with its tasks in the order of the variant.
+        members: The stages of each way, the shortest one first.
+    """
+
+    problem: Problem
+    members: tuple[tuple[Stage, ...], ...]
+
+    def reaching(self, stage: Stage) -> Problem:
+        """The problem of coming from the start to the goal of a stage alone."""
+        problem = self.problem
+        if stage.goal is problem.goal and not problem.is_mission:
+            return problem
+        return problem.with_values(
+            start=problem.start.with_values(holding=None),
+            goal=stage.goal,
+            tasks=stage.passes,
+            objects=(),
+            obstacles=stage.world.obstacles,
+        )
+
+
+def only_goal(problem: Problem) -> Variant:
+    """The one stage of a problem without tasks but boxes to pass."""
+    goal = problem.goal
+    stage = Stage(goal, goal.mode, problem.modes, problem.world, passes=problem.passes)
+    return Variant(problem, ((stage,),))

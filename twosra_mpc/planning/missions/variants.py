@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_tou
 from twosra_mpc.deadline import out_of_time
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.ends import HEADINGS, Ends, placed, spread
-from twosra_mpc.planning.missions.stages import Stage
+from twosra_mpc.planning.missions.stages import Stage, Variant
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
@@ -47,19 +47,6 @@ _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Variant:
-    """Ways to do a mission with the same shapes.
-
-    Attributes:
-        problem: The problem with its tasks in the order of the variant.
-        members: The stages of each way, the shortest one first.
-    """
-
-    problem: Problem
-    members: tuple[tuple[Stage, ...], ...]
 
 
 class Hold(NamedTuple):

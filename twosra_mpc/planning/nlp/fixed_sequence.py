@@ -77,7 +77,7 @@ class Candidate:
         times: Event times of the temporal network [s].
         settled: The network that they fulfil, with what the metal needs at these times.
         iterations: Iterations of the nonlinear program spent on it.
-        stage_ends: Number of phases up to the end of each stage of a mission.
+        stage_ends: Number of phases up to the end of each stage, where there are several.
     """
 
     motion: Motion

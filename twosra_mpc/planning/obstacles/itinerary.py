@@ -1,31 +1,46 @@
-"""The stops of a plan: blocks to carry out and boxes to pass, with drives in between."""
+"""The stops of a plan: blocks to carry out, boxes to pass, ends of stages, with drives between."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.planning.obstacles.block import Block, Sweep
+from twosra_mpc.planning.missions.stages import Stage
+from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, soft_runs
 from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
+from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.drives import Drives
 
+_FINE = 10  # times as many nodes where something may be touched
 _CANDIDATES, _REACH_M = 600, 0.4  # stations of a block, and how far from where it should be
+_OF_SEVERAL = 300  # the same, of each block of several stages
 _NEAR_M = 0.1  # from a station found, where better ones may be
 _PASSES = 60  # candidates about each end
 _INSIDE_M = 5e-3  # of a box if it is as wide, and rad
-_MOST_LOOKS = 60
-_MOST_CHAINS, _MOST_CHAINS_OF_SEVERAL = 6, 2  # compared
+_ENDS = 6  # of the stop before, about which places are tried
+_AIMS = 40  # members of a goal that are tried
+_AWAY_M = (0.0, 0.01, 0.02, 0.04, 0.08, 0.16)  # from an object that was let go
+_AWAY_RAD = np.linspace(-np.pi, np.pi, 16, endpoint=False)
+_LEAVES_M = 0.12  # straight on, from an object that is free: past a disc that can be held
+_LOOKS = 60  # drives and sweeps that are looked at; of several stages, for each stop
+_CHAINS, _CHAINS_OF_BLOCKS, _CHAINS_OF_STAGES = 6, 2, 3  # compared
 _MOST_POSES = 1500  # all over the plane
+_MOST_ORDERS = 30  # of drives in which boxes are passed
 _WITHIN = 0.9  # of the half-widths of a goal: how far from its middle is aimed, at most
 _AROUND = np.array([*itertools.product((0.0, -1.0, 1.0), repeat=POSE)])
+
+Bools = NDArray[np.bool_]
+DrivesOf = Callable[[Stage, Array], Drives]
 
 
 class Stop(NamedTuple):
@@ -41,133 +56,285 @@ class Stop(NamedTuple):
     """
 
     displacement: Array
-    may_be_clear: Callable[[Array], NDArray[np.bool_]]
+    may_be_clear: Callable[[Array], Bools]
     clear: Callable[[Array], bool]
     moved: Callable[[Array], Array]
     first: Array
     everywhere: Callable[[], Array]
 
 
+@dataclass
+class Legs:
+    """Stops with a leg before each of them, as they are put together, and a last leg.
+
+    Attributes:
+        stops: What is done between legs.
+        drives: The drive of each leg; None: none.
+        phases: Which phase each drive belongs to; None without one.
+    """
+
+    stops: list[Stop] = field(default_factory=list)
+    drives: list[Drives | None] = field(default_factory=list)
+    phases: list[int | None] = field(default_factory=list)
+
+    def add(self, drive: Drives | None, phase: int | None, stop: Stop | None = None) -> None:
+        """One more leg, and the stop that it leads to."""
+        self.stops += [stop] if stop is not None else []
+        self.drives.append(drive)
+        self.phases.append(phase if drive is not None else None)
+
+
 class Itinerary:
-    """The blocks of a sequence with its drives, None where there is none, one more than blocks."""
+    """The stops of stages, for one choice of bends.
+
+    Args:
+        problem: The problem.
+        stages: Its stages.
+        sequences: The mode sequence of each.
+        bends: Change of W in each phase of each stage.
+        shares: Of the travel of the two locomotion units.
+        drives_of: Drives of a stage in a shape.
+    """
 
     def __init__(
         self,
         problem: Problem,
-        blocks: Sequence[Block],
-        drives: Sequence[Drives | None],
-        hidden_s: Sequence[float],
+        stages: Sequence[Stage],
+        sequences: Sequence[ModeSequence],
+        bends: Sequence[Array],
+        shares: Shares,
+        drives_of: DrivesOf,
     ) -> None:
-        self._problem, self._drives, self._hidden_s = problem, drives, hidden_s
-        self._start = problem.start.configuration[:POSE]
-        self._last_shape = blocks[-1].shape if blocks else problem.start.configuration[POSE:]
-        self._blocks = [self._block(blocks, k) for k in range(len(blocks))]
+        self.problem, self.stages, self.sequences = problem, stages, sequences
+        self._drives_of, self._start = drives_of, problem.start.configuration[:POSE]
+        self._candidates = _CANDIDATES if len(stages) == 1 else _OF_SEVERAL
+        self.blocks, self.shapes = list[list[Block]](), [problem.start.configuration[POSE:]]
+        self.possible = True
+        for stage, sequence, bend in zip(stages, sequences, bends, strict=True):
+            shape, runs = self.shapes[-1], soft_runs(sequence)
+            made = list(_blocks(problem, stage, shape, sequence, bend, shares))
+            self.possible &= len(made) == len(runs)
+            self.blocks.append(made)
+            self.shapes.append(made[-1].shape if made else shape)
 
-    def chain(self, passed_in: Sequence[int]) -> Chain | None:
-        """The best chain found that passes each box in one of the drives, told by its number.
+    @property
+    def inputs(self) -> dict[int, Array]:
+        """Inputs of each soft phase, by its number."""
+        firsts = [0, *itertools.accumulate(map(len, self.sequences))]
+        return {
+            first + i: made.inputs[j]
+            for first, sequence, blocks in zip(firsts, self.sequences, self.blocks, strict=False)
+            for run, made in zip(soft_runs(sequence), blocks, strict=True)
+            for j, i in enumerate(run)
+        }
 
-        First by stations all around; where drives cost time, then by others near those found.
+    def chain(self, hidden_s: Sequence[float]) -> tuple[float, dict[int, Array]] | None:
+        """The best chain found: what its drives add [s], and the via poses of each drive's phase.
+
+        Boxes are passed in any of a stage's drives, in their order.
+
+        Args:
+            hidden_s: What the drive of each phase may take without making the plan longer [s].
         """
-        stops, drive_of = self._stops(passed_in)
-        found = self._shortest(stops, drive_of, [stop.first for stop in stops])
+        best: tuple[float, dict[int, Array]] | None = None
+        for passed_in in itertools.islice(self._orders(), _MOST_ORDERS):
+            legs = _Stops(self, passed_in).legs
+            if (found := self._best(legs, hidden_s)) is None:
+                continue
+            if best is None or found.cost_s < best[0]:
+                best = found.cost_s, _by_phase(found, legs)
+            if best[0] == 0.0:
+                break
+        return best
+
+    def _orders(self) -> Iterator[tuple[tuple[int, ...], ...]]:
+        """In which drives of its stage each box is passed."""
+        choices = []
+        for stage, sequence in zip(self.stages, self.sequences, strict=True):
+            usable = [k for k in range(len(soft_runs(sequence)) + 1) if drives(stage, sequence, k)]
+            choices.append(itertools.combinations_with_replacement(usable, len(stage.passes)))
+        yield from itertools.product(*choices)
+
+    def _best(self, legs: Legs, hidden_s: Sequence[float]) -> Chain | None:
+        """First by stations all around; where drives cost time, then by others near those found.
+
+        Of several stages only the first: nearer stations cost more time than they save.
+        """
+        stops = legs.stops
+        found = self._shortest(legs, [stop.first for stop in stops], hidden_s)
         if found is None and stops:
-            found = self._shortest(stops, drive_of, [stop.everywhere() for stop in stops])
-        if found is None or not stops or found.cost_s == 0.0:
-            return found and self._by_drive(found, drive_of)
+            found = self._shortest(legs, [stop.everywhere() for stop in stops], hidden_s)
+        if found is None or not stops or found.cost_s == 0.0 or len(self.stages) > 1:
+            return found
         nearer = [
-            stop.moved(around(begin, _CANDIDATES, _NEAR_M))
+            stop.moved(around(begin, self._candidates, _NEAR_M))
             for stop, begin in zip(stops, found.begins, strict=True)
         ]
-        end = composed(found.begins[-1], stops[-1].displacement)
-        ends = between(self._goals(end[None])[0], end, _CANDIDATES)
-        back = composed(ends, inverse(stops[-1].displacement))
-        nearer[-1] = np.vstack([nearer[-1], stops[-1].moved(back)])
-        better = self._shortest(stops, drive_of, nearer)
-        best = min(found, better or found, key=lambda each: each.cost_s)
-        return self._by_drive(best, drive_of)
-
-    def _stops(self, passed_in: Sequence[int]) -> tuple[list[Stop], list[int]]:
-        """Blocks and passes in order, and to which drive each leg between them belongs."""
-        stops, drive_of = [], [0]
-        for k in range(len(self._drives)):
-            here = [
-                task
-                for task, drive in zip(self._problem.passes, passed_in, strict=True)
-                if drive == k
-            ]
-            stops += [*map(self._pass, here), *self._blocks[k : k + 1]]
-            drive_of += [k] * len(here) + [k + 1] * (k < len(self._blocks))
-        return stops, drive_of
-
-    def _block(self, blocks: Sequence[Block], k: int) -> Stop:
-        block, problem = blocks[k], self._problem
-        sweep = Sweep(block, problem.robot, problem.world)
-        if k == 0 and self._drives[0] is None:
-            start = self._start[None]
-            fixed = (lambda _: start), start, (lambda: start)
-            return Stop(block.displacement, sweep.may_be_clear, sweep.clear, *fixed)
-        if k == len(blocks) - 1:
-            ends = around(self._goals(self._start[None])[0], _CANDIDATES, _REACH_M)
-            first = composed(ends, inverse(block.displacement))
-        else:
-            first = around(self._start, _CANDIDATES, _REACH_M)
-        anywhere = (lambda poses: poses), first, (lambda: self._everywhere(k))
-        return Stop(block.displacement, sweep.may_be_clear, sweep.clear, *anywhere)
-
-    def _everywhere(self, k: int) -> Array:
-        """Poses in which the robot may drive before a block, all over the plane."""
-        drives = self._drives[k]
-        return np.zeros((0, POSE)) if drives is None else drives.spread(_MOST_POSES)
-
-    def _pass(self, task: Pass) -> Stop:
-        return passing(task, np.vstack([self._start, self._goals(self._start[None])]))
+        if self.stages[-1].reaches:
+            end = composed(found.begins[-1], stops[-1].displacement)
+            ends = between(self._goals(end[None])[0], end, self._candidates)
+            back = composed(ends, inverse(stops[-1].displacement))
+            nearer[-1] = np.vstack([nearer[-1], stops[-1].moved(back)])
+        better = self._shortest(legs, nearer, hidden_s)
+        return min(found, better or found, key=lambda each: each.cost_s)
 
     def _shortest(
-        self, stops: Sequence[Stop], drive_of: Sequence[int], begins: Sequence[Array]
+        self, legs: Legs, begins: Sequence[Array], hidden_s: Sequence[float]
     ) -> Chain | None:
         layers = []
-        for stop, begin in zip(stops, begins, strict=True):
+        for stop, begin in zip(legs.stops, begins, strict=True):
             clear = begin[stop.may_be_clear(begin)]
             layers.append(Stations(clear, composed(clear, stop.displacement)))
-        shares = [self._hidden_s[k] / drive_of.count(k) for k in drive_of]
+        phases = legs.phases
+        chains = _CHAINS if sum(map(len, self.blocks)) < 2 else _CHAINS_OF_BLOCKS
         return shortest_chain(
             self._start,
-            self._goals,
+            self._goals if self.stages[-1].reaches else lambda poses: poses,
             layers,
-            lambda k, pose: stops[k].clear(pose),
-            [self._drives[k] for k in drive_of],
-            shares,
-            _MOST_LOOKS,
-            _MOST_CHAINS if len(self._blocks) < 2 else _MOST_CHAINS_OF_SEVERAL,
+            lambda k, pose: legs.stops[k].clear(pose),
+            legs.drives,
+            [hidden_s[p] / phases.count(p) if p is not None else 0.0 for p in phases],
+            _LOOKS * (1 if len(self.stages) == 1 else len(layers)),
+            chains if len(self.stages) == 1 else _CHAINS_OF_STAGES,
         )
 
-    def _by_drive(self, chain: Chain, drive_of: Sequence[int]) -> Chain:
-        """The chain with one route for each drive."""
-        routes = [
-            np.concatenate(
-                [route for route, of in zip(chain.routes, drive_of, strict=True) if of == k]
-            )
-            for k in range(len(self._drives))
-        ]
-        return chain._replace(routes=tuple(routes))
-
     def _goals(self, poses: Array) -> Array:
-        """Members of the goal to aim at from poses (m, 3) in the last shape, (m, 3).
+        """Members of the last goal to aim at from poses (m, 3) in the last shape, (m, 3).
 
         Where the one to aim at is too near to something, the clearest of the box around it.
         """
-        goal, shape, drives = self._problem.goal, self._last_shape, self._drives[-1]
-        aims = [goal.aim(np.append(pose, shape))[:POSE] for pose in poses]
-        found = np.array(aims).reshape(-1, POSE)
-        if drives is not None and goal.is_box:
+        stage, sequence, shape = self.stages[-1], self.sequences[-1], self.shapes[-1]
+        found, goal = aims(stage, poses, shape), stage.goal
+        if goal.is_box and drives(stage, sequence, len(soft_runs(sequence))):
+            last = self._drives_of(stage, shape)
             several, of = np.unique(found, axis=0, return_inverse=True)
-            for i in np.flatnonzero(drives.clear(several) < drives.kept_m):
+            for i in np.flatnonzero(last.clear(several) < last.kept_m):
                 low, high = (end[:POSE] for end in goal.box(np.append(several[i], shape)))
                 half = np.where(np.isfinite(high - low), _WITHIN * (high - low) / 2, 0.0)
                 members = several[i] + half * _AROUND
-                several[i] = members[drives.clear(members).argmax()]
+                several[i] = members[last.clear(members).argmax()]
             found = several[of.ravel()]
         return found
+
+
+class _Stops:
+    """The stops of an itinerary, one after the other; ``ends`` is where the last one may end."""
+
+    def __init__(self, whole: Itinerary, passed_in: Sequence[Sequence[int]]) -> None:
+        self.whole, self.legs, self.ends = whole, Legs(), whole._start[None]
+        first = 0
+        for k, (sequence, passed) in enumerate(zip(whole.sequences, passed_in, strict=True)):
+            self._add_stage(k, passed, first)
+            first += len(sequence)
+
+    def _add_stage(self, number: int, passed_in: Sequence[int], first: int) -> None:
+        whole, stage = self.whole, self.whole.stages[number]
+        sequence, blocks = whole.sequences[number], whole.blocks[number]
+        shape, begun = whole.shapes[number], self.ends
+        runs = soft_runs(sequence)
+        befores = [0, *(run[-1] + 1 for run in runs)]
+        for k, before in enumerate(befores):
+            drive = whole._drives_of(stage, shape) if drives(stage, sequence, k) else None
+            for task, of in zip(stage.passes, passed_in, strict=True):
+                if of == k:
+                    ends = np.vstack([begun[:_ENDS], self._known_ends(stage, begun, shape)])
+                    self._put(drive, first + before, passing(task, ends))
+            if k < len(blocks):
+                last = k + 1 == len(blocks)
+                begins = self._begins(stage, blocks[k], begun, last=last)
+                begins = begins if drive is not None else self.ends
+                stop = self._block(stage, blocks[k], begins, drive, aside=not last)
+                self._put(drive, first + before, stop)
+                shape = blocks[k].shape
+        if number + 1 < len(whole.stages) or not stage.reaches:
+            self._put(drive, first + befores[-1], self._ending(stage, shape))
+            drive = None
+        if number + 1 == len(whole.stages):
+            self.legs.add(drive, first + befores[-1])
+
+    def _put(self, drive: Drives | None, phase: int, stop: Stop) -> None:
+        self.legs.add(drive, phase, stop)
+        self.ends = composed(stop.first, stop.displacement)
+
+    def _known_ends(self, stage: Stage, begun: Array, shape: Array) -> Array:
+        """Poses in which a stage should end, as far as they are known beforehand; else none."""
+        if stage.ends is not None:
+            return stage.ends
+        return aims(stage, begun[:1], shape) if stage.away is None else np.zeros((0, POSE))
+
+    def _begins(self, stage: Stage, made: Block, begun: Array, *, last: bool) -> Array:
+        """Where a block may begin: about where the stage began, or so that it ends about its end.
+
+        A block after which there is no drive ends in the end itself.
+        """
+        ends, count = self._known_ends(stage, begun, made.shape), self.whole._candidates
+        if last and len(ends) and not stage.drives_last:
+            return composed(ends, inverse(made.displacement))
+        at_end = last and len(ends)
+        few = ends[:: max(1, len(ends) // _ENDS)] if at_end else begun[:: max(1, len(begun) // 4)]
+        near = np.concatenate([around(pose, count // len(few), _REACH_M) for pose in few])
+        return composed(near, inverse(made.displacement)) if at_end else near
+
+    def _block(
+        self, stage: Stage, made: Block, begins: Array, drive: Drives | None, *, aside: bool
+    ) -> Stop:
+        robot = self.whole.problem.robot
+        sweep = Sweep(made, robot, stage.world, stage.sagitta_m)
+        if drive is None or not (aside or stage.drives_last):
+            return _stop(made.displacement, begins, sweep.may_be_clear, sweep.clear)
+        clear = sweep.may_be_clear, sweep.clear
+        return Stop(
+            made.displacement,
+            *clear,
+            lambda poses: poses,
+            begins,
+            lambda: drive.spread(_MOST_POSES),
+        )
+
+    def _ending(self, stage: Stage, shape: Array) -> Stop:
+        """The end of a stage: one of its poses, or members of its goal, or away from a thing."""
+        if stage.away is None:
+            few = self.ends[:: max(1, len(self.ends) // _AIMS)]
+            ends = _different(aims(stage, few, shape)) if stage.ends is None else stage.ends
+            return _stop(np.zeros(POSE), ends, _all, lambda _: True)
+        away = self.whole._drives_of(replace(stage, world=stage.away), shape)
+
+        def may_be_clear(poses: Array) -> Bools:
+            return np.asarray(away.clear(poses) >= away.kept_m)
+
+        def can_leave(pose: Array) -> bool:
+            ways = _LEAVES_M * np.column_stack(
+                [np.cos(_AWAY_RAD), np.sin(_AWAY_RAD), 0 * _AWAY_RAD]
+            )
+            legs = np.tile(pose, (len(ways), 1)), composed(pose, ways)
+            return bool(away.clear_legs(*legs).any())
+
+        return _stop(np.zeros(POSE), self._retreat(), may_be_clear, can_leave)
+
+    def _retreat(self) -> Array:
+        """Poses away from where an object was let go."""
+        few = self.ends[:: max(1, len(self.ends) // 24)]
+        ways = [
+            (far * np.cos(angle), far * np.sin(angle), 0.0)
+            for far in _AWAY_M
+            for angle in (_AWAY_RAD if far else _AWAY_RAD[:1])
+        ]
+        return composed(few[:, None], np.array(ways)[None]).reshape(-1, POSE)
+
+
+def drives(stage: Stage, sequence: ModeSequence, k: int) -> bool:
+    """Whether a stage drives before its block ``k``, or after all of them."""
+    runs = soft_runs(sequence)
+    if runs and ((k == 0 and not stage.drives_first) or (k == len(runs) and not stage.drives_last)):
+        return False
+    phase = 0 if k == 0 else runs[k - 1][-1] + 1
+    return phase < len(sequence) and is_rigid(sequence[phase])
+
+
+def aims(stage: Stage, poses: Array, shape: Array) -> Array:
+    """Members of a stage's goal to aim at from poses (m, 3) in a shape, (m, 3)."""
+    found = [stage.goal.aim(np.append(pose, shape))[:POSE] for pose in poses]
+    return np.array(found).reshape(-1, POSE)
 
 
 def passing(task: Pass, ends: Array) -> Stop:
@@ -192,11 +359,58 @@ def passing(task: Pass, ends: Array) -> Stop:
     return Stop(np.zeros(POSE), _all, lambda _: True, moved, first, lambda: first)
 
 
-def _all(poses: Array) -> NDArray[np.bool_]:
+def _blocks(
+    problem: Problem,
+    stage: Stage,
+    shape: Array,
+    sequence: ModeSequence,
+    bends: Array,
+    shares: Shares,
+) -> Iterator[Block]:
+    """The blocks of a stage, as far as their shapes are allowed."""
+    robot = problem.robot
+    for run in soft_runs(sequence):
+        modes = [sequence[i] for i in run]
+        fine = _FINE if stage.touches else 1
+        made = block(robot, shape, modes, bends[run].tolist(), shares, fine)
+        far = float(np.hypot(*made.displacement[:2])) > robot.limits.soft_travel_m
+        if far or broken_by_shapes(robot, made.nodes[:, POSE:]) is not None:
+            return
+        yield made
+        shape = made.shape
+
+
+def _stop(
+    displacement: Array,
+    first: Array,
+    may_be_clear: Callable[[Array], Bools],
+    clear: Callable[[Array], bool],
+) -> Stop:
+    """A stop at one of these poses."""
+    return Stop(displacement, may_be_clear, clear, lambda _: first, first, lambda: first)
+
+
+def _all(poses: Array) -> Bools:
     return np.ones(len(poses), dtype=bool)
+
+
+def _different(poses: Array) -> Array:
+    """The poses without repetitions, in their order."""
+    _, first = np.unique(poses.round(9), axis=0, return_index=True)
+    found: Array = poses[np.sort(first)]
+    return found
 
 
 def _middle(low: Array, high: Array, otherwise: Array) -> Array:
     """The middle of a box, where it has one."""
     free = ~np.isfinite(high - low)
     return np.where(free, otherwise, np.where(free, 0.0, low) / 2 + np.where(free, 0.0, high) / 2)
+
+
+def _by_phase(chain: Chain, legs: Legs) -> dict[int, Array]:
+    """Via poses of the drive of each phase."""
+    routes: dict[int, list[Array]] = {}
+    for route, phase in zip(chain.routes, legs.phases, strict=True):
+        if phase is not None:
+            routes.setdefault(phase, []).append(route)
+    return {phase: np.concatenate(parts) for phase, parts in routes.items()}

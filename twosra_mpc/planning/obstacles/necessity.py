@@ -17,8 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from twosra_mpc.planning.missions.stages import Variant
 from twosra_mpc.planning.obstacles.block import blocks_of
-from twosra_mpc.planning.search.mode_tree import InTheWay
+from twosra_mpc.planning.search.stage_task import InTheWay
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
@@ -131,6 +132,14 @@ class Necessity(InTheWay):
         before_m = behind.from_box_m(start, start) - soft_m
         after_m = ahead.from_box_m(low, high) - soft_m
         self._apart_m = np.array([before_m, apart_m - 2 * soft_m, after_m])
+
+
+def necessities(variant: Variant) -> list[InTheWay]:
+    """What obstacles make necessary in each stage: known of the first, where it is a goal."""
+    first, *others = variant.members[0]
+    plain = first.reaches and not (first.touches or len(first.held)) and first.last is not None
+    found = Necessity(variant.reaching(first)) if plain else InTheWay()
+    return [found, *(InTheWay() for _ in others)]
 
 
 def same_shape(problem: Problem) -> bool:

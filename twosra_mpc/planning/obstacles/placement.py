@@ -1,4 +1,4 @@
-"""Mode sequences placed among obstacles: the solver that the search asks where there are some."""
+"""Stages placed among obstacles and objects: where to reshape, grasp and put down, and the ways."""
 
 from __future__ import annotations
 
@@ -11,18 +11,22 @@ import numpy as np
 
 from twosra_mpc.deadline import out_of_time
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import Motion, roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled
-from twosra_mpc.planning.nlp.guess import bend_changes, inner_bends, inner_goal
-from twosra_mpc.planning.obstacles.block import Block, Shares, block, blocks_of, soft_runs
+from twosra_mpc.model.flow import roll_out
+from twosra_mpc.planning.missions.bends import shapes, stage_bends
+from twosra_mpc.planning.missions.stages import Stage, Variant
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, timed
+from twosra_mpc.planning.nlp.terminal_correction import correct_end
+from twosra_mpc.planning.obstacles.block import blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.itinerary import Itinerary
-from twosra_mpc.planning.obstacles.necessity import Necessity
-from twosra_mpc.planning.obstacles.stations import Chain
+from twosra_mpc.planning.obstacles.necessity import necessities
 from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.schedule import with_durations
+from twosra_mpc.planning.search.tree import Whole
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
@@ -31,169 +35,209 @@ from twosra_mpc.timing import TemporalNetwork, earliest_times
 
 Solution = TypeVar("Solution")
 Check = Callable[[Problem, Candidate | None, TemporalNetwork], tuple[float, Solution] | None]
+Bends = Sequence[Array]  # change of W in each phase of each stage
 
 _SHARES = ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))  # of the units' travel: fastest first
 _STEP_PER_M, _STEPS = 15.0, 5  # between shapes that are tried on the way
 _MOST_WAYS, _MOST_SHAPES = 5000, 24
-_ENOUGH, _ENOUGH_OF_ALL = 2, 8  # plans of several blocks: of a sequence, of all
-_SAME_PER_M = 1.0
-_STILL = 1e-9  # m or rad
+_ENOUGH, _ENOUGH_OF_ALL = 2, 8  # plans of several blocks in a stage: of a sequence, of all
+_MOST_MEMBERS = 8  # of a variant, that are tried
+_SAME_PER_M, _ASKED_PER_M = 1.0, 1e-3
+_STILL = 1e-9  # m, rad or change of W
 _LONG_S = 1e5
 
 
 class Placer(Generic[Solution]):
-    """Yields plans of one mode sequence among obstacles.
+    """Yields plans of one sequence of each stage among obstacles.
 
-    Soft phases without driving in between are blocks. Their bends are those of the bound; a
-    sequence of several blocks takes other shapes on the way.
+    Soft phases without driving in between are blocks. Their bends are those of the bound; a stage
+    of several blocks takes other shapes on the way. Of a variant's members the first that has a
+    plan counts.
 
     Args:
-        problem: The problem.
+        variants: The ways to solve the problem.
         checked: Makes (cost, plan) of a candidate, or None if it does not verify.
     """
 
-    def __init__(self, problem: Problem, checked: Check[Solution]) -> None:
-        self.problem, self._checked = problem, checked
-        self.iterations = self._several = 0
-        self.necessity = Necessity(problem)
-        self._drives: dict[bytes, Drives] = {}
-        inner = inner_goal(problem.robot, problem.goal)
-        self._box, self._aim = bend_changes(problem, problem.goal, inner)
+    def __init__(self, variants: Sequence[Variant], checked: Check[Solution]) -> None:
+        self.variants, self._checked, self._several = variants, checked, 0
+        self.in_the_way = [necessities(each) for each in variants]
+        self._drives: dict[tuple[int, bytes, bytes], Drives] = {}
 
     def __call__(
-        self, network: TemporalNetwork, bound: SequenceBound
+        self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
     ) -> Iterator[tuple[float, Solution] | None]:
         """Yield (cost, plan) of every attempt; None: it failed."""
-        sequence, found = network.sequence, 0
-        several = blocks_of(sequence) > 1
-        hidden_s = _hidden_s(network)
-        for bends, shares in self._bends_and_shares(sequence, bound):
-            enough = several and (found == _ENOUGH or self._several == _ENOUGH_OF_ALL)
-            if enough or out_of_time():
+        variant, blocks = self.variants[whole.variant], [*map(blocks_of, whole.sequences)]
+        several, hidden_s = max(blocks) > 1, hidden_by_phase_s(network)
+        placed = False
+        for shares in _SHARES[: 1 if several or not any(blocks) else None]:
+            if placed and len(blocks) > 1:  # of several stages the fastest travel that has a plan
                 return
-            made = self._attempt(network, bends, shares, hidden_s)
-            impossible = made is None and self.necessity.proves_impossible(sequence)
-            yield made
-            if impossible:
-                return
-            found += made is not None
-            self._several += several and made is not None
+            for stages in variant.members[:_MOST_MEMBERS]:
+                for goals in _goals(stages):
+                    found = 0
+                    for bends in self._ways(variant.problem, stages, goals, whole, bound):
+                        enough = several and (found == _ENOUGH or self._several == _ENOUGH_OF_ALL)
+                        if enough or out_of_time():
+                            return
+                        itinerary = Itinerary(
+                            variant.problem, stages, whole.sequences, bends, shares, self._drives_of
+                        )
+                        made = self._attempt(itinerary, network, hidden_s)
+                        impossible = made is None and self._proved_impossible(whole)
+                        yield made
+                        if impossible:
+                            return
+                        found += made is not None
+                        placed |= made is not None
+                        self._several += several and made is not None
+                    if found:
+                        break
 
     def _attempt(
-        self,
-        network: TemporalNetwork,
-        bends: Array,
-        shares: Shares,
-        hidden_s: Sequence[float],
+        self, itinerary: Itinerary, network: TemporalNetwork, hidden_s: Sequence[float]
     ) -> tuple[float, Solution] | None:
-        sequence = network.sequence
-        blocks = self._blocks(sequence, bends, shares)
-        chain = None if blocks is None else self._chain(sequence, blocks, hidden_s)
-        if blocks is None or chain is None:
+        chain = itinerary.chain(hidden_s) if itinerary.possible else None
+        if chain is None:
             return None
-        motion = self._motion(sequence, blocks, chain)
-        candidate = scheduled(motion, network, self.problem, iterations=0)
-        return self._checked(self.problem, candidate, network)
+        candidate = _candidate(itinerary, chain[1], network)
+        return self._checked(itinerary.problem, candidate, network)
 
-    def drives(self, kappa: Array) -> Drives:
-        """Drives in a shape (n,), worked out once."""
-        key = kappa.round(9).tobytes()
+    def _proved_impossible(self, whole: Whole) -> bool:
+        """Whether obstacles are proved to forbid a sequence, as far as is known or found now."""
+        pairs = zip(self.in_the_way[whole.variant], whole.sequences, strict=True)
+        return any(stage.proves_impossible(sequence) for stage, sequence in pairs)
+
+    def _drives_of(self, stage: Stage, shape: Array) -> Drives:
+        """Drives of a stage in a shape (n,), worked out once."""
+        key = id(stage.world), stage.held.tobytes(), shape.round(9).tobytes()
         if key not in self._drives:
-            self._drives[key] = Drives(self.problem.robot, self.problem.world, kappa)
+            robot = self.variants[0].problem.robot
+            self._drives[key] = Drives(
+                robot,
+                stage.world,
+                shape,
+                held=stage.held,
+                may=stage.may,
+                sagitta_m=stage.sagitta_m,
+            )
         return self._drives[key]
 
-    def _bends_and_shares(
-        self, sequence: ModeSequence, bound: SequenceBound
-    ) -> Iterator[tuple[Array, Shares]]:
+    def _ways(
+        self,
+        problem: Problem,
+        stages: Sequence[Stage],
+        goals: Sequence[GoalSet],
+        whole: Whole,
+        bound: SequenceBound,
+    ) -> Iterator[Bends]:
         """Ways to bend: as the bound does, or, in several blocks, by other shapes between them."""
-        direct = inner_bends(sequence, bound.bends, self._box, self._aim)
-        if blocks_of(sequence) > 1:
-            yield from ((bends, _SHARES[0]) for bends in self._other_ways(sequence, direct))
-        else:
-            yield from ((direct, shares) for shares in _SHARES[: 3 * blocks_of(sequence) or 1])
+        direct = stage_bends(problem, goals, whole.sequences, bound.bends)
+        ends = shapes(problem, whole.sequences, direct)
+        if not _as_asked(problem, stages, goals, direct, ends):
+            return
+        starts = [problem.start.configuration[POSE:], *ends]
+        choices = [
+            _other_ways(problem.robot, start, sequence, bends)
+            if blocks_of(sequence) > 1
+            else [bends]
+            for start, sequence, bends in zip(starts, whole.sequences, direct, strict=False)
+        ]
+        yield from itertools.islice(itertools.product(*choices), _MOST_SHAPES)
 
-    def _other_ways(self, sequence: ModeSequence, direct: Array) -> list[Array]:
-        """Bends that end as the direct ones do, by shapes in which the robot is slim."""
-        facts, runs = bending(self.problem.robot), soft_runs(sequence)
-        step, free = facts.coordinate(_STEP_PER_M), _null_space(sequence)
-        start = self.problem.start.configuration[POSE:]
-        origin, modes = facts.coordinates(start), np.array(sequence, dtype=float)
-        found = []
-        ways = itertools.product(range(-_STEPS, _STEPS + 1), repeat=len(free))
-        for counts in itertools.islice(ways, _MOST_WAYS):
-            bends = direct + step * np.array(counts) @ free
-            passed = origin + np.cumsum(modes * bends[:, None], axis=0)
-            shapes = np.array([facts.curvatures(w.tolist()) for w in passed])
-            stops = np.vstack([start, shapes[[run[-1] for run in runs]]])
-            changed = np.abs(np.diff(stops, axis=0)).max(axis=1).min() > _SAME_PER_M
-            if changed and self._allowed(shapes, stops[1:-1]):
-                width_m = max(map(self._width_m, stops[1:-1]))
-                found.append((width_m, float(np.abs(bends).sum()), bends))
-        found.sort(key=lambda each: each[:2])
-        return [bends for *_, bends in found[:_MOST_SHAPES]]
 
-    def _allowed(self, shapes: Array, driven_in: Array) -> bool:
-        robot = self.problem.robot
-        if broken_by_shapes(robot, shapes) is not None:
+def _other_ways(robot: Robot, start: Array, sequence: ModeSequence, direct: Array) -> list[Array]:
+    """Bends that end as the direct ones do, by shapes in which the robot is slim."""
+    facts, runs = bending(robot), soft_runs(sequence)
+    step, free = facts.coordinate(_STEP_PER_M), _null_space(sequence)
+    origin, modes = facts.coordinates(start), np.array(sequence, dtype=float)
+    found = []
+    ways = itertools.product(range(-_STEPS, _STEPS + 1), repeat=len(free))
+    for counts in itertools.islice(ways, _MOST_WAYS):
+        bends = direct + step * np.array(counts) @ free
+        passed = origin + np.cumsum(modes * bends[:, None], axis=0)
+        shapes = np.array([facts.curvatures(w.tolist()) for w in passed])
+        stops = np.vstack([start, shapes[[run[-1] for run in runs]]])
+        changed = np.abs(np.diff(stops, axis=0)).max(axis=1).min() > _SAME_PER_M
+        if changed and _allowed(robot, shapes, stops[1:-1]):
+            width_m = max(_width_m(robot, shape) for shape in stops[1:-1])
+            found.append((width_m, float(np.abs(bends).sum()), bends))
+    found.sort(key=lambda each: each[:2])
+    return [bends for *_, bends in found[:_MOST_SHAPES]]
+
+
+def _allowed(robot: Robot, shapes: Array, driven_in: Array) -> bool:
+    if broken_by_shapes(robot, shapes) is not None:
+        return False
+    return bool(may_drive_in(robot, driven_in).all())
+
+
+def _width_m(robot: Robot, kappa: Array) -> float:
+    """Least width of the robot in a shape, to a centimetre: what passes best is tried first."""
+    corners = footprint(robot.geometry, kappa).outer.reshape(-1, 2)
+    angles = np.linspace(0.0, np.pi, 60)
+    along = corners @ np.array([np.cos(angles), np.sin(angles)])
+    return round(float(np.ptp(along, axis=0).min()), 2)
+
+
+def _candidate(
+    itinerary: Itinerary, routes: dict[int, Array], network: TemporalNetwork
+) -> Candidate | None:
+    """The motion of a chain on the clock; ends of goals are met exactly."""
+    problem, inputs = itinerary.problem, _inputs(network.sequence, itinerary, routes)
+    start = q = problem.start.configuration
+    corrected, first = [], 0
+    for stage, sequence in zip(itinerary.stages, itinerary.sequences, strict=True):
+        motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
+        found = correct_end(motion, stage.goal) if stage.reaches else motion
+        if found is None:
+            return None
+        corrected.append(found.inputs)
+        q, first = found.end, first + len(sequence)
+    whole = roll_out(problem.robot, start, network.sequence, np.concatenate(corrected))
+    ends = tuple(itertools.accumulate(map(len, itinerary.sequences)))
+    return timed(whole, network, problem, 0, ends)
+
+
+def _inputs(sequence: ModeSequence, itinerary: Itinerary, routes: dict[int, Array]) -> Array:
+    """Input displacements of every phase, (phases, intervals, 5): a leg takes an interval."""
+    legs = {phase: twists(route[:-1], route[1:]) for phase, route in routes.items()}
+    legs = {phase: by[np.abs(by).max(axis=1) > _STILL] for phase, by in legs.items()}
+    inputs = np.zeros((len(sequence), max(INTERVALS, *map(len, legs.values()), 0), 5))
+    for phase, soft in itinerary.inputs.items():
+        inputs[phase, :INTERVALS] = soft
+    for phase, by in legs.items():
+        inputs[phase, : len(by), 2:] = by
+    return inputs
+
+
+def _goals(stages: Sequence[Stage]) -> Iterator[tuple[GoalSet, ...]]:
+    """Goals of the stages; those that do not say how far to bend ask for more and more."""
+    yield tuple(stage.goal for stage in stages)
+    openings = [len(stage.openings) for stage in stages if stage.openings]
+    for k in range(max(openings, default=0)):
+        yield tuple(
+            stage.openings[min(k, len(stage.openings) - 1)] if stage.openings else stage.goal
+            for stage in stages
+        )
+
+
+def _as_asked(
+    problem: Problem,
+    stages: Sequence[Stage],
+    goals: Sequence[GoalSet],
+    bends: Bends,
+    found: Array,
+) -> bool:
+    """Whether every stage ends in a shape of its goal, and bends if it must."""
+    for stage, goal, bend, shape in zip(stages, goals, bends, found, strict=True):
+        low, high = goal.box(problem.start.configuration)
+        off = np.maximum(low[POSE:] - shape, shape - high[POSE:])
+        rests = np.abs(bend).max(initial=0.0) < _STILL
+        if off.max() > _ASKED_PER_M or (stage.reshapes and rests):
             return False
-        return bool(may_drive_in(robot, driven_in).all())
-
-    def _width_m(self, kappa: Array) -> float:
-        """Least width of the robot in a shape, to a centimetre: what passes best is tried first."""
-        corners = footprint(self.problem.robot.geometry, kappa).outer.reshape(-1, 2)
-        angles = np.linspace(0.0, np.pi, 60)
-        along = corners @ np.array([np.cos(angles), np.sin(angles)])
-        return round(float(np.ptp(along, axis=0).min()), 2)
-
-    def _blocks(self, sequence: ModeSequence, bends: Array, shares: Shares) -> list[Block] | None:
-        """The blocks of a sequence; None if a shape on the way is not allowed."""
-        robot, shape = self.problem.robot, self.problem.start.configuration[POSE:]
-        blocks = []
-        for run in soft_runs(sequence):
-            made = block(robot, shape, [sequence[i] for i in run], bends[run].tolist(), shares)
-            far = float(np.hypot(*made.displacement[:2])) > robot.limits.soft_travel_m
-            if far or broken_by_shapes(robot, made.nodes[:, POSE:]) is not None:
-                return None
-            blocks.append(made)
-            shape = made.shape
-        return blocks
-
-    def _chain(
-        self, sequence: ModeSequence, blocks: Sequence[Block], hidden_s: Sequence[float]
-    ) -> Chain | None:
-        """Where to carry out the blocks, and when to pass the boxes: the best chain found."""
-        shapes = [self.problem.start.configuration[POSE:], *(each.shape for each in blocks)]
-        drives: list[Drives | None] = [self.drives(shape) for shape in shapes]
-        if not is_rigid(sequence[0]):
-            drives[0] = None
-        if not is_rigid(sequence[-1]):
-            drives[-1] = None
-        itinerary = Itinerary(self.problem, blocks, drives, hidden_s)
-        usable = [k for k, each in enumerate(drives) if each is not None]
-        best: Chain | None = None
-        for passed_in in itertools.combinations_with_replacement(usable, len(self.problem.passes)):
-            found = itinerary.chain(passed_in)
-            if found is not None and (best is None or found.cost_s < best.cost_s):
-                best = found
-            if best is not None and best.cost_s == 0.0:
-                break
-        return best
-
-    def _motion(self, sequence: ModeSequence, blocks: Sequence[Block], chain: Chain) -> Motion:
-        """The motion of a chain: a leg takes an interval."""
-        legs = [twists(route[:-1], route[1:]) for route in chain.routes]
-        routes = [each[np.abs(each).max(axis=1) > _STILL] for each in legs]
-        intervals = max(INTERVALS, *map(len, routes))
-        inputs = np.zeros((len(sequence), intervals, 5))
-        drives = iter(routes if is_rigid(sequence[0]) else routes[1:])
-        soft = iter(np.concatenate([each.inputs for each in blocks]) if blocks else ())
-        for i, mode in enumerate(sequence):
-            if is_rigid(mode):
-                legs = next(drives)
-                inputs[i, : len(legs), 2:] = legs
-            else:
-                inputs[i, :INTERVALS] = next(soft)
-        return roll_out(self.problem.robot, self.problem.start.configuration, sequence, inputs)
+    return True
 
 
 def _null_space(sequence: ModeSequence) -> Array:
@@ -229,16 +273,4 @@ def hidden_by_phase_s(network: TemporalNetwork) -> list[float]:
         if is_rigid(mode):
             lasting = [_LONG_S if k == i else 0.0 for k in range(count)]
             found[i] = _LONG_S - (finish(lasting) - least)
-    return found
-
-
-def _hidden_s(network: TemporalNetwork) -> list[float]:
-    """The same of the drives before, between and after blocks; 0 where there is none."""
-    sequence = network.sequence
-    of_phases = zip(sequence, hidden_by_phase_s(network), strict=True)
-    found = [time_s for mode, time_s in of_phases if is_rigid(mode)]
-    if not is_rigid(sequence[0]):
-        found.insert(0, 0.0)
-    if not is_rigid(sequence[-1]):
-        found.append(0.0)
     return found

@@ -137,17 +137,24 @@ def branch_and_bound(
 
 
 def dive(
-    tree: Tree[Node, Solution], *, width: int, attempts: int, out_of_time: Callable[[], bool]
+    tree: Tree[Node, Solution],
+    children: Callable[[Node], Iterable[Node]],
+    *,
+    width: int,
+    attempts: int,
+    tries: int,
+    out_of_time: Callable[[], bool],
 ) -> tuple[float, Solution] | None:
     """Look for a first incumbent: the best few nodes of each level, down to leaves.
 
     Of nodes with about the same bound those that come earlier among their siblings are preferred.
-    All leaves must be at the same depth.
 
     Args:
         tree: The problem.
+        children: Nodes of the next level, such that all leaves are at the same depth.
         width: Nodes of a level that are opened.
         attempts: Leaves that are tried.
+        tries: Attempts at each of them.
         out_of_time: Asked before every attempt; True ends it.
     """
     nodes, level = [tree.root()], list[tuple[float, int, Node]]()
@@ -155,8 +162,8 @@ def dive(
         found = [
             (round(tree.bound(child) / _ALIKE), place, child)
             for node in nodes
-            for place, child in enumerate(tree.children(node))
-            if not tree.too_deep(child) and tree.bound(child) < math.inf
+            for place, child in enumerate(children(node))
+            if tree.bound(child) < math.inf
         ]
         if not found:
             break
@@ -166,7 +173,8 @@ def dive(
         if out_of_time():
             return None
         if (bound := tree.leaf_bound(leaf)) < math.inf:
-            solved = next((each for each in tree.solve(leaf) if each is not None), None)
+            several = itertools.islice(tree.solve(leaf), tries)
+            solved = next((each for each in several if each is not None), None)
             if solved is not None:
                 _check(solved[0], max(bound, tree.bound(leaf)))
                 return solved

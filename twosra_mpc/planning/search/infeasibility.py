@@ -13,7 +13,8 @@ from dataclasses import replace
 from typing import Any
 
 from twosra_mpc.planning.search.bends import BendingTask, bend_steps, unreachable_reason
-from twosra_mpc.planning.search.mode_tree import ModeTree
+from twosra_mpc.planning.search.stage_task import StageTask
+from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.robot.modes import (
     Mode,
     ModeSequence,
@@ -28,27 +29,28 @@ _FURTHER = 3  # how many phases beyond max_phases are looked at
 _MOST_SEQUENCES = 1500  # how many sequences of one length are looked at
 
 
-def impossibility(tree: ModeTree[Any]) -> str | None:
+def impossibility(tree: Tree[Any]) -> str | None:
     """Say why no sequence of the allowed modes, however long, is a plan; None if not proved.
 
     Modes that the heaters cannot bring about occur in no sequence, and the invariants of
-    ``unreachable_reason`` depend on the set of modes alone.
+    ``unreachable_reason`` depend on the set of modes alone. Known of a single goal.
     """
-    if (refusal := tree.timing.refusal((), tree.last)) is not None:
-        end = f"goal.mode asks for {mode_name(tree.last)} at the end"
+    stage, timing = tree.only, tree.timing
+    if stage is None or (task := stage.bend) is None:
+        return None
+    if stage.last is not None and (refusal := timing.refusal((), stage.last)) is not None:
+        end = f"goal.mode asks for {mode_name(stage.last)} at the end"
         return f"{end}: {refusal}; set heaters_at_once to 2 or ask for another goal.mode"
-    usable = _usable(tree.modes, tree.timing)
-    reason = unreachable_reason(usable, tree.task)
+    usable = _usable(stage.modes, timing)
+    reason = unreachable_reason(usable, task)
     if reason is None:
         return None
-    allowed = f"allowed modes are {', '.join(map(mode_name, tree.modes))}"
-    remedy = _remedy(usable, tree.task, tree.timing)
-    refusals = [
-        tree.timing.refusal((mode,), tree.rigid) for mode in tree.modes if mode not in usable
-    ]
+    allowed = f"allowed modes are {', '.join(map(mode_name, stage.modes))}"
+    remedy = _remedy(usable, task, timing)
+    refusals = [timing.refusal((mode,), stage.rigid) for mode in stage.modes if mode not in usable]
     if refusals and refusals[0] is not None:
         reason += f"; {refusals[0]}"
-        if unreachable_reason(tree.modes, tree.task) is None:
+        if unreachable_reason(stage.modes, task) is None:
             remedy += ", or set heaters_at_once to 2"
     return f"{reason}; {allowed}: {remedy}"
 
@@ -75,31 +77,36 @@ def _remedy(modes: tuple[Mode, ...], task: BendingTask, timing: TransitionModel)
     return "ask for another shape"
 
 
-def disproof(tree: ModeTree[Any]) -> str:
+def disproof(tree: Tree[Any]) -> str:
     """Say why the only sequence that the allowed modes make is no plan."""
-    allowed = f"allowed modes are {', '.join(map(mode_name, tree.modes))}: add another mode"
+    stage = tree.only
+    if stage is None or stage.bend is None:
+        return next(iter(tree.unreachable.values()), "no stage sequence is left")
+    allowed = f"allowed modes are {', '.join(map(mode_name, stage.modes))}: add another mode"
     for sequence, words in tree.unreachable.items():
-        return f"{_shape_limit(sequence, tree.task) or words}; {allowed}"
+        return f"{_shape_limit(sequence, stage.bend) or words}; {allowed}"
     return f"there is no other mode sequence; {allowed}"
 
 
-def too_few_phases(tree: ModeTree[Any]) -> str:
-    """Say how many phases a plan needs, where every sequence of ``max_phases`` is disproved.
+def too_few_phases(tree: Tree[Any]) -> str:
+    """Say how many phases a plan of a single goal needs, where all of ``max_phases`` are disproved.
 
     The rigid phases that open and close a sequence count, whether anything moves in them or not.
     """
-    at_least, example = tree.max_phases + 1, ""
+    stage = tree.only
+    assert stage is not None, "of several stages more is known"
+    at_least, example = stage.most_phases + 1, ""
     for length in range(at_least, at_least + _FURTHER):
-        if len(tree.modes) ** (length - 1) > _MOST_SEQUENCES:
+        if len(stage.modes) ** (length - 1) > _MOST_SEQUENCES:
             break
-        if (found := _shortest(tree, length)) is not None:
+        if (found := _shortest(tree, stage, length)) is not None:
             example = f", possibly {sequence_name(found)}"
             break
         at_least = length + 1
-    reasons = (_shape_limit(leaf, tree.task) for leaf in tree.unreachable)
+    reasons = (_shape_limit(leaf, stage.bend) for leaf in tree.unreachable if stage.bend)
     because = next((f" ({reason})" for reason in reasons if reason), "")
     needed = f"a plan needs at least {at_least} phases{example}{because}"
-    return f"{needed}, but max_phases is {tree.max_phases}: raise max_phases"
+    return f"{needed}, but max_phases is {stage.most_phases}: raise max_phases"
 
 
 def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
@@ -116,16 +123,17 @@ def _shape_limit(sequence: ModeSequence, task: BendingTask) -> str | None:
     return None
 
 
-def _shortest(tree: ModeTree[Any], length: int) -> ModeSequence | None:
+def _shortest(tree: Tree[Any], stage: StageTask, length: int) -> ModeSequence | None:
     """A sequence of this length that the relaxation does not disprove, the cheapest; or None."""
-    deeper = replace(tree, max_phases=length, unreachable={}, _bounds={})
+    longer = ((replace(stage, most_phases=length),),)
+    deeper = replace(tree, variants=longer, unreachable={}, _bounds={})
     nodes, found = [deeper.root()], []
     while nodes:
         node = nodes.pop()
-        leaf = deeper.leaf(node)
-        if leaf is not None and len(leaf) == length:
-            found.append((deeper.leaf_bound(node), leaf))
-        longer = [child for child in deeper.children(node) if not deeper.too_deep(child)]
-        nodes += [child for child in longer if deeper.bound(child) < math.inf]
-    bound, leaf = min(found, default=(math.inf, None))
-    return leaf if bound < math.inf else None
+        leaf = deeper.whole(node)
+        if leaf is not None and len(leaf.joined) == length:
+            found.append((deeper.leaf_bound(node), leaf.joined))
+        below = [child for child in deeper.children(node) if not deeper.too_deep(child)]
+        nodes += [child for child in below if deeper.bound(child) < math.inf]
+    bound, leaf_found = min(found, default=(math.inf, None))
+    return leaf_found if bound < math.inf else None

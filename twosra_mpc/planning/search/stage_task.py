@@ -1,10 +1,10 @@
-"""A stage of a mission as the search knows it: which sequences it may have, what it must do."""
+"""A stage as the search knows it: which sequences it may have, what it must do."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,10 +14,24 @@ from twosra_mpc.planning.search.bends import (
     least_durations,
     unreachable_reason,
 )
-from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode
 
-_MOST_TO_ANY = 3  # phases of a stage that may end in any stiffness
+
+class InTheWay:
+    """What is in the robot's way: in free space, nothing."""
+
+    def blocks(self, sequence: ModeSequence | None) -> str | None:
+        """Why a stage's sequence, or any if None, cannot be carried out, as far as is known."""
+        del sequence
+        return None
+
+    def proves_impossible(self, sequence: ModeSequence) -> bool:
+        """Whether a sequence is proved impossible, by what is known or is worked out now."""
+        return self.blocks(sequence) is not None
+
+    def least_drives_s(self, sequence: ModeSequence) -> Sequence[float]:
+        """Proved least duration of each phase of a sequence, for the ways to go [s]."""
+        return [0.0] * len(sequence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,68 +40,97 @@ class StageTask:
 
     Attributes:
         change: (low, high) of each segment: change of W since t = 0 where the stage ends.
-        bend: What its modes must do where the shapes at both of its ends are known exactly.
+        bend: What its modes must do, where the shapes at both of its ends are nearly known.
         modes: Modes that it may use.
         last: Stiffness at its end; None: any.
+        most_phases: Of the sequences that are opened.
+        final: Whether the plan ends with it: then segments may melt or freeze after its phases.
         drives_first: Whether it may begin with a drive.
         drives_last: Whether it may drive after its last soft phase.
         distance_m: How far b0 must come in it, at least; or in it and in those before it, since
             the last one of which it is known where it ends.
         since: How many stages these are.
-        rigid_s: Least duration where nothing bends in it.
+        drive_time: Proved least duration where it is nothing but a drive [s]; more work is put into
+            it where it is less than the argument, what is enough.
         reshapes: Whether it is proved that it must reshape.
+        in_the_way: What is in the way; asked again and again, as more may be known the next time.
     """
 
     change: Intervals
     bend: BendingTask | None
-    modes: tuple[Mode, ...]
+    modes: Sequence[Mode]
     last: Mode | None
+    most_phases: int
+    final: bool = False
     drives_first: bool = True
     drives_last: bool = True
     distance_m: float = 0.0
     since: int = 1
-    rigid_s: float = 0.0
+    drive_time: Callable[[float], float] = lambda enough: 0.0 * enough
     reshapes: bool = False
+    in_the_way: InTheWay = field(default_factory=InTheWay)
 
-    @property
-    def most_phases(self) -> int:
-        """Of the sequences that are opened."""
-        return _MOST_TO_ANY if self.last is None else MOST_PHASES
+    @cached_property
+    def rigid(self) -> Mode:
+        """The mode in which every segment is solid."""
+        return rigid_mode(len(self.change))
+
+    def opening(self, begins: Mode) -> ModeSequence:
+        """The first drive if the robot is solid and may drive, else nothing."""
+        drives = self.drives_first and self.rigid in self.modes and begins == self.rigid
+        return (self.rigid,) if drives else ()
 
     def sequences(self, begins: Mode) -> Iterator[ModeSequence]:
         """Yield every sequence of up to ``most_phases`` phases from a stiffness on."""
-        rigid = rigid_mode(len(begins))
-        drives = self.drives_first and rigid in self.modes
-        heads: list[ModeSequence] = [()] if any(begins) or not drives else [(rigid,)]
+        heads = [self.opening(begins)]
         for length in range(self.most_phases + 1):
             if length:
                 heads = [longer for head in heads for longer in self.longer(head, begins)]
             for head in heads:
-                whole = self._closed(head, rigid)
-                if whole and len(whole) <= self.most_phases and self._fits(whole):
+                whole = self.closed(head, begins)
+                if whole and len(whole) <= self.most_phases and self.misfit(whole) is None:
                     yield whole
 
     def longer(self, head: ModeSequence, begins: Mode) -> Iterator[ModeSequence]:
         """Yield a sequence with every mode that may follow."""
         for mode in self.modes:
-            stays = mode == head[-1] if head else not any(begins) and is_rigid(mode)
+            stays = mode == head[-1] if head else begins == self.rigid == mode
             if not stays:
                 yield (*head, mode)
 
-    def _closed(self, head: ModeSequence, rigid: Mode) -> ModeSequence | None:
+    def closed(self, head: ModeSequence, begins: Mode) -> ModeSequence | None:
         """The sequence that ends as the stage asks for; None if another head stands for it."""
-        if self.last is None:
-            return head
-        if self.last == rigid:
-            if head == (rigid,):
-                return head
+        rigid, opening = self.rigid, head == (self.rigid,) and begins == self.rigid
+        if self.last == rigid and rigid in self.modes and not opening:
             return None if head and head[-1] == rigid else (*head, rigid)
-        return head if head and head[-1] == self.last else None
+        if not (self.final or self.last in (None, *head[-1:])):
+            return None
+        return head or None
 
-    def _fits(self, sequence: ModeSequence) -> bool:
+    def misfit(self, sequence: ModeSequence) -> str | None:
+        """Why a sequence cannot be one of this stage, by what is known so far."""
         if self.reshapes and not any(map(any, sequence)):
-            return False
-        return self.bend is None or unreachable_reason(sequence, self.bend) is None
+            return "a task must reshape"
+        if (reason := self.in_the_way.blocks(sequence)) is not None:
+            return reason
+        return None if self.bend is None else unreachable_reason(sequence, self.bend)
+
+    @cached_property
+    def impossible(self) -> str | None:
+        """Why no sequence of its modes brings about the bend, if none does."""
+        if self.bend is None:
+            return None
+        rigid_first = sorted(self.modes, key=lambda mode: mode != self.rigid)
+        return unreachable_reason(rigid_first, self.bend)
+
+    def settled(self, sequence: ModeSequence) -> Mode:
+        """Stiffness after a sequence of it."""
+        return self.last if self.final and self.last is not None else sequence[-1]
+
+    @property
+    def endings(self) -> Sequence[Mode]:
+        """Stiffnesses in which it may end."""
+        return self.modes if self.last is None else (self.last,)
 
     def moving(self, sequence: ModeSequence) -> list[bool]:
         """In which phases of a sequence something may move."""
@@ -98,17 +141,19 @@ class StageTask:
     def alike(self) -> Hashable:
         """What bounds of the stage alone depend on."""
         bend = self.bend and (self.bend.change, self.bend.origin, self.bend.origin_within)
-        drives = self.drives_first, self.drives_last, self.rigid_s
-        return self.modes, self.last, drives, self.reshapes, bend
+        drives = self.drives_first, self.drives_last, self.drive_s
+        return self.modes, self.last, self.final, self.most_phases, drives, self.reshapes, bend
 
-    def durations(self, sequence: ModeSequence) -> list[float]:
-        """Proved least duration of each phase of a sequence."""
-        found = [0.0] * len(sequence)
-        if self.bend is not None:
-            found = list(least_durations(sequence, self.bend))
-        if len(sequence) == 1 and is_rigid(sequence[0]):
-            found[0] = max(found[0], self.rigid_s)
-        return found
+    @cached_property
+    def drive_s(self) -> float:
+        """Proved least duration where it is nothing but a drive [s]."""
+        return self.drive_time(0.0)
+
+    def durations(self, sequence: ModeSequence) -> Sequence[float]:
+        """Proved least durations of the phases of a sequence, by how far they bend."""
+        if self.bend is None:
+            return [0.0] * len(sequence)
+        return least_durations(sequence, self.bend)
 
 
 class Way(NamedTuple):

@@ -1,17 +1,26 @@
-"""What is made of a search's outcome: a gentler plan where that costs no more, and words."""
+"""What is made of a search's outcome: a gentler plan where that costs no more, and a result."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from twosra_mpc.deadline import OutOfTimeError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
+from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
+from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.single_goal.gentle import ROUNDING, gentle
 from twosra_mpc.planning.single_goal.sequence_solver import Solved
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.result import Result, Stats
+from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
+from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.modes import mode_name
 
 
 class Progress(NamedTuple):
@@ -76,3 +85,56 @@ def quality(made: Plan, ending: Ending) -> str:
         return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
     or_gap = " or gap" if ending is Ending.LIMIT else ""
     return f"{made}; {STOPPED[ending]}: {ADVICE[ending]}{or_gap}"
+
+
+def conclude(
+    problem: Problem, search: SearchResult[Solved], tree: Tree[Solved], stats: Stats
+) -> Result:
+    """Turn the outcome of the search into a result with a true status and a useful message."""
+    lower = search.lower_bound if math.isfinite(search.lower_bound) else None
+    ending, made = search.ending, None
+    if search.solution is not None:
+        made = replace(search.solution.plan, lower_bound=lower)
+        problem, status, message = made.problem, made.status, quality(made, ending)
+    elif (proof := _proof(search, tree)) is not None:
+        status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
+        lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
+    else:
+        status, message = Status.FAILED, _failure(problem, search, tree)
+    return Result(problem, "optimal", status, message, lower, ending, stats, made)
+
+
+def _proof(search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
+    """Why there is no plan at all; None where that is not proved."""
+    blocks = tree.only.in_the_way.blocks if tree.only else lambda _: None
+    proof = blocks(None) or impossibility(tree)
+    if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
+        proof = blocks((tree.rigid,)) or disproof(tree)
+    return proof
+
+
+def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str:
+    """Why no plan was found although one may exist, and what to change."""
+    none = nothing_found(problem, several=tree.only is None)
+    if (ending := search.ending) is not Ending.EXHAUSTED:
+        effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
+        return f"{none} ({STOPPED[ending]}): {ADVICE[ending]} ({effort})"
+    tried = f"{none} ({search.solved} mode sequences tried)"
+    if tree.only is None:
+        return f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"
+    if search.solved == 0:
+        return f"{tried}: {too_few_phases(tree)}"
+    if tree.rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
+        only = f"without mode {mode_name(tree.rigid)} the pose changes only by bending"
+        return f"{tried}: {only}: add {mode_name(tree.rigid)} to modes"
+    inside = problem.workspace is not None or problem.obstacles
+    wider = "the workspace" if inside else "the goal's tolerance"
+    return f"{tried}: raise max_phases, allow more modes, or widen {wider}"
+
+
+def nothing_found(problem: Problem, *, several: bool) -> str:
+    """That there is no plan, of a goal or of several tasks."""
+    if several:
+        return "no plan of these tasks found"
+    within = "" if problem.workspace is None else " within the workspace"
+    return f"no plan found{' among the obstacles' if problem.obstacles else within}"

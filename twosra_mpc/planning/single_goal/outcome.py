@@ -43,7 +43,8 @@ def verified(
     )
     finish = times[layout.finish]
     samples = sample(problem, candidate.motion, profiles, starts, finish, transitions)
-    ends_s = [starts[end - 1] + profiles[end - 1].duration_s for end in candidate.stage_ends]
+    ends = candidate.stage_ends or (layout.phases,)
+    ends_s = [starts[end - 1] + profiles[end - 1].duration_s for end in ends]
     done_s = _done_s(problem, ends_s, samples)
     trajectory = Trajectory(problem, samples, phases, transitions, done_s)
     cost = _cost(problem, float(samples.t_s[-1]), transitions, candidate.effort_s)

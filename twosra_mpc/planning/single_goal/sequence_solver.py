@@ -1,17 +1,19 @@
-"""Plans of one mode sequence where nothing is in the way: guess first, then the NLP."""
+"""Plans of one sequence of each stage where nothing is in the way: guess first, then the NLP."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from twosra_mpc.deadline import out_of_time
-from twosra_mpc.model.flow import Motion
-from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve
+from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.planning.missions.bends import shapes, stage_bends
+from twosra_mpc.planning.missions.stages import Variant
+from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve, timed
 from twosra_mpc.planning.nlp.guess import (
     bend_changes,
     bends_around,
@@ -22,16 +24,20 @@ from twosra_mpc.planning.nlp.guess import (
     swerved,
     turned_to_go,
 )
+from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.search.tree import Whole
 from twosra_mpc.planning.single_goal.gentle import cheapest
 from twosra_mpc.planning.single_goal.outcome import cost_of, verified
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.problem import Problem, Start
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
 
+_WIDE_PER_M = 1e-3  # around shapes that are chosen for several stages
 _ASIDE_RAD = 0.4  # of the second start of a drive
 
 
@@ -66,13 +72,40 @@ Check = Callable[
 
 
 class SequenceSolver:
+    """Yields plans of one sequence of each stage of the variants of a problem."""
+
+    def __init__(self, variants: Sequence[Variant], guessed: Check | None = None) -> None:
+        self.variants, self._checked = variants, guessed or checked
+        self._of_a_goal: dict[int, GoalSolver] = {}
+
+    @property
+    def iterations(self) -> int:
+        """Of the nonlinear programs so far."""
+        return sum(each.iterations for each in self._of_a_goal.values())
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt; None: it failed."""
+        variant = self.variants[whole.variant]
+        if len(whole.sequences) > 1:
+            yield stage_by_stage(variant, network, bound, whole)
+            return
+        if whole.variant not in self._of_a_goal:
+            self._of_a_goal[whole.variant] = GoalSolver(variant, self._checked)
+        yield from self._of_a_goal[whole.variant](network, bound)
+
+
+class GoalSolver:
     """Yields plans of one mode sequence: the guess and, if it is not enough, the NLP's.
 
     Those of the NLP are verified, and guesses unless they are to be ``trusted``.
     """
 
-    def __init__(self, problem: Problem, guessed: Check | None = None) -> None:
-        self.problem, self._checked = problem, guessed or checked
+    def __init__(self, variant: Variant, guessed: Check | None = None) -> None:
+        ((stage,),) = variant.members
+        self.problem = problem = variant.reaching(stage)
+        self._asked, self._guessed_plan = variant.problem, guessed or checked
         inner = inner_goal(problem.robot, problem.goal)
         self._box, aim = bend_changes(problem, problem.goal, inner)
         least = np.clip(0.0, *self._box)
@@ -90,7 +123,7 @@ class SequenceSolver:
         if not any(map(any, network.sequence)):
             going = turned_to_go(guess)  # all there is to do is to drive
             candidate = scheduled(going, network, problem, iterations=0)
-            yield self._checked(problem, candidate, network)
+            yield self._guessed_plan(self._asked, candidate, network)
             starts.append(going)
             if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
                 starts.append(swerved(guess, _ASIDE_RAD))
@@ -99,7 +132,7 @@ class SequenceSolver:
                 return
             candidate = solve(start, network, problem)
             self.iterations += candidate.iterations if candidate else 0
-            yield checked(problem, candidate, network)
+            yield checked(self._asked, candidate, network)
 
     def _cheapest_guess(self, network: TemporalNetwork, bound: SequenceBound) -> Guessed:
         """The first guess that is a plan; where it is not within the gap, the cheapest of more."""
@@ -123,12 +156,12 @@ class SequenceSolver:
         guess, candidate = min(more, key=lambda each: _end_s(each[1]), default=(best[0], None))
         if _end_s(candidate) >= _end_s(best[1] and best[1][1].candidate):
             return best
-        return min(best, (guess, self._checked(problem, candidate, network)), key=_cost)
+        return min(best, (guess, self._guessed_plan(self._asked, candidate, network)), key=_cost)
 
     def _guessed(self, network: TemporalNetwork, bends: Array, drive: int | None) -> Guessed:
         """The guess that bends as told and drives in one phase, and the plan that it is."""
         guess, candidate = self._guess(network, bends, drive)
-        return guess, self._checked(self.problem, candidate, network)
+        return guess, self._guessed_plan(self._asked, candidate, network)
 
     def _guess(
         self, network: TemporalNetwork, bends: Array, drive: int | None
@@ -169,3 +202,52 @@ def trusted(
         return None
     found = Solved(problem, cheapest(problem, candidate, network), network)
     return found.cost, found
+
+
+def stage_by_stage(
+    variant: Variant, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+) -> tuple[float, Solved] | None:
+    """(cost, plan) of one sequence of each stage, each of them as it is guessed alone.
+
+    A nonlinear program for each stage finds nothing better: what it could gain, waiting hides.
+    """
+    problem, goals = variant.problem, [stage.goal for stage in variant.members[0]]
+    bends = stage_bends(problem, goals, whole.sequences, bound.bends)
+    ends = shapes(problem, whole.sequences, bends)
+    q, motions = problem.start.configuration, list[Motion]()
+    for goal, sequence, bend, shape in zip(goals, whole.sequences, bends, ends, strict=True):
+        motion = _motion(problem, q, goal.shaped(shape, _WIDE_PER_M), sequence, bend)
+        if motion is None:
+            return None
+        motions.append(motion)
+        q = motion.end
+    return checked(problem, _joined(problem, motions, network), network)
+
+
+def _motion(
+    problem: Problem, q: Array, goal: GoalSet, sequence: ModeSequence, bends: Array
+) -> Motion | None:
+    """A stage from a configuration to its goal; None if it does not get there."""
+    x_m, y_m, phi_rad, *kappa_per_m = q.tolist()
+    start = Start(x_m=x_m, y_m=y_m, phi_rad=phi_rad, kappa_per_m=tuple(kappa_per_m))
+    alone = problem.with_values(start=start, goal=goal, tasks=())
+    usable = may_drive(alone, sequence)
+    made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
+    return correct_end(moved_inside(made, alone), goal)
+
+
+def _joined(
+    problem: Problem, motions: Sequence[Motion], network: TemporalNetwork
+) -> Candidate | None:
+    """One motion after the other on one clock."""
+    most = max(motion.inputs.shape[1] for motion in motions)
+    inputs = np.concatenate(
+        [
+            np.pad(motion.inputs, ((0, 0), (0, most - motion.inputs.shape[1]), (0, 0)))
+            for motion in motions
+        ]
+    )
+    sequence = network.sequence
+    whole = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
+    ends = tuple(np.cumsum([len(motion.sequence) for motion in motions]).tolist())
+    return timed(whole, network, problem, 0, ends)
