@@ -28,7 +28,7 @@ _CURRENT_A, _RESISTANCE_OHM, _LOSS_W_PER_K, _HEAT_J_PER_K, _LATENT_J = 0.8, 6.6,
 _LAG_S, _CAUGHT_UP_S, _HELD_C = 5.0, 30.0, 65.0
 _WILD = 0.01  # of the frames
 _NOISE_C, _DRIFT_K_S, _SCALE = 0.02, (0.1, 0.6), (0.1, 0.4)  # of thermistors, and of those that lie
-_OUTAGE_S = 30.0
+_OUTAGE_S, _MATTERS_K = 30.0, 5.0
 _SIZE = 5
 
 # What a sensor that lies may be taken for.
@@ -61,6 +61,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "interrupt": ("KeyboardInterrupt",),
     "planner raises": ("BrokenError",),
 }
+_OF_HEATERS = ("dead heater", "welded relay", "slow cooling", "runaway")
 _OF_ONE = ("thermistor stuck", "thermistor drifts", "thermistor scaled")
 
 
@@ -86,7 +87,7 @@ class Segment:
             0,
             False,
         )
-        self.fault = ""
+        self.fault, self.wrong = "", False
 
     @property
     def metal_C(self) -> float:
@@ -101,7 +102,8 @@ class Segment:
     def advance(self, asked: bool, dt_s: float) -> None:
         """Let time pass, asked to be soft or not."""
         self.was_on |= asked
-        self.on = int(asked and (self.shown_C < _HELD_C or self.fault == "runaway"))
+        wanted = asked and self.shown_C < _HELD_C
+        self.on = int(wanted or (asked and self.fault == "runaway"))
         if self.fault == "dead heater":
             self.on = 0
         if self.fault == "welded relay" and self.was_on:
@@ -110,6 +112,8 @@ class Segment:
         lost = _LOSS_W_PER_K * (self.metal_C - self.air_C)
         if self.fault == "slow cooling" and self.was_on and not self.on:
             lost /= 8
+            self.wrong = True
+        self.wrong |= self.on != wanted
         gained = self.strength * self.on * _CURRENT_A**2 * _RESISTANCE_OHM
         self.enthalpy_J += (gained - lost) * dt_s
         self.read_C += (self.metal_C - self.read_C) * -math.expm1(-dt_s / _LAG_S)
@@ -156,6 +160,8 @@ class ForeignRobot:
         forced_m: How far it drove while solid metal was reported as soft.
         blind_m: How far it drove while its camera was dead.
         planning_m: How far it drove while somebody planned.
+        mattered_s: Since when a thermistor is off by `_MATTERS_K`, a heater does what it should
+            not, or wheels turn with another fault; NaN before.
         hottest_C: Of its metal.
     """
 
@@ -176,6 +182,7 @@ class ForeignRobot:
         self.wheels, self.setpoint_C = np.zeros(4), np.full(2, 25.0)
         self.forced_m, self.hottest_C, self.blind_m, self.planning_m = 0.0, 0.0, 0.0, 0.0
         self._last: tuple[float, Array] = (0.0, self.q)
+        self.mattered_s = math.nan
         self._photograph()
 
     @property
@@ -252,12 +259,23 @@ class ForeignRobot:
             self._silent_s = math.nan if self.wheels.any() else self.time_s
         return self.time_s - self._silent_s < _OUTAGE_S
 
+    @property
+    def _matters(self) -> bool:
+        if self.fault in _OF_HEATERS:
+            return any(segment.wrong for segment in self.segments)
+        if self.fault.startswith("thermistor"):
+            off_K = [abs(self._shown_C(j) - self.segments[j].read_C) for j in range(2)]
+            return not all(each < _MATTERS_K for each in off_K)
+        return bool(self.wheels.any())
+
     def _tick(self) -> None:
         for j, setpoint_C in enumerate(self.setpoint_C):
             segment, one = self.segments[j], self.fault in _OF_ONE
             segment.fault = self.fault if self.ails and (j == self._lying or not one) else ""
             segment.advance(bool(setpoint_C >= 65.0), TICK_S)
             self.hottest_C = max(self.hottest_C, segment.metal_C)
+        if math.isnan(self.mattered_s) and self.ails and self._matters:
+            self.mattered_s = self.time_s
         if self.wheels.any():
             self._roll()
         self.time_s += TICK_S

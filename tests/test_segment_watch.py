@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -68,6 +69,14 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
     ),
     ("slow", rows(OFF_C, lambda t: 65 - 0.005 * t, "changing", 2000), "cooling", 800),
     ("weak", rows(SOFT_C, lambda t: min(25 + t, 60.0) + noise(t), "changing", 2000), "heater", 250),
+    ("jump", rows(OFF_C, lambda t: 40 + noise(t) + 9 * (t > 20), "rigid", 60), "sensor", 30),
+    ("drift", rows(OFF_C, lambda t: 25 - 0.5 * t + noise(t), "rigid", 60), "sensor", 30),
+    (
+        "shows too much",
+        rows(SOFT_C, lambda t: 66.2 + noise(t), "soft", 99),
+        "sensor",
+        60,
+    ),
     (
         "latched",
         ((OFF_C, 40.0 - 0.01 * k, "changing", True) for k in range(2000)),
@@ -112,6 +121,23 @@ def test_a_report_that_flickers_long_after_the_change_is_no_trouble(
         for k in range(1300)
     )
     assert trouble(flickers, start_C=setpoint_C) is None
+
+
+def test_a_segment_that_froze_sooner_than_half_of_its_metal_can_is_not_believed() -> None:
+    melt = rows(SOFT_C, lambda t: min(25 + t, 65.0) + noise(t), "soft", 160)
+    falls = rows(OFF_C, lambda t: max(65 - 0.5 * t, 30.0) + noise(t), "rigid", 100)
+    found = trouble(itertools.chain(melt, falls))
+    assert found is not None
+    assert found[0] == "sensor"
+    assert found[1] < 195.0
+
+
+def test_a_digital_sensor_without_noise_stands_still_while_metal_freezes() -> None:
+    ripples = rows(
+        SOFT_C, lambda t: min(25 + t, 61.0) if t < 95 else 65 + t // 3 % 2 / 10, "soft", 190
+    )
+    freezes = rows(OFF_C, lambda t: 61.0, "changing", 200)
+    assert trouble(itertools.chain(ripples, freezes)) is None
 
 
 def test_time_passes_for_a_simulated_robot_while_somebody_plans() -> None:

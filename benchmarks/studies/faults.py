@@ -7,13 +7,14 @@ false if a run says that the goal is reached and the robot is in truth not withi
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BeforeValidator, TypeAdapter
+from pydantic import BeforeValidator, Field, TypeAdapter
 
 from benchmarks.foreign import FAULTS, BrokenError, ForeignRobot
 from benchmarks.problems import Choices, labelled
@@ -24,6 +25,7 @@ from twosra_mpc.execution.greedy_executor import GreedyExecutor
 from twosra_mpc.validation import plain
 
 Executors = Annotated[tuple[Literal["optimal", "greedy"], ...], BeforeValidator(plain)]
+Kinds = Annotated[tuple[Literal[tuple(FAULTS)], ...], BeforeValidator(plain)]  # type: ignore[valid-type]
 
 
 class Case(NamedTuple):
@@ -42,6 +44,8 @@ class Faults(Study):
         problems: Problem sets; runs take their problems in turns.
         count: Runs of each fault by each executor.
         executors: What drives.
+        faults: Which faults.
+        first: Seed of the first run of each fault.
     """
 
     record: ClassVar = TypeAdapter(dict[str, Any])
@@ -51,11 +55,14 @@ class Faults(Study):
     problems: Choices = ("random-100:20",)
     count: Count = 10
     executors: Executors = ("optimal", "greedy")
+    faults: Kinds = tuple(FAULTS)
+    first: Annotated[int, Field(ge=0)] = 0
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs, all faults in turns."""
         problems = list(labelled(self.problems))
-        for seed, drives, fault in itertools.product(range(self.count), self.executors, FAULTS):
+        seeds = range(self.first, self.first + self.count)
+        for seed, drives, fault in itertools.product(seeds, self.executors, self.faults):
             if (drives, fault) != ("greedy", "planner raises"):
                 yield Case(drives, fault, problems[seed % len(problems)], seed)
 
@@ -74,15 +81,23 @@ class Faults(Study):
                 made for case, made in results if (case.executor, case.fault) == (drives, fault)
             ]
             for drives in self.executors
-            for fault in FAULTS
+            for fault in self.faults
         }
         return {
             "rows": {key: made for key, made in found.items() if made},
-            "odd": [(case, made) for case, made in results if made["came_to"] not in _FINE],
+            "odd": [(case, made) for case, made in results if not _as_it_should(made)],
         }
 
 
-_FINE = ("reached", "right cause")
+_HOTTEST_C, _FORCED_M, _LONGEST_S = 85.0, 0.03, 60.0  # of the metal; solid; to the cause
+
+
+def _as_it_should(made: dict[str, Any]) -> bool:
+    """Whether a run ended truly, in time, and did no harm before."""
+    harmless = made["hottest_C"] <= _HOTTEST_C and made["forced_m"] <= _FORCED_M
+    if made["came_to"] == "right cause":
+        return harmless and made["mattered_s"] <= _LONGEST_S
+    return harmless and made["came_to"] == "reached"
 
 
 @cache
@@ -121,4 +136,5 @@ def attacked(made: Plan, executor: str, fault: str, seed: int, begins_s: float) 
         "planning_m": robot.planning_m,
         "hottest_C": robot.hottest_C,
         "ailed_s": robot.time_s - begins_s,
+        "mattered_s": 0.0 if math.isnan(robot.mattered_s) else robot.time_s - robot.mattered_s,
     }

@@ -77,7 +77,7 @@ def test_every_ending_is_true_and_leaves_the_robot_off(
     assert found["forced_m"] < 0.03
     if fault.startswith("thermistor"):
         assert found["hottest_C"] < 85.0
-        assert found["ailed_s"] < 60.0 or fault in ("thermistor drifts", "thermistor scaled")
+        assert found["mattered_s"] < 60.0 or fault in ("thermistor drifts", "thermistor scaled")
     assert found["hottest_C"] < 100.0
 
 
@@ -308,6 +308,23 @@ def test_motion_that_does_not_happen_is_doubted_and_a_tenth_of_it_is_not() -> No
     with pytest.raises(DoubtError, match="is its camera alive") as caught:
         moved(0.01, bends=True)
     assert not caught.value.bends
+
+
+@pytest.mark.parametrize(("bends", "stiff"), [((1.44, 0.56), ()), ((1.0, 0.0), (1,))])
+def test_one_of_two_soft_segments_that_alone_is_stiff_is_found_before_it_is_pushed_far(
+    bends: tuple[float, float], stiff: tuple[int, ...]
+) -> None:
+    doubt, found, looks = Doubt(LENGTHS_M), (), 0
+    period = np.array([0.0, 0.0, 0.0, 0.2, 0.2])
+    for _ in range(20):
+        if doubt.take((1, 1), period, period * [1.0, 1.0, 1.0, *bends]):
+            looks += 1
+            try:
+                doubt.judge(0 * period, "both soft")
+            except DoubtError as error:
+                found = error.segments
+                break
+    assert (found, looks) == (stiff, 1)
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.02, True), (0.04, True), (0.06, False)])

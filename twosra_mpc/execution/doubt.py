@@ -26,6 +26,8 @@ MOVING_PER_M = 3.0  # seen while it moves: it bends; beyond the noise of the bel
 RESTING_SHARE = 0.05  # of what was commanded, seen at rest; soft segments at `hard`: 0.06 and more
 RESTING_PER_M = (0.4, 0.8)  # but no less than noise, or more than one that pivots by 2.4 rad a rad
 SPENT_M = 0.016  # way of solid metal after which nothing is tried again
+TOGETHER_PER_M = 2.0  # seen of several soft segments, before each of them is looked for
+STIFF = 0.25  # of their mean; soft segments differ from it by up to 0.44 of it
 STANDS = 0.1  # of the way that bending makes: a solid robot that is bent drives 0.2 of it or more
 
 
@@ -37,12 +39,19 @@ class DoubtError(TwosraError):
         final: Whether it has moved so too far to be tried again.
         stalled: Whether it has bent before in this mode: its shape may be one that wheels cannot
             bend.
+        segments: Those (from 0) that do not bend.
     """
 
     def __init__(
-        self, text: str, *, bends: bool, final: bool = False, stalled: bool = False
+        self,
+        text: str,
+        *,
+        bends: bool,
+        final: bool = False,
+        stalled: bool = False,
+        segments: tuple[int, ...] = (),
     ) -> None:
-        self.bends, self.final, self.stalled = bends, final, stalled
+        self.bends, self.final, self.stalled, self.segments = bends, final, stalled, segments
         super().__init__(text)
 
 
@@ -57,7 +66,9 @@ class Doubt:
         """Nothing has been commanded yet to a robot with segments of these lengths."""
         self._lengths_m, self.pushed_m = np.array(lengths_m), 0.0
         self._mode: Mode = (0,) * len(lengths_m)
-        self._bends, self._bent, self._drive = _Account(), False, _Account()
+        self._size = POSE + len(lengths_m)
+        self._drive, self._bends = _Account(self._size), _Account(self._size)
+        self._bent = self._together = False
 
     def take(self, mode: Mode, commanded: Array, seen: Array) -> bool:
         """Take in a period of driving.
@@ -73,22 +84,22 @@ class Doubt:
         Raises:
             DoubtError: If next to nothing is seen of a rigid drive.
         """
-        lever_m, seen = np.array([1.0, 1.0, ARM_M]), seen.copy()
-        seen[2] = math.remainder(seen[2], math.tau)
+        soft = soft_segments(mode)
         if mode != self._mode:
-            self._mode, self._bends, self._bent = mode, _Account(), False
+            self._mode, self._bends, self._bent = mode, _Account(self._size, soft), False
+            self._together = len(soft) <= 1
         if is_rigid(mode):
-            self._drive.add(lever_m * commanded[:POSE], lever_m * seen[:POSE])
+            self._drive.add(commanded, seen)
             if self._drive.told >= DRIVE_M:
                 told_m, found_m = self._drive.told, self._drive.found
-                self._drive = _Account()
+                self._drive = _Account(self._size)
                 if found_m < SHARE * told_m:
                     raise DoubtError(_still(told_m, found_m), bends=False)
             return False
-        self._bends.add(self._bend(commanded), self._bend(seen), seen, commanded)
-        if self._bends.found >= MOVING_PER_M:
-            self._bends, self._bent = _Account(), True
-        return self._bends.doubtful
+        self._bends.add(commanded, seen)
+        if self._together and self._bends.found >= MOVING_PER_M:
+            self._bends, self._bent = _Account(self._size, soft), True
+        return self._bends.doubtful or (not self._together and self._bends.found >= TOGETHER_PER_M)
 
     def judge(self, seen: Array, known: str) -> None:
         """Judge the bends of a robot that stands and was looked at.
@@ -98,80 +109,86 @@ class Doubt:
             known: What is known about the segments, in words.
 
         Raises:
-            DoubtError: If next to nothing is seen of what is commanded.
+            DoubtError: If next to nothing is seen of what is commanded, or of one segment's part.
         """
         account, stalled = self._bends, self._bent
-        account.add(np.zeros(1), self._bend(seen), seen, np.zeros_like(seen))
-        self._bends = _Account()
-        if account.found >= np.clip(RESTING_SHARE * account.told, *RESTING_PER_M):
-            return
-        self._bent = False
-        soft = soft_segments(self._mode)
-        would_m = account.told * float(self._lengths_m[list(soft)].mean()) * ARM_M
-        if account.pushed_m < PUSHED_M[0] and account.moved_m < STANDS * would_m:
+        account.add(np.zeros_like(seen), seen)
+        account.looks, stiff = account.looks + 1, account.soft
+        if account.found >= account.looks * np.clip(RESTING_SHARE * account.told, *RESTING_PER_M):
+            if self._together or account.found < TOGETHER_PER_M / 2:
+                return  # noise, perhaps: what was pushed counts on until more is seen
+            stiff, self._together = account.stiff, not account.stiff
+            if self._together:
+                return
+        self._bends, self._bent = _Account(self._size, account.soft), False
+        would_m = account.told * float(self._lengths_m[list(stiff)].mean()) * ARM_M
+        still = account.pushed_m < PUSHED_M[0] and account.moved_m < STANDS * would_m
+        if still and stiff == account.soft:
             raise DoubtError(_still(would_m, account.moved_m), bends=False)
         self.pushed_m += 0.0 if stalled else account.pushed_m
-        names = " and ".join(f"segment {segment + 1}" for segment in soft)
-        does = "does" if len(soft) == 1 else "do"
+        names = " and ".join(f"segment {segment + 1}" for segment in stiff)
+        does = "does" if len(stiff) == 1 else "do"
         words = f"{names} {does} not bend: {account.told:.0f} 1/m are commanded"
-        why = f"{account.found:.1f} 1/m are seen on {1e3 * account.pushed_m:.0f} mm"
+        found = abs(float(account.seen[[POSE + segment for segment in stiff]].mean()))
+        why = f"{found:.1f} 1/m are seen on {1e3 * account.pushed_m:.0f} mm"
         text = f"{words}, {why}; {known}: is its thermistor right?"
         final = self.pushed_m > SPENT_M
-        raise DoubtError(text, bends=True, final=final, stalled=stalled)
-
-    def _bend(self, change: Array) -> Array:
-        """Mean change of the soft segments' curvatures, (1,); one that alone is stiff shows."""
-        soft = [POSE + segment for segment in soft_segments(self._mode)]
-        mean: Array = change[soft].mean(keepdims=True)
-        return mean
+        raise DoubtError(text, bends=True, final=final, stalled=stalled, segments=stiff)
 
 
 class _Account:
-    """What was commanded since something was proved, and what was seen of it."""
+    """Changes of q that were commanded since something was proved, and those that were seen."""
 
-    def __init__(self) -> None:
-        self._commanded, self._seen = np.zeros(1), np.zeros(1)
-        self._moved, self._pushed = np.zeros(POSE), np.zeros(2)
+    def __init__(self, size: int, soft: tuple[int, ...] = ()) -> None:
+        self.soft, self._curvatures = soft, [POSE + segment for segment in soft]
+        self._commanded = self.seen = np.zeros(size)
+        self.looks = 0
+
+    def add(self, commanded: Array, seen: Array) -> None:
+        """Add a period."""
+        seen = seen.copy()
+        seen[2] = math.remainder(seen[2], math.tau)
+        self._commanded, self.seen = self._commanded + commanded, self.seen + seen
 
     @property
     def told(self) -> float:
-        """What was commanded."""
-        return float(np.linalg.norm(self._commanded))
+        """What was commanded: the mean bend of the soft segments [1/m], or the way [m]."""
+        return self._amount(self._commanded)
 
     @property
     def found(self) -> float:
-        """What was seen of it."""
-        return float(np.linalg.norm(self._seen))
+        """What was seen of it; one segment that alone is stiff leaves half of it."""
+        return self._amount(self.seen)
+
+    def _amount(self, change: Array) -> float:
+        return abs(float(change[self._curvatures].mean())) if self.soft else _way_m(change)
+
+    @property
+    def stiff(self) -> tuple[int, ...]:
+        """Soft segments that do not bend with the others."""
+        bends = self.seen[self._curvatures]
+        return tuple(np.array(self.soft)[np.abs(bends / bends.mean()) < STIFF].tolist())
 
     @property
     def moved_m(self) -> float:
         """How far the robot has moved, turning included."""
-        return float(np.linalg.norm(self._moved * [1.0, 1.0, ARM_M]))
+        return _way_m(self.seen)
 
     @property
     def pushed_m(self) -> float:
         """How far b0 has moved beyond what was commanded."""
-        return float(np.linalg.norm(self._pushed))
+        return float(np.linalg.norm((self.seen - self._commanded)[:2]))
 
     @property
     def doubtful(self) -> bool:
         """Whether it is time to look for bends."""
-        least_m = PUSHED_M[self.told < TOLD_PER_M]
-        return self.pushed_m >= least_m or self.told >= BEND_PER_M
+        least_m = PUSHED_M[self.told < TOLD_PER_M] + self.looks * PUSHED_M[0]
+        return self.pushed_m >= least_m or self.told >= (1 + self.looks) * BEND_PER_M
 
-    def add(
-        self,
-        commanded: Array,
-        seen: Array,
-        moved: Array | None = None,
-        explained: Array | None = None,
-    ) -> _Account:
-        """Add a period: what counts of it, how q has changed, and how it should have."""
-        self._commanded, self._seen = self._commanded + commanded, self._seen + seen
-        if moved is not None and explained is not None:
-            self._moved = self._moved + moved[:POSE]
-            self._pushed = self._pushed + moved[:2] - explained[:2]
-        return self
+
+def _way_m(change: Array) -> float:
+    """Way of a change of q (3 + n,), turning included [m]."""
+    return float(np.linalg.norm(change[:POSE] * [1.0, 1.0, ARM_M]))
 
 
 def _still(told_m: float, seen_m: float) -> str:

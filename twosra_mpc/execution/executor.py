@@ -197,13 +197,16 @@ class _Execution:
         return None
 
     def _doubted(self, left: Abort) -> tuple[Ending, str] | None:
-        """Heat on and try again, once: a segment may be soft later than its sensor says."""
+        """Heat on and try again, once: a segment may be soft later than its sensor says.
+
+        From then on it is called soft when it has had the heat for it: see `SegmentWatch.doubted`.
+        """
         self.session.tell("failure", left.text)
         self.doubted += 1
         if self.doubted > self.settings.doubts:
             return Ending.SENSOR_FAILED if left.stiff else Ending.NOT_MOVING, left.text
         if left.stiff:
-            self._melt_on(heat_known=True)
+            self._melt_on()
         return None
 
     def _lost(self, text: str) -> tuple[Ending, str] | None:
@@ -239,22 +242,13 @@ class _Execution:
         stuck, self.cooled = self._wait_for_metal(), set()
         return stuck
 
-    def _melt_on(self, *, heat_known: bool = False) -> None:
-        """Hold the soft segments for a while, longer the next times, so that all of it melts.
-
-        With ``heat_known`` until they have had the heat for it, if that is longer.
-        """
+    def _melt_on(self) -> None:
+        """Hold the soft segments for a while, longer the next times, so that all of it melts."""
         session, patience = self.session, self.settings.patience
         end_s = session.now_s + patience.melt_on_s * 2**self.melted_on
-        latest_s = session.now_s + heat_known * patience.melt_on_s * 2**_LONGER
         self.melted_on = min(self.melted_on + 1, _LONGER)
-        while session.now_s < end_s or (session.now_s < latest_s and not self._molten()):
+        while session.now_s < end_s:
             session.rest(self._as_they_become(), patience.rest_s)
-
-    def _molten(self) -> bool:
-        """Whether the segments that are held soft have had the heat for it."""
-        heated = self._as_they_become() >= self.problem.robot.heater.soft_setpoint_C
-        return all(self.session.must_be_soft(j) for j in np.flatnonzero(heated).tolist())
 
     def _plan_again(self) -> tuple[Ending, str] | None:
         """Plan the rest from where the robot is, once nothing is changing any more."""

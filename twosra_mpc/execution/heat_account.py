@@ -15,7 +15,7 @@ from typing import Literal
 
 from twosra_mpc.control.stiffness import stiffness_rule
 from twosra_mpc.robot.description import Robot, segment_model
-from twosra_mpc.thermal.model import SegmentModel, State
+from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
 from twosra_mpc.thermal.uncertainty import Ranges
 
 ABOVE_K = (
@@ -131,6 +131,19 @@ class HeatAccount:
     def must_be_liquid(self) -> bool:
         """Whether the segment that melts last would be liquid."""
         return self._least.liquid
+
+    @property
+    def half_molten(self) -> bool:
+        """Whether half the metal, at least, would still have to freeze at its melting point."""
+        model, state = self._slow.model, self._slow.state
+        half = (model.solid_level + model.liquid_level) / 2
+        solid_C, liquid_C = thresholds_C(model)
+        return solid_C == liquid_C and model.level(state) > half
+
+    @property
+    def surely_liquid(self) -> bool:
+        """Whether it would be, or a sensor that may be a little off shows that it is."""
+        return self._least.liquid or self._slow.liquid
 
     def take(
         self, passed_s: float, setpoint_C: float, current_A: float | None, shown_C: float

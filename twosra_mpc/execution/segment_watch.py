@@ -30,23 +30,25 @@ ENDINGS: dict[Cause, Ending] = {
     "heater": Ending.HEATER_FAILED,
 }
 
-_READABLE_C = NtcDivider().range_C
+_COLDEST_C, _HOTTEST_C = NtcDivider().range_C
 _TWICE = 2  # readings: single ones can be far off
 _SAME_K = 0.5  # metal that freezes shows more between its set-point and its melting point
 _WARMED_K, _SURELY_SOLID_K = 2.0, 5.0  # as the stiffness controller has it
 _CAUGHT_UP_S = 30.0  # after which the sensor shows what the heater does
 _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
-_JUMP_K, _JUMP_K_S, _JUMPED_S = 10.0, 4.0, 2.0  # full current warms by 2 K/s
+_JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
+_COLD_K = 8.0  # below the air, and what was read first
 _STUCK_K = 0.05  # a reading that moves less in `_CAUGHT_UP_S`, its heater off, is no reading
 _FELL_K = 0.5  # the heater off: it follows the metal
-_OFF_K = 0.25  # so far above its set-point no switch lets current flow
+_OFF_K = 1.0  # so far above its set-point no switch lets current flow
 _SAME_S = 10.0  # to the last digit
-_FLICKERS = 20  # times up and down: that is noise
+_FLICKERS = 12  # times up and down: that is noise
 _TIMES_STEADY = 5.0  # as long as ever before: digits may be coarse
 _SLOW_S, _SLOW_SHARE = 50.0, 0.4  # after that it has cooled by so much of what its model says
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
-_CONTRADICTED_S = 60.0  # called soft, by a sensor that is off by 2 K, of metal that begins to melt
+_CONTRADICTED_S = 45.0  # called soft, by a sensor that is off by 2 K, of metal that begins to melt
+_HELD_K = 0.25  # below the set-point a sensor that is off by 2 K does not show metal that melts
 
 
 class SegmentError(RobotError):
@@ -71,7 +73,11 @@ class SegmentError(RobotError):
 
 
 class SegmentWatch:
-    """Watches one segment from reading to reading."""
+    """Watches one segment from reading to reading.
+
+    Attributes:
+        doubted: Whether it did not bend although it was called soft: its sensor may show too much.
+    """
 
     def __init__(
         self,
@@ -94,6 +100,7 @@ class SegmentWatch:
             start_C: Temperature at which it has rested; default: the air's.
         """
         self._segment, self._patience, self._reports = segment, patience, reports
+        self.doubted = self._molten = False
         self._heater = robot.heater
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
         self._unread_s = self._changed_s = self._apart_s = self._fault_s = math.nan
@@ -105,20 +112,21 @@ class SegmentWatch:
             begun_C = air_C if start_C is None else start_C
             self._account = HeatAccount(robot, air_C, segment, begun_C)
             self._model = segment_model(robot, air_C, segment)
-        self._taken_s = self._jumped_s = self._cut_s = self._doubtful_s = math.nan
+        self._called_s, self._air_C, self._coldest_C = math.nan, air_C, _COLDEST_C
+        self._taken_s = self._jumped_s = self._cut_s = self._doubtful_s = self._cold_s = math.nan
         self._same_s, self._sound_s = math.nan, math.nan
-        self._steady_s, self._turns, self._rose = 0.0, 0, False
+        self._steady_s, self._turns, self._rose, self._most_K = 0.0, 0, False, math.inf
         self._off_s, self._off_C = math.nan, (math.inf, -math.inf)
 
     @property
     def may_be_soft(self) -> bool:
-        """Whether enough heat was let in for the segment to be soft."""
-        return self._account is None or self._account.may_be_liquid
+        """Whether the segment has had enough heat to be soft.
 
-    @property
-    def must_be_soft(self) -> bool:
-        """Whether so much heat was let in that the segment is soft."""
-        return self._account is None or self._account.must_be_liquid
+        One that was doubted: for sure, or as long as a melt may take at most.
+        """
+        if self._account is None:
+            return True
+        return self._molten if self.doubted else self._account.may_be_liquid
 
     def allowed_C(self, setpoint_C: float) -> float:
         """Set-point that may be sent where this one is asked for."""
@@ -195,6 +203,11 @@ class SegmentWatch:
                 last_C = known_C
             if math.isfinite(known_C):
                 self._account.take(passed_s, in_force_C, current_A, min(known_C, last_C))
+            if self._asked != "soft" or not self._account.may_be_liquid:
+                self._called_s = time_s
+            self._molten = time_s - self._called_s >= self._longest_s["soft"] or (
+                time_s > self._called_s and (self._molten or self._account.surely_liquid)
+            )
         if current_A is not None or in_force_C <= self._heater.rigid_setpoint_C:
             return not current_A
         return last_C >= in_force_C + _OFF_K
@@ -204,8 +217,9 @@ class SegmentWatch:
         if math.isinf(self._last_C):
             self._sound_s = time_s
             return False
-        most_K = _JUMP_K + _JUMP_K_S * (time_s - self._sound_s)
-        if abs(here_C - self._last_C) <= most_K:
+        if math.isnan(self._jumped_s):
+            self._most_K = _JUMP_K + _JUMP_K_S * (time_s - self._sound_s)
+        if abs(here_C - self._last_C) <= self._most_K:
             self._sound_s, self._jumped_s = time_s, math.nan
             return False
         if math.isnan(self._jumped_s):
@@ -220,7 +234,9 @@ class SegmentWatch:
         since_s = 0.0 if math.isnan(self._same_s) else time_s - self._same_s
         if pair_C[0] != here_C:
             rises = here_C > pair_C[0]
-            self._turns, self._rose = self._turns + (rises != self._rose), rises
+            alone = self._asked != "warm" and here_C < self._heater.melting_point_C + _OFF_BY_K / 2
+            self._turns += alone and rises != self._rose  # it is not regulated there
+            self._rose = rises
             self._same_s, self._steady_s = time_s, max(self._steady_s, since_s)
         elif self._stuck(time_s) and since_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
             words = f"{here_C:.2f} C for {since_s:.0f} s"
@@ -239,10 +255,11 @@ class SegmentWatch:
             self._off_s = time_s
         self._off_C = min(here_C, self._off_C[0]), max(here_C, self._off_C[1])
         since_s, fell_K = time_s - self._off_s, self._off_C[1] - here_C
-        if since_s >= _CAUGHT_UP_S and self._off_C[1] - self._off_C[0] < _STUCK_K:
+        same = self._off_C[1] - self._off_C[0] < _STUCK_K or self._stuck(time_s)
+        if since_s >= _CAUGHT_UP_S and same:
             words = f"{here_C:.1f} C for {since_s:.0f} s, its heater off"
             self._raise("sensor", f"{words}: its sensor shows the same all the time")
-        if self._asked == "rigid" and since_s >= _SLOW_S:
+        if since_s >= _SLOW_S:
             hot = self._model.initial(self._off_C[1])
             then_C = self._model.temperature_C(
                 self._model.propagate(hot, 0.0, since_s - _CAUGHT_UP_S / 2)
@@ -250,17 +267,29 @@ class SegmentWatch:
             then_C = max(then_C, self._heater.melting_point_C + _OFF_BY_K)
             if 0 <= fell_K < _SLOW_SHARE * (self._off_C[1] - then_C):
                 words = f"{fell_K:.1f} K down in {since_s:.0f} s, its heater off"
-                self._raise("cooling", f"{words}: it cools too slowly")
+                if self._asked == "rigid":
+                    self._raise("cooling", f"{words}: it cools too slowly")
+                self._raise("sensor", f"{here_C:.1f} C, {words}: its sensor shows too much")
 
     def _check_account(
         self, time_s: float, here_C: float, stiffness: KnownStiffness | None
     ) -> None:
         """A reading that the heat that was let in contradicts."""
-        account = self._account
-        if account is None or self._asked != "soft":
+        account, solid_C = self._account, self._heater.melting_point_C - _SURELY_SOLID_K
+        if account is None:
+            return
+        if here_C >= solid_C or not account.half_molten:
+            self._cold_s = math.nan
+        elif math.isnan(self._cold_s):
+            self._cold_s = time_s
+        elif time_s - self._cold_s >= _LAGGED_S:
+            self._raise(
+                "sensor", f"{here_C:.1f} C, too early for metal: its sensor shows too little"
+            )
+        if self._asked != "soft":
             self._cut_s = self._doubtful_s = math.nan
             return
-        limit_C, solid_C = account.liquid_above_C, self._heater.melting_point_C - _SURELY_SOLID_K
+        limit_C = account.liquid_above_C
         if (not account.cut and not account.must_be_liquid) or here_C >= limit_C:
             self._cut_s = math.nan
         elif math.isnan(self._cut_s) and account.cut:
@@ -269,8 +298,11 @@ class SegmentWatch:
             words = f"{here_C:.1f} C after heat for {account.at_least_C:.0f} C"
             if self._stuck(time_s):
                 self._raise("sensor", f"{words}: its sensor shows the same all the time")
-            self._raise("heater", f"{words}: a dead heater, or a sensor that lies")
-        if stiffness != "soft" or account.begins_to_melt:
+            what = "a dead heater, a sensor that lies, or firmware that regulates"
+            self._raise("heater", f"{words}: {what} (then hold_duty = 1 in the robot file)")
+        held = here_C >= self._heater.soft_setpoint_C - _HELD_K
+        melts = account.may_be_liquid if held else account.begins_to_melt
+        if stiffness != "soft" or melts:
             self._doubtful_s = math.nan
         elif math.isnan(self._doubtful_s):
             self._doubtful_s = time_s
@@ -282,9 +314,11 @@ class SegmentWatch:
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None
     ) -> bool:
         """Whether there is a temperature that a thermistor can show; not for long without."""
-        coldest, hottest = _READABLE_C
+        coldest, hottest = self._coldest_C, _HOTTEST_C
         if coldest <= temperature_C <= hottest and stiffness is not None:
             self._unread_s = math.nan
+            if math.isinf(self._last_C):
+                self._coldest_C = max(coldest, min(self._air_C, temperature_C) - _COLD_K)
             return True
         if not self._reports and stiffness is None and math.isnan(temperature_C):
             return False
@@ -297,7 +331,7 @@ class SegmentWatch:
                 self._raise("sensor", f"{known}: report it as 'soft', 'rigid' or 'changing'")
             nothing = math.isnan(temperature_C)
             shown = "reports nothing" if nothing else f"reads {temperature_C:g} C"
-            allowed = f"a thermistor reads from {coldest:g} to {hottest:g} C"
+            allowed = f"a thermistor in this air reads from {coldest:.0f} to {hottest:g} C"
             words = f"its sensor {shown} {since}, {allowed}"
             self._raise("sensor", f"{words}: nobody knows how warm it is")
         return False

@@ -176,10 +176,6 @@ class Session:
         """How long a segment (from 0) has been asked for what it is not."""
         return self.now_s - self._since[segment]
 
-    def must_be_soft(self, segment: int) -> bool:
-        """Whether so much heat was let into a segment (from 0) that it is soft."""
-        return self._watches[segment].must_be_soft
-
     def tell(self, kind: run.EventKind, text: str) -> None:
         """Note an event."""
         self.events.append(run.RunEvent(self.now_s, kind, text))
@@ -245,7 +241,9 @@ class Session:
                 self.average(self.setpoint_C, _LOOK * self._frame, _LOOK_S)
                 seen, self._compared = self.q - self._compared[1], (mode, self.q.copy())
                 self._doubt.judge(seen, known)
-        except DoubtError:
+        except DoubtError as doubt:
+            for segment in doubt.segments:
+                self._watches[segment].doubted = True
             self.rest(self.setpoint_C, self.period_s)
             raise
 
