@@ -28,6 +28,7 @@ RESTING_PER_M = (0.4, 0.8)  # but no less than noise, or more than one that pivo
 SPENT_M = 0.016  # way of solid metal after which nothing is tried again
 TOGETHER_PER_M = 2.0  # seen of several soft segments, before each of them is looked for
 STIFF = 0.25  # of their mean; soft segments differ from it by up to 0.44 of it
+BENDS, BENDS_PER_M = 0.5, 1.2  # of what was commanded, or beyond all noise: it bends
 STANDS = 0.1  # of the way that bending makes: a solid robot that is bent drives 0.2 of it or more
 
 
@@ -116,7 +117,9 @@ class Doubt:
         account.looks, stiff = account.looks + 1, account.soft
         if account.found >= account.looks * np.clip(RESTING_SHARE * account.told, *RESTING_PER_M):
             if self._together or account.found < TOGETHER_PER_M / 2:
-                return  # noise, perhaps: what was pushed counts on until more is seen
+                if account.found >= min(BENDS_PER_M, BENDS * account.told):
+                    self._bends = _Account(self._size, account.soft)
+                return  # else it was noise, perhaps: what was pushed counts on
             stiff, self._together = account.stiff, not account.stiff
             if self._together:
                 return
@@ -125,7 +128,8 @@ class Doubt:
         still = account.pushed_m < PUSHED_M[0] and account.moved_m < STANDS * would_m
         if still and stiff == account.soft:
             raise DoubtError(_still(would_m, account.moved_m), bends=False)
-        self.pushed_m += 0.0 if stalled else account.pushed_m
+        part_m = SPENT_M if len(stiff) < len(account.soft) else np.inf  # the rest has bent
+        self.pushed_m += 0.0 if stalled else min(account.pushed_m, part_m)
         names = " and ".join(f"segment {segment + 1}" for segment in stiff)
         does = "does" if len(stiff) == 1 else "do"
         words = f"{names} {does} not bend: {account.told:.0f} 1/m are commanded"

@@ -278,7 +278,7 @@ class SegmentWatch:
         account, solid_C = self._account, self._heater.melting_point_C - _SURELY_SOLID_K
         if account is None:
             return
-        if here_C >= solid_C or not account.half_molten:
+        if here_C >= solid_C or self._shown_C[1] < solid_C or not account.half_molten:
             self._cold_s = math.nan
         elif math.isnan(self._cold_s):
             self._cold_s = time_s
