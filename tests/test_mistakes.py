@@ -265,6 +265,10 @@ def test_no_problem_that_is_right_is_doubted() -> None:
         for name in robot_names():
             load_robot(name)
         robot = load_robot("2sra-v1")
+        wide = {"x_m": (-100.0, 100.0), "y_m": (-100.0, 100.0)}
+        ends = {"start": load_problem("corridor").start, "goal": {"x_m": 0.2}}
+        given = {"robot": robot, **ends, "workspace": wide}
+        assert Problem.parse(given, "mine").unit_doubts == ()
         for ranges in ((0.3, 3.14, 70.0), (4.0, 6.28, 40.0), (0.01, 0.1, 1.0)):
             names = ("position_m", "heading_rad", "curvature_per_m")
             drawn = RandomSet(

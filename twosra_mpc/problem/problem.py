@@ -431,6 +431,7 @@ class Problem(Value):
         """Numbers that are legal and probably in another unit, each with what may be meant."""
         found = self.scenario()
         if self.obstacles or self.workspace:  # a map, whose origin may be far away
+            found["workspace"] = None
             for place in (found["start"], found["goal"] or {}, *found["tasks"]):
                 for key in {"x_m", "y_m"} & place.keys():
                     del place[key]

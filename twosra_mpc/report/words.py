@@ -113,7 +113,7 @@ def caveat_sentences(result: Result) -> Iterator[str]:
     """Say what neither the bound nor the verification is about."""
     yield (
         "All of this is about the model. On hardware a unit that should hold pivots while the"
-        " other one bends: expect 5 to 10 cm and up to 2 rad after a soft phase, unless a camera"
+        " other one bends: expect 1 to 15 cm and up to 1.5 rad after a soft phase, unless a camera"
         " closes the loop."
     )
     if result.problem.objects:
