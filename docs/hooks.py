@@ -23,7 +23,10 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parent.parent
 GALLERY = "gallery.md"
-PUBLIC = ("", ".batch", ".execution", ".execution.tracking", ".plotting", ".report")
+PUBLIC = (
+    *("", ".execution", ".execution.tracking", ".plotting", ".report"),
+    *(".lab.batch", ".lab.figures", ".lab.identification", ".lab.paper"),
+)
 sys.path.append(str(ROOT))  # benchmarks are not installed
 TABLES = importlib.import_module("benchmarks.tables")
 _FIGURE = re.compile(r'```python title="([\w-]+\.\w+)"\n(.*?)```\n', re.DOTALL)
