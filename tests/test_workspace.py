@@ -60,7 +60,8 @@ CUTS = [("paper-2", 0, 1), ("shape-change", 0, 1), ("paper-4", 1, 0)]
 def test_a_plan_that_leaves_is_made_anew_inside(name: str, side: int, axis: int) -> None:
     box = cut(name, side, axis)
     assert box.margin_m(visited(free(name))).min() < -0.01
-    made = plan(free(name).problem.with_values(workspace=box, gap=0.02)).require()
+    problem = free(name).problem.with_values(workspace=box, gap=0.02, time_limit_s=300.0)
+    made = plan(problem).require()
     assert made.verification.ok
     inside = float(box.margin_m(visited(made)).min())
     assert inside >= 0
