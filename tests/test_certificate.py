@@ -18,6 +18,7 @@ from problems import exactly, random_problem
 from twosra_mpc import InputError, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc import installation as installed
 from twosra_mpc.checking import certificate
+from twosra_mpc.checking.body import nearest
 from twosra_mpc.checking.certificate import Bounded, Checker, Proof, check
 from twosra_mpc.checking.fibre import Fibre, between, low
 from twosra_mpc.checking.melts import heat
@@ -25,7 +26,7 @@ from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.proof import Prover
 from twosra_mpc.plans.document import load_plan
-from twosra_mpc.problem.limits import shape_margins
+from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import all_modes
@@ -199,8 +200,29 @@ def test_both_accounts_of_bending_agree(name: str) -> None:
         for j, k in enumerate(kappa.tolist()):
             assert float(fibre.coordinate(j, k)) == pytest.approx(facts.coordinate(k, j), abs=1e-12)
             assert abs(fibre.curvature(j, fibre.coordinate(j, k)) - k) < 1e-2
-        gap = shape_margins(robot, kappa)["unit_gap_m"][0]
-        assert fibre.overlaps(shape) == (gap < -BODY_TOLERANCE_M - 1e-6)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_both_accounts_of_the_body_agree(name: str) -> None:
+    """What certificates forbid is what no verified plan may pass, of all parts of the robot."""
+    robot, rng = ROBOTS[name], np.random.default_rng(1)
+    limit = robot.limits.curvature_per_m
+    shapes = rng.choice([-1, 1], (60, robot.geometry.segments)) * limit
+    shapes *= rng.uniform(0.5, 1.0, shapes.shape)
+    for kappa, gap_m in zip(shapes, body_gaps_m(robot, shapes), strict=True):
+        found = nearest(robot, [[arb(k) for k in kappa]])
+        assert found.meet == (gap_m < -BODY_TOLERANCE_M - 1e-6)
+        assert not found.meet or found.apart_m >= gap_m - 1e-12
+        assert not nearest(robot, [[arb(k, 10) for k in kappa]]).meet  # what is known says nothing
+
+
+@pytest.mark.parametrize(("kappa2", "possible"), [(31.0, True), (31.6, False)])
+def test_a_bend_in_which_a_wheel_meets_a_unit_has_no_plan(kappa2: float, possible: bool) -> None:
+    """Units stay 3.0 and 1.5 mm apart; a wheel and a unit overlap by 0.2 and 1.1 mm."""
+    start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (-30.0, kappa2)}
+    goal = {"kappa_per_m": (57.3, kappa2), "tolerance": "exact"}
+    bound = Checker(Problem(robot=V1, start=start, goal=goal)).leaf_bound(((0, 0), (1, 0), (0, 0)))
+    assert math.isfinite(bound) == possible
 
 
 @pytest.mark.parametrize("robot", ["2sra-v1", "2sr-v2"])

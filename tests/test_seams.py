@@ -19,7 +19,7 @@ MODULES = sorted(path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob(
 # problem is, and may ask which kinds they are: it has a second account of each.
 CERTIFICATES = (
     *("checking/certificate.py", "checking/events.py"),
-    *("checking/fibre.py", "checking/melts.py"),
+    *("checking/body.py", "checking/fibre.py", "checking/melts.py"),
 )
 OF_CERTIFICATES = (
     *("twosra_mpc.errors", "twosra_mpc.problem.problem", "twosra_mpc.problem.tolerances"),

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 from flint import acb, arb
 
+from twosra_mpc.checking.body import nearest
 from twosra_mpc.errors import InputError
-from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
@@ -24,7 +24,7 @@ from twosra_mpc.robot.paths import ArcPath, CardioidPath, LogSpiralPath
 _CELLS = 600  # of the table that inverts W, on either side of zero
 _PIECES = 120  # of a bend
 _MOVES = 1e-5  # of W: a phase that bends by less may be left out
-_OVERLAP_M = BODY_TOLERANCE_M + 1e-6  # by which units overlap in no plan that is verified
+_CLOSE_M, _LOOKS = 0.01, 2  # gaps in which to look closer, and how often
 
 
 def low(x: arb) -> float:
@@ -202,47 +202,18 @@ class Fibre:
             return speed
         return speed.min(arb(limits.wheel_speed_rad_s) * radius)
 
-    def end(self, kappa: Sequence[arb], unit: int) -> tuple[arb, arb, arb]:
-        """Pose in b0 of the fibre end of a unit."""
-        geometry, side = self.robot.geometry, (-1, 1)[unit]
-        x, y, turn, inner = (
-            side * arb(geometry.half_link_m),
-            arb(0),
-            arb(0),
-            geometry.inner_link_of_b0,
-        )
-        outward = range(inner, len(kappa)) if unit else range(inner - 1, -1, -1)
-        for number, j in enumerate(outward):
-            link = geometry.middle_link_m if number else 0.0
-            for run, bent in ((link, arb(0)), (geometry.lengths_m[j], kappa[j])):
-                a = side * run * bent
-                half = (a / 2).sinc()
-                dx, dy = side * run * a.sinc(), side * run * a * half * half / 2
-                c, s = turn.cos(), turn.sin()
-                x, y, turn = x + c * dx - s * dy, y + s * dx + c * dy, turn + a
-        return x, y, turn
-
-    def overlaps(self, kappa: Sequence[arb]) -> bool:
-        """Whether the units surely are nearer to each other than in any plan that is verified.
-
-        By separating axes. The rest of the body may meet as well: to ignore it is to prove less.
-        """
-        geometry = self.robot.geometry
-        half, centres, axes = arb(geometry.unit_side_m) / 2, [], []
-        for unit, side in ((0, -1), (1, 1)):
-            x, y, turn = self.end(kappa, unit)
-            c, s = turn.cos(), turn.sin()
-            along, across = side * (geometry.end_link_m + half), geometry.unit_offset_m
-            centres.append((x + along * c - across * s, y + along * s + across * c))
-            axes += [(c, s), (-s, c)]
-        (x0, y0), (x1, y1) = centres
-        for n, (a, b) in enumerate(axes):
-            others = axes[2:] if n < 2 else axes[:2]
-            extent = half * (1 + sum(abs(a * c + b * s) for c, s in others))
-            apart = abs(a * (x1 - x0) + b * (y1 - y0)) - extent
-            if not apart < self.robot.limits.unit_gap_m - _OVERLAP_M:
-                return False
-        return True
+    def meets_itself(self, mode: Mode, here: Sequence[arb], bend: arb) -> bool:
+        """Whether a bend surely passes a shape in which parts overlap, more than plans may."""
+        begin, end = arb(0), bend
+        for _ in range(_LOOKS):
+            step = (end - begin) / _PIECES
+            shapes = [self._shapes(mode, here, begin + k * step) for k in range(_PIECES + 1)]
+            number, apart_m, meet = nearest(self.robot, shapes)
+            if meet or apart_m > _CLOSE_M:
+                return meet
+            end = begin + min(number + 1, _PIECES) * step
+            begin += max(number - 1, 0) * step
+        return False
 
     def least(self, mode: Mode, here: Sequence[arb], bend: arb) -> Least | None:
         """What a bend takes at least, from rest to rest; None if it passes a forbidden shape.
@@ -256,12 +227,12 @@ class Fibre:
         surely = ends[0] if ends[0] > 0 else ends[1] if ends[1] < 0 else arb(0)
         if surely == 0:
             return NOTHING
+        if self.meets_itself(mode, here, surely):
+            return None
         at_speed, rolled, turned = arb(0), arb(0), [arb(0) for _ in mode]
         piece = abs(surely) / _PIECES
         full_m_s = arb(limits.wheel_speed_rad_s) * self.robot.geometry.wheel_radius_m
         for k in range(_PIECES):
-            if self.overlaps(self._shapes(mode, here, surely * k / _PIECES)):
-                return None
             kappa = self._shapes(mode, here, between(k, k + 1) * surely / _PIECES)
             rate, pace = self.rate_of_w(mode, kappa)
             at_speed += piece / rate if rate.is_finite() else arb(0)

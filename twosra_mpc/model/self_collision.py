@@ -28,7 +28,6 @@ from twosra_mpc.robot.description import Body
 
 UNIT_NAMES = ("unit 1", "unit 2")
 FAR_M = 0.01  # separations beyond this are only bounded
-_SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 _HALF_TURN = math.pi * (1 + 1e-9)
 _BATCH = 256  # shapes
 _BESIDE_M = 1e-9  # rounding in where wheels are mounted
@@ -228,7 +227,7 @@ def _segment(body: Body, q: ca.SX, segment: int) -> Part:
         body.limits.curvature_per_m,
         q[POSE + segment],
     )
-    count = max(1, math.ceil(length * math.sqrt(most / (8 * _SAGITTA_M))))
+    count = body.chords(segment)
     ds = length / count
     pose, step = fibre_poses(geometry, q, segment, ca.DM(0.5 / count)), arc(kappa, ca.DM(ds))
     inward, rectangles = kappa * ds**2 / 16, []

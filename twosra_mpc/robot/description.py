@@ -6,6 +6,7 @@ m, rad, s, A, ohm, C (degrees Celsius), per_m (1/m).
 
 from __future__ import annotations
 
+import math
 import warnings
 from functools import lru_cache
 from pathlib import Path
@@ -27,6 +28,8 @@ from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 
+_SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
+
 
 class Body(NamedTuple):
     """What the motion of a robot depends on, and nothing else: the key of compiled functions."""
@@ -39,6 +42,11 @@ class Body(NamedTuple):
     def body(self) -> Body:
         """Itself, so that a function of a body can be given a robot."""
         return self
+
+    def chords(self, segment: int) -> int:
+        """Number of equal chords that stand for the arc of a segment (from 0)."""
+        length, most = self.geometry.lengths_m[segment], self.limits.curvature_per_m
+        return max(1, math.ceil(length * math.sqrt(most / (8 * _SAGITTA_M))))
 
 
 class Robot(Value):
