@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -14,10 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft7Validator
 
-from twosra_mpc import InputError, Problem, load_problem
-from twosra_mpc.problem.goals import Anywhere, Goal
+from twosra_mpc import InputError, Problem, check_plan, load_problem, plan
+from twosra_mpc.checking.verification import verify
+from twosra_mpc.execution import Ending
+from twosra_mpc.execution.simulation.simulate import simulate
+from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object, read_outline
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task, Visitor
 from twosra_mpc.problem.world import area_m2
 from twosra_mpc.robot.poses import composed, inverse, wrapped
 from twosra_mpc.schema import json_schema
@@ -383,3 +387,43 @@ def test_missions_fit_the_schema_of_scenarios() -> None:
     for task in ({"do": "throw"}, {"object": "cup"}, {**PICK[0], "hold": "tied"}):
         assert not VALIDATOR.is_valid(document(task))
     assert not VALIDATOR.is_valid({k: v for k, v in document().items() if k != "tasks"})
+
+
+def test_a_task_of_ones_own_is_planned_checked_and_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A new kind of task is this class: from the scenario to the run nothing else knows of it."""
+    monkeypatch.setattr(Task, "kinds", dict(Task.kinds))
+
+    class Straighten(Task):
+        """Come to rest straight and frozen, wherever."""
+
+        asks_shape: ClassVar[bool] = True
+
+        do: Literal["straighten"] = "straighten"
+
+        @property
+        def ends_in(self) -> GoalSet:
+            return Goal(kappa_per_m=(0.0, 0.0), tolerance=Tolerance(kappa_per_m=(0.5, 0.5)))
+
+        def accept(self, visitor: Visitor[Any, Any], at: Any) -> Any:
+            return visitor.reached(self.ends_in, self.ends_in.mode, at)
+
+    bent = load_problem("paper-1")
+    problem = bent.with_values(tasks=({"do": "straighten"},))
+    assert problem.tasks == (Straighten(),)
+    found = plan(problem)
+    made = found.require()
+    assert made.verification.ok
+    assert made.cost.total > plan(bent).require().cost.total
+    (done_s,) = made.trajectory.done_s
+    (q,) = made.trajectory.configuration([done_s])
+    assert np.abs(q[3:]).max() <= 0.5 + 1e-6
+    assert made.trajectory.at([done_s]).mode.tolist() == [[0, 0]]
+    found.save(tmp_path / "plan.json")
+    assert check_plan(tmp_path / "plan.json").ok
+    early = replace(made.trajectory, done_s=(0.0,))
+    assert any("straighten" in text for text in verify(early).problems)
+    run = simulate(problem, plan=made).run
+    assert run.ending is Ending.REACHED, run.reason
+    assert len(run.done_s) == 1

@@ -23,7 +23,7 @@ from twosra_mpc.plans.stages import stages, task_words
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Pass, Reach, Release, Task, orders
+from twosra_mpc.problem.tasks import Task, orders
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import named
 from twosra_mpc.timing import transition_model
@@ -239,7 +239,7 @@ def task_costs(made: Plan) -> tuple[TaskCost, ...]:
         soft = [each for each in made.phases if any(each.mode)]
         bends = any(_within(each.end_s, stage.from_s, ends_s) for each in soft)
         used = [item.energy_J(ends_s) - item.energy_J(stage.from_s) for item in heating]
-        shaped = not bends and not isinstance(stage.task, Pass | Carry | Release)
+        shaped = not bends and (stage.task is None or stage.task.asks_shape)
         found.append(
             TaskCost(
                 words=stage.words,
@@ -307,7 +307,7 @@ def _goals(problem: Problem) -> Iterator[tuple[str, tuple[Task, ...], bool]]:
     before: tuple[Task, ...] = ()
     for number, task in enumerate(problem.tasks, start=1):
         before = (*before, task)
-        if not isinstance(task, Pass):
+        if task.rests:
             yield task_words(task, number), before, False
             before = ()
     if before or not problem.ends_anywhere:
@@ -320,10 +320,10 @@ def _alone(problem: Problem, tasks: tuple[Task, ...], goal_is_last: bool) -> Pro
     if goal_is_last:
         return problem.with_values(**given, tasks=tasks)
     *passed, last = tasks
-    if isinstance(last, Reach) and last.mode is None:
-        return problem.with_values(**given, tasks=tuple(passed), goal=last.goal)
-    if isinstance(last, Carry | Release):
-        given["start"] = problem.start.with_values(holding=last.object)
+    if last.as_goal is not None:
+        return problem.with_values(**given, tasks=tuple(passed), goal=last.as_goal)
+    if last.needs_held:
+        given["start"] = problem.start.with_values(holding=last.about)
     return problem.with_values(**given, tasks=tasks, goal=Anywhere())
 
 
@@ -364,7 +364,7 @@ def _in_order(quick: Plan, tasks: tuple[Task, ...], tell: Callable[[str], None])
     begun = [
         task_words(task, number)
         for number, task in enumerate(tasks, start=1)
-        if not isinstance(task, Carry | Release)
+        if not task.needs_held
     ]
     change = f"in the order {', '.join(begun)}"
     tell(change)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from twosra_mpc.checking.sweep import Sweep
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release
 from twosra_mpc.problem.tolerances import OVERLAP_M, TIME_TOLERANCE_S, TOUCHING_M
 from twosra_mpc.problem.world import UNSEEN_M, Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing.transitions import own_transitions
 from twosra_mpc.validation import Pair
 
@@ -87,9 +88,9 @@ def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
     for i, (task, (since_s, at_s)) in enumerate(zip(problem.tasks, spans, strict=True)):
         done = Done(trajectory, sweep, at_s, since_s, poses[i])
         named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:.1f} s"
-        if not isinstance(task, Pass) and not _at_rest(trajectory, at_s):
+        if task.rests and not _at_rest(trajectory, at_s):
             yield f"{named}: the robot moves"
-        yield from (f"{named}: {text}" for text in _CHECKS[type(task)](task, done))
+        yield from (f"{named}: {text}" for text in task.accept(_NotDone(), done))
     for held in carried(trajectory):
         yield from _let_go(trajectory, held)
 
@@ -113,12 +114,6 @@ def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
     return tuple(found)
 
 
-def _pass(task: Pass, done: Done) -> Iterator[str]:
-    first, last = done.sweep.over(done.since_s, done.at_s)
-    if not rounded(task).met(done.sweep.q[first : last + 1, :POSE]).any():
-        yield "is not done: its box is not entered"
-
-
 def rounded(task: Pass) -> Pass:
     """The box, wider by rounding."""
 
@@ -128,55 +123,12 @@ def rounded(task: Pass) -> Pass:
     return Pass(x_m=wider(task.x_m), y_m=wider(task.y_m), phi_rad=wider(task.phi_rad))
 
 
-def _reach(task: Reach, done: Done) -> Iterator[str]:
-    coordinates = done.trajectory.problem.robot.coordinates
-    errors = task.goal.error(done.q.copy())
-    for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
-        if not abs(error) <= ROUNDING:
-            yield f"its goal's {name} is missed by {error:.3g} {unit}"
-    now = stiffness(done.trajectory, done.at_s)
-    if task.mode != "any" and now != task.goal.mode:
-        yield f"the segments are not {mode_name(task.goal.mode)}"
-
-
 def _heading(asked: Pair, done: Done) -> Iterator[str]:
     """B0 heads into an interval, full turns aside."""
     beyond = np.mod(done.q[2] - asked[0] + ROUNDING, math.tau)
     if beyond > asked[1] - asked[0] + 2 * ROUNDING:
         heading = round(float(done.q[2]), 3) + 0.0  # no minus zero
         yield f"b0 heads to {heading:g} rad, not within {asked[0]:g} to {asked[1]:g} rad"
-
-
-def _conform(task: Conform, done: Done) -> Iterator[str]:
-    from twosra_mpc.checking.clearance import depths_m  # loads GEOS
-
-    yield from _heading(task.directions_rad, done)
-    geometry = done.trajectory.problem.robot.geometry
-    lines = robot_shape(geometry, done.q, _POINTS).segments
-    for number in task.segments:
-        gaps = -depths_m(done.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
-        least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
-        if most > 1e3 * (task.gap_m + ROUNDING):
-            asked = f"more than gap_m = {1e3 * task.gap_m:g} mm"
-            yield f"segment {number} is up to {most:.3g} mm away from {task.object}, {asked}"
-        if least < -1e3 * (OVERLAP_M + ROUNDING):
-            yield f"segment {number} overlaps {task.object} by {-least:.3g} mm"
-
-
-def _grasp(task: Grasp, done: Done) -> Iterator[str]:
-    yield from _heading(task.directions_rad, done)
-    if any(stiffness(done.trajectory, done.at_s)):
-        yield "the robot is not rigid"
-    apart = done.apart_m(task.object)
-    if not -OVERLAP_M - ROUNDING <= apart <= TOUCHING_M + ROUNDING:
-        state = f"{1e3 * apart:.3g} mm away from" if apart > 0 else f"{-1e3 * apart:.3g} mm within"
-        yield f"the robot is {state} {task.object}, it does not touch it"
-        return
-    number = [item.name for item in done.trajectory.problem.objects].index(task.object)
-    if task.hold == "pushed":
-        yield from _pushed(number, done)
-    elif not _caged(number, done, apart):
-        yield f"it is not proved that {task.object} cannot leave"
 
 
 def _held_at_start(done: Done) -> Iterator[str]:
@@ -227,41 +179,86 @@ def _pushed(number: int, done: Done) -> Iterator[str]:
         yield f"{thing.name} is pushed where friction does not hold it at {when:.1f} s"
 
 
-def _carry(task: Carry, done: Done) -> Iterator[str]:
-    names = [item.name for item in done.trajectory.problem.objects]
-    x, y, phi = done.objects[names.index(task.object)].tolist()
-    away = math.hypot(x - task.x_m, y - task.y_m)
-    if away > task.position_tolerance_m + ROUNDING:
-        yield f"{task.object} is {1e3 * away:.3g} mm from where it should be"
-    if task.phi_rad is None:
-        return
-    turned = abs(math.remainder(phi - task.phi_rad, math.tau))
-    if turned > task.heading_tolerance_rad + ROUNDING:
-        yield f"{task.object} is turned by {turned:.3g} rad from where it should be"
+class _NotDone:
+    """What is missing of tasks at their ends, in words."""
 
+    def passed(self, task: Pass, at: Done) -> Iterator[str]:
+        """B0 enters the box."""
+        first, last = at.sweep.over(at.since_s, at.at_s)
+        if not rounded(task).met(at.sweep.q[first : last + 1, :POSE]).any():
+            yield "is not done: its box is not entered"
 
-def _release(task: Release, done: Done) -> Iterator[str]:
-    from twosra_mpc.checking.holds import cage_proved
+    def reached(self, goal: GoalSet, mode: Mode | None, at: Done) -> Iterator[str]:
+        """The robot is in the goal set, with that stiffness."""
+        coordinates = at.trajectory.problem.robot.coordinates
+        errors = goal.error(at.q.copy())
+        for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
+            if not abs(error) <= ROUNDING:
+                yield f"its goal's {name} is missed by {error:.3g} {unit}"
+        now = stiffness(at.trajectory, at.at_s)
+        if mode is not None and now != mode:
+            yield f"the segments are not {mode_name(mode)}"
 
-    problem, apart = done.trajectory.problem, done.apart_m(task.object)
-    if apart < problem.clearance_m - UNSEEN_M:
-        asked = f"clearance_m = {1e3 * problem.clearance_m:g} mm"
-        yield f"the robot is {1e3 * apart:.3g} mm from {task.object} ({asked})"
-        return
-    number = [item.name for item in problem.objects].index(task.object)
-    geometry, thing = problem.robot.geometry, problem.objects[number]
-    if cage_proved(geometry, thing, done.objects[number], done.q, 0.0, finest_m=_COARSE_M):
-        yield f"the robot cannot leave: {task.object} is within it"
+    def conformed(self, task: Conform, at: Done) -> Iterator[str]:
+        """Segments lie along the thing, at its surface."""
+        from twosra_mpc.checking.clearance import depths_m  # loads GEOS
 
+        yield from _heading(task.directions_rad, at)
+        geometry = at.trajectory.problem.robot.geometry
+        lines = robot_shape(geometry, at.q, _POINTS).segments
+        for number in task.segments:
+            gaps = -depths_m(at.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
+            least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
+            if most > 1e3 * (task.gap_m + ROUNDING):
+                asked = f"more than gap_m = {1e3 * task.gap_m:g} mm"
+                yield f"segment {number} is up to {most:.3g} mm away from {task.object}, {asked}"
+            if least < -1e3 * (OVERLAP_M + ROUNDING):
+                yield f"segment {number} overlaps {task.object} by {-least:.3g} mm"
 
-_CHECKS: dict[type[Task], Callable[[Any, Done], Iterator[str]]] = {
-    Pass: _pass,
-    Reach: _reach,
-    Conform: _conform,
-    Grasp: _grasp,
-    Carry: _carry,
-    Release: _release,
-}
+    def grasped(self, task: Grasp, at: Done) -> Iterator[str]:
+        """The rigid robot touches the object, and holds it as asked."""
+        yield from _heading(task.directions_rad, at)
+        if any(stiffness(at.trajectory, at.at_s)):
+            yield "the robot is not rigid"
+        apart = at.apart_m(task.object)
+        if not -OVERLAP_M - ROUNDING <= apart <= TOUCHING_M + ROUNDING:
+            state = (
+                f"{1e3 * apart:.3g} mm away from" if apart > 0 else f"{-1e3 * apart:.3g} mm within"
+            )
+            yield f"the robot is {state} {task.object}, it does not touch it"
+            return
+        number = [item.name for item in at.trajectory.problem.objects].index(task.object)
+        if task.hold == "pushed":
+            yield from _pushed(number, at)
+        elif not _caged(number, at, apart):
+            yield f"it is not proved that {task.object} cannot leave"
+
+    def carried(self, task: Carry, at: Done) -> Iterator[str]:
+        """The object is where it is to be."""
+        names = [item.name for item in at.trajectory.problem.objects]
+        x, y, phi = at.objects[names.index(task.object)].tolist()
+        away = math.hypot(x - task.x_m, y - task.y_m)
+        if away > task.position_tolerance_m + ROUNDING:
+            yield f"{task.object} is {1e3 * away:.3g} mm from where it should be"
+        if task.phi_rad is None:
+            return
+        turned = abs(math.remainder(phi - task.phi_rad, math.tau))
+        if turned > task.heading_tolerance_rad + ROUNDING:
+            yield f"{task.object} is turned by {turned:.3g} rad from where it should be"
+
+    def released(self, task: Release, at: Done) -> Iterator[str]:
+        """The robot is clear of the object, and free to leave."""
+        from twosra_mpc.checking.holds import cage_proved
+
+        problem, apart = at.trajectory.problem, at.apart_m(task.object)
+        if apart < problem.clearance_m - UNSEEN_M:
+            asked = f"clearance_m = {1e3 * problem.clearance_m:g} mm"
+            yield f"the robot is {1e3 * apart:.3g} mm from {task.object} ({asked})"
+            return
+        number = [item.name for item in problem.objects].index(task.object)
+        geometry, thing = problem.robot.geometry, problem.objects[number]
+        if cage_proved(geometry, thing, at.objects[number], at.q, 0.0, finest_m=_COARSE_M):
+            yield f"the robot cannot leave: {task.object} is within it"
 
 
 def _let_go(trajectory: Trajectory, held: Carried) -> Iterator[str]:

@@ -11,7 +11,6 @@ from twosra_mpc.checking.sweep import Sweep
 from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Conform, Grasp, Release
 from twosra_mpc.problem.world import Obstacle, World
 
 
@@ -52,7 +51,7 @@ def stages(trajectory: Trajectory, sweep: Sweep) -> list[Stage]:
         if to_s - from_s <= SAME_TIME_S and i == len(problem.tasks):
             break
         task = problem.tasks[i] if i < len(problem.tasks) else None
-        if isinstance(task, Release):
+        if task is not None and task.lets_go:
             held = None
         names = touched_in(problem, i)
         poses = object_poses(trajectory, np.array([(from_s + to_s) / 2]))[0]
@@ -68,7 +67,7 @@ def stages(trajectory: Trajectory, sweep: Sweep) -> list[Stage]:
         span, begins = sweep.over(from_s, to_s), held is not held_before
         found.append(Stage(*span, around, resting, touched, held, begins))
         held_before = held
-        if isinstance(task, Grasp):
+        if task is not None and task.takes:
             held = next(taken)
     return found
 
@@ -79,5 +78,6 @@ def touched_in(problem: Problem, stage: int) -> set[str]:
     It is what that task takes hold of, lets go or lies along, and what the one before lay along.
     """
     own, before = problem.tasks[stage : stage + 1], problem.tasks[max(stage - 1, 0) : stage]
-    names = {task.object for task in own if isinstance(task, Conform | Grasp | Release)}
-    return names | {task.object for task in before if isinstance(task, Conform)}
+    names = {task.about for task in own if task.touches}
+    names |= {task.about for task in before if task.lies_along}
+    return {name for name in names if name}

@@ -19,10 +19,12 @@ from twosra_mpc.execution.settings import Patience
 from twosra_mpc.plans.carried import Carried, carried
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import SAME_TIME_S
+from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.objects import ACCURACY, Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release, Task, carries, grasps
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.poses import composed, wrapped
 
 HOLD_M = 0.010  # an object that is held is no farther from where it was, or what the cage leaves
@@ -77,20 +79,20 @@ class Mission:
         if self._hold is not None:
             return self.problem.objects[self._hold.object].name
         first = self.left[0] if self.left else None
-        return first.object if isinstance(first, Release) else None
+        return first.about if first is not None and first.lets_go else None
 
     @property
     def matters_s(self) -> float:
         """Time of the plan up to which shapes count: the next one that is asked for; inf: none."""
         for task, end_s in zip(self.left, self._ends, strict=False):
-            if isinstance(task, Conform | Reach):
+            if task.asks_shape and not task.takes:
                 return end_s
         return math.inf
 
     @property
     def closes(self) -> bool:
         """Whether the robot closes round an object: which decides what shape it can take."""
-        return bool(self.left) and isinstance(self.left[0], Grasp)
+        return bool(self.left) and self.left[0].takes
 
     def ends_between(self, first_s: float, last_s: float) -> bool:
         """Whether a task is done in a stretch of the plan."""
@@ -99,7 +101,8 @@ class Mission:
     def arrived(self, clock_s: float) -> Abort | None:
         """Look whether tasks are done whose time in the plan has come."""
         while self._ends and self._ends[0] <= clock_s + SAME_TIME_S:
-            if (left := self._missing(self.left[0])) is not None:
+            task = self.left[0]
+            if (left := self._unheld(task) or task.accept(self, _name(task))) is not None:
                 return left
             self._done()
         return None
@@ -134,8 +137,8 @@ class Mission:
         name, first = self._concerned(), self.left[0]
         self.lost[name] += 1
         self.trouble, self._hold = words, None
-        again: tuple[Task, ...] = () if isinstance(first, Grasp) else (self._grasp(name),)
-        if isinstance(first, Release) and name in self._goals:
+        again: tuple[Task, ...] = () if first.takes else (self._grasp(name),)
+        if first.lets_go and name in self._goals:
             again += (self._goals[name],)
         self.left, self._ends = (*again, *self.left), []
         self._watch(None)
@@ -148,7 +151,8 @@ class Mission:
         q = fitted(problem, self.session.q, poses, held)
         objects = [_put(item, pose) for item, pose in zip(problem.objects, poses, strict=True)]
         start = problem.start.with_values(holding=holding)
-        left = [self._aimed(task) if isinstance(task, Carry) else task for task in self.left]
+        aimed = {i: self._aimed(task) for i, task in carries(self.left).items()}
+        left = [aimed.get(i, task) for i, task in enumerate(self.left)]
         self._asked |= dict(zip(left, self.left, strict=True))
         return problem.with_values(start=start, tasks=left, objects=objects), q
 
@@ -166,48 +170,82 @@ class Mission:
 
     def _concerned(self) -> str:
         """Name of the object that the task is about, or that is held meanwhile."""
-        named: str | None = self.holding or getattr(self.left[0], "object", None)
+        named = self.holding or self.left[0].about
         assert named is not None
         return named
 
     def _grasp(self, name: str) -> Grasp:
-        tasks = [task for task in self.problem.tasks if isinstance(task, Grasp)]
+        tasks = grasps(self.problem.tasks).values()
         return next((task for task in tasks if task.object == name), Grasp(object=name))
 
-    def _missing(self, task: Task) -> Abort | None:
-        """Why a task is not done."""
-        session, name = self.session, _name(task)
-        if isinstance(task, Pass):
-            met = task.met(session.path[self._rows :, :POSE]).any()
-            return None if met else Abort("task", f"{name} is not done: the box was not entered")
-        self._look()
-        if session.unseen_s > self._patience.unseen_s:
-            return Abort("camera", session.unseen)
-        if (dropped := self.dropped()) is not None:
-            return dropped
-        match task:
-            case Grasp():
-                return self._not_grasped(task)
-            case Carry():
-                return self._not_carried(self._aimed(task), name)
-            case Release(object=thing):
-                goal = self._goals.get(thing)
-                if goal is not None and self._off(goal) > 1.0:
-                    self._learn(thing)
-                    text = f"{thing} was moved while it was released: {self._where(goal)}"
-                    return Abort("lost", text)
-                return None
-        error = self._error(task)
-        if session.accuracy.surely(error):
+    def _unheld(self, task: Task) -> Abort | None:
+        """Look whether what is held is still there, where a task ends at rest."""
+        if not task.rests:
             return None
-        return Abort("task", f"{name} is not done: {session.accuracy.describe(error)}")
+        self._look()
+        if self.session.unseen_s > self._patience.unseen_s:
+            return Abort("camera", self.session.unseen)
+        return self.dropped()
 
-    def _not_carried(self, task: Carry, name: str) -> Abort | None:
+    def passed(self, task: Pass, at: str) -> Abort | None:
+        """Whether b0 was not in the box since the task before."""
+        met = task.met(self.session.path[self._rows :, :POSE]).any()
+        return None if met else Abort("task", f"{at} is not done: the box was not entered")
+
+    def reached(self, goal: GoalSet, mode: Mode | None, at: str) -> Abort | None:
+        """Whether the robot is not in the goal set."""
+        del mode  # the runner waits for it
+        session = self.session
+        asked = goal.loosened(-session.accuracy.scale(self.problem.robot.coordinates))
+        return self._off_by(asked.error(session.q.copy()), at)
+
+    def conformed(self, task: Conform, at: str) -> Abort | None:
+        """Whether the robot is not where the plan leaves it."""
+        del task
+        error: Array = self.session.q - self.plan.trajectory.configuration([self._ends[0]])[0]
+        error[2] = wrapped(error[2])
+        return self._off_by(error, at)
+
+    def _off_by(self, error: Array, name: str) -> Abort | None:
+        accuracy = self.session.accuracy
+        text = f"{name} is not done: {accuracy.describe(error)}"
+        return None if accuracy.surely(error) else Abort("task", text)
+
+    def carried(self, task: Carry, at: str) -> Abort | None:
         """Whether the object must be carried on: nearer than need be at first, for it may slide."""
+        task = self._aimed(task)
         if self._off(task) <= (_CARRIED_SHARE if self._looks < _LOOKS else 1.0):
             return None
         self._looks += 1
-        return Abort("task", f"{name} is not done: {self._where(task)}")
+        return Abort("task", f"{at} is not done: {self._where(task)}")
+
+    def released(self, task: Release, at: str) -> Abort | None:
+        """Whether the object was moved from where it was carried."""
+        del at
+        goal = self._goals.get(task.object)
+        if goal is None or self._off(goal) <= 1.0:
+            return None
+        self._learn(task.object)
+        text = f"{task.object} was moved while it was released: {self._where(goal)}"
+        return Abort("lost", text)
+
+    def grasped(self, task: Grasp, at: str) -> Abort | None:
+        """Whether the object is neither where it should be held, nor proved to be caged."""
+        del at
+        seen, grip = self.session.objects, self._grips[0]
+        self._room_m = 0.0
+        if seen is None or not seen.seen:
+            return None
+        in_b0 = seen.in_b0[grip.object]
+        away_m = _far_m(in_b0 - grip.pose_in_b0)
+        cage = cage_of(self.problem, self.session.q, grip.object, in_b0)
+        if cage is not None and cage.proved:
+            self._room_m = cage.room_m
+        elif away_m > HOLD_M:
+            where = f"it is {1e3 * away_m:.0f} mm from where it should be held"
+            return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
+        self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
+        return None
 
     def _learn(self, name: str) -> None:
         """Remember how the robot dragged an object along as it opened: it will do so again."""
@@ -227,33 +265,6 @@ class Mission:
         if phi_rad is None and self._looks:  # b0 has the heading for which this was worked out
             phi_rad = float(self.poses()[self._numbers[task.object], 2])
         return task.with_values(x_m=x_m, y_m=y_m, phi_rad=phi_rad)
-
-    def _error(self, task: Task) -> Array:
-        """How far the robot is from where a task leaves it, (3 + n,)."""
-        session, robot = self.session, self.problem.robot
-        if isinstance(task, Reach):
-            goal = task.goal.loosened(-session.accuracy.scale(robot.coordinates))
-            return goal.error(session.q.copy())
-        error: Array = session.q - self.plan.trajectory.configuration([self._ends[0]])[0]
-        error[2] = wrapped(error[2])
-        return error
-
-    def _not_grasped(self, task: Grasp) -> Abort | None:
-        """Whether the object is neither where it should be held, nor proved to be caged."""
-        seen, grip = self.session.objects, self._grips[0]
-        self._room_m = 0.0
-        if seen is None or not seen.seen:
-            return None
-        in_b0 = seen.in_b0[grip.object]
-        away_m = _far_m(in_b0 - grip.pose_in_b0)
-        cage = cage_of(self.problem, self.session.q, grip.object, in_b0)
-        if cage is not None and cage.proved:
-            self._room_m = cage.room_m
-        elif away_m > HOLD_M:
-            where = f"it is {1e3 * away_m:.0f} mm from where it should be held"
-            return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
-        self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
-        return None
 
     def _off(self, task: Carry) -> float:
         """How far the object is from where it is carried, in units of `ACCURACY`."""
@@ -285,22 +296,23 @@ class Mission:
     def _done(self) -> None:
         task, *left = self.left
         self._ends.pop(0)
-        if isinstance(task, Grasp):
+        if task.takes:
             self._hold, self.trouble = self._grips.pop(0), ""
-        if isinstance(task, Carry):
-            self._goals[task.object] = task
         self.left, self._rows = tuple(left), len(self.session.path)
         self._looks = 0
         self._open_before_release()
         self.done_s.append(self.session.now_s)
-        where = f": {self._where(self._aimed(task))}" if isinstance(task, Carry) else ""
+        where = ""
+        for carry in carries([task]).values():
+            self._goals[carry.object] = carry
+            where = f": {self._where(self._aimed(carry))}"
         self.session.tell("task", f"{_name(task)} is done{where}")
         self._watch(task)
 
     def _open_before_release(self) -> None:
         """What is about to be released rests while the robot opens."""
         objects = self.session.objects
-        if self._hold is not None and self.left and isinstance(self.left[0], Release):
+        if self._hold is not None and self.left and self.left[0].lets_go:
             if objects is not None and not objects.seen:
                 objects.poses = self.poses()
             self._put_at = self.poses()[self._hold.object], self.session.q.copy()
@@ -309,9 +321,8 @@ class Mission:
     def _watch(self, before: Task | None) -> None:
         """Have the guard keep from what must not be touched until the next task is done."""
         problem, hold = self.problem, self._hold
-        touched: list[Task] = [before] if isinstance(before, Conform) else []
-        touched += [task for task in self.left[:1] if isinstance(task, Grasp | Conform | Release)]
-        names = {getattr(task, "object", None) for task in touched}
+        names = {before.about} if before is not None and before.lies_along else set()
+        names |= {task.about for task in self.left[:1] if task.touches}
         if not problem.obstacles and not problem.objects and problem.workspace is None:
             return
         free = [
@@ -351,7 +362,7 @@ def _far_m(away: Array) -> float:
 
 
 def _name(task: Task) -> str:
-    return f"{task.do} {task.name or getattr(task, 'object', '')}".strip()
+    return f"{task.do} {task.name or task.about or ''}".strip()
 
 
 def _put(item: Object, pose: Array) -> Object:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twosra_mpc.plans.trajectory import Trajectory
-from twosra_mpc.problem.tasks import Grasp, Release
+from twosra_mpc.problem.tasks import grasps
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.poses import composed, inverse
 
@@ -37,12 +37,12 @@ def carried(trajectory: Trajectory) -> tuple[Carried, ...]:
     names = [item.name for item in problem.objects]
     poses = [item.pose.pose for item in problem.objects]
     begun = [] if problem.start.holding is None else [(-1, problem.start.holding)]
-    begun += [(i, task.object) for i, task in enumerate(problem.tasks) if isinstance(task, Grasp)]
+    begun += [(i, task.object) for i, task in grasps(problem.tasks).items()]
     done_s = (*trajectory.done_s, 0.0)  # the last one is that of number -1
     for i, name in begun:
         number, from_s = names.index(name), done_s[i]
         later = range(i + 1, len(problem.tasks))
-        ends = [k for k in later if isinstance(problem.tasks[k], Release)]
+        ends = [k for k in later if problem.tasks[k].lets_go]
         to_s = done_s[ends[0] - 1] if ends else trajectory.duration_s
         hold, put = trajectory.configuration([from_s, to_s])[:, :POSE]
         pose_in_b0 = composed(inverse(hold), poses[number])
@@ -98,7 +98,7 @@ def mission_document(trajectory: Trajectory) -> dict[str, Any]:
     problem = trajectory.problem
     done = zip(trajectory.done_s, trajectory.configuration(trajectory.done_s), strict=True)
     tasks = [
-        TaskDone(task.do, task.name, getattr(task, "object", None), at_s, tuple(q.tolist()))
+        TaskDone(task.do, task.name, task.about, at_s, tuple(q.tolist()))
         for task, (at_s, q) in zip(problem.tasks, done, strict=True)
     ]
     held = [

@@ -43,5 +43,4 @@ def stages(trajectory: Trajectory) -> tuple[Stage, ...]:
 
 def task_words(task: Task, number: int) -> str:
     """What a task asks, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
-    named = task.name or getattr(task, "object", "")
-    return f"{_WORDS.get(task.do, task.do)} {named or f'goal {number}'}"
+    return f"{_WORDS.get(task.do, task.do)} {task.name or task.about or f'goal {number}'}"

@@ -22,7 +22,7 @@ from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.plotting import figures, plane
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Reach
+from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 
@@ -66,13 +66,12 @@ def targets(trajectory: Trajectory) -> list[tuple[int, Array]]:
     """
     problem, found = trajectory.problem, list[tuple[int, Array]]()
     names = [item.name for item in problem.objects]
-    for task, done_s in zip(problem.tasks, trajectory.done_s, strict=False):
-        if isinstance(task, Carry):
-            number = names.index(task.object)
-            phi = task.phi_rad
-            if phi is None:
-                phi = float(object_poses(trajectory, np.array([done_s]))[0, number, 2])
-            found.append((number, np.array([task.x_m, task.y_m, phi])))
+    for i, task in carries(problem.tasks).items():
+        number, phi = names.index(task.object), task.phi_rad
+        if phi is None:
+            done_s = np.array([trajectory.done_s[i]])
+            phi = float(object_poses(trajectory, done_s)[0, number, 2])
+        found.append((number, np.array([task.x_m, task.y_m, phi])))
     return found
 
 
@@ -80,7 +79,7 @@ def goals(trajectory: Trajectory) -> list[Array]:
     """Configuration (3 + n,) in which each goal is reached, those on the way and the last one."""
     problem = trajectory.problem
     done = zip(problem.tasks, trajectory.done_s, strict=False)
-    on_the_way = [done_s for task, done_s in done if isinstance(task, Reach)]
+    on_the_way = [done_s for task, done_s in done if task.ends_in is not None]
     found = list(trajectory.configuration(on_the_way)) if on_the_way else []
     return [*found, trajectory.samples.q[-1]] if not problem.ends_anywhere else found
 
@@ -259,9 +258,9 @@ def legend_entries(problem: Problem) -> dict[str, Any]:
     entries = resting_entries(problem)
     if problem.objects:
         entries["touches it"] = plane.line(figures.CONTACT_COLOUR, 6)
-    if any(isinstance(task, Carry) for task in problem.tasks):
+    if carries(problem.tasks):
         entries["carried to"] = Patch(fill=False, ec=edge_of(0), ls="--", lw=1.2)
-    if any(isinstance(task, Reach) for task in problem.tasks):
+    if any(task.ends_in is not None for task in problem.tasks):
         entries["goal to reach"] = plane.DASHED
     return entries
 

@@ -24,7 +24,6 @@ from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiff
 from twosra_mpc.plans.trajectory import Phase, Samples
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
-from twosra_mpc.problem.tasks import Conform, Grasp, Release
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
 
@@ -33,7 +32,6 @@ HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each s
 STAGES_IN = 0.8  # for the tasks of a mission
 PANEL_IN, COLUMNS = 2.1, 4  # of snapshots
 HEAD_IN, THIN_LANE_IN, BETWEEN_IN = 0.3, 0.24, 0.16  # of plans side by side
-TOUCHING = (Conform, Grasp, Release)  # tasks that are looked at closely
 ROOM = 0.12  # around what panels show, for names, in its size
 CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
 MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
@@ -106,7 +104,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
     plane.to_one_scale(axes, shown)
     for ax, stage in zip(axes[1:], each, strict=False):
         ax.margins(ROOM)
-        if isinstance(stage.task, TOUCHING):
+        if stage.task is not None and stage.task.touches:
             _look_closely(ax, plan, stage)
     last, part = _end_name(plan), "task" if each else "phase"
     entries = {
@@ -136,7 +134,8 @@ def _draw_stage(ax: Axes, plan: Plan, stage: Stage) -> None:
     for phase in reversed(within):
         _draw_path(ax, phase_rows(trajectory.samples, phase), phase)
     object_figures.draw_objects(ax, plan.problem, poses[0], alpha=figures.FAINT, size_pt=None)
-    ahead = None if isinstance(stage.task, TOUCHING) else object_figures.UP
+    touches = stage.task is not None and stage.task.touches
+    ahead = None if touches else object_figures.UP
     _draw_touched(ax, plan, ends.q[1], poses[1], 3, ahead)
 
 

@@ -26,7 +26,7 @@ from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.problem.tasks import Pass, Reach, Task, task_problems
+from twosra_mpc.problem.tasks import Pass, Task, passes, task_problems
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.problem.world import Obstacles, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -238,8 +238,8 @@ class Problem(Value):
         """Lists that goals on the way have."""
         found: dict[str, tuple[object, ...]] = {}
         for i, task in enumerate(self.tasks):
-            if isinstance(task, Reach):
-                goal, where = task.goal, f"tasks.{i}"
+            if (goal := task.ends_in) is not None:
+                where = f"tasks.{i}"
                 found[f"{where}.kappa_per_m"] = tuple(goal.configuration[POSE:].tolist())
                 found[f"{where}.tolerance.kappa_per_m"] = tuple(goal.half_width[POSE:].tolist())
         return found
@@ -254,8 +254,8 @@ class Problem(Value):
             yield InputError("timing", self.timing, allowed, hint=hint)
         limit = robot.limits.curvature_per_m
         ends = [("start", self.start.configuration), ("goal", self.goal.configuration)]
-        reaches = [(i, task) for i, task in enumerate(self.tasks) if isinstance(task, Reach)]
-        ends += [(f"tasks.{i}", task.goal.configuration) for i, task in reaches]
+        on_the_way = [(f"tasks.{i}", task.ends_in) for i, task in enumerate(self.tasks)]
+        ends += [(where, goal.configuration) for where, goal in on_the_way if goal is not None]
         for j in range(robot.coordinates.segments):
             for where, q in ends:
                 if abs(q[3 + j]) > limit:
@@ -279,9 +279,7 @@ class Problem(Value):
     def _tasks_outside(self) -> Iterator[InputError]:
         """Yield boxes to pass that are wholly outside of the workspace."""
         edges = () if self.workspace is None else (self.workspace.x_m, self.workspace.y_m)
-        for i, task in enumerate(self.tasks):
-            if not isinstance(task, Pass):
-                continue
+        for i, task in passes(self.tasks).items():
             for name, pair, edge in zip(("x_m", "y_m"), (task.x_m, task.y_m), edges, strict=False):
                 if pair and edge and (pair[1] < edge[0] or pair[0] > edge[1]):
                     allowed = f"some of it within the workspace, {edge[0]:g} to {edge[1]:g} m"
@@ -377,7 +375,7 @@ class Problem(Value):
     @property
     def is_mission(self) -> bool:
         """Whether there is more to do than to pass boxes and to reach one goal past obstacles."""
-        return bool(self.objects) or any(not isinstance(task, Pass) for task in self.tasks)
+        return bool(self.objects) or any(task.rests for task in self.tasks)
 
     @property
     def ends_anywhere(self) -> bool:
@@ -387,7 +385,7 @@ class Problem(Value):
     @property
     def passes(self) -> tuple[Pass, ...]:
         """The boxes to pass."""
-        return tuple(task for task in self.tasks if isinstance(task, Pass))
+        return tuple(passes(self.tasks).values())
 
     @property
     def judged_goal(self) -> GoalSet:

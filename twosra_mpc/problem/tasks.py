@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Protocol, TypeVar
 
 import numpy as np
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
@@ -16,6 +16,7 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.validation import (
     Metres,
     MetresPair,
@@ -29,10 +30,60 @@ from twosra_mpc.validation import (
 MOST_PHASES = 5  # of a task: sequences that are longer are bounded, not planned
 
 
+At = TypeVar("At", contravariant=True)
+Made = TypeVar("Made", covariant=True)
+Kind = TypeVar("Kind", bound="Task")
+
+
+class Visitor(Protocol[At, Made]):
+    """Visitor of tasks: a planner, a check or a run says what each elementary one means to it.
+
+    Every method gets what was done so far, and returns what is made of the task.
+    """
+
+    def passed(self, task: Pass, at: At) -> Made:
+        """B0 drives through a box."""
+
+    def reached(self, goal: GoalSet, mode: Mode | None, at: At) -> Made:
+        """The robot comes to rest in a goal set, with a stiffness; None: any."""
+
+    def conformed(self, task: Conform, at: At) -> Made:
+        """Segments lie along a thing."""
+
+    def grasped(self, task: Grasp, at: At) -> Made:
+        """The robot closes around an object."""
+
+    def carried(self, task: Carry, at: At) -> Made:
+        """What is held is driven to a pose."""
+
+    def released(self, task: Release, at: At) -> Made:
+        """The robot opens and leaves what it held."""
+
+
 class Task(Tagged):
-    """Something to do; ``do`` says what."""
+    """Something to do; ``do`` says what.
+
+    Nobody asks which kind of task one is: it says here what follows from it, and ``accept`` says
+    which of the `Visitor`'s elementary tasks it is. So a further kind is one class.
+
+    Attributes:
+        rests: Whether the robot is at rest when it is done; else it is done on the way.
+        asks_shape: Whether the shape in which it is done matters.
+        needs_held: Whether an object is in hand as it begins; None: either.
+        takes: Whether it takes hold of the object that it is about.
+        lets_go: Whether it lets that go.
+        touches: Whether what it is about may be touched until it is done.
+        lies_along: Whether it may be touched until the next task is done, too.
+    """
 
     tag_key: ClassVar[str] = "do"
+    rests: ClassVar[bool] = True
+    asks_shape: ClassVar[bool] = False
+    needs_held: ClassVar[bool | None] = None
+    takes: ClassVar[bool] = False
+    lets_go: ClassVar[bool] = False
+    touches: ClassVar[bool] = False
+    lies_along: ClassVar[bool] = False
 
     do: str
     name: str = ""
@@ -42,9 +93,31 @@ class Task(Tagged):
         del robot
         return self
 
+    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
+        """Have a visitor make something of the task."""
+        raise NotImplementedError(f"{type(self).__name__}.accept")
+
+    @property
+    def about(self) -> str | None:
+        """Name of the object, or obstacle, that it is about."""
+        name: str | None = getattr(self, "object", None)
+        return name
+
+    @property
+    def ends_in(self) -> GoalSet | None:
+        """The goal set in which it is done, if it is one."""
+        return None
+
+    @property
+    def as_goal(self) -> GoalSet | None:
+        """The goal of a problem that says the same, if one does."""
+        return None
+
 
 class Pass(Task):
     """Drive b0 through a box of poses on the way; what is left out is free."""
+
+    rests: ClassVar[bool] = False
 
     do: Literal["pass"] = "pass"
     x_m: MetresPair | None = None
@@ -76,12 +149,18 @@ class Pass(Task):
         found: Array = inside
         return found
 
+    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
+        """A box to pass."""
+        return visitor.passed(self, at)
+
 
 class Reach(Task):
     """Come to rest in a goal; with the keys of ``[goal]``, or a `GoalSet` as ``goal``.
 
     With ``mode = "any"`` the segments may be soft or rigid there; left out, as the goal says.
     """
+
+    asks_shape: ClassVar[bool] = True
 
     do: Literal["reach"] = "reach"
     mode: Literal["any"] | None = None
@@ -107,6 +186,20 @@ class Reach(Task):
         """Return the task with its goal filled in for a robot."""
         return self.with_values(goal=self.goal.of_robot(robot))
 
+    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
+        """A goal to come to rest in."""
+        return visitor.reached(self.goal, None if self.mode == "any" else self.goal.mode, at)
+
+    @property
+    def ends_in(self) -> GoalSet:
+        """Its goal."""
+        return self.goal
+
+    @property
+    def as_goal(self) -> GoalSet | None:
+        """Its goal, unless the segments may be soft or rigid there."""
+        return None if self.mode == "any" else self.goal
+
 
 class Conform(Task):
     """Lay segments along an object or obstacle, to within ``gap_m``.
@@ -114,11 +207,20 @@ class Conform(Task):
     ``segments`` counts from 1; ``directions_rad`` are the headings of b0 that may be used.
     """
 
+    asks_shape: ClassVar[bool] = True
+    needs_held: ClassVar[bool | None] = False
+    touches: ClassVar[bool] = True
+    lies_along: ClassVar[bool] = True
+
     do: Literal["conform"] = "conform"
     object: str
     segments: Several[Annotated[int, Field(ge=1)]] = (1,)
     gap_m: Annotated[float, Field(gt=0.0)] = 0.001
     directions_rad: Pair = (-math.pi, math.pi)
+
+    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
+        """Segments that lie along something."""
+        return visitor.conformed(self, at)
 
 
 class Grasp(Task):
@@ -129,14 +231,25 @@ class Grasp(Task):
     ``directions_rad`` are the headings of b0 that may be used.
     """
 
+    asks_shape: ClassVar[bool] = True
+    needs_held: ClassVar[bool | None] = False
+    takes: ClassVar[bool] = True
+    touches: ClassVar[bool] = True
+
     do: Literal["grasp"] = "grasp"
     object: str
     hold: Literal["caged", "pushed"] = "caged"
     directions_rad: Pair = (-math.pi, math.pi)
 
+    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
+        """A hold of an object."""
+        return visitor.grasped(self, at)
+
 
 class Carry(Task):
     """Drive until the object that is held is at a pose; its heading is free where left out."""
+
+    needs_held: ClassVar[bool | None] = True
 
     do: Literal["carry"] = "carry"
     object: str
@@ -146,12 +259,43 @@ class Carry(Task):
     position_tolerance_m: NonNegative = 0.0
     heading_tolerance_rad: NonNegative = 0.0
 
+    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
+        """A pose to carry an object to."""
+        return visitor.carried(self, at)
+
 
 class Release(Task):
     """Open until the object is free, and drive away from it to ``clearance_m``."""
 
+    needs_held: ClassVar[bool | None] = True
+    lets_go: ClassVar[bool] = True
+    touches: ClassVar[bool] = True
+
     do: Literal["release"] = "release"
     object: str
+
+    def accept(self, visitor: Visitor[At, Made], at: At) -> Made:
+        """An object to open around and to leave."""
+        return visitor.released(self, at)
+
+
+def passes(tasks: Sequence[Task]) -> dict[int, Pass]:
+    """Boxes to pass, by their place among the tasks."""
+    return _of_kind(tasks, Pass)
+
+
+def grasps(tasks: Sequence[Task]) -> dict[int, Grasp]:
+    """Tasks that grasp, by their place."""
+    return _of_kind(tasks, Grasp)
+
+
+def carries(tasks: Sequence[Task]) -> dict[int, Carry]:
+    """Tasks that carry, by their place."""
+    return _of_kind(tasks, Carry)
+
+
+def _of_kind(tasks: Sequence[Task], kind: type[Kind]) -> dict[int, Kind]:
+    return {i: task for i, task in enumerate(tasks) if isinstance(task, kind)}
 
 
 def in_one_go(tasks: Sequence[Task], held: str | None) -> list[tuple[Task, ...]]:
@@ -162,11 +306,11 @@ def in_one_go(tasks: Sequence[Task], held: str | None) -> list[tuple[Task, ...]]
     runs: list[list[Task]] = []
     holding = held is not None
     for task in tasks:
-        if runs and (holding or isinstance(runs[-1][-1], Pass)):
+        if runs and (holding or not runs[-1][-1].rests):
             runs[-1].append(task)
         else:
             runs.append([task])
-        holding = isinstance(task, Grasp) or (holding and not isinstance(task, Release))
+        holding = task.takes or (holding and not task.lets_go)
     return [tuple(run) for run in runs]
 
 
@@ -174,7 +318,7 @@ def orders(tasks: Sequence[Task], held: str | None) -> Iterator[tuple[Task, ...]
     """Yield every order of tasks that may be exchanged, as given first; one thing's keep theirs."""
     runs = in_one_go(tasks, held)
     fixed = runs[:1] if held is not None else []
-    things = [{getattr(task, "object", None) for task in run} - {None} for run in runs]
+    things = [{task.about for task in run} - {None} for run in runs]
     for order in itertools.permutations(range(len(fixed), len(runs))):
         pairs = itertools.combinations(order, 2)
         if not any(j < i and things[i] & things[j] for i, j in pairs):
@@ -196,29 +340,26 @@ def task_problems(
         yield InputError("start.holding", held, allowed)
         return
     for i, task in enumerate(tasks):
-        names = touchable if isinstance(task, Conform) else things
-        named = getattr(task, "object", None)
+        names, named = touchable if task.lies_along else things, task.about
         if named is not None and named not in names:
             allowed = f"one of {', '.join(names)}" if names else "an object; there are none"
             yield InputError(f"tasks.{i}.object", named, allowed)
             return
-        if isinstance(task, Conform):
-            wrong = [j for j in task.segments if j > segments]
-            if wrong or not task.segments:
-                allowed = f"some of 1 to {segments}"
-                yield InputError(f"tasks.{i}.segments", task.segments, allowed)
-        if isinstance(task, Grasp | Conform) and held is not None:
+        if (
+            isinstance(task, Conform)
+            and not set(range(1, segments + 1)) >= set(task.segments) > set()
+        ):
+            yield InputError(f"tasks.{i}.segments", task.segments, f"some of 1 to {segments}")
+        if task.needs_held is False and held is not None:
             yield InputError(f"tasks.{i}.do", task.do, f"release {held} first: it is held")
             return
-        if isinstance(task, Carry | Release) and named != held:
+        if task.needs_held and named != held:
             allowed = f"{held}, which is held" if held else "grasp it first: nothing is held"
             yield InputError(f"tasks.{i}.object", named, allowed)
             return
-        if isinstance(task, Grasp):
-            thing = objects[things.index(task.object)]
-            if task.hold == "pushed" and thing.friction is None:
-                where = f"objects.{things.index(task.object)}.friction"
+        if isinstance(task, Grasp) and task.hold == "pushed":
+            number = things.index(task.object)
+            if objects[number].friction is None:
+                where = f"objects.{number}.friction"
                 yield InputError(where, None, "a number: pushing needs friction")
-            held = task.object
-        elif isinstance(task, Release):
-            held = None
+        held = named if task.takes else None if task.lets_go else held

@@ -23,7 +23,7 @@ from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.stages import stages
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, Release
+from twosra_mpc.problem.tasks import MOST_PHASES, Grasp, grasps
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing import transition_model
@@ -208,11 +208,12 @@ def task_rows(plan: Plan) -> list[TaskRow]:
     """Return the stages of a mission; none where a plan only reaches a goal."""
     trajectory, rows = plan.trajectory, list[TaskRow]()
     held = "held since the start" if plan.problem.start.holding else _NONE
-    for stage in stages(trajectory):
+    taking = grasps(plan.problem.tasks)
+    for number, stage in enumerate(stages(trajectory)):
         words = _at(trajectory.configuration([stage.to_s])[0].tolist())
-        if isinstance(stage.task, Grasp):
-            held = _hold(plan.problem, stage.task)
-        elif isinstance(stage.task, Release):
+        if number in taking:
+            held = _hold(plan.problem, taking[number])
+        elif stage.task is not None and stage.task.lets_go:
             held = _NONE
         rows.append(TaskRow(stage.words, stage.to_s, stage.to_s - stage.from_s, words, held))
     return rows

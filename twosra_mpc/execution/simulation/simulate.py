@@ -21,7 +21,7 @@ from twosra_mpc.planning.planner import plan as find_plan
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.objects import ACCURACY
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Grasp, Release
+from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import POSE
 
 EXECUTORS = ("optimal", "greedy")
@@ -188,11 +188,11 @@ def object_errors(problem: Problem, truth: Truth) -> tuple[float | None, float |
     The goal is where it is carried last, or where it stood if it is never held.
     """
     found = []
-    held = {task.object for task in problem.tasks if isinstance(task, Grasp | Carry | Release)}
-    carries = {task.object: task for task in problem.tasks if isinstance(task, Carry)}
+    held = {task.about for task in problem.tasks if task.takes or task.needs_held}
+    goals = {task.object: task for task in carries(problem.tasks).values()}
     for number, item in enumerate(problem.objects):
-        if item.name in carries:
-            found.append(away(carries[item.name], item, truth.objects[-1, number]))
+        if item.name in goals:
+            found.append(away(goals[item.name], item, truth.objects[-1, number]))
         elif item.name not in held:
             moved = truth.objects[-1, number] - item.pose.pose
             turned = abs(float(moved[2])) if item.disc is None else 0.0

@@ -11,7 +11,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Carry, Reach
+from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
@@ -41,14 +41,14 @@ def check_mission(problem: Problem) -> None:
     )
     check_obstacles(alone.with_values(obstacles=problem.world_with(poses).obstacles))
     for i, task in enumerate(problem.tasks):
-        if isinstance(task, Reach):
-            there = alone.with_values(goal=task.goal)
+        if task.ends_in is not None:
+            there = alone.with_values(goal=task.ends_in)
             for check in (check_shapes, check_workspace, check_obstacles):
                 _named(check, there, i)
-        elif isinstance(task, Carry):
-            number = [item.name for item in problem.objects].index(task.object)
-            target = np.array([task.x_m, task.y_m, task.phi_rad or 0.0])
-            check_apart(f"tasks.{i}", problem.objects[number].at(target), problem.world)
+    for i, carry in carries(problem.tasks).items():
+        number = [item.name for item in problem.objects].index(carry.object)
+        target = np.array([carry.x_m, carry.y_m, carry.phi_rad or 0.0])
+        check_apart(f"tasks.{i}", problem.objects[number].at(target), problem.world)
     placed = list(problem.world.obstacles)
     for i, (item, pose) in enumerate(zip(problem.objects, poses, strict=True)):
         if pose is not None:

@@ -28,14 +28,15 @@ from twosra_mpc.problem.tasks import (
     Conform,
     Grasp,
     Pass,
-    Reach,
     Release,
     Task,
+    carries,
     orders,
 )
 from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.footprint import kept_m
@@ -104,9 +105,9 @@ class Ways:
 
     def _in_order(self, order: tuple[Task, ...]) -> Problem:
         """The problem with its tasks in an order; a goal that comes last is its goal."""
-        last = order[-1] if order else None
-        if self.problem.ends_anywhere and isinstance(last, Reach) and last.mode != "any":
-            return self.problem.with_values(tasks=order[:-1], goal=last.goal)
+        goal = order[-1].as_goal if order else None
+        if self.problem.ends_anywhere and goal is not None:
+            return self.problem.with_values(tasks=order[:-1], goal=goal)
         return self.problem.with_values(tasks=order)
 
     def _begin(self) -> State:
@@ -125,7 +126,7 @@ class Ways:
             allowed = f"where {name} is in the robot's hand; here they overlap, or are apart"
             where = tuple(poses[number].tolist())
             raise InputError(f"objects.{number}.pose", where, allowed) from None
-        if not proved and not isinstance(problem.tasks[0], Release):
+        if not proved and not any(task.lets_go for task in problem.tasks[:1]):
             self._check_pushed(thing, q[POSE:], pose_in_b0)
         return State((), poses, Hold(number, q[POSE:], pose_in_b0, proved))
 
@@ -155,26 +156,14 @@ class Ways:
         """Every way to do the tasks from a number on, and to reach the goal."""
         if task == len(problem.tasks):
             over = problem.ends_anywhere and not state.passes
-            yield state if over else self._reached(state, problem.goal, problem.goal.mode)
+            yield from [state] if over else self.reached(problem.goal, problem.goal.mode, state)
             return
-        for after in self._done(state, problem.tasks[task]):
+        for after in problem.tasks[task].accept(self, state):
             yield from self._from(problem, after, task + 1)
 
-    def _done(self, state: State, task: Task) -> Iterator[State]:
-        match task:
-            case Pass():
-                yield state._replace(passes=(*state.passes, task))
-            case Reach():
-                last = None if task.mode == "any" else task.goal.mode
-                yield self._reached(state, task.goal, last)
-            case Grasp():
-                yield from self._grasped(state, task)
-            case Carry():
-                yield from self._carried(state, task)
-            case Release():
-                yield self._released(state)
-            case Conform():
-                yield from self._conformed(state, task)
+    def passed(self, task: Pass, at: State) -> Iterator[State]:
+        """The box is left to the stage that follows."""
+        yield at._replace(passes=(*at.passes, task))
 
     def _after(self, state: State, stage: Stage) -> State:
         """What comes after a stage; boxes to pass belonged to it, and what was held moved."""
@@ -209,25 +198,25 @@ class Ways:
         ]
         return around.with_values(obstacles=tuple(kept))
 
-    def _reached(self, state: State, goal: GoalSet, last: tuple[int, ...] | None) -> State:
-        world = self._world(state, state.touched)
-        touches = state.touched is not None
-        stage = Stage(goal, last, self.problem.modes, world, touches=touches)
-        return self._after(state, stage)
+    def reached(self, goal: GoalSet, mode: Mode | None, at: State) -> Iterator[State]:
+        """The stage that ends in a goal set."""
+        world, touches = self._world(at, at.touched), at.touched is not None
+        yield self._after(at, Stage(goal, mode, self.problem.modes, world, touches=touches))
 
-    def _grasped(self, state: State, task: Grasp) -> Iterator[State]:
+    def grasped(self, task: Grasp, at: State) -> Iterator[State]:
+        """The stages that end in each touch that holds an object as asked."""
         number = self._number(task.object)
         thing = self.problem.objects[number]
         for touch in self._grasps(thing, task):
-            ends = placed(touch, state.poses[number], thing, task.directions_rad)
+            ends = placed(touch, at.poses[number], thing, task.directions_rad)
             if not len(ends.poses):
                 continue
-            stage = self._touching(state, task.object, _shape(touch.kappa), ends)
+            stage = self._touching(at, task.object, _shape(touch.kappa), ends)
             stage = replace(stage, reshapes=task.hold == "caged")  # it gets in no more than out
             apart = thing.disc is not None and self._turned_as_asked(task.object)
             for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
-                after = self._after(state, replace(stage, ends=some))
-                where = composed(inverse(some[0]), state.poses[number]) if apart else None
+                after = self._after(at, replace(stage, ends=some))
+                where = composed(inverse(some[0]), at.poses[number]) if apart else None
                 pose_in_b0 = touch.pose_in_b0 if where is None else where
                 hold = Hold(number, touch.kappa, pose_in_b0, task.hold == "caged")
                 yield after._replace(hold=hold, key=(*after.key, *touch.kappa.round(2).tolist()))
@@ -247,8 +236,8 @@ class Ways:
 
     def _turned_as_asked(self, name: str) -> bool:
         """Whether an object is to be carried to a heading."""
-        carries = (task for task in self.problem.tasks if isinstance(task, Carry))
-        return any(task.object == name and task.phi_rad is not None for task in carries)
+        own = (task for task in carries(self.problem.tasks).values() if task.object == name)
+        return any(task.phi_rad is not None for task in own)
 
     def _grasps(self, thing: Object, task: Grasp) -> tuple[Touch, ...]:
         """Touches that hold an object as asked, a few of each shape."""
@@ -270,8 +259,9 @@ class Ways:
         self._known[key] = tuple(_a_few(touches))
         return self._known[key]
 
-    def _carried(self, state: State, task: Carry) -> Iterator[State]:
-        hold = state.hold
+    def carried(self, task: Carry, at: State) -> Iterator[State]:
+        """The stages that end with what is held at a pose."""
+        hold = at.hold
         assert hold is not None, "checked with the problem"
         thing = self.problem.objects[hold.number]
         headings, step_rad = np.array([task.phi_rad or 0.0]), 0.0
@@ -288,17 +278,17 @@ class Ways:
                 _shape(hold.kappa),
                 self.problem.robot.rigid,
                 self._rigid,
-                self._world(state),
+                self._world(at),
                 ends=some,
                 within_m=step_rad * float(np.hypot(*hold.pose_in_b0[:2])),
             )
-            yield self._after(state, stage)
+            yield self._after(at, stage)
 
-    def _released(self, state: State) -> State:
+    def released(self, task: Release, at: State) -> Iterator[State]:
         """Let go: a caged object by opening all around it, by so much at least."""
-        hold = state.hold
+        hold = at.hold
         assert hold is not None, "checked with the problem"
-        free = state._replace(hold=None)
+        free = at._replace(hold=None)
         first, *others = (
             (self._opened(hold.kappa, share) for share in _OPEN)
             if hold.caged
@@ -308,14 +298,14 @@ class Ways:
             first,
             None,
             self.problem.modes,
-            self._world(free, self.problem.objects[hold.number].name),
+            self._world(free, task.object),
             drives_first=False,
             reshapes=hold.caged,
             openings=tuple(others),
             away=self._world(free),
             touches=True,
         )
-        return self._after(free, stage)
+        yield self._after(free, stage)
 
     def _opened(self, kappa: Array, share: float) -> GoalSet:
         """Shapes in which bent segments have no more than a share of their curvature."""
@@ -326,11 +316,12 @@ class Ways:
             middle[j], width[j] = sum(ends) / 2, (ends[1] - ends[0]) / 2
         return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=tuple(width)))
 
-    def _conformed(self, state: State, task: Conform) -> Iterator[State]:
+    def conformed(self, task: Conform, at: State) -> Iterator[State]:
+        """The stages that end with segments along a thing."""
         names = [item.name for item in self.problem.objects]
         if task.object in names:
             number = names.index(task.object)
-            thing, pose = self.problem.objects[number].own, state.poses[number]
+            thing, pose = self.problem.objects[number].own, at.poses[number]
         else:
             world = self.problem.world
             thing = world.obstacles[world.names.index(task.object)]
@@ -344,8 +335,8 @@ class Ways:
             if not len(ends.poses):
                 continue
             shape = _shape(touch.kappa, touch.slack_per_m)
-            stage = self._touching(state, task.object, shape, ends)
-            after = self._after(state, stage)._replace(touched=task.object)
+            stage = self._touching(at, task.object, shape, ends)
+            after = self._after(at, stage)._replace(touched=task.object)
             yield after._replace(key=(*after.key, *np.nan_to_num(touch.kappa).round(2).tolist()))
 
     def _length_m(self, stages: Sequence[Stage]) -> float:

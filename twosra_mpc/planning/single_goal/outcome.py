@@ -13,7 +13,7 @@ from twosra_mpc.plans.plan import Cost, Plan
 from twosra_mpc.plans.sampling import sample
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.problem.tasks import passes
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
 
@@ -58,11 +58,11 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
         return ()
     start = problem.start.with_values(holding=None)
     plain = Trajectory(problem.with_values(start=start, tasks=(), objects=()), samples, (), ())
-    done, stages = [0.0], iter(ends_s)
-    for task in problem.tasks:
-        if isinstance(task, Pass):
+    done, stages, boxes = [0.0], iter(ends_s), passes(problem.tasks)
+    for i in range(len(problem.tasks)):
+        if i in boxes:
             t = np.arange(done[-1], samples.t_s[-1], _LOOK_S)
-            met = task.met(plain.configuration(t)[:, :POSE])
+            met = boxes[i].met(plain.configuration(t)[:, :POSE])
             done.append(float(t[met.argmax()]))
         else:
             done.append(next(stages))
