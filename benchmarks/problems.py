@@ -73,17 +73,19 @@ def labelled(choices: Sequence[str]) -> Mapping[str, Problem]:
         InputError: If there is no such set, or the number is none.
     """
     named: dict[str, Problem] = {}
+    for choice in _known(choices):
+        name, _, first = choice.partition(":")
+        named |= list(load_set(name).items())[: int(first) if first else None]
+    return FrozenDict(named)
+
+
+def _known(choices: Sequence[str]) -> Sequence[str]:
+    """``choices``, each the name of a set, perhaps with a number; problems are drawn when used."""
     for choice in choices:
         name, _, first = choice.partition(":")
         if name not in set_names() or not (first or "1").isdigit():
             allowed = f"one of {', '.join(set_names())}, or the first so many of one, as in tiny:3"
             raise InputError("problems", choice, allowed)
-        named |= list(load_set(name).items())[: int(first) if first else None]
-    return FrozenDict(named)
-
-
-def _known(choices: tuple[str, ...]) -> tuple[str, ...]:
-    labelled(choices)
     return choices
 
 

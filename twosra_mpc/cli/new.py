@@ -78,7 +78,7 @@ def _robot(source: str, name: str) -> str:
     if name in built_in_names("robots"):
         raise InputError("NAME", name, "a name that no built-in robot has")
     _check_built_in(source, "robot")
-    from twosra_mpc.robot.copies import renamed_robot  # CasADi takes a second
+    from twosra_mpc.robot.copies import renamed_robot  # half a second
 
     return renamed_robot(source, name)
 
