@@ -36,7 +36,7 @@ _SETTINGS: dict[Any, Any] = {
 _DOT: dict[str, Any] = {"marker": "o", "ms": 2.6, "mfc": LIGHT, "mec": GREY, "mew": 0.5, "ls": ""}
 _STOPPED = {**_DOT, "marker": "^", "ms": 4.0, "mfc": "white", "mec": BLACK}
 _WITHOUT = {**_DOT, "marker": "x", "ms": 4.0, "mec": BLACK, "mew": 0.9}
-_PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
+_PLAIN = FuncFormatter(lambda value, _: f"{value:zg}")
 _FREEZE = "freezing time of a segment [s]"
 
 Plans = Mapping[str, PlanRecord]
@@ -121,7 +121,7 @@ def draw_sequences(sweep: Sweep, times: Sequence[float], reference_s: float, pat
                     ax.plot([i - 0.5] * 2, [row - 0.38, row + 0.38], color=BLACK, lw=1.2)
         ax.set(xlim=(-0.5, len(times) - 0.5), ylim=(len(sweep) - 0.5, -0.5),
                xlabel=f"{_FREEZE}, and how many times faster than the robot as it is")  # fmt: skip
-        names = [f"{freeze:g}\n{reference_s / freeze:.3g}$\\times$" for freeze in times]
+        names = [f"{freeze:zg}\n{reference_s / freeze:z.3g}$\\times$" for freeze in times]
         ax.set_xticks(range(len(times)), names)
         ax.set_yticks(range(len(sweep)), list(sweep))
         ax.grid(visible=False)
@@ -191,7 +191,7 @@ def draw_growth(
         axes = list(figure.subplots(2, 2).flat)
         for ((faster, gap), plans), colour in zip(searches.items(), COLOURS[1:], strict=False):
             walls = {n: [plan.timing.median_s for plan in some] for n, some in plans.items()}
-            _spread(axes[0], walls, colour, f"{faster:g} x as fast, gap {100 * gap:g} %")
+            _spread(axes[0], walls, colour, f"{faster:zg} x as fast, gap {100 * gap:zg} %")
         _draw_limit(axes[0], limit_s, "limit")
         axes[0].set(yscale="log", xlabel="max_phases", ylabel="wall time [s]")
         axes[0].set_title("whole search", loc="left")
@@ -201,7 +201,7 @@ def draw_growth(
             if len(values) > 1:
                 scale, slope = power_law([*values], [np.median(v) for v in values.values()])
                 ax.plot([*values], scale * np.array([*values]) ** slope, color=BLACK, lw=1.0,
-                        label=f"fit: x$^{{{slope:.2f}}}$")  # fmt: skip
+                        label=f"fit: x$^{{{slope:z.2f}}}$")  # fmt: skip
             _log(ax, xlabel=name, ylabel="CPU time [s]")
             ax.set_xticks([*values])
             ax.minorticks_off()

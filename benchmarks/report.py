@@ -75,6 +75,11 @@ def _cells(table: str) -> list[tuple[str, ...]]:
     return [head, *rows]
 
 
+def number(value: float, form: str) -> str:
+    """A number, without the sign of what is rounded to zero."""
+    return format(value, f"z{form}") if form else str(value)
+
+
 def head(columns: str) -> str:
     """Begin a Markdown table with columns that are separated by bars."""
     return f"| {columns} |\n|{'---|' * (columns.count('|') + 1)}"
@@ -87,7 +92,7 @@ def figure(file: str, caption: str) -> str:
 
 def joined(values: Iterable[Any], form: str = "") -> str:
     """Numbers in one table cell, separated by slashes; a dash without any."""
-    return " / ".join(f"{value:{form}}" for value in values) or "-"
+    return " / ".join(number(value, form) for value in values) or "-"
 
 
 def words(value: Any) -> str:
@@ -99,7 +104,7 @@ def words(value: Any) -> str:
 def share(flags: Iterable[bool]) -> str:
     """A rate with what it counts, e.g. ``99 % (99 of 100)``."""
     counted = list(flags)
-    return f"{100 * np.mean(counted):.3g} % ({sum(counted)} of {len(counted)})"
+    return f"{100 * np.mean(counted):z.3g} % ({sum(counted)} of {len(counted)})"
 
 
 def counted(values: Iterable[str]) -> str:
@@ -110,12 +115,12 @@ def counted(values: Iterable[str]) -> str:
 def milliseconds(seconds: float) -> str:
     """A time in ms, three digits."""
     value = 1e3 * seconds
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+    return f"{value:z.0f}" if value >= 100 else f"{value:z.3g}"
 
 
 def percent(ratio: float | None) -> str:
     """A ratio in percent, two digits; a dash where there is none."""
-    return "-" if ratio is None else f"{100 * ratio:.2g} %"
+    return "-" if ratio is None else f"{100 * ratio:z.2g} %"
 
 
 def quantiles(
@@ -161,6 +166,6 @@ _ENVIRONMENT = Environment(  # Markdown, which needs no escaping
 )
 _ENVIRONMENT.filters |= {
     item.__name__: item
-    for item in (joined, words, share, counted, milliseconds, percent, quantiles)
+    for item in (number, joined, words, share, counted, milliseconds, percent, quantiles)
 }
 _ENVIRONMENT.globals |= {"head": head, "figure": figure, "worst": worst}

@@ -24,7 +24,7 @@ def thermally_faster(robot: Robot, factor: float) -> Robot:
     thin = wire / factor**0.25
     turns = segment.coil.turns / factor**0.5 * (core + wire) / (core + thin)
     document = robot.model_dump(mode="json")
-    document["name"] = f"{robot.name}, {factor:g} times faster thermally"
+    document["name"] = f"{robot.name}, {factor:zg} times faster thermally"
     document["segment"]["metal"]["density_kg_per_m3"] /= factor
     document["segment"]["rubber"]["density_kg_per_m3"] /= factor
     document["segment"]["coil"] |= {"wire_diameter_m": thin, "turns": turns}

@@ -282,5 +282,16 @@ def test_records_are_copied_with_validation() -> None:
         assert not used & {"model_copy", "model_construct"}, module
 
 
+def test_no_number_is_printed_as_minus_zero() -> None:
+    """Each format of a float says "z" (PEP 682); templates have a filter that does."""
+    for path in (*PACKAGE.rglob("*.py"), *(PACKAGE.parent / "benchmarks").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FormattedValue) and node.format_spec:
+                form = ast.unparse(node.format_spec)[2:-1]
+                assert "z" in form or form[-1] not in "eEfFgG%}", f"{path}:{node.lineno}: {form}"
+    for path in (*PACKAGE.rglob("*.html"), *(PACKAGE.parent / "benchmarks").rglob("*.md")):
+        assert "| format(" not in path.read_text(), path
+
+
 def test_the_top_level_stays_small() -> None:
     assert len([module for module in MODULES if "/" not in module]) <= TOP_LEVEL_MODULES

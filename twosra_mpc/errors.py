@@ -120,8 +120,8 @@ class ContradictionError(TwosraError, RuntimeError):
     def __init__(self, cost: float, bound: float) -> None:
         self.cost, self.bound = cost, bound
         super().__init__(
-            f"a plan costs {cost:.9g} although its mode sequence was proved to cost {bound:.9g} at"
-            " least: this is a bug of twosra_mpc, and neither the bound nor the plan can be"
+            f"a plan costs {cost:z.9g} although its mode sequence was proved to cost {bound:z.9g}"
+            " at least: this is a bug of twosra_mpc, and neither the bound nor the plan can be"
             " trusted; please report it with the robot and the scenario"
         )
 

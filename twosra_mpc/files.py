@@ -87,7 +87,7 @@ def number(text: str | None, field: str, source: str) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST:
-        raise InputError(field, text, f"a finite number, at most {LARGEST:g} in size", source)
+        raise InputError(field, text, f"a finite number, at most {LARGEST:zg} in size", source)
     return value
 
 

@@ -225,7 +225,7 @@ def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str
     number, unit = float(found[1].replace(",", ".")), f"_{_WRITTEN.get(found[2], found[2])}"
     if unit in OTHER_UNITS and key.endswith(OTHER_UNITS[unit][0]):
         return f"did you mean {_converted(number, unit)}, a bare number?"
-    return f"did you mean {number:g}, without quotes?"
+    return f"did you mean {number:zg}, without quotes?"
 
 
 _TOML = {  # what a line that is no TOML looks like -> what was probably meant
@@ -308,7 +308,7 @@ def doubts(document: Any, name: str = "") -> Iterator[str]:
         for item in document:
             yield from doubts(item, name)
     elif hint := other_unit(name, document):
-        yield f"{name} = {document:g}: {hint}"
+        yield f"{name} = {document:zg}: {hint}"
 
 
 def _are_per_mm(bends: list[Any] | tuple[Any, ...]) -> bool:
@@ -320,12 +320,12 @@ def _are_per_mm(bends: list[Any] | tuple[Any, ...]) -> bool:
 
 def _meant(field: str, value: float, ending: str) -> str:
     if ending == _SHARE:
-        return f"{value:g} % are {value / 100:g}: did you mean {value / 100:g}?"
+        return f"{value:zg} % are {value / 100:zg}: did you mean {value / 100:zg}?"
     given = {"_per_mm": "1/mm", "_mm_s": "mm/s", "_deg": "degrees", "_min": "minutes"}
     number, unit = _converted(value, ending), unit_of(field.rpartition(".")[2])
-    return f"{value:g} {given.get(ending, ending[1:])} are {number} {unit}: did you mean {number}?"
+    return f"{value:zg} {given.get(ending, ending[1:])} are {number} {unit}: did you mean {number}?"
 
 
 def _converted(value: float, ending: str) -> str:
     _, factor, added = OTHER_UNITS[ending]
-    return f"{factor * value + added:.4g}"
+    return f"{factor * value + added:z.4g}"

@@ -49,7 +49,7 @@ def _at_least(least: float) -> AfterValidator:
 
     def checked(value: float) -> float:
         if value < least:
-            raise ValueError(f"at least {least:g}")
+            raise ValueError(f"at least {least:zg}")
         return value
 
     return AfterValidator(checked)

@@ -87,7 +87,7 @@ class AttackStudy(Study):
         except Exception as error:  # whatever the planner raises is a finding
             return AttackRecord(*told, None, (), f"{type(error).__name__}: {error}")
         broken = tuple(
-            f"{claim.of}: {claim.bound:.6f} s" for claim in found if not made.bears(claim.bound)
+            f"{claim.of}: {claim.bound:z.6f} s" for claim in found if not made.bears(claim.bound)
         )
         slack = None if broken else made.slack(max(claim.bound for claim in found))
         return AttackRecord(*told, slack, broken, status=status)

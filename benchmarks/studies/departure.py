@@ -102,7 +102,9 @@ class Departure(Study):
             for name in ("rigid_m", "soft_m", "needed_m"):
                 values = [each for made in of_level for each in made[name]]
                 quantiles = np.quantile(values, (0.5, 0.9, 0.99, 1.0)) if values else [np.nan] * 4
-                rows.append((level, name, len(values), [f"{1e3 * each:.1f}" for each in quantiles]))
+                rows.append(
+                    (level, name, len(values), [f"{1e3 * each:z.1f}" for each in quantiles])
+                )
         return {"rows": rows}
 
 

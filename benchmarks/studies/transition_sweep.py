@@ -69,5 +69,5 @@ class TransitionSweep(PlanStudy):
         return {
             **{"sweep": sweep, "columns": columns, "slow": slow, "fast": fast, "changes": changes},
             "different": sum(p[slow].sequence != p[fast].sequence for p in sweep.values()),
-            "every": {f"{case.problem} at {case.freeze_s:g} s": made for case, made in results},
+            "every": {f"{case.problem} at {case.freeze_s:zg} s": made for case, made in results},
         }

@@ -115,7 +115,7 @@ def in_words(path: Sequence[Activity]) -> tuple[tuple[float, str], ...]:
     for item in path:
         prepared = lead is not None and lead.segments == item.segments
         if lead is not None and prepared and item.kind in ("melt", "freeze"):
-            moving = f"{lead.duration_s:.1f} s of it while the robot may still move"
+            moving = f"{lead.duration_s:z.1f} s of it while the robot may still move"
             told[-1] = (lead.duration_s + item.duration_s, f"{item} ({moving})")
         elif item.kind == "melt":
             state = "is molten" if len(item.segments) == 1 else "are molten"

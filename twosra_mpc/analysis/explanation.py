@@ -105,7 +105,7 @@ class Alternative:
 def price_words(more_s: float, cost_s: float) -> str:
     """How much more another plan costs than one of ``cost_s``, in words."""
     if more_s < -_SAME_S:
-        return f"{-more_s:.2f} s less: this plan is not the best"
+        return f"{-more_s:z.2f} s less: this plan is not the best"
     percent = 100 * more_s / cost_s if cost_s else 0.0
     digits = 1 if abs(percent) >= 1 else 3
     return f"{more_s:+z.2f} s ({percent:+z.{digits}f} %)"
@@ -138,15 +138,15 @@ class Explanation:
         if self.reshaping is not None:
             lines += [f"  {words}" for words in (*self.reshaping.why, *self.reshaping.places)]
         if self.critical_path:
-            lines.append(f"The {self.critical_path[-1].end_s:.1f} s are")
+            lines.append(f"The {self.critical_path[-1].end_s:z.1f} s are")
             told = in_words(self.critical_path)
-            lines += [f"  {duration:8.2f} s {words}" for duration, words in told]
+            lines += [f"  {duration:z8.2f} s {words}" for duration, words in told]
         if self.hidden:
             lines.append("At the same time, at no cost")
-            lines += [f"  {one.activity.duration_s:8.2f} s {one}" for one in self.hidden]
+            lines += [f"  {one.activity.duration_s:z8.2f} s {one}" for one in self.hidden]
         if self.alternatives:
             quick = self.alternatives[0].original
-            compared = f", compared at full speed ({quick.cost.total:.2f} s for this plan)"
+            compared = f", compared at full speed ({quick.cost.total:z.2f} s for this plan)"
             lines.append(f"Instead{'' if quick is self.result.plan else compared}")
             lines += [f"  {other}" for other in self.alternatives]
         if not self.complete:
@@ -252,11 +252,11 @@ def _why(made: Plan) -> Iterator[str]:
     for item in critical_path(made):
         if item.kind in ("melt", "freeze") and len(item.segments) > 1:
             times = ("twice", "three times", "four times")[len(item.segments) - 2]
-            yield f"{item} at the same time takes {item.duration_s:.1f} s once, not {times}"
-    yield f"the robot moves for {made.moving_s:.1f} s of {made.cost.time_s:.1f} s"
+            yield f"{item} at the same time takes {item.duration_s:z.1f} s once, not {times}"
+    yield f"the robot moves for {made.moving_s:z.1f} s of {made.cost.time_s:z.1f} s"
     if made.lower_bound is not None:
         policy = transition_model(made.problem).policy
-        yield f"proved: no plan costs less than {made.lower_bound:.2f} s under {policy}"
+        yield f"proved: no plan costs less than {made.lower_bound:z.2f} s under {policy}"
 
 
 def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternative]:
@@ -321,9 +321,9 @@ def _changes(original: Plan) -> Iterator[tuple[str, Callable[[], tuple[Problem, 
         yield "with one heater at a time", partial(_with, problem, heaters_at_once=1)
     kinds = {item.to for item in original.transitions}
     if "rigid" in kinds:
-        yield f"freezing {SLOWER:g} times slower", partial(slowed, problem, "freeze", SLOWER)
+        yield f"freezing {SLOWER:zg} times slower", partial(slowed, problem, "freeze", SLOWER)
     if "soft" in kinds:
-        yield f"melting {SLOWER:g} times slower", partial(slowed, problem, "melt", SLOWER)
+        yield f"melting {SLOWER:zg} times slower", partial(slowed, problem, "melt", SLOWER)
 
 
 def _changes_among_obstacles(
@@ -344,7 +344,7 @@ def _changes_among_obstacles(
         yield f"the next best way round: {gap} closed", partial(_with, closed)
         break
     farther = problem.clearance_m + FARTHER_M
-    change = f"with {1e3 * FARTHER_M:g} mm more clearance"
+    change = f"with {1e3 * FARTHER_M:zg} mm more clearance"
     yield change, partial(_with, problem, clearance_m=farther)
 
 
@@ -373,7 +373,7 @@ def _next_best(original: Plan) -> Alternative:
         return Alternative("with the next best mode sequence", "", original, found)
     details = ""
     if cheapest.found and cheapest.lower_bound is not None:
-        details = f"melts more than it needs; none costs less than {cheapest.lower_bound:.1f} s"
+        details = f"melts more than it needs; none costs less than {cheapest.lower_bound:z.1f} s"
     return Alternative("with any other mode sequence", details, original, cheapest)
 
 

@@ -148,20 +148,20 @@ class MissionExplanation:
         """What came of planning goal by goal, in words."""
         if other.trouble:
             return other.trouble
-        each = " + ".join(f"{one.require().cost.total:.1f}" for one in other.results)
+        each = " + ".join(f"{one.require().cost.total:z.1f}" for one in other.results)
         count = sum(item.to == "soft" for item in self.quick.transitions) if self.quick else 0
-        return f"{each} = {other.cost:.1f} s; melts: {other.melts}, in one plan {count}"
+        return f"{each} = {other.cost:z.1f} s; melts: {other.melts}, in one plan {count}"
 
     def __str__(self) -> str:
         lines = [self.result.message]
         for each in self.tasks:
-            cost = f"{each.duration_s:8.2f} s {each.energy_J:6.0f} J"
+            cost = f"{each.duration_s:z8.2f} s {each.energy_J:z6.0f} J"
             lines.append(f"  {cost} {each.words}: {each.shares}")
         if self.critical_path:
-            lines.append(f"The {self.critical_path[-1].end_s:.1f} s are")
-            lines += [f"  {lasts:8.2f} s {words}" for lasts, words in in_words(self.critical_path)]
+            lines.append(f"The {self.critical_path[-1].end_s:z.1f} s are")
+            lines += [f"  {lasts:z8.2f} s {words}" for lasts, words in in_words(self.critical_path)]
         if self.quick is not None:
-            lines.append(f"Instead, at full speed ({self.quick.cost.total:.2f} s for this plan)")
+            lines.append(f"Instead, at full speed ({self.quick.cost.total:z.2f} s for this plan)")
         for way in self.goal_by_goal:
             told = (str(way), self.price(way), self.outcome(way))
             lines.append("  " + ": ".join(filter(None, told)))

@@ -80,7 +80,7 @@ def find_passages(
         raise InputError("robot", robot.name, "one of two segments: shapes are drawn in a plane")
     most = robot.limits.curvature_per_m
     if not most / _MOST_STEPS <= step_per_m < math.inf:
-        allowed = f"a finite number, at least {most / _MOST_STEPS:g} 1/m"
+        allowed = f"a finite number, at least {most / _MOST_STEPS:zg} 1/m"
         raise InputError("step_per_m", step_per_m, allowed)
     count = math.floor(most / step_per_m)
     kappa = step_per_m * np.arange(-count, count + 1, dtype=float)

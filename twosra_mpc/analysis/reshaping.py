@@ -78,10 +78,10 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         here, there = (
-            f"({x:.3f}, {y:.3f}) m, {math.degrees(phi):.0f} deg"
+            f"({x:z.3f}, {y:z.3f}) m, {math.degrees(phi):z.0f} deg"
             for x, y, phi in (self.begin, self.end)
         )
-        share = f"{100 * self.room:.0f} % of the places within {_ROOM_M:g} m"
+        share = f"{100 * self.room:z.0f} % of the places within {_ROOM_M:zg} m"
         return f"{sequence_name(self.modes)} from {here} to {there}: room for it at {share}"
 
 

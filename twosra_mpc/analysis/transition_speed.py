@@ -34,7 +34,7 @@ def slowed(problem: Problem, kind: Kind, factor: float) -> tuple[Problem, str]:
     after = before.slowed(kind, factor)
     timing = {**problem.robot.timing, problem.timing: after}
     words = [
-        f"{key} {old:g} -> {new:g} s"
+        f"{key} {old:zg} -> {new:zg} s"
         for (key, old), (_, new) in zip(before, after, strict=True)
         if new != old
     ]
@@ -74,9 +74,11 @@ def _weakened(problem: Problem, kind: Kind, factor: float) -> tuple[Problem, str
     for one in (kind, other):
         before, after = (reference_s(each, air, one) for each in (robot, made))
         still = math.isclose(before, after, rel_tol=1e-3)
-        takes = f"still takes {after:.4g} s" if still else f"takes {after:.4g} s, not {before:.4g}"
+        takes = (
+            f"still takes {after:z.4g} s" if still else f"takes {after:z.4g} s, not {before:z.4g}"
+        )
         effects.append(f"a {one} {takes}")
-    return problem.with_values(robot=made), f"{cause} x {share:.3g}: {'; '.join(effects)}"
+    return problem.with_values(robot=made), f"{cause} x {share:z.3g}: {'; '.join(effects)}"
 
 
 def _share(excess: Callable[[float], float]) -> float | None:

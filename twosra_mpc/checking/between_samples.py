@@ -52,11 +52,12 @@ def between_problems(trajectory: Trajectory) -> Iterator[str]:
         if worst.max() > 1 + RATE_TOLERANCE:
             by = (worst.max() - 1) * limit.most(robot)
             when = fine.t_s[rows[int(worst.argmax())]]
-            yield f"limit {limit.name} exceeded by up to {by:.3g} at {when:.3f} s, between samples"
+            when = f"at {when:z.3f} s, between samples"
+            yield f"limit {limit.name} exceeded by up to {by:z.3g} {when}"
     moved_m = parts_moved_m(robot, np.abs(kappa[1] - kappa[0]))
     margins = [shape_margins(robot, end) for end in kappa]
     for gap in (UNIT_GAP, BODY_GAP):
         least = (margins[0][gap.name] + margins[1][gap.name] - moved_m) / 2
         if least.min() < -BODY_TOLERANCE_M:
             when, by = fine.t_s[rows[int(least.argmin())]], -least.min()
-            yield f"limit {gap.name} exceeded by up to {by:.3g} at {when:.3f} s, between samples"
+            yield f"limit {gap.name} exceeded by up to {by:z.3g} at {when:z.3f} s, between samples"

@@ -340,9 +340,9 @@ def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float
         found = least(margins, sweep.carried_m(carried.radius_m), stage.first, stage.last)
         margin = 0.0 if abs(found.distance_m) <= _ROUNDING_M else found.distance_m
         if margin < worst:
-            when = f"at {sweep.t_s[found.at]:.1f} s"
+            when = f"at {sweep.t_s[found.at]:z.1f} s"
             worst = margin
-            words = f"the {carried.name} leaves the workspace by {-1e3 * margin:.3g} mm {when}"
+            words = f"the {carried.name} leaves the workspace by {-1e3 * margin:z.3g} mm {when}"
     return worst, words
 
 
@@ -360,9 +360,9 @@ def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[f
             left = OVERLAP_M + min(found.distance_m, 0.0)
             left = 0.0 if abs(left) <= _ROUNDING_M else left
             if left < worst:
-                deep, when = 1e3 * (OVERLAP_M - left), f"at {sweep.t_s[found.at]:.1f} s"
-                words = f"overlaps {item.name} by {deep:.3g} mm {when}"
-                worst, words = left, f"{words} (where it may touch it, {1e3 * OVERLAP_M:g} mm)"
+                deep, when = 1e3 * (OVERLAP_M - left), f"at {sweep.t_s[found.at]:z.1f} s"
+                words = f"overlaps {item.name} by {deep:z.3g} mm {when}"
+                worst, words = left, f"{words} (where it may touch it, {1e3 * OVERLAP_M:zg} mm)"
     return worst, words
 
 
@@ -374,15 +374,15 @@ def touching(problem: Problem, item: Obstacle) -> Surroundings:
 def _too_near(problem: Problem, found: Clearance, asked: float, own: bool) -> str:
     who = f"the {found.of} " if found.of else ""
     if found.least_m <= 0:
-        deep = f"{-1e3 * found.least_m:.3g} mm at {found.at_s:.1f} s"
+        deep = f"{-1e3 * found.least_m:z.3g} mm at {found.at_s:z.1f} s"
         return f"{who}runs into {found.name} by {deep}"
-    here = f"comes within {1e3 * found.least_m:.3g} mm of {found.name} at {found.at_s:.1f} s"
+    here = f"comes within {1e3 * found.least_m:z.3g} mm of {found.name} at {found.at_s:z.1f} s"
     if own:
         since = "when it was taken" if found.of else "at its start"
-        return f"{who}{here}, nearer than {since} ({1e3 * asked:.3g} mm)"
+        return f"{who}{here}, nearer than {since} ({1e3 * asked:z.3g} mm)"
     wide = 1e3 * (asked - problem.clearance_m)
-    uncertain = f", and {wide:.3g} mm for curvature_uncertainty_per_m" if wide else ""
-    return f"{who}{here} (clearance_m = {1e3 * problem.clearance_m:g} mm{uncertain})"
+    uncertain = f", and {wide:z.3g} mm for curvature_uncertainty_per_m" if wide else ""
+    return f"{who}{here} (clearance_m = {1e3 * problem.clearance_m:zg} mm{uncertain})"
 
 
 def check_obstacles(problem: Problem) -> None:
@@ -417,16 +417,16 @@ def check_obstacles(problem: Problem) -> None:
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
     """What an end of a problem would have to be, and is not: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
-    hit = [f"{name} by {-1e3 * m:.1f} mm" for name, m, _ in named if m < -_ROUNDING_M]
+    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, _ in named if m < -_ROUNDING_M]
     if hit:
         return f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
     near = [
-        f"{name} is {1e3 * m:.3g} mm away, {1e3 * (least - m):.3g} mm too near"
+        f"{name} is {1e3 * m:z.3g} mm away, {1e3 * (least - m):z.3g} mm too near"
         for name, m, least in named
         if m < least
     ]
     return (
-        f"a robot {1e3 * asked:.3g} mm or more from every obstacle (clearance_m, and what"
+        f"a robot {1e3 * asked:z.3g} mm or more from every obstacle (clearance_m, and what"
         f" curvature_uncertainty_per_m adds); here {', '.join(near)}: move it or lower clearance_m"
     )
 

@@ -51,7 +51,7 @@ def heating_problems(trajectory: Trajectory) -> Iterator[str]:
     many = (count > problem.heaters_at_once) & lasting
     if many.any():
         hot = "both" if count[many][0] == 2 else count[many][0]
-        yield f"at {samples.t_s[many][0]:.3f} s {hot} heaters are on"
+        yield f"at {samples.t_s[many][0]:z.3f} s {hot} heaters are on"
 
 
 def _by_curve(trajectory: Trajectory, segment: int, own: tuple[Transition, ...]) -> Iterator[str]:
@@ -86,7 +86,7 @@ def _by_model(trajectory: Trajectory, segment: int, own: tuple[Transition, ...])
     )
     name = f"segment {segment + 1}"
     if wrong.any():
-        yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:.3f} s"
+        yield f"{name}: its currents leave it changing at {samples.t_s[:-1][wrong][0]:z.3f} s"
     for item in own:
         yield from _window_problems(problem, model, item, _at(states, _row(samples, item.heater_s)))
     ends: list[tuple[str, float]] = [(item.to, item.done_s) for item in own]
@@ -105,11 +105,11 @@ def _metal_problems(
     apart = np.abs(temperature - samples.temperature_C[:, segment])
     if apart.max() > _TEMPERATURE_TOLERANCE_C:
         when = samples.t_s[int(np.argmax(apart))]
-        yield f"{name}: its currents make it {apart.max():.3g} C warmer or colder at {when:.3f} s"
+        yield f"{name}: its currents make it {apart.max():z.3g} C warmer or colder at {when:z.3f} s"
     apart = np.abs(fraction - samples.melt_fraction[:, segment])
     if apart.max() > _FRACTION_TOLERANCE:
         when = samples.t_s[int(np.argmax(apart))]
-        yield f"{name}: its currents melt {apart.max():.3g} more or less of it at {when:.3f} s"
+        yield f"{name}: its currents melt {apart.max():z.3g} more or less of it at {when:z.3f} s"
 
 
 def _command_problems(
@@ -126,11 +126,11 @@ def _command_problems(
         for i in range(2)
     )
     if setpoint.any():
-        yield f"at {t[setpoint][0]:.3f} s {heater} does not do what the transitions say"
+        yield f"at {t[setpoint][0]:z.3f} s {heater} does not do what the transitions say"
     if current.any():
         row = int(np.argmax(current))
-        asked = f"{sides[0][1][row]:.3g} A of the heating policy"
-        yield f"at {t[row]:.3f} s {heater} gives {given[1][row]:.3g} A, not the {asked}"
+        asked = f"{sides[0][1][row]:z.3g} A of the heating policy"
+        yield f"at {t[row]:z.3f} s {heater} gives {given[1][row]:z.3g} A, not the {asked}"
 
 
 class _Span(NamedTuple):
@@ -162,8 +162,8 @@ def _policy_problems(
     held = np.isnan(holds) & np.isnan(commands(samples.t_s + TIME_TOLERANCE_S)[1])
     wrong = held & (np.abs(model.temperature_C(states) - asked) > _TEMPERATURE_TOLERANCE_C)
     if wrong.any():
-        held_C = f"hold the {asked[wrong][0]:g} C of the heating policy"
-        yield f"at {samples.t_s[wrong][0]:.3f} s heater {segment + 1} does not {held_C}"
+        held_C = f"hold the {asked[wrong][0]:zg} C of the heating policy"
+        yield f"at {samples.t_s[wrong][0]:z.3f} s heater {segment + 1} does not {held_C}"
 
 
 def _policy(
@@ -210,7 +210,7 @@ def _unreached(
     missing = model.liquid_level - here if to == "soft" else here - model.solid_level
     if missing <= _missed(model):
         return None
-    return f"do not make it {to} until {when:.3f} s"
+    return f"do not make it {to} until {when:z.3f} s"
 
 
 def _missed(model: SegmentModel) -> float:
@@ -249,12 +249,12 @@ def _window_problems(
         early, late = window.freeze_early, window.freeze_late
     onset = item.heater_s + early * _until(model, state, current, begin)
     done = item.heater_s + late * model.time_until(state, current, end)
-    name = f"segment {item.segment} to {item.to} at {item.heater_s:.3f} s"
+    name = f"segment {item.segment} to {item.to} at {item.heater_s:z.3f} s"
     off_s = TIME_TOLERANCE_S + model.replay_tolerance * (item.done_s - item.heater_s)
     if abs(item.onset_s - onset) > off_s:
-        yield f"{name}: begins to change at {onset:.3f} s{_than(item.onset_s, onset)}"
+        yield f"{name}: begins to change at {onset:z.3f} s{_than(item.onset_s, onset)}"
     if abs(item.done_s - done) > off_s:
-        yield f"{name}: has changed at {done:.3f} s{_than(item.done_s, done)}"
+        yield f"{name}: has changed at {done:z.3f} s{_than(item.done_s, done)}"
 
 
 def _until(model: SegmentModel, state: State, current_A: float, level: float) -> float:
@@ -266,4 +266,4 @@ def _until(model: SegmentModel, state: State, current_A: float, level: float) ->
 
 def _than(said: float, true: float) -> str:
     """Compare a time with what is said of it."""
-    return f", before {said:.3f} s" if true < said else f" only, after {said:.3f} s"
+    return f", before {said:z.3f} s" if true < said else f" only, after {said:z.3f} s"

@@ -87,7 +87,7 @@ def mission_problems(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:
     yield from _held_at_start(Done(trajectory, sweep, 0.0, 0.0, at_start))
     for i, (task, (since_s, at_s)) in enumerate(zip(problem.tasks, spans, strict=True)):
         done = Done(trajectory, sweep, at_s, since_s, poses[i])
-        named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:.1f} s"
+        named = f"task {i + 1} ({f'{task.do} {task.name}'.strip()}) at {at_s:z.1f} s"
         if task.rests and not _at_rest(trajectory, at_s):
             yield f"{named}: the robot moves"
         yield from (f"{named}: {text}" for text in task.accept(_NotDone(), done))
@@ -127,8 +127,8 @@ def _heading(asked: Pair, done: Done) -> Iterator[str]:
     """B0 heads into an interval, full turns aside."""
     beyond = np.mod(done.q[2] - asked[0] + ROUNDING, math.tau)
     if beyond > asked[1] - asked[0] + 2 * ROUNDING:
-        heading = round(float(done.q[2]), 3) + 0.0  # no minus zero
-        yield f"b0 heads to {heading:g} rad, not within {asked[0]:g} to {asked[1]:g} rad"
+        heading = round(float(done.q[2]), 3)
+        yield f"b0 heads to {heading:zg} rad, not within {asked[0]:zg} to {asked[1]:zg} rad"
 
 
 def _held_at_start(done: Done) -> Iterator[str]:
@@ -143,11 +143,11 @@ def _held_at_start(done: Done) -> Iterator[str]:
     thing, apart = problem.objects[number], done.apart_m(problem.start.holding)
     named = f"start.holding: {thing.name} is not held"
     if apart < -OVERLAP_M - ROUNDING:
-        yield f"{named}: the robot overlaps it by {-1e3 * apart:.3g} mm"
+        yield f"{named}: the robot overlaps it by {-1e3 * apart:z.3g} mm"
     elif _caged(number, done, apart):
         return
     elif apart > TOUCHING_M + ROUNDING:
-        yield f"{named}: it is {1e3 * apart:.3g} mm from touching, and no cage is proved"
+        yield f"{named}: it is {1e3 * apart:z.3g} mm from touching, and no cage is proved"
     elif thing.friction is None:
         yield f"{named}: no cage is proved, and it has no friction to be pushed by"
     else:
@@ -176,7 +176,7 @@ def _pushed(number: int, done: Done) -> Iterator[str]:
     wrong = rows & samples.moves[:-1] & ~kept
     if wrong.any():
         when = samples.t_s[:-1][wrong][0]
-        yield f"{thing.name} is pushed where friction does not hold it at {when:.1f} s"
+        yield f"{thing.name} is pushed where friction does not hold it at {when:z.1f} s"
 
 
 class _NotDone:
@@ -194,7 +194,7 @@ class _NotDone:
         errors = goal.error(at.q.copy())
         for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
             if not abs(error) <= ROUNDING:
-                yield f"its goal's {name} is missed by {error:.3g} {unit}"
+                yield f"its goal's {name} is missed by {error:z.3g} {unit}"
         now = stiffness(at.trajectory, at.at_s)
         if mode is not None and now != mode:
             yield f"the segments are not {mode_name(mode)}"
@@ -210,10 +210,10 @@ class _NotDone:
             gaps = -depths_m(at.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
             least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
             if most > 1e3 * (task.gap_m + ROUNDING):
-                asked = f"more than gap_m = {1e3 * task.gap_m:g} mm"
-                yield f"segment {number} is up to {most:.3g} mm away from {task.object}, {asked}"
+                asked = f"more than gap_m = {1e3 * task.gap_m:zg} mm"
+                yield f"segment {number} is up to {most:z.3g} mm away from {task.object}, {asked}"
             if least < -1e3 * (OVERLAP_M + ROUNDING):
-                yield f"segment {number} overlaps {task.object} by {-least:.3g} mm"
+                yield f"segment {number} overlaps {task.object} by {-least:z.3g} mm"
 
     def grasped(self, task: Grasp, at: Done) -> Iterator[str]:
         """The rigid robot touches the object, and holds it as asked."""
@@ -223,7 +223,9 @@ class _NotDone:
         apart = at.apart_m(task.object)
         if not -OVERLAP_M - ROUNDING <= apart <= TOUCHING_M + ROUNDING:
             state = (
-                f"{1e3 * apart:.3g} mm away from" if apart > 0 else f"{-1e3 * apart:.3g} mm within"
+                f"{1e3 * apart:z.3g} mm away from"
+                if apart > 0
+                else f"{-1e3 * apart:z.3g} mm within"
             )
             yield f"the robot is {state} {task.object}, it does not touch it"
             return
@@ -239,12 +241,12 @@ class _NotDone:
         x, y, phi = at.objects[names.index(task.object)].tolist()
         away = math.hypot(x - task.x_m, y - task.y_m)
         if away > task.position_tolerance_m + ROUNDING:
-            yield f"{task.object} is {1e3 * away:.3g} mm from where it should be"
+            yield f"{task.object} is {1e3 * away:z.3g} mm from where it should be"
         if task.phi_rad is None:
             return
         turned = abs(math.remainder(phi - task.phi_rad, math.tau))
         if turned > task.heading_tolerance_rad + ROUNDING:
-            yield f"{task.object} is turned by {turned:.3g} rad from where it should be"
+            yield f"{task.object} is turned by {turned:z.3g} rad from where it should be"
 
     def released(self, task: Release, at: Done) -> Iterator[str]:
         """The robot is clear of the object, and free to leave."""
@@ -252,8 +254,8 @@ class _NotDone:
 
         problem, apart = at.trajectory.problem, at.apart_m(task.object)
         if apart < problem.clearance_m - UNSEEN_M:
-            asked = f"clearance_m = {1e3 * problem.clearance_m:g} mm"
-            yield f"the robot is {1e3 * apart:.3g} mm from {task.object} ({asked})"
+            asked = f"clearance_m = {1e3 * problem.clearance_m:zg} mm"
+            yield f"the robot is {1e3 * apart:z.3g} mm from {task.object} ({asked})"
             return
         number = [item.name for item in problem.objects].index(task.object)
         geometry, thing = problem.robot.geometry, problem.objects[number]
@@ -273,4 +275,4 @@ def _let_go(trajectory: Trajectory, held: Carried) -> Iterator[str]:
             until = min((end for end in rigid_from if end > since), default=math.inf)
             if since < held.to_s - TIME_TOLERANCE_S and until > held.from_s + TIME_TOLERANCE_S:
                 when = max(since, held.from_s)
-                yield f"segment {j + 1} is not rigid at {when:.1f} s, while {name} is held"
+                yield f"segment {j + 1} is not rigid at {when:z.1f} s, while {name} is held"

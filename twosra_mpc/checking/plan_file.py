@@ -125,12 +125,14 @@ def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
     """Every rule of motion: first those with a margin."""
     checked = found.verification
     margin = DEFECT_TOLERANCE - checked.max_defect
-    departs = f"departs from the samples by {checked.max_defect:.2g} (m, rad or 1/m)"
+    departs = f"departs from the samples by {checked.max_defect:z.2g} (m, rad or 1/m)"
     yield Check("re-integration", departs, margin >= 0, margin)
     errors = zip(coordinates.names, coordinates.units, checked.goal_error, strict=True)
     for name, unit, error in errors:
         margin = GOAL_TOLERANCE - abs(error)
-        yield Check(f"goal.{name}", f"missed by {abs(error):.2g} {unit}", margin >= 0, margin, unit)
+        yield Check(
+            f"goal.{name}", f"missed by {abs(error):z.2g} {unit}", margin >= 0, margin, unit
+        )
     for name, margin in checked.limits.items():
         state = "kept" if margin >= 0 else "exceeded"
         yield Check(f"limit {name}", state, margin >= 0, margin, _UNITS[name])
@@ -180,18 +182,18 @@ def _between_samples(trajectory: Trajectory) -> Check:
 def _currents(samples: Samples) -> Check:
     """A current that flows backwards would heat as well, but no driver can send it."""
     least = float(samples.heater_current_A.min())
-    return Check("heater currents", f"at least {least:g} A", least >= 0, least, "A")
+    return Check("heater currents", f"at least {least:zg} A", least >= 0, least, "A")
 
 
 def _cost(plan: Plan) -> Iterator[Check]:
     cost, samples = plan.cost, plan.samples
     first, last = float(samples.t_s[0]), float(samples.t_s[-1])
     same = first == 0.0 and math.isclose(cost.time_s, last, rel_tol=TOLERANCE)
-    span = f"{cost.time_s:.3f} s; the samples last from {first:g} s to {last:.3f} s"
+    span = f"{cost.time_s:z.3f} s; the samples last from {first:zg} s to {last:z.3f} s"
     yield Check("cost.time_s", span, same)
     energy = energy_J(plan.problem, samples)
     same = math.isclose(cost.energy_J, energy, rel_tol=ENERGY_TOLERANCE, abs_tol=1e-6)
-    text = f"{cost.energy_J:.1f} J; the currents give {energy:.1f} J"
+    text = f"{cost.energy_J:z.1f} J; the currents give {energy:z.1f} J"
     yield Check("cost.energy_J", text, same)
     count = len(plan.transitions)
     text = f"{cost.transitions}; there are {count}"
@@ -202,9 +204,9 @@ def _cost(plan: Plan) -> Iterator[Check]:
     if cost.effort_s is not None or weights.effort:
         effort, stated = effort_s(plan.problem, samples), cost.effort_s or 0.0
         same = math.isclose(stated, effort, rel_tol=EFFORT_TOLERANCE, abs_tol=1e-6)
-        yield Check("cost.effort_s", f"{stated:.4f} s; the wheels take {effort:.4f} s", same)
+        yield Check("cost.effort_s", f"{stated:z.4f} s; the wheels take {effort:z.4f} s", same)
         total += weights.effort * stated
-    text = f"{cost.total:.3f} s; time, energy, transitions and effort weigh {total:.3f} s"
+    text = f"{cost.total:z.3f} s; time, energy, transitions and effort weigh {total:z.3f} s"
     yield Check("cost.total", text, math.isclose(cost.total, total, rel_tol=TOLERANCE))
 
 
@@ -245,17 +247,17 @@ def _proof(plan: Plan, status: Status) -> Iterator[Check]:
         return
     margin = plan.cost.total - bound
     within = bound >= 0 and margin >= -BOUND_TOLERANCE * plan.cost.total
-    text = f"{bound:.3f} s, not above the cost"
+    text = f"{bound:z.3f} s, not above the cost"
     if not within:
         text = "below zero" if bound < 0 else "above the cost it bounds"
     yield Check("lower bound", text, within, max(margin, 0.0) if within else -abs(margin), "s")
     if (quickest := plan.fastest_cost) is not None:
         slack = BOUND_TOLERANCE * plan.cost.total
         between = bound - slack <= quickest <= plan.cost.total + slack
-        text = f"{quickest:.3f} s, {'' if between else 'not '}between the bound and the cost"
+        text = f"{quickest:z.3f} s, {'' if between else 'not '}between the bound and the cost"
         yield Check("fastest_cost_s", text, between)
     earned = Status.OPTIMAL if gap <= asked else Status.FEASIBLE
-    text = f"{status}; gap {gap:.3g}, asked {asked:g}: {earned}, planner {plan.planner}"
+    text = f"{status}; gap {gap:z.3g}, asked {asked:zg}: {earned}, planner {plan.planner}"
     yield Check("status", text, status is earned and plan.planner == "optimal")
 
 
@@ -300,7 +302,7 @@ def _alike(stored: object, expected: object, within: float = TOLERANCE) -> bool:
 
 
 def _number(value: float | None) -> str:
-    return "none" if value is None else f"{value:.6g}"
+    return "none" if value is None else f"{value:z.6g}"
 
 
 def _stored(stored: Verification, found: Verification) -> Check:

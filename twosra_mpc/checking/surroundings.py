@@ -91,8 +91,10 @@ def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
         moved = float(np.linalg.norm(sweep.q[last, :2] - sweep.q[first, :2]))
         if samples.mode[rows[0]].any() and most - moved < left:
             left = most - moved
-            when = f"from {begin:.1f} s to {end:.1f} s"
-            words = f"soft, the middle link moves {moved:.3g} m {when} (soft_travel_m = {most:g} m)"
+            when = f"from {begin:z.1f} s to {end:z.1f} s"
+            words = (
+                f"soft, the middle link moves {moved:z.3g} m {when} (soft_travel_m = {most:zg} m)"
+            )
     return 0.0 if abs(left) <= _ROUNDING else left, words
 
 

@@ -18,12 +18,12 @@ def transition_problems(trajectory: Trajectory) -> Iterator[str]:
     problem, transitions = trajectory.problem, trajectory.transitions
     for earlier, after in itertools.pairwise(trajectory.phases):
         if after.start_s < earlier.end_s - TIME_TOLERANCE_S:
-            yield f"the phase at {after.start_s:.3f} s starts before the one before it has ended"
+            yield f"the phase at {after.start_s:z.3f} s starts before the one before it has ended"
     timing, known = transition_model(problem), trajectory.samples.t_s[:, None]
     for j, stiffness in enumerate(problem.start_mode):
         before: Transition | None = None
         for item in own_transitions(transitions, j):
-            name = f"segment {j + 1} to {item.to} at {item.heater_s:.3f} s"
+            name = f"segment {j + 1} to {item.to} at {item.heater_s:z.3f} s"
             if (item.to == "soft") == bool(stiffness):
                 yield f"{name}: it is {item.to} already"
             if item.heater_s < (before.done_s if before else 0.0) - TIME_TOLERANCE_S:

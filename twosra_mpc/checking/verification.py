@@ -97,8 +97,8 @@ def examine(trajectory: Trajectory) -> Findings:
 
 def _exceeded(name: str, by: float) -> str:
     if name == WORKSPACE:
-        return f"the robot leaves the workspace by {1e3 * by:.3g} mm"
-    return f"limit {name} exceeded by {by:.3g}"
+        return f"the robot leaves the workspace by {1e3 * by:z.3g} mm"
+    return f"limit {name} exceeded by {by:z.3g}"
 
 
 def _grid_problems(samples: Samples) -> Iterator[str]:
@@ -116,11 +116,11 @@ def _coverage_problems(trajectory: Trajectory) -> Iterator[str]:
     ends = (*(phase.end_s for phase in phases), *(item.done_s for item in trajectory.transitions))
     last = max(ends, default=0.0)
     if samples.t_s[-1] < last - TIME_TOLERANCE_S:
-        yield f"the samples end at {samples.t_s[-1]:.3f} s, before the plan does at {last:.3f} s"
+        yield f"the samples end at {samples.t_s[-1]:z.3f} s, before the plan does at {last:z.3f} s"
     for phase in phases:
         apart = np.abs(samples.t_s[:, None] - np.array([phase.start_s, phase.end_s]))
         if apart.min(axis=0).max() > TIME_TOLERANCE_S:
-            yield f"the phase at {phase.start_s:.3f} s does not begin and end with a sample"
+            yield f"the phase at {phase.start_s:z.3f} s does not begin and end with a sample"
     middle = (samples.t_s[1:] + samples.t_s[:-1]) / 2
     moving = samples.moves[:-1]
     inside = np.zeros(len(middle), dtype=bool)
@@ -128,10 +128,10 @@ def _coverage_problems(trajectory: Trajectory) -> Iterator[str]:
         here = (middle > phase.start_s) & (middle < phase.end_s)
         inside |= here
         if (samples.mode[:-1][here] != phase.mode).any():
-            yield f"the samples have another mode than the phase at {phase.start_s:.3f} s"
+            yield f"the samples have another mode than the phase at {phase.start_s:z.3f} s"
     if (inside != moving).any():
         when = middle[inside != moving][0]
-        yield f"at {when:.3f} s the samples move outside of a phase, or rest in one"
+        yield f"at {when:z.3f} s the samples move outside of a phase, or rest in one"
 
 
 def _wheel_problems(samples: Samples, moving: Driven) -> Iterator[str]:
@@ -141,7 +141,7 @@ def _wheel_problems(samples: Samples, moving: Driven) -> Iterator[str]:
     apart = np.abs(samples.wheel_rad_s - wheels).max(axis=1)
     if apart.max() > WHEEL_TOLERANCE_RAD_S:
         worst = int(np.argmax(apart))
-        yield f"at {samples.t_s[worst]:.3f} s the wheels do not turn as v asks"
+        yield f"at {samples.t_s[worst]:z.3f} s the wheels do not turn as v asks"
 
 
 def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
@@ -160,7 +160,7 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
     back = (samples.v[:-1] * end).sum(axis=1) < -_ROUNDING * size**2
     wrong = back | (np.max(aside, axis=0) > _ROUNDING * size**2)
     if wrong.any():
-        yield f"at {samples.t_s[:-1][wrong][0]:.3f} s the input changes its direction on the way"
+        yield f"at {samples.t_s[:-1][wrong][0]:z.3f} s the input changes its direction on the way"
     most = problem.robot.limits.wheel_acceleration_rad_s2
     if most is None:
         return
@@ -170,24 +170,24 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
     jump = np.abs(after[1:] - before).max(axis=1)
     if jump.sum() > _JUMP * problem.robot.limits.wheel_speed_rad_s:  # many small ones, too
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
-        yield f"at {when:.3f} s a wheel's speed jumps by {by:.3g} rad/s"
+        yield f"at {when:z.3f} s a wheel's speed jumps by {by:z.3g} rad/s"
     for phase in trajectory.phases:
         ends = phase.start_s, phase.end_s
         first, last = np.searchsorted(samples.t_s + TIME_TOLERANCE_S, ends)
         if np.abs([after[first], before[max(last - 1, 0)]]).max() > WHEEL_TOLERANCE_RAD_S:
-            yield f"the phase at {phase.start_s:.3f} s does not go from rest to rest"
+            yield f"the phase at {phase.start_s:z.3f} s does not go from rest to rest"
         shortest = problem.robot.limits.phase_s
         if ends[1] - ends[0] < shortest - TIME_TOLERANCE_S and samples.v[first:last].any():
-            lasting = f"lasts {ends[1] - ends[0]:.3f} s, less than three control periods"
-            yield f"the phase at {phase.start_s:.3f} s {lasting}, {shortest:.3f} s"
+            lasting = f"lasts {ends[1] - ends[0]:z.3f} s, less than three control periods"
+            yield f"the phase at {phase.start_s:z.3f} s {lasting}, {shortest:z.3f} s"
 
 
 def _motion_problems(coordinates: Coordinates, defect: float, goal_error: Array) -> Iterator[str]:
     if not defect <= DEFECT_TOLERANCE:
-        yield f"re-integration departs from the samples by {defect:.3g} (m, rad or 1/m)"
+        yield f"re-integration departs from the samples by {defect:z.3g} (m, rad or 1/m)"
     for name, unit, error in zip(coordinates.names, coordinates.units, goal_error, strict=True):
         if not abs(error) <= GOAL_TOLERANCE:
-            yield f"goal.{name} is missed by {error:.3g} {unit}"
+            yield f"goal.{name} is missed by {error:z.3g} {unit}"
 
 
 def _margins(problem: Problem, samples: Samples, moving: Driven) -> dict[str, float]:
@@ -246,13 +246,13 @@ def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:
             soft[done] = item.to == "soft"
             clash = ~done & (end > item.onset_s + TIME_TOLERANCE_S)
             if clash.any():
-                when = f"{begin[clash][0]:.3f} s"
+                when = f"{begin[clash][0]:z.3f} s"
                 yield f"the robot moves at {when} while segment {j + 1} is changing"
         wrong = soft != samples.mode[moving, j]
         if wrong.any():
             row = moving[np.flatnonzero(wrong)[0]]
             mode = mode_name(tuple(samples.mode[row].tolist()))
-            when = f"at {samples.t_s[row]:.3f} s"
+            when = f"at {samples.t_s[row]:z.3f} s"
             yield f"{when} the mode is {mode} but segment {j + 1} is not so yet"
     yield from _resting_modes(trajectory)
     rigid = samples.mode[moving].max(axis=1, initial=0) == 0
@@ -274,4 +274,4 @@ def _resting_modes(trajectory: Trajectory) -> Iterator[str]:
         wrong = (samples.mode[:, j] != soft) & ~samples.moves & lasting
         if wrong.any():
             when, said = samples.t_s[wrong][0], "soft" if soft[wrong][0] == 0 else "rigid"
-            yield f"at {when:.3f} s the robot rests in a mode in which segment {j + 1} is {said}"
+            yield f"at {when:z.3f} s the robot rests in a mode in which segment {j + 1} is {said}"

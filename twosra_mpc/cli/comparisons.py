@@ -122,11 +122,11 @@ def _print_records(records: Sequence[dict[str, Any]]) -> None:
         if record["duration_s"] is None:
             plans.append((*named, "", "", "", record["status"], ""))
             continue
-        compared = "" if record["cost_ratio"] is None else f"{record['cost_ratio']:.3f}"
-        duration, modes = f"{record['duration_s']:.1f} s", sequence_name(record["modes"])
+        compared = "" if record["cost_ratio"] is None else f"{record['cost_ratio']:z.3f}"
+        duration, modes = f"{record['duration_s']:z.1f} s", sequence_name(record["modes"])
         plans.append((*named, modes, duration, compared, record["status"], record["proved"]))
-        times = (f"{record['waiting_s']:.1f} s", f"{record['moving_s']:.2f} s")
-        effort.append((*named, *times, f"{record['transitions']}", f"{record['energy_J']:.0f} J"))
+        times = (f"{record['waiting_s']:z.1f} s", f"{record['moving_s']:z.2f} s")
+        effort.append((*named, *times, f"{record['transitions']}", f"{record['energy_J']:z.0f} J"))
     print_table(PLANS, plans)
     if effort:
         print_table(EFFORT, effort)
@@ -175,8 +175,8 @@ def _print_comparison(result: ModelComparison) -> None:
         if (made := planned.plan) is None:
             rows.append((name, str(planned.status), "", "", "", speed))
             continue
-        wheel = f"{abs(made.samples.wheel_rad_s).max():.1f} rad/s"
-        took, moving = f"{made.cost.time_s:.1f} s", f"{made.moving_s:.2f} s"
+        wheel = f"{abs(made.samples.wheel_rad_s).max():z.1f} rad/s"
+        took, moving = f"{made.cost.time_s:z.1f} s", f"{made.moving_s:z.2f} s"
         rows.append((name, sequence_name(made.sequence), took, moving, wheel, speed))
     print_table(("model", "mode sequence", "duration", "moving", "wheels", "v_j is"), rows)
     errors = [
@@ -196,7 +196,7 @@ def _end_error(error: Any) -> tuple[str, ...]:
         return ("bends too far",)
     shift, turn = 1e3 * math.hypot(error[0], error[1]), math.degrees(error[2])
     bends = (f"{value:z.1f} 1/m" for value in error[3:])
-    return f"{shift:.1f} mm", f"{turn:z.1f} deg", *bends
+    return f"{shift:z.1f} mm", f"{turn:z.1f} deg", *bends
 
 
 @command("explain")
@@ -312,7 +312,7 @@ def _print_explanation(found: Explanation) -> None:
     print_table((made.problem.robot.name, made.planner), rows)
     _print_sum(found.critical_path)
     if found.hidden:
-        rows = [(f"{one.activity.duration_s:8.2f} s", str(one)) for one in found.hidden]
+        rows = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in found.hidden]
         print_table(("at no cost", "meanwhile"), rows)
     if found.alternatives:
         options = [(other.change, other.price, other.outcome) for other in found.alternatives]
@@ -326,7 +326,7 @@ def _print_mission(found: MissionExplanation) -> None:
     print_table((made.problem.robot.name, made.planner), rows)
     if found.tasks:
         tasks = [
-            (each.words, f"{each.duration_s:8.2f} s", f"{each.energy_J:.0f} J", each.shares)
+            (each.words, f"{each.duration_s:z8.2f} s", f"{each.energy_J:z.0f} J", each.shares)
             for each in found.tasks
         ]
         print_table(("task", "takes", "heat", "melts"), tasks)
@@ -336,14 +336,14 @@ def _print_mission(found: MissionExplanation) -> None:
     if found.orders_left:
         options.append(("in other orders", "", f"{found.orders_left} were not planned"))
     if options and found.quick is not None:
-        compared = f"instead, at full speed ({found.quick.cost.total:.2f} s)"
+        compared = f"instead, at full speed ({found.quick.cost.total:z.2f} s)"
         print_table((compared, "costs more", "outcome"), options)
 
 
 def _print_sum(path: Sequence[Activity]) -> None:
     if path:
-        rows = [(f"{lasts:8.2f} s", words) for lasts, words in in_words(path)]
-        print_table((f"{path[-1].end_s:8.2f} s", "is the sum of"), rows)
+        rows = [(f"{lasts:z8.2f} s", words) for lasts, words in in_words(path)]
+        print_table((f"{path[-1].end_s:z8.2f} s", "is the sum of"), rows)
 
 
 def _named_once(name: str, items: Sequence[object]) -> list[tuple[str, str]]:

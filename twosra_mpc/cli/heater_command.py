@@ -120,19 +120,19 @@ def _seconds(text: str, field: str) -> float:
 def _after(time_s: float, at_once: str) -> str:
     if math.isnan(time_s):
         return "not reached"
-    return at_once if time_s == 0.0 else f"{time_s:.1f} s"
+    return at_once if time_s == 0.0 else f"{time_s:z.1f} s"
 
 
 def _print_run(run: HeaterRun, summed_up: tuple[Stretch, ...]) -> None:
     rows: list[tuple[str, ...]] = [
         (
             each.setpoint,
-            f"{each.start_s:.0f} s to {each.end_s:.0f} s",
+            f"{each.start_s:z.0f} s to {each.end_s:z.0f} s",
             _after(each.changed_s, "already liquid" if each.setpoint == "soft" else "still solid"),
             _after(each.told_s, "as before"),
             "" if each.setpoint == "rigid" else _after(each.settled_s, "at once"),
-            f"{each.peak_C:.1f} C",
-            f"{each.heat_J:.0f} J",
+            f"{each.peak_C:z.1f} C",
+            f"{each.heat_J:z.0f} J",
         )
         for each in summed_up
     ]
@@ -141,7 +141,7 @@ def _print_run(run: HeaterRun, summed_up: tuple[Stretch, ...]) -> None:
     rows = []
     for event in run.events:
         i = abs(run.time_s - event.time_s).argmin()
-        molten = f"{100 * run.melt_fraction[i]:.0f} %"
-        temperatures = (f"{run.temperature_C[i]:.1f} C", f"{run.measured_C[i]:.1f} C")
-        rows.append((f"{event.time_s:.1f} s", event.kind, *temperatures, molten))
+        molten = f"{100 * run.melt_fraction[i]:z.0f} %"
+        temperatures = (f"{run.temperature_C[i]:z.1f} C", f"{run.measured_C[i]:z.1f} C")
+        rows.append((f"{event.time_s:z.1f} s", event.kind, *temperatures, molten))
     print_table(("reported at", "event", "temperature", "by the sensor", "molten"), rows)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import click
-import numpy as np
 
 from twosra_mpc.cli import robot_line
 from twosra_mpc.cli.options import ROBOT, command
@@ -132,8 +131,8 @@ class _Told:
             for j in range(len(heated))
         ]
         self.words = ", ".join(known)
-        speeds = np.array2string(sent.wheel_rad_s, precision=2, suppress_small=True)
-        self._tell(f"wheels {speeds} rad/s, heaters {' '.join(heated)}; {self.words}")
+        speeds = " ".join(f"{each:z.2f}" for each in sent.wheel_rad_s)
+        self._tell(f"wheels [{speeds}] rad/s, heaters {' '.join(heated)}; {self.words}")
 
 
 @contextmanager

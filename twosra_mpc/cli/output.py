@@ -65,7 +65,7 @@ class Output:
 
 def _cell(value: Any) -> str:
     if isinstance(value, float):
-        return str(round(value, 6))
+        return str(round(value, 6) + 0.0)  # no minus zero
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
@@ -115,4 +115,4 @@ def _is_terminal(stream: TextIO) -> bool:
 
 def numbers(values: Any) -> str:
     """Join numbers by commas; one that is not a number is free."""
-    return ", ".join("free" if value != value else f"{value:g}" for value in values)
+    return ", ".join("free" if value != value else f"{value:zg}" for value in values)

@@ -98,16 +98,18 @@ def _proved(proof: Proof, claimed: object, reported: float, cost: float) -> Iter
     """Compare what is proved with what is claimed and reported, and with what the plan costs."""
     as_claimed = isinstance(claimed, int | float) and proof.bound >= claimed * (1 - _ROUNDING)
     enough = reported * (1 - _UNPROVED)
-    text = f"proves {proof.bound:.3f} s in {len(proof.parts)} parts; {reported:.3f} s are reported"
+    text = (
+        f"proves {proof.bound:z.3f} s in {len(proof.parts)} parts; {reported:z.3f} s are reported"
+    )
     if (more := reported - proof.bound) > 0:
-        text = f"{text}, {more:.3f} s ({100 * more / reported:.2g} %) more than is proved"
+        text = f"{text}, {more:z.3f} s ({100 * more / reported:z.2g} %) more than is proved"
     text += "" if as_claimed else f"; {claimed!r} s are claimed by the certificate"
     ok = as_claimed and proof.bound >= enough
     yield Check("certificate", text, ok, proof.bound - enough, "s")
     below = proof.bound - cost
     if below > _ROUNDING * cost:
-        text = f"no plan costs less than {proof.bound:.3f} s is proved, but this one costs"
-        text = f"{text} {cost:.3f} s: it breaks a rule, or the proof is wrong"
+        text = f"no plan costs less than {proof.bound:z.3f} s is proved, but this one costs"
+        text = f"{text} {cost:z.3f} s: it breaks a rule, or the proof is wrong"
         yield Check("contradiction", text, ok=False, margin=-below, unit="s")
 
 
@@ -125,7 +127,7 @@ def _print_verdicts(checked: dict[str, PlanCheck]) -> None:
     for path, found in checked.items():
         rows = []
         for check in found.checks:
-            margin = "" if check.margin is None else f"{check.margin:.3g} {check.unit}"
+            margin = "" if check.margin is None else f"{check.margin:z.3g} {check.unit}"
             rows.append(("PASS" if check.ok else "FAIL", check.name, check.found, margin))
         print_table(("", Path(path).name, "found", "margin"), rows)
         verdict = "verified" if found.ok else "NOT VERIFIED"
@@ -152,7 +154,7 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
     """
     loaded = load_plan(plan)
     given = loaded.require()
-    with output.progress(f"resampling at {rate_Hz:g} Hz"):
+    with output.progress(f"resampling at {rate_Hz:zg} Hz"):
         if out.suffix == ".csv":
             save_setpoints(given, out, rate_Hz)
         else:

@@ -98,8 +98,8 @@ def plan_with_progress(problem: Problem, output: Output, words: str) -> Result:
     with output.progress(words) as tell:
 
         def show(progress: Progress) -> None:
-            best = "none yet" if progress.cost == math.inf else f"{progress.cost:.1f} s"
-            tell(f"{words}: best plan {best}, no plan below {progress.lower_bound:.1f} s")
+            best = "none yet" if progress.cost == math.inf else f"{progress.cost:z.1f} s"
+            tell(f"{words}: best plan {best}, no plan below {progress.lower_bound:z.1f} s")
 
         return plan(problem, on_progress=show)
 
@@ -109,27 +109,27 @@ def _print_summary(result: Result) -> None:
     if result.plan is not None:
         rows += _summary(result.plan)
     if (proof := result.certificate) is not None:
-        size = f"{len(json.dumps(proof)) / 1e3:.1f} kB, {len(proof['opened'])} sequences opened"
-        rows.append(("certificate", f"proves {proof['bound_s']:.2f} s anew ({size})"))
+        size = f"{len(json.dumps(proof)) / 1e3:z.1f} kB, {len(proof['opened'])} sequences opened"
+        rows.append(("certificate", f"proves {proof['bound_s']:z.2f} s anew ({size})"))
     print_table((result.problem.robot.name, result.planner), rows)
 
 
 def _summary(plan: Plan) -> Iterator[tuple[str, str]]:
     cost, check = plan.cost, plan.verification
-    yield "duration", f"{cost.time_s:.2f} s ({plan.moving_s:.2f} s of it moving)"
+    yield "duration", f"{cost.time_s:z.2f} s ({plan.moving_s:z.2f} s of it moving)"
     if plan.gap is not None:
-        yield "lower bound", f"{plan.lower_bound:.2f} s; the plan costs {above_bound(plan)}"
-    yield "energy", f"{cost.energy_J:.0f} J in {cost.transitions} transitions"
+        yield "lower bound", f"{plan.lower_bound:z.2f} s; the plan costs {above_bound(plan)}"
+    yield "energy", f"{cost.energy_J:z.0f} J in {cost.transitions} transitions"
     if plan.problem.weights.effort:
-        yield "effort", f"{cost.effort_s:.3f} s, with which the plan costs {cost.total:.2f} s"
+        yield "effort", f"{cost.effort_s:z.3f} s, with which the plan costs {cost.total:z.2f} s"
     for phase in plan.phases:
-        yield f"drive {mode_name(phase.mode)}", f"{phase.start_s:8.2f} s to {phase.end_s:8.2f} s"
+        yield f"drive {mode_name(phase.mode)}", f"{phase.start_s:z8.2f} s to {phase.end_s:z8.2f} s"
     for item in plan.transitions:
-        span = f"{item.heater_s:8.2f} s to {item.done_s:8.2f} s"
-        yield f"segment {item.segment} {item.to}", f"{span}, holds from {item.onset_s:.2f} s"
+        span = f"{item.heater_s:z8.2f} s to {item.done_s:z8.2f} s"
+        yield f"segment {item.segment} {item.to}", f"{span}, holds from {item.onset_s:z.2f} s"
     goal = max(abs(error) for error in check.goal_error)
     verdict = "passed" if check.ok else "; ".join(check.problems)
-    yield "verification", f"{verdict} (largest goal error {goal:.1e} m, rad or 1/m)"
+    yield "verification", f"{verdict} (largest goal error {goal:z.1e} m, rad or 1/m)"
 
 
 def exit_code(*results: Result) -> int:

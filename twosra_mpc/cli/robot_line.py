@@ -40,7 +40,7 @@ def numbered(robot: Robot, robot_id: int | None) -> Robot:
 
 def show_lines(sent: list[SentLine]) -> None:
     """Print what would be sent, and when."""
-    shown = [f"{time_s:10.3f}  {line}".replace("\n", "\\n") for time_s, line in sent]
+    shown = [f"{time_s:z10.3f}  {line}".replace("\n", "\\n") for time_s, line in sent]
     click.echo("\n".join(shown))
 
 

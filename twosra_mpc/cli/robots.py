@@ -89,12 +89,12 @@ def check_robot_command(robot: str, output: Output) -> None:
     }
     rows = [
         ("path model", f"{model}; v_j: {speed}"),
-        ("curvature limit", f"{limit:g} 1/m"),
-        ("wheel condition number, straight", f"{condition:.2f}"),
+        ("curvature limit", f"{limit:zg} 1/m"),
+        ("wheel condition number, straight", f"{condition:z.2f}"),
     ]
     for shape in shapes:
         gap = 1e3 * shape.unit_gap_m
-        state = f"units {gap:.1f} mm apart" if gap > 0 else f"units overlap by {-gap:.1f} mm"
+        state = f"units {gap:z.1f} mm apart" if gap > 0 else f"units overlap by {-gap:z.1f} mm"
         kappa = ", ".join(f"{each:z.1f}" for each in shape.kappa_per_m)
         where = f"kappa = ({kappa}) 1/m; {state}"
         rows.append(("wheels singular", f"{where}; the planner does not drive near it"))
@@ -147,14 +147,14 @@ def fit_paths_command(
     }
     given_spirals, given_cardioids = parameters_in_words(described.path)
     spiral_rows = [
-        (case, f"{fit.scale:.4f}, {fit.growth:.4f}", given, f"{fit.rms_l:.4f}, {fit.max_l:.4f}")
+        (case, f"{fit.scale:z.4f}, {fit.growth:z.4f}", given, f"{fit.rms_l:z.4f}, {fit.max_l:z.4f}")
         for case, fit, given in zip(CASES, spirals, given_spirals, strict=True)
     ]
     cardioid_rows = []
     for case, fit, given in zip(CASES, cardioids, given_cardioids, strict=True):
-        residual = f"{1e3 * fit.rms_m:.3f}, {1e3 * fit.max_m:.3f}"
+        residual = f"{1e3 * fit.rms_m:z.3f}, {1e3 * fit.max_m:z.3f}"
         cardioid_rows.append(
-            (case, f"{fit.radius_m:.4f}, {fit.phi_per_alpha:.4f}", given, residual)
+            (case, f"{fit.radius_m:z.4f}, {fit.phi_per_alpha:z.4f}", given, residual)
         )
 
     def tables() -> None:

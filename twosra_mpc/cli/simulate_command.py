@@ -127,26 +127,26 @@ def _film(simulation: Simulation, path: Path, tell: Tell) -> None:
 def _print_run(simulation: Simulation) -> None:
     run, found = simulation.run, simulation.metrics
     planned = run.plans[0].duration_s if run.plans else None
-    against = "" if planned is None else f", planned were {planned:.1f} s"
+    against = "" if planned is None else f", planned were {planned:z.1f} s"
     degrees, curvature = math.degrees(found.heading_rad), found.curvature_per_m
-    error = f"{1e3 * found.position_m:.2f} mm, {degrees:.2f} degrees, {curvature:.2f} 1/m"
+    error = f"{1e3 * found.position_m:z.2f} mm, {degrees:z.2f} degrees, {curvature:z.2f} 1/m"
     again = f"{times(run.replans)}, and the pose was corrected {times(run.corrections)}"
     rows = [
         ("ending", str(run.ending)),
         ("reason", run.reason),
         ("true error", error),
-        ("duration", f"{found.time_s:.1f} s{against}"),
-        ("energy", f"{found.energy_J:.0f} J in {found.transitions} transitions"),
+        ("duration", f"{found.time_s:z.1f} s{against}"),
+        ("energy", f"{found.energy_J:z.0f} J in {found.transitions} transitions"),
         ("planned again", again),
     ]
     if (least_m := found.least_clearance_m) is not None:
         advised_m, planned_m = CLEARANCE_M[simulation.disturbance], run.problem.clearance_m
-        least = found.touched or f"{1e3 * least_m:.1f} mm at the closest approach"
-        advice = f", advised are {1e3 * advised_m:.3g}" if planned_m < advised_m else ""
-        rows.append(("true clearance", f"{least}, planned were {1e3 * planned_m:.3g} mm{advice}"))
+        least = found.touched or f"{1e3 * least_m:z.1f} mm at the closest approach"
+        advice = f", advised are {1e3 * advised_m:z.3g}" if planned_m < advised_m else ""
+        rows.append(("true clearance", f"{least}, planned were {1e3 * planned_m:z.3g} mm{advice}"))
     rows += _rows_of_mission(run.problem, found)
     print_table((run.problem.robot.name, f"{run.executor}, {simulation.disturbance}"), rows)
-    events = [(f"{event.time_s:.1f} s", event.kind, event.text) for event in run.events]
+    events = [(f"{event.time_s:z.1f} s", event.kind, event.text) for event in run.events]
     print_table(("time", "event", "what"), events)
 
 
@@ -156,8 +156,8 @@ def _rows_of_mission(problem: Problem, found: Metrics) -> list[tuple[str, str]]:
         return []
     rows = [("tasks done", f"{found.tasks_done} of {len(problem.tasks)}")]
     if found.object_m is not None:
-        turned = f", {math.degrees(found.object_rad or 0.0):.2f} degrees"
-        rows.append(("true error of objects", f"{1e3 * found.object_m:.2f} mm{turned}"))
+        turned = f", {math.degrees(found.object_rad or 0.0):z.2f} degrees"
+        rows.append(("true error of objects", f"{1e3 * found.object_m:z.2f} mm{turned}"))
     if problem.objects:
         rows.append(("objects lost", times(found.lost)))
     if found.squeezed:
@@ -180,16 +180,16 @@ def _print_runs(problem: Problem, result: Result, found: list[Metrics]) -> None:
     rows = [("reached", f"{sum(each.reached for each in found)} of {len(found)}", "", "")]
     for words, (name, unit) in names.items():
         values = spread(found, lambda each, name=name: float(getattr(each, name)))  # type: ignore[misc]
-        median, most, largest = (f"{unit * value:.4g}" for value in values)
+        median, most, largest = (f"{unit * value:z.4g}" for value in values)
         rows.append((words, median, most, largest))
     if placed := [1e3 * m for each in found if (m := each.object_m) is not None]:
-        median, most, largest = (f"{mm:.4g}" for mm in np.quantile(placed, (0.5, 0.9, 1.0)))
+        median, most, largest = (f"{mm:z.4g}" for mm in np.quantile(placed, (0.5, 0.9, 1.0)))
         rows.append(("object error [mm]", median, most, largest))
         rows.append(("objects lost", f"{sum(each.lost for each in found)} in all", "", ""))
     if cleared := [1e3 * m for each in found if (m := each.least_clearance_m) is not None]:
-        least = f"least {min(cleared):.4g}"
-        rows.append(("true clearance [mm]", f"{np.median(cleared):.4g}", "", least))
-    planned = f", planned {result.plan.duration_s:.1f} s" if result.plan else ""
+        least = f"least {min(cleared):z.4g}"
+        rows.append(("true clearance [mm]", f"{np.median(cleared):z.4g}", "", least))
+    planned = f", planned {result.plan.duration_s:z.1f} s" if result.plan else ""
     print_table((f"{problem.robot.name}{planned}", "median", "90 %", "largest"), rows)
     reasons = [(each.ending, each.touched or each.reason) for each in found if not each.reached]
     if reasons:

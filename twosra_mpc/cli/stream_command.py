@@ -38,7 +38,7 @@ _HELP = f"""Send PLAN to a robot over a serial line, and switch the robot off at
 
 Wheel speeds [rad/s] and heater states go out in the line format of the authors' firmware at 115200
 baud. The robot must report temperatures (lines A58.2, B24.9 and so on: readings of segments 1 and 2
-in C) within {Patience().listen_s:g} s: a phase begins when they confirm that the segments are soft
+in C) within {Patience().listen_s:zg} s: a phase begins when they confirm that the segments are soft
 and rigid as it needs, and heaters are switched by them.
 
 A robot that reports nothing is driven with --confirm never: phases begin at the plan's times, and
@@ -157,12 +157,12 @@ class _Progress:
 
     def __call__(self, state: StreamState) -> None:
         known = f"  ({state.known})" if state.known else ""
-        self._tell(f"{state.time_s:7.1f} s  {state.during}{known}")
+        self._tell(f"{state.time_s:z7.1f} s  {state.during}{known}")
 
 
 def _print_drives(plan: Plan, run: Run) -> None:
     rows = [
-        (words, f"{mode_name(mode)}", f"{start_s:8.2f} s to {end_s:8.2f} s")
+        (words, f"{mode_name(mode)}", f"{start_s:z8.2f} s to {end_s:z8.2f} s")
         for words, drives in (("planned", plan.phases), ("driven", run.drives))
         for mode, start_s, end_s in drives
     ]

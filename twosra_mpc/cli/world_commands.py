@@ -114,6 +114,6 @@ def check_passage_command(
     if found.count("undecided"):
         words = "too tight for its slices of headings: lower clearance_m, or ask twosra plan"
         rows.append(("undecided is what is", words))
-    rows.append(("not tried", f"shapes between those of the grid ({step:g} 1/m apart)"))
+    rows.append(("not tried", f"shapes between those of the grid ({step:zg} 1/m apart)"))
     document = {"headings": headings, **vars(found)}
     output.report(lambda: document, lambda: print_table((scenario, "shapes"), rows))

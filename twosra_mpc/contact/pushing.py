@@ -42,7 +42,7 @@ class PushingCone:
     @property
     def words(self) -> str:
         """What to say of it."""
-        return f"pushed: held only while contact is kept (friction {self.friction:g})"
+        return f"pushed: held only while contact is kept (friction {self.friction:zg})"
 
     def holds(self, twists: ArrayLike) -> NDArray[np.bool_]:
         """Which constant body twists (s_u, s_v, s_r) of b0 (..., 3) keep the object, (...,)."""

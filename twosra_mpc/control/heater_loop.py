@@ -129,11 +129,11 @@ def simulate_heater(
     if not 0 < step_s <= LONGEST_STEP_S:
         raise InputError("step_s", step_s, f"more than 0, at most {LONGEST_STEP_S} s")
     if not duration_s <= MOST_STEPS * step_s:
-        raise InputError("duration_s", duration_s, f"at most {MOST_STEPS * step_s:g} s")
+        raise InputError("duration_s", duration_s, f"at most {MOST_STEPS * step_s:zg} s")
     start_C = plant.ambient_C if start_temperature_C is None else start_temperature_C
     coldest, hottest = sensor.assumed.range_C
     if not coldest <= start_C <= hottest:
-        allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
+        allowed = f"from {coldest:zg} to {hottest:zg} C, the sensor's range"
         raise InputError("start_temperature_C", start_C, allowed)
     steps = math.ceil(round(duration_s / step_s, 9))
     times = np.arange(steps + 1, dtype=np.float64) * np.float64(step_s)
@@ -208,7 +208,7 @@ def check_profile(profile: Profile, duration_s: float) -> None:
         raise InputError("profile.0", first, "a set-point at 0 s")
     for entry, ((here, _), (then, _)) in enumerate(pairwise((*profile, (duration_s, "")))):
         if not here < then < math.inf:
-            raise InputError(f"profile.{entry + 1}", then, f"a time after {here:g} s")
+            raise InputError(f"profile.{entry + 1}", then, f"a time after {here:zg} s")
 
 
 def stretches(run: HeaterRun, soft_setpoint_C: float) -> tuple[Stretch, ...]:

@@ -221,6 +221,6 @@ def stiffness_rule(robot: Robot, ambient_C: float, segment: int) -> StiffnessRul
         observer = MeltObserver(replace(model, liquid_level=model.level_at(read_C)), lags_s, None)
         rule = StiffnessRule(observer, read_C, solid_C, liquid_C, solid_C)
     if not ambient_C < rule.solid_below_C:
-        allowed = f"less than {rule.solid_below_C:g} C, below which the segment is rigid"
+        allowed = f"less than {rule.solid_below_C:zg} C, below which the segment is rigid"
         raise InputError("ambient_C", ambient_C, allowed)
     return rule

@@ -234,7 +234,7 @@ def temperature_sensor(
     """
     coldest, hottest = part.range_C
     if not coldest <= ambient_C <= hottest:
-        allowed = f"from {coldest:g} to {hottest:g} C, the sensor's range"
+        allowed = f"from {coldest:zg} to {hottest:zg} C, the sensor's range"
         raise InputError("ambient_C", ambient_C, allowed)
     gain, lags_s = robot.thermal_segment(segment).sensor_gain_and_lags_s
     return TemperatureSensor(ambient_C, part, part, gain, lags_s)

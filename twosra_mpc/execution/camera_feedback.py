@@ -209,14 +209,14 @@ class _TrackedPhase:
         if session.guard is not None:
             lost = session.guard.off_m(np.array([*away[:2], turn, *away[3:]])) > patience.narrow_m
         if self.rigid and lost:
-            text = f"the robot is {1e3 * far_m:.0f} mm and {abs(turn):.2f} rad from the plan"
+            text = f"the robot is {1e3 * far_m:z.0f} mm and {abs(turn):z.2f} rad from the plan"
             return Abort("corridor", text)
         if not soft:
             return None
         apart = float(np.ptp(away[POSE:][soft])) / 2
         bent = abs(float((session.q - self.begun)[POSE:][soft].mean()))
         if apart > max(patience.stiff_per_m, _STIFF * bent):
-            text = f"the segments bend unequally, by {apart:.1f} 1/m more and less than planned"
+            text = f"the segments bend unequally, by {apart:z.1f} 1/m more and less than planned"
             return Abort("corridor", text, stiff=True, missed=self.phase.mode)
         return None
 

@@ -132,9 +132,9 @@ class Doubt:
         self.pushed_m += 0.0 if stalled else min(account.pushed_m, part_m)
         names = " and ".join(f"segment {segment + 1}" for segment in stiff)
         does = "does" if len(stiff) == 1 else "do"
-        words = f"{names} {does} not bend: {account.told:.0f} 1/m are commanded"
+        words = f"{names} {does} not bend: {account.told:z.0f} 1/m are commanded"
         found = abs(float(account.seen[[POSE + segment for segment in stiff]].mean()))
-        why = f"{found:.1f} 1/m are seen on {1e3 * account.pushed_m:.0f} mm"
+        why = f"{found:z.1f} 1/m are seen on {1e3 * account.pushed_m:z.0f} mm"
         text = f"{words}, {why}; {known}: is its thermistor right?"
         final = self.pushed_m > SPENT_M
         raise DoubtError(text, bends=True, final=final, stalled=stalled, segments=stiff)
@@ -196,5 +196,5 @@ def _way_m(change: Array) -> float:
 
 
 def _still(told_m: float, seen_m: float) -> str:
-    words = f"{1e3 * told_m:.0f} mm are commanded, {1e3 * seen_m:.0f} mm are seen"
+    words = f"{1e3 * told_m:z.0f} mm are commanded, {1e3 * seen_m:z.0f} mm are seen"
     return f"{words}: do its wheels turn, is its camera alive?"

@@ -342,7 +342,7 @@ class _Execution:
         session, settings = self.session, self.settings
         while session.mode is None or any(session.mode[j] for j in self.broken | self.cooled):
             if session.now_s > settings.longest_s:  # a segment that is slow: see `SegmentWatch`
-                return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:.0f} s"
+                return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:z.0f} s"
             session.rest(self._as_they_become(), settings.patience.rest_s)
         return None
 
@@ -359,4 +359,4 @@ class _Execution:
 
 def _summary(plan: Plan) -> str:
     sequence = sequence_name([phase.mode for phase in plan.phases])
-    return f"{sequence} in {plan.duration_s:.1f} s"
+    return f"{sequence} in {plan.duration_s:z.1f} s"

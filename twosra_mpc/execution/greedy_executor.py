@@ -147,7 +147,7 @@ class _GreedyRun:
                         Ending.GAVE_UP,
                         f"{where}; mode {mode_name(mode)} leads away from the goal",
                     )
-        return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:.0f} s"
+        return Ending.TIME_LIMIT, f"the run has taken more than {settings.longest_s:z.0f} s"
 
     def _reached(self, text: str) -> tuple[Ending, str]:
         if self.session.sure(self.scale):

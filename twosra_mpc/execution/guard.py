@@ -106,7 +106,7 @@ class Guard:
         """Say what the robot is nearest to at q (3 + n,)."""
         distance_m, name = self._around.nearest(q)
         side = "from" if distance_m >= 0 else "beyond"
-        return f"{1e3 * abs(distance_m):.1f} mm {side} {name}"
+        return f"{1e3 * abs(distance_m):z.1f} mm {side} {name}"
 
     def _looked_m(self, places: Array) -> Array:
         """Least distance of places (m, 3 + n) to each obstacle, and to the edges, (k + 1,) [m]."""

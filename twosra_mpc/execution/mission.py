@@ -116,7 +116,7 @@ class Mission:
         if away_m <= HOLD_M + self._room_m:
             return None
         name = self.problem.objects[hold.object].name
-        return Abort("lost", f"{name} is {1e3 * away_m:.0f} mm from where it was held")
+        return Abort("lost", f"{name} is {1e3 * away_m:z.0f} mm from where it was held")
 
     @property
     def account(self) -> tuple[tuple[float, ...], int]:
@@ -242,7 +242,7 @@ class Mission:
         if cage is not None and cage.proved:
             self._room_m = cage.room_m
         elif away_m > HOLD_M:
-            where = f"it is {1e3 * away_m:.0f} mm from where it should be held"
+            where = f"it is {1e3 * away_m:z.0f} mm from where it should be held"
             return Abort("lost", f"{task.object} is not grasped: {where}, and not caged")
         self._grips[0] = grip._replace(pose_in_b0=in_b0.copy())
         return None
@@ -277,8 +277,8 @@ class Mission:
 
     def _where(self, task: Carry) -> str:
         far_m, turn_rad = self._away(task)
-        turned = f" and {math.degrees(turn_rad):.1f} degrees" if turn_rad else ""
-        return f"{task.object} is {1e3 * far_m:.1f} mm{turned} from where it is to be"
+        turned = f" and {math.degrees(turn_rad):z.1f} degrees" if turn_rad else ""
+        return f"{task.object} is {1e3 * far_m:z.1f} mm{turned} from where it is to be"
 
     def look(self) -> None:
         """Look at objects from a robot at rest."""

@@ -78,7 +78,7 @@ class Reading:
 
     def describe(self, segment: int) -> str:
         """What is known about a segment (from 0), in words."""
-        known = f"{self.stiffness[segment]} at {self.temperature_C[segment]:.1f} C"
+        known = f"{self.stiffness[segment]} at {self.temperature_C[segment]:z.1f} C"
         return f"segment {segment + 1} {known}"
 
 

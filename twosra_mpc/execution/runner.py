@@ -145,10 +145,10 @@ class PlanRunner:
         """A run without end, or a segment that is heated and whose controller has given up."""
         session, soft_C = self.session, self.plan.robot.heater.soft_setpoint_C
         if session.now_s > self.longest_s:
-            return Abort("time", f"the run has taken more than {self.longest_s:.0f} s")
+            return Abort("time", f"the run has taken more than {self.longest_s:z.0f} s")
         for segment, faulty in enumerate(session.reading.faulty):
             if faulty and session.setpoint_C[segment] >= soft_C:
-                here = f"{session.reading.temperature_C[segment]:.1f} C: heater or sensor?"
+                here = f"{session.reading.temperature_C[segment]:z.1f} C: heater or sensor?"
                 text = f"segment {segment + 1}: heating does not warm it, {here}"
                 return Abort("heater", text, segment)
         return None
@@ -165,7 +165,7 @@ class PlanRunner:
             asked_s = min(waited_s, session.in_vain_s(segment))
             if now not in (None, to) and asked_s > latest_s:
                 known = session.reading.describe(segment)
-                text = f"{known}, not {to} after {asked_s:.0f} s, planned were {planned_s:.0f} s"
+                text = f"{known}, not {to} after {asked_s:z.0f} s, planned were {planned_s:z.0f} s"
                 return Abort("heater", text, segment, to)
         return None
 

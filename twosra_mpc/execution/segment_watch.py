@@ -225,7 +225,7 @@ class SegmentWatch:
         if math.isnan(self._jumped_s):
             self._jumped_s = time_s
         elif time_s - self._jumped_s >= _JUMPED_S:
-            jump = f"from {self._last_C:.1f} to {here_C:.1f} C"
+            jump = f"from {self._last_C:z.1f} to {here_C:z.1f} C"
             self._raise("sensor", f"its sensor jumped {jump}, faster than metal warms or cools")
         return True
 
@@ -239,7 +239,7 @@ class SegmentWatch:
             self._rose = rises
             self._same_s, self._steady_s = time_s, max(self._steady_s, since_s)
         elif self._stuck(time_s) and since_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
-            words = f"{here_C:.2f} C for {since_s:.0f} s"
+            words = f"{here_C:z.2f} C for {since_s:z.0f} s"
             self._raise("sensor", f"{words}: its sensor shows the same all the time")
 
     def _stuck(self, time_s: float) -> bool:
@@ -257,7 +257,7 @@ class SegmentWatch:
         since_s, fell_K = time_s - self._off_s, self._off_C[1] - here_C
         same = self._off_C[1] - self._off_C[0] < _STUCK_K or self._stuck(time_s)
         if since_s >= _CAUGHT_UP_S and same:
-            words = f"{here_C:.1f} C for {since_s:.0f} s, its heater off"
+            words = f"{here_C:z.1f} C for {since_s:z.0f} s, its heater off"
             self._raise("sensor", f"{words}: its sensor shows the same all the time")
         if since_s >= _SLOW_S:
             hot = self._model.initial(self._off_C[1])
@@ -266,10 +266,10 @@ class SegmentWatch:
             )
             then_C = max(then_C, self._heater.melting_point_C + _OFF_BY_K)
             if 0 <= fell_K < _SLOW_SHARE * (self._off_C[1] - then_C):
-                words = f"{fell_K:.1f} K down in {since_s:.0f} s, its heater off"
+                words = f"{fell_K:z.1f} K down in {since_s:z.0f} s, its heater off"
                 if self._asked == "rigid":
                     self._raise("cooling", f"{words}: it cools too slowly")
-                self._raise("sensor", f"{here_C:.1f} C, {words}: its sensor shows too much")
+                self._raise("sensor", f"{here_C:z.1f} C, {words}: its sensor shows too much")
 
     def _check_account(
         self, time_s: float, here_C: float, stiffness: KnownStiffness | None
@@ -284,7 +284,7 @@ class SegmentWatch:
             self._cold_s = time_s
         elif time_s - self._cold_s >= _LAGGED_S:
             self._raise(
-                "sensor", f"{here_C:.1f} C, too early for metal: its sensor shows too little"
+                "sensor", f"{here_C:z.1f} C, too early for metal: its sensor shows too little"
             )
         if self._asked != "soft":
             self._cut_s = self._doubtful_s = math.nan
@@ -295,7 +295,7 @@ class SegmentWatch:
         elif math.isnan(self._cut_s) and account.cut:
             self._cut_s = time_s
         elif time_s - self._cut_s >= _CAUGHT_UP_S and here_C >= solid_C:
-            words = f"{here_C:.1f} C after heat for {account.at_least_C:.0f} C"
+            words = f"{here_C:z.1f} C after heat for {account.at_least_C:z.0f} C"
             if self._stuck(time_s):
                 self._raise("sensor", f"{words}: its sensor shows the same all the time")
             what = "a dead heater, a sensor that lies, or firmware that regulates"
@@ -307,7 +307,7 @@ class SegmentWatch:
         elif math.isnan(self._doubtful_s):
             self._doubtful_s = time_s
         elif time_s - self._doubtful_s >= _CONTRADICTED_S:
-            words = f"{here_C:.1f} C after heat for {account.at_most_C:.0f} C"
+            words = f"{here_C:z.1f} C after heat for {account.at_most_C:z.0f} C"
             self._raise("sensor", f"{words}: its sensor shows too much")
 
     def _readable(
@@ -325,13 +325,13 @@ class SegmentWatch:
         if math.isnan(self._unread_s):
             self._unread_s = time_s
         if time_s - self._unread_s >= self._patience.silent_s:
-            since = f"for {time_s - self._unread_s:.0f} s"
+            since = f"for {time_s - self._unread_s:z.0f} s"
             if coldest <= temperature_C <= hottest:
-                known = f"its sensor reads {temperature_C:g} C, but its stiffness is None {since}"
+                known = f"its sensor reads {temperature_C:zg} C, but its stiffness is None {since}"
                 self._raise("sensor", f"{known}: report it as 'soft', 'rigid' or 'changing'")
             nothing = math.isnan(temperature_C)
-            shown = "reports nothing" if nothing else f"reads {temperature_C:g} C"
-            allowed = f"a thermistor in this air reads from {coldest:.0f} to {hottest:g} C"
+            shown = "reports nothing" if nothing else f"reads {temperature_C:zg} C"
+            allowed = f"a thermistor in this air reads from {coldest:z.0f} to {hottest:zg} C"
             words = f"its sensor {shown} {since}, {allowed}"
             self._raise("sensor", f"{words}: nobody knows how warm it is")
         return False
@@ -346,15 +346,14 @@ class SegmentWatch:
         if self._asked == "rigid":
             enough_K = _RISEN_K / 2 if self._hot else _RISEN_K
             if risen_K >= enough_K:  # since the sensor could show that it is off
-                known = f"{here_C:.1f} C and rising, its heater off for {since_s:.0f} s"
+                known = f"{here_C:z.1f} C and rising, its heater off for {since_s:z.0f} s"
                 self._raise("relay", f"{known}: the heater does not go off (a welded relay?)")
             if since_s < _CAUGHT_UP_S:
                 return  # it is off already, and the sensor lags
         if self._hot >= _TWICE:
-            words = (
-                f"too hot, {here_C:.1f} C: at most {limit_C:g} C, its set-point being {asked_C:g} C"
-            )
-            self._raise("hot", f"{words}; its heater does not go off")
+            words = f"too hot, {here_C:z.1f} C: at most {limit_C:zg} C"
+            asked = f"its set-point being {asked_C:zg} C"
+            self._raise("hot", f"{words}, {asked}; its heater does not go off")
 
     def _check_fault(
         self, time_s: float, here_C: float, stiffness: KnownStiffness | None, faulty: bool
@@ -367,7 +366,7 @@ class SegmentWatch:
             self._fault_s = time_s
         elif time_s - self._fault_s >= self._patience.silent_s:
             words = "its controller keeps reporting a fault with its heater off"
-            self._raise("fault", f"{words}, at {here_C:.1f} C: heater or sensor?")
+            self._raise("fault", f"{words}, at {here_C:z.1f} C: heater or sensor?")
 
     def _check_warming(self, time_s: float, here_C: float) -> None:
         """Heating that does not warm."""
@@ -378,7 +377,7 @@ class SegmentWatch:
         if math.isnan(since_s) or here_C >= cold_C + _WARMED_K:
             self._cold = (time_s, here_C)
         elif time_s - since_s > self._dead_s:
-            words = f"heating does not warm it, {here_C:.1f} C after {time_s - since_s:.0f} s"
+            words = f"heating does not warm it, {here_C:z.1f} C after {time_s - since_s:z.0f} s"
             self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
 
     def _check_progress(
@@ -391,14 +390,14 @@ class SegmentWatch:
         since_s, risen_K = time_s - self._apart_s, here_C - self._first_C
         if since_s <= self._longest_s[self._asked]:
             return
-        known = f"{stiffness} at {here_C:.1f} C, not {self._asked} after {since_s:.0f} s"
+        known = f"{stiffness} at {here_C:z.1f} C, not {self._asked} after {since_s:z.0f} s"
         if self._asked == "soft":
             self._raise("heater", f"{known}: the heater is too weak")
         if self._shown_C[1] - self._shown_C[0] < _SAME_K:
             self._raise("sensor", f"{known}: its sensor shows the same all the time")
         if here_C >= self._lowest_C + _WARMED_K or risen_K >= 0:
             self._raise("relay", f"{known}, and not cooling: the heater does not go off")
-        self._raise("cooling", f"{known}, {-risen_K:.1f} K down: it cools too slowly")
+        self._raise("cooling", f"{known}, {-risen_K:z.1f} K down: it cools too slowly")
 
     def _raise(self, cause: Cause, text: str) -> None:
         raise SegmentError(cause, self._segment, text)

@@ -140,7 +140,7 @@ class Session:
     @property
     def unseen(self) -> str:
         """For how long no frame has come in, in words."""
-        since = f"for {self.unseen_s:.0f} s" if np.isfinite(self.unseen_s) else "at all"
+        since = f"for {self.unseen_s:z.0f} s" if np.isfinite(self.unseen_s) else "at all"
         hangs = ", but always the same picture" if self._filter.frozen else ""
         return f"no camera frame {since}{hangs}"
 
@@ -193,7 +193,7 @@ class Session:
         self._believe(np.zeros_like(self.q))
         while self._silent:
             if (silent_s := self.now_s - self._heard_s) > self._patience.outage_s:
-                raise RobotError(f"the robot has been silent for {silent_s:.0f} s")
+                raise RobotError(f"the robot has been silent for {silent_s:z.0f} s")
             self._pass(_STILL, setpoint_C, at_most_s, planned, self._no_mode)
             self._believe(np.zeros_like(self.q))
 
@@ -273,7 +273,7 @@ class Session:
         where = f"{self.accuracy.describe(self.error)} as believed"
         if left or not self.accuracy.surely(self.error):
             return run.Ending.CAMERA_LOST, f"{self.unseen}; {where}"
-        known = f"not seen for {self.unseen_s:.1f} s"
+        known = f"not seen for {self.unseen_s:z.1f} s"
         if self.unseen_s <= self._patience.unseen_s:
             known = f"seen too badly, give or take {self.accuracy.describe(self.deviation)}"
         return run.Ending.UNSEEN, f"arrived by dead reckoning, {known}; {where}"
@@ -377,9 +377,9 @@ class Session:
         """Without a clock nothing would ever be late, or lost."""
         self._stood = 0 if passed_s else self._stood + 1
         if passed_s < 0.0:
-            raise RobotError(f"the robot's clock goes back, by {-passed_s:g} s")
+            raise RobotError(f"the robot's clock goes back, by {-passed_s:zg} s")
         if self._stood >= _STOOD:
-            raise RobotError(f"the robot's clock stands still, at {self.now_s:g} s")
+            raise RobotError(f"the robot's clock stands still, at {self.now_s:zg} s")
 
     def _believe(self, moved: Array) -> None:
         """Take in how the robot should have moved, and what was read."""

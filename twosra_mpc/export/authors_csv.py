@@ -31,7 +31,7 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
     curvatures, modes = ([f"{letter}{j}" for j in numbers] for letter in "ks")
     inputs = ("v1", "v2", "u0", "v0", "r0")
     writer.writerow(["x", "y", "angle", *curvatures, *inputs, *modes, "time"])
-    columns = (samples.q, samples.v, samples.mode, samples.t_s)
+    columns = (samples.q + 0.0, samples.v + 0.0, samples.mode, samples.t_s)
     for q, v, mode, time_s in zip(*(column.tolist() for column in columns), strict=True):
         writer.writerow((*q, *v, *mode, time_s))
     write_text(path, text.getvalue())

@@ -148,5 +148,5 @@ def _metadata(plan: Plan) -> dict[str, str]:
         "planner": plan.planner,
         "status": str(plan.status),
         "message": str(plan),
-        "duration_s": f"{plan.duration_s:.6f}",
+        "duration_s": f"{plan.duration_s:z.6f}",
     }

@@ -126,11 +126,13 @@ def _joint(document: ElementTree.Element, joint: Joint) -> None:
     x, y, angle = joint.at
     ElementTree.SubElement(element, "parent", link=joint.parent)
     ElementTree.SubElement(element, "child", link=joint.child)
-    ElementTree.SubElement(element, "origin", xyz=f"{x:.12g} {y:.12g} 0", rpy=f"0 0 {angle:.12g}")
+    ElementTree.SubElement(
+        element, "origin", xyz=f"{x:z.12g} {y:z.12g} 0", rpy=f"0 0 {angle:z.12g}"
+    )
     # A wheel that turns about +y rolls to +x, its drive direction.
     ElementTree.SubElement(element, "axis", xyz="0 1 0" if wheel else "0 0 1")
     if not wheel:
-        lower, upper = f"{-math.pi:.12g}", f"{math.pi:.12g}"
+        lower, upper = f"{-math.pi:z.12g}", f"{math.pi:z.12g}"
         ElementTree.SubElement(element, "limit", effort="0", velocity="0", lower=lower, upper=upper)
 
 
@@ -161,9 +163,9 @@ def _visual(
     if box is not None:
         ElementTree.SubElement(shape, "box", size=_numbers(box))
     if cylinder is not None:
-        radius, length = f"{cylinder.wheel_radius_m:.12g}", f"{cylinder.wheel_thickness_m:.12g}"
+        radius, length = f"{cylinder.wheel_radius_m:z.12g}", f"{cylinder.wheel_thickness_m:z.12g}"
         ElementTree.SubElement(shape, "cylinder", radius=radius, length=length)
 
 
 def _numbers(values: tuple[float, float, float]) -> str:
-    return " ".join(f"{value:.12g}" for value in values)
+    return " ".join(f"{value:z.12g}" for value in values)

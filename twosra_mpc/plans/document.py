@@ -195,7 +195,7 @@ def _samples(samples: dict[str, Any]) -> Samples:
     arrays = {name: np.array(rows) for name, rows in samples.items()}
     for name, array in arrays.items():
         if not (np.abs(array) <= LARGEST).all():
-            raise InputError(f"plan.samples.{name}", "beyond", f"at most {LARGEST:g} in size")
+            raise InputError(f"plan.samples.{name}", "beyond", f"at most {LARGEST:zg} in size")
     if "mode" in arrays:
         if not np.isin(arrays["mode"], (0, 1)).all():
             raise InputError("plan.samples.mode", arrays["mode"].tolist(), "zeros and ones")

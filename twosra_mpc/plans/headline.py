@@ -9,7 +9,7 @@ _ROUNDING = 1e-5  # of a cost: no smaller gap is claimed in words
 
 def percent(share: float) -> str:
     """Write a share in per cent with two digits that count, and a tiny one as what it is below."""
-    return "< 0.001 %" if 0 < share < 1e-5 else f"{float(f'{100 * share:.2g}'):g} %"
+    return "< 0.001 %" if 0 < share < 1e-5 else f"{float(f'{100 * share:z.2g}'):zg} %"
 
 
 def quality(plan: Plan) -> str:
@@ -21,7 +21,7 @@ def quality(plan: Plan) -> str:
         return "no bound proved"
     if not plan.slower_by or plan.fastest_cost is None or plan.search_gap is None:
         return within(plan.gap)
-    quickest = f"{_costs(plan)}{plan.fastest_cost:.1f} s"
+    quickest = f"{_costs(plan)}{plan.fastest_cost:z.1f} s"
     return f"driven gently; at full speed {quickest}, {within(plan.search_gap)}"
 
 
@@ -29,17 +29,17 @@ def headline(plan: Plan) -> str:
     """Say what a plan costs, and how good that is, in a line without its modes."""
     known = f"by the {plan.planner} rule" if plan.lower_bound is None else quality(plan)
     comma = " " if plan.lower_bound is None else ", "
-    return f"{_costs(plan)}{plan.cost.total:.1f} s{comma}{known}"
+    return f"{_costs(plan)}{plan.cost.total:z.1f} s{comma}{known}"
 
 
 def above_bound(plan: Plan) -> str:
     """Say how much above the lower bound a plan is, and how much of it on purpose."""
     if plan.lower_bound is None:
         return ""
-    above = f"{max(plan.cost.total - plan.lower_bound, 0.0):.2f} s above it"
+    above = f"{max(plan.cost.total - plan.lower_bound, 0.0):z.2f} s above it"
     if not plan.slower_by:
         return above
-    return f"{above}, {plan.slower_by:.2f} s of them on purpose"
+    return f"{above}, {plan.slower_by:z.2f} s of them on purpose"
 
 
 def within(gap: float) -> str:

@@ -51,5 +51,5 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
     """
     names, table = rows(plan.trajectory.held(rate_Hz))
     text, formats = io.StringIO(), ["%d" if name.startswith("mode") else "%s" for name in names]
-    np.savetxt(text, table, formats, delimiter=",", header=",".join(names), comments="")
+    np.savetxt(text, table + 0.0, formats, delimiter=",", header=",".join(names), comments="")
     write_text(path, text.getvalue())

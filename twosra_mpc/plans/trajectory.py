@@ -260,7 +260,7 @@ def check_rate(rate_Hz: float) -> None:
         InputError: If it is not positive, or beyond 1000 Hz.
     """
     if not 0 < rate_Hz <= HIGHEST_RATE_HZ:
-        raise InputError("rate", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:g} Hz")
+        raise InputError("rate", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:zg} Hz")
 
 
 def new_times(times: Array, known: Array) -> Array:

@@ -62,7 +62,7 @@ def plan_title(plan: Plan) -> str:
     if each := stages(plan.trajectory):
         sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
     planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
-    return f"{sequence} in {plan.duration_s:.1f} s: {planner}{plan.status}\n{quality(plan)}"
+    return f"{sequence} in {plan.duration_s:z.1f} s: {planner}{plan.status}\n{quality(plan)}"
 
 
 def phase_rows(samples: Samples, phase: Phase) -> Array:
@@ -80,7 +80,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
     if each:
         for number, (ax, stage) in enumerate(zip(axes[1:], each, strict=False), start=1):
             _draw_stage(ax, plan, stage)
-            ax.set_title(f"{number}: {stage.words}, {stage.to_s:.1f} s")
+            ax.set_title(f"{number}: {stage.words}, {stage.to_s:z.1f} s")
     else:
         for number, (ax, phase) in enumerate(zip(axes[1:], plan.phases, strict=False), start=1):
             q = phase_rows(plan.trajectory.samples, phase)
@@ -297,7 +297,7 @@ def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
     """
     trajectory, geometry = plan.trajectory, plan.robot.geometry
     if not 0.0 <= time_s <= trajectory.duration_s:
-        allowed = f"a time in the plan, 0 to {trajectory.duration_s:g} s"
+        allowed = f"a time in the plan, 0 to {trajectory.duration_s:zg} s"
         raise InputError("time_s", time_s, allowed)
     states = [state_at(each, time_s) for each in stiffness_intervals(trajectory)]
     mode, changing = soft_and_changing(states)
@@ -314,7 +314,7 @@ def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
     plane.number_units(ax, geometry, q[-1])
     ax.plot(*q[:, :2].T, c="black", lw=1.0, zorder=5)
     ax.plot(*q[-1, :2], "o", c="black", mfc="white", ms=3.5, zorder=5)
-    ax.set_title(f"{time_s:.2f} s: {_in_words(states)}")
+    ax.set_title(f"{time_s:z.2f} s: {_in_words(states)}")
     return ax
 
 

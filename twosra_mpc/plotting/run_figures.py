@@ -56,11 +56,11 @@ def plot_run(run: Run, truth: Truth | None = None, path: str | Path | None = Non
 def run_title(run: Run) -> str:
     """How the run ended, in a line or two."""
     planned = run.plans[0].duration_s if run.plans else None
-    against = "" if planned is None else f" (planned: {planned:.0f} s)"
+    against = "" if planned is None else f" (planned: {planned:z.0f} s)"
     again = f", planned again {times(run.replans)}" if run.replans else ""
     first = f"{run.reason[0].upper()}{run.reason[1:]}"
     transitions = f"{run.transitions} transition{'s' * (run.transitions != 1)}"
-    return f"{first}\nafter {run.duration_s:.0f} s{against}, {transitions}{again}"
+    return f"{first}\nafter {run.duration_s:z.0f} s{against}, {transitions}{again}"
 
 
 def joined_drives(run: Run) -> list[Phase]:
@@ -123,7 +123,7 @@ def _draw_drive(ax: Axes, run: Run, record: Record, number: int, drive: Phase) -
         plane.draw_outline(ax, geometry, planned[-1])
     _draw_paths(ax, run, record, drive.start_s, drive.end_s)
     took = drive.end_s - drive.start_s
-    ax.set_title(f"{number}: {mode_name(drive.mode)} at {drive.start_s:.0f} s, {took:.1f} s")
+    ax.set_title(f"{number}: {mode_name(drive.mode)} at {drive.start_s:z.0f} s, {took:z.1f} s")
 
 
 def _planned(run: Run, start_s: float, end_s: float) -> Array:
@@ -221,7 +221,7 @@ def _draw_distances(ax: Axes, run: Run, record: Record) -> None:
     for name, (distance, colour) in parts.items():
         ax.plot(record.time_s, np.maximum(distance, 1e-3), c=colour, lw=1.3, label=name)
     position, heading = 1e3 * run.accuracy.position_m, math.degrees(run.accuracy.heading_rad)
-    label = f"{position:g} mm, {heading:.3g}°, {run.accuracy.curvature_per_m:g} 1/m"
+    label = f"{position:zg} mm, {heading:z.3g}°, {run.accuracy.curvature_per_m:zg} 1/m"
     ax.axhline(1.0, c=ACCURACY_COLOUR, lw=1.0, ls="--", label=label)
     most = max(10.0, *(float(np.nanmax(distance)) for distance, _ in parts.values()))
     ax.set_yscale("log")

@@ -127,10 +127,10 @@ class Scene:
     def _words(self, row: int) -> list[Artist]:
         playback, time_s, doing = self._playback, float(self._playback.time_s[row]), self._ending
         minutes, seconds = divmod(time_s, 60.0)
-        clock = f"{minutes:.0f} min {seconds:04.1f} s" if minutes else f"{seconds:.1f} s"
+        clock = f"{minutes:z.0f} min {seconds:z04.1f} s" if minutes else f"{seconds:z.1f} s"
         if time_s < playback.time_s[-1]:
             pace = playback.stretch.seconds_per_length(time_s) / self._duration_s
-            told = f"{pace:.0f} times as fast" if pace > 1.5 else f"at {pace:.2g} of its speed"
+            told = f"{pace:z.0f} times as fast" if pace > 1.5 else f"at {pace:z.2g} of its speed"
             doing = f"{playback.doing(row)}  ({told})"
             if stage := playback.stage(row):
                 doing = f"{stage}; {doing}"
@@ -148,9 +148,9 @@ class Scene:
         for j, state in enumerate(playback.states(row)):
             height = warm[j] - self._floor_C
             artists += ax.bar(j, height, 0.5, self._floor_C, zorder=3, **figures.STATES[state])
-            words = f"{warm[j]:.0f} °C"
+            words = f"{warm[j]:z.0f} °C"
             if np.isfinite(liquid[j]):
-                words += f"\n{100 * liquid[j]:.0f} %\nliquid"
+                words += f"\n{100 * liquid[j]:z.0f} %\nliquid"
             style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 8.5, "zorder": 4}
             artists.append(ax.text(j, 1.01, words, transform=ax.get_xaxis_transform(), **style))
             if playback.heated[row, j]:
@@ -229,7 +229,7 @@ def _set_gauges(ax: Axes, playback: Playback) -> tuple[float, float]:
     ax.set_xticks(numbers, [str(j + 1) for j in numbers])
     ax.tick_params(axis="x", length=0)
     ax.tick_params(labelsize=8.5)
-    ax.yaxis.set_major_formatter("{x:g} °C")
+    ax.yaxis.set_major_formatter("{x:zg} °C")
     ax.spines["bottom"].set_visible(False)
     return float(floor), float(top)
 

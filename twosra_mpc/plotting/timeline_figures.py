@@ -215,7 +215,7 @@ def mark_stages(axes: Sequence[Axes], each: Sequence[Stage]) -> None:
 def phase_duration(phase: Phase) -> str:
     """Duration of a phase in words that fit its length."""
     seconds = phase.end_s - phase.start_s
-    return f"{1000 * seconds:.0f} ms" if seconds < 0.1 else f"{seconds:.2f} s"
+    return f"{1000 * seconds:z.0f} ms" if seconds < 0.1 else f"{seconds:z.2f} s"
 
 
 def state_handles(*without: str) -> list[Patch]:
@@ -261,7 +261,7 @@ def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
 def mark_melting(ax: Axes, melting_C: tuple[float, float]) -> None:
     """Shade the temperatures at which metal melts."""
     solid, liquid = melting_C
-    melting = f"{solid:g} °C" if solid == liquid else f"{solid:.3g} to {liquid:.3g} °C"
+    melting = f"{solid:zg} °C" if solid == liquid else f"{solid:z.3g} to {liquid:z.3g} °C"
     ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.5, label=f"changing, {melting}")
 
 

@@ -84,7 +84,7 @@ def draw_nearest(ax: Axes, nearest: Clearance | None) -> None:
 def length(nearest: Clearance) -> str:
     """How near, in words."""
     by_mm = 1e3 * nearest.least_m
-    return f"{by_mm:.1f} mm" if by_mm > 0 else f"{-by_mm:.1f} mm inside"
+    return f"{by_mm:z.1f} mm" if by_mm > 0 else f"{-by_mm:z.1f} mm inside"
 
 
 def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any
     if problem.passes:
         entries["box to drive through"] = Patch(**TASK)
     if nearest is not None:
-        at = f"{length(nearest)}, {nearest.name} at {nearest.at_s:.1f} s"
+        at = f"{length(nearest)}, {nearest.name} at {nearest.at_s:z.1f} s"
         entries[f"nearest: {at}"] = line(figures.NEAREST_COLOUR, 1.6)
     return entries
 

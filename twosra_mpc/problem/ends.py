@@ -45,7 +45,7 @@ def check_shapes(problem: Problem) -> None:
         limit = broken_by_shapes(robot, q[POSE:])
         if limit is not None and (shape_margins(robot, corners)[limit.name] < 0).all():
             short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
-            amount = f"{1e3 * short:.1f} mm" if limit.unit == "m" else f"{short:.3g} {limit.unit}"
+            amount = f"{1e3 * short:z.1f} mm" if limit.unit == "m" else f"{short:z.3g} {limit.unit}"
             allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
             if limit is BODY_GAP:
                 allowed = f"another shape; in this one {overlap_in_words(robot, q[POSE:])}"
@@ -68,7 +68,9 @@ def check_workspace(problem: Problem) -> None:
     for name, q in ends_to_check(problem):
         margins = workspace_margins(problem, q)
         if margins.max() < 0:
-            allowed = f"a robot inside the workspace; here it is {-1e3 * margins[0]:.1f} mm outside"
+            allowed = (
+                f"a robot inside the workspace; here it is {-1e3 * margins[0]:z.1f} mm outside"
+            )
             raise InputError(name, tuple(q[0].tolist()), allowed)
 
 

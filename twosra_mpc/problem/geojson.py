@@ -150,7 +150,7 @@ def _checked(rings: list[Any]) -> Rings:
         corners = corners.reshape(-1, 2)
         if np.abs(corners).max(initial=0.0) > _FAR_M:
             farthest = float(corners.flat[np.abs(corners).argmax()])
-            allowed = f"metres, within {_FAR_M:g} m of the origin (are these millimetres?)"
+            allowed = f"metres, within {_FAR_M:zg} m of the origin (are these millimetres?)"
             raise InputError(str(i), farthest, allowed)
         corners = corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]  # closed, repeated
         try:

@@ -108,7 +108,7 @@ CURVATURE = ShapeLimit(
     name="curvature_per_m",
     unit="1/m",
     margin=_curvature,
-    words=lambda limits: f"curvature is beyond curvature_per_m = {limits.curvature_per_m:g} 1/m",
+    words=lambda limits: f"curvature is beyond curvature_per_m = {limits.curvature_per_m:zg} 1/m",
     rounding=CURVATURE_TOLERANCE_PER_M,
     scale=None,
 )
@@ -116,7 +116,7 @@ UNIT_GAP = ShapeLimit(
     name="unit_gap_m",
     unit="m",
     margin=lambda body, kappa: self_collision(body).units(kappa) - body.limits.unit_gap_m,
-    words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:g} m",
+    words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
     rounding=TOUCHING_M,
     scale=0.1,
 )
@@ -135,7 +135,9 @@ WHEEL_INDEPENDENCE = ShapeLimit(
     margin=lambda body, kappa: (
         wheel_independence(body.geometry, kappa) - body.limits.wheel_independence
     ),
-    words=lambda limits: f"wheels lose control: wheel_independence < {limits.wheel_independence:g}",
+    words=lambda limits: (
+        f"wheels lose control: wheel_independence < {limits.wheel_independence:zg}"
+    ),
     rounding=0.0,
     scale=1.0,
     driving=True,
@@ -146,32 +148,32 @@ WHEEL_SPEED = SpeedLimit(
     name="wheel_speed_rad_s",
     unit="rad/s",
     travel=lambda body, s, moved, turned: turned,
-    words=lambda limits: f"wheels turn faster than {limits.wheel_speed_rad_s:g} rad/s",
+    words=lambda limits: f"wheels turn faster than {limits.wheel_speed_rad_s:zg} rad/s",
 )
 UNIT_SPEED = SpeedLimit(
     name="unit_speed_m_s",
     unit="m/s",
     travel=lambda body, s, moved, turned: s[:2],
-    words=lambda limits: f"locomotion units move faster than {limits.unit_speed_m_s:g} m/s",
+    words=lambda limits: f"locomotion units move faster than {limits.unit_speed_m_s:zg} m/s",
 )
 BEND_RATE = SpeedLimit(
     name="bend_rate_rad_s",
     unit="rad/s",
     travel=lambda body, s, moved, turned: moved[POSE:] * ca.DM(body.geometry.lengths_m),
-    words=lambda limits: f"segments bend faster than {limits.bend_rate_rad_s:g} rad/s",
+    words=lambda limits: f"segments bend faster than {limits.bend_rate_rad_s:zg} rad/s",
 )
 SPEED = SpeedLimit(
     name="speed_m_s",
     unit="m/s",
     travel=lambda body, s, moved, turned: ca.DM(_SPEED_AXES) @ s[2:4],
-    words=lambda limits: f"the middle link drives faster than {limits.speed_m_s:g} m/s",
+    words=lambda limits: f"the middle link drives faster than {limits.speed_m_s:zg} m/s",
     overstated=1 / _WITHIN,
 )
 TURN_RATE = SpeedLimit(
     name="turn_rate_rad_s",
     unit="rad/s",
     travel=lambda body, s, moved, turned: s[4],
-    words=lambda limits: f"the robot turns faster than {limits.turn_rate_rad_s:g} rad/s",
+    words=lambda limits: f"the robot turns faster than {limits.turn_rate_rad_s:zg} rad/s",
 )
 WHEEL_ACCELERATION = "wheel_acceleration_rad_s2"  # with it, every phase goes from rest to rest
 SPEED_LIMITS = (WHEEL_SPEED, UNIT_SPEED, BEND_RATE, SPEED, TURN_RATE)
@@ -229,7 +231,7 @@ def overlap_in_words(robot: Robot | Body, kappa: ArrayLike) -> str:
     one, other, apart_m = self_collision(robot).nearest(np.asarray(kappa, dtype=float))
     if apart_m >= 0:
         return UNIT_GAP.words(robot.body.limits)
-    return f"{one} overlaps {'itself' if one == other else other} by {-1e3 * apart_m:.1f} mm"
+    return f"{one} overlaps {'itself' if one == other else other} by {-1e3 * apart_m:z.1f} mm"
 
 
 def body_gaps_m(robot: Robot | Body, kappa: ArrayLike) -> Array:

@@ -259,7 +259,7 @@ class Problem(Value):
         for j in range(robot.coordinates.segments):
             for where, q in ends:
                 if abs(q[3 + j]) > limit:
-                    allowed = f"from {-limit:g} to {limit:g} 1/m (robot {robot.name})"
+                    allowed = f"from {-limit:zg} to {limit:zg} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
         yield from self._tasks_outside()
         yield from self._impossible_temperatures()
@@ -282,7 +282,7 @@ class Problem(Value):
         for i, task in passes(self.tasks).items():
             for name, pair, edge in zip(("x_m", "y_m"), (task.x_m, task.y_m), edges, strict=False):
                 if pair and edge and (pair[1] < edge[0] or pair[0] > edge[1]):
-                    allowed = f"some of it within the workspace, {edge[0]:g} to {edge[1]:g} m"
+                    allowed = f"some of it within the workspace, {edge[0]:zg} to {edge[1]:zg} m"
                     yield InputError(f"tasks.{i}.{name}", pair, allowed)
 
     def _impossible_temperatures(self) -> Iterator[InputError]:
@@ -291,18 +291,18 @@ class Problem(Value):
         thresholds = self.segment_thresholds_C
         lowest, _ = self.stiffness_thresholds_C
         if not low <= self.ambient < lowest:
-            allowed = f"from {low:g} to below {lowest:g} C, where the metal of {name} melts"
+            allowed = f"from {low:zg} to below {lowest:zg} C, where the metal of {name} melts"
             yield InputError("ambient_C", self.ambient, allowed)
             return
         for j, (now, (solid, liquid)) in enumerate(zip(self.temperatures, thresholds, strict=True)):
             field = f"start.temperature_C.{j}"
             if not low <= now <= high:
-                yield InputError(field, now, f"from {low:g} to {high:g} C (robot {name})")
+                yield InputError(field, now, f"from {low:zg} to {high:zg} C (robot {name})")
             elif solid < now < liquid:
-                allowed = f"at most {solid:g} C (solid) or at least {liquid:g} C (liquid)"
+                allowed = f"at most {solid:zg} C (solid) or at least {liquid:zg} C (liquid)"
                 yield InputError(field, now, allowed)
             elif now == solid == liquid:
-                allowed = f"not exactly the melting point {solid:g} C: solid or liquid?"
+                allowed = f"not exactly the melting point {solid:zg} C: solid or liquid?"
                 yield InputError(field, now, allowed)
 
     def _too_weak_a_heater(self) -> Iterator[InputError]:
@@ -313,8 +313,8 @@ class Problem(Value):
             coldest = model.initial(min(air, now))
             if model.time_until(coldest, heater.melt_current_A, setpoint) == math.inf:
                 allowed = (
-                    f"a current that heats to the set-point {heater.soft_setpoint_C:g} C "
-                    f"in air of {air:g} C"
+                    f"a current that heats to the set-point {heater.soft_setpoint_C:zg} C "
+                    f"in air of {air:zg} C"
                 )
                 yield InputError("robot.heater.melt_current_A", heater.melt_current_A, allowed)
                 return

@@ -77,8 +77,8 @@ class Thermometer(NamedTuple):
     def melting_words(self) -> str:
         """What the threshold is called."""
         if self.solid_C == self.liquid_C:
-            return f"melts at {self.solid_C:g} °C"
-        return f"changes from {self.solid_C:g} to {self.liquid_C:g} °C"
+            return f"melts at {self.solid_C:zg} °C"
+        return f"changes from {self.solid_C:zg} to {self.liquid_C:zg} °C"
 
 
 def lanes(plan: Plan, stretch: TimeStretch) -> list[Lane]:
@@ -124,8 +124,8 @@ def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Sp
     for first, last in pairwise(changes):
         if current[first] > 0 and first < last:
             low, high = float(samples.t_s[first]), float(samples.t_s[last])
-            title = f"heater {segment} at {current[first]:.3g} A, {_during(low, high)}"
-            label = f"{current[first]:.2g} A"
+            title = f"heater {segment} at {current[first]:z.3g} A, {_during(low, high)}"
+            label = f"{current[first]:z.2g} A"
             span = _span(stretch, low, high, "heating", label, title)
             yield span._replace(level=round(float(current[first]) / most, 3))
 
@@ -136,7 +136,7 @@ def _span(stretch: TimeStretch, low: float, high: float, look: str, label: str, 
 
 
 def _during(low: float, high: float) -> str:
-    return f"{low:.2f} s to {high:.2f} s"
+    return f"{low:z.2f} s to {high:z.2f} s"
 
 
 def ticks(stretch: TimeStretch) -> list[Tick]:
@@ -151,7 +151,7 @@ def ticks(stretch: TimeStretch) -> list[Tick]:
 def curve(t_s: Array, levels: Sequence[float], stretch: TimeStretch) -> str:
     """Levels, 0 to 100 from below, as an SVG ``points`` attribute in a box of 1000 by 100."""
     places = 1000 * stretch.forward(t_s)
-    return " ".join(f"{x:.2f},{100 - y:.2f}" for x, y in zip(places, levels, strict=True))
+    return " ".join(f"{x:z.2f},{100 - y:z.2f}" for x, y in zip(places, levels, strict=True))
 
 
 class SetpointTable(NamedTuple):
@@ -190,5 +190,5 @@ def _cell(name: str, value: float) -> str:
         return str(int(value))
     digits = 3 if name.endswith(("_rad_s", "_A", "per_m")) or name.startswith("melt_") else 4
     digits = 2 if name.endswith("_C") else digits
-    text = f"{value:.{digits}f}"
+    text = f"{value:z.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text

@@ -19,6 +19,8 @@ function player({ film, row_s, temperature_C }) {
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   let frame = 0;
 
+  const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=[0.]+$)/, "");
+
   const clock = (seconds) => {
     const minutes = Math.floor(seconds / 60);
     return minutes ? `${minutes} min ${(seconds % 60).toFixed(2).padStart(5, "0")} s`
@@ -59,7 +61,7 @@ function player({ film, row_s, temperature_C }) {
       levels[i].setAttribute("y", 100 - height);
       levels[i].setAttribute("height", height);
       const current = film.current_A[frame][i];
-      [state, warm.toFixed(1), `${(100 * film.melt_fraction[frame][i]).toFixed(0)} %`,
+      [state, fixed(warm, 1), `${(100 * film.melt_fraction[frame][i]).toFixed(0)} %`,
         current ? `${current.toFixed(2)} A` : "off",
       ].forEach((text, column) => { cells[i][column].textContent = text; });
     });

@@ -106,6 +106,7 @@ def environment(folder: str = "report") -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["number"] = lambda value, form: format(value, f"z{form}")
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return made
 
@@ -197,8 +198,8 @@ def _grid(box: tuple[float, float, float, float]) -> dict[str, Any]:
 def _seconds(value: float) -> str:
     """A duration as people read it: milliseconds, seconds, or minutes and seconds."""
     if 0 < value < 0.1:
-        return f"{1e3 * value:.0f} ms"
+        return f"{1e3 * value:z.0f} ms"
     if value < 60:
-        return f"{value:.2f} s"
+        return f"{value:z.2f} s"
     minutes, seconds = divmod(round(value, 1), 60.0)
-    return f"{minutes:.0f} min {seconds:.1f} s"
+    return f"{minutes:z.0f} min {seconds:z.1f} s"

@@ -104,7 +104,7 @@ def _name_at(at: Array, way: Array) -> list[str]:
 def moved_to(pose: Array) -> str:
     """The SVG transform from the frame of an object at a pose (3,)."""
     x, y, phi = pose.tolist()
-    return f"translate({1e3 * x:.2f},{-1e3 * y:.2f}) rotate({-math.degrees(phi):.2f})"
+    return f"translate({1e3 * x:z.2f},{-1e3 * y:z.2f}) rotate({-math.degrees(phi):z.2f})"
 
 
 def mission(trajectory: Trajectory) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def event_times(plan: Plan) -> list[float]:
 def svg_points(points: Array) -> str:
     """Points (n, 2) or (2,) [m, y up] as an SVG ``points`` attribute [mm, y down]."""
     pairs = np.reshape(points, (-1, 2)) * (1e3, -1e3)
-    return " ".join(f"{x:.2f},{y:.2f}" for x, y in pairs)
+    return " ".join(f"{x:z.2f},{y:z.2f}" for x, y in pairs)
 
 
 def filmed_box(
@@ -194,6 +194,6 @@ def surroundings(
             "points": svg_points(nearest.points_m),
             "at": svg_points(nearest.points_m.mean(axis=0)).split(","),
             "length": length(nearest),
-            "words": f"{length(nearest)}, {nearest.name} at {nearest.at_s:.1f} s",
+            "words": f"{length(nearest)}, {nearest.name} at {nearest.at_s:z.1f} s",
         },
     }

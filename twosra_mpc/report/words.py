@@ -53,7 +53,7 @@ class LimitRow(NamedTuple):
 
 def status_sentence(result: Result) -> str:
     """Say what a status means."""
-    checked, asked = "Verified by independent re-integration", f"{100 * result.problem.gap:g} %"
+    checked, asked = "Verified by independent re-integration", f"{100 * result.problem.gap:zg} %"
     match result.status:
         case Status.OPTIMAL:
             return f"{checked}, and proved to be within the asked gap of {asked} of the best."
@@ -73,18 +73,18 @@ def bound_sentences(result: Result) -> Iterator[str]:
         return
     problem, plan = result.problem, result.plan
     yield (
-        f"No plan for this problem that heats as below costs less than {result.lower_bound:.4f} s:"
+        f"No plan for this problem that heats as below costs less than {result.lower_bound:z.4f} s:"
         " this is the optimum of a relaxation of it, a proved lower bound and not an estimate."
     )
     if plan is not None and plan.gap is not None:
         yield (
-            f"This plan costs {plan.cost.total:.4f} s, so no other one can be better by more than"
-            f" {plan.cost.total - result.lower_bound:.2g} s, or {percent(plan.gap)} of its cost."
+            f"This plan costs {plan.cost.total:z.4f} s, so no other one can be better by more than"
+            f" {plan.cost.total - result.lower_bound:z.2g} s, or {percent(plan.gap)} of its cost."
         )
     if plan is not None and plan.slower_by and plan.fastest_cost is not None:
         yield (
             f"It drives gently: {above_bound(plan)}. At full speed, as the search found it, it"
-            f" costs {plan.fastest_cost:.4f} s, {within(plan.search_gap or 0.0)}. What the asked"
+            f" costs {plan.fastest_cost:z.4f} s, {within(plan.search_gap or 0.0)}. What the asked"
             " gap lets it cost more is spent on lower speeds."
         )
     yield f"Cost is {_cost_formula(problem)}."
@@ -132,12 +132,12 @@ def caveat_sentences(result: Result) -> Iterator[str]:
 def _cost_formula(problem: Problem) -> str:
     weights, terms = problem.cost_weights, ["the duration in s"]
     if weights.energy_s_per_J:
-        terms.append(f"{weights.energy_s_per_J:g} s for every joule of heater energy")
+        terms.append(f"{weights.energy_s_per_J:zg} s for every joule of heater energy")
     if weights.transition_s:
-        terms.append(f"{weights.transition_s:g} s for every melt or freeze")
+        terms.append(f"{weights.transition_s:zg} s for every melt or freeze")
     if weights.effort:
         terms.append(
-            f"{weights.effort:g} times the effort: the sum of the squared wheel speeds, each over"
+            f"{weights.effort:zg} times the effort: the sum of the squared wheel speeds, each over"
             " the largest, integrated"
         )
     return " + ".join(terms) if len(terms) > 1 else "the duration, nothing else"
@@ -151,8 +151,8 @@ def verification_sentence(check: Verification) -> str:
         "Verification passed: the samples were integrated anew by another method, with adaptive"
         " steps, and limits, order of melts and freezes, heater commands and goal were checked. The"
         " samples and their"
-        f" re-integration differ by at most {check.max_defect:.2g} (m, rad or 1/m; allowed are"
-        f" {DEFECT_TOLERANCE:g}); the goal may be missed by {GOAL_TOLERANCE:g}."
+        f" re-integration differ by at most {check.max_defect:z.2g} (m, rad or 1/m; allowed are"
+        f" {DEFECT_TOLERANCE:zg}); the goal may be missed by {GOAL_TOLERANCE:zg}."
     )
 
 
@@ -166,7 +166,7 @@ def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
         if math.isnan(asked):
             rows.append(GoalRow(name, unit, "free", _NONE))
         else:
-            words = f"{asked:g}" + (f" ± {box:.2g}" if box else "")
+            words = f"{asked:zg}" + (f" ± {box:z.2g}" if box else "")
             rows.append(GoalRow(name, unit, words, _residual(error)))
     return rows
 
@@ -174,7 +174,7 @@ def goal_rows(problem: Problem, check: Verification) -> list[GoalRow]:
 def _residual(error: float) -> str:
     if not math.isfinite(error):
         return "not reached"
-    return f"{abs(error):.1e}" if error else "0"
+    return f"{abs(error):z.1e}" if error else "0"
 
 
 def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
@@ -188,8 +188,8 @@ def limit_rows(plan: Plan, check: Verification) -> list[LimitRow]:
     }
     rows = []
     for name, margin in check.limits.items():
-        bound = f"{limits[name]:g}" if name in limits else _NONE
-        left = f"{margin:.3g}" if margin else "0: used in full"
+        bound = f"{limits[name]:zg}" if name in limits else _NONE
+        left = f"{margin:z.3g}" if margin else "0: used in full"
         rows.append(LimitRow(describe(name), bound, left))
     return rows
 
@@ -231,7 +231,7 @@ def _hold(problem: Problem, task: Grasp) -> str:
     if task.hold == "caged":
         return "caged: proved, it cannot leave"
     (friction,) = (item.friction for item in problem.objects if item.name == task.object)
-    return f"pushed: held only while contact is kept (friction {friction:g})"
+    return f"pushed: held only while contact is kept (friction {friction:zg})"
 
 
 class Origin(NamedTuple):
@@ -290,7 +290,7 @@ def effort(result: Result) -> str:
     """Say how much work the plan was, and whether the search ended by itself."""
     stats = result.stats
     words = (
-        f"{stats.wall_s:.2f} s of planning: {stats.sequences_bounded} mode sequences bounded, "
+        f"{stats.wall_s:z.2f} s of planning: {stats.sequences_bounded} mode sequences bounded, "
         f"{stats.sequences_solved} solved, {stats.nlp_iterations} NLP iterations."
     )
     if result.stopped_early:

@@ -62,4 +62,4 @@ class Accuracy(Value):
         millimetres = 1e3 * math.hypot(error[0], error[1])
         degrees = math.degrees(abs(error[2]))
         bent = " and ".join(f"{kappa:+z.2f}" for kappa in error[POSE:].tolist())
-        return f"{millimetres:.1f} mm, {degrees:.2f} degrees, {bent} 1/m from the goal"
+        return f"{millimetres:z.1f} mm, {degrees:z.2f} degrees, {bent} 1/m from the goal"

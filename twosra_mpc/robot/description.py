@@ -93,8 +93,8 @@ class Robot(Value):
         longest, most = max(self.geometry.lengths_m), self.path.largest_bend_rad
         if self.limits.curvature_per_m * longest > most:
             allowed = (
-                f"at most {most / longest:.2f} 1/m, where path model "
-                f"{self.path.model} ends (a bending angle of {most:.3f} rad)"
+                f"at most {most / longest:z.2f} 1/m, where path model "
+                f"{self.path.model} ends (a bending angle of {most:z.3f} rad)"
             )
             raise InputError("limits.curvature_per_m", self.limits.curvature_per_m, allowed)
         if self.segments and len(self.segments) != self.geometry.segments:
@@ -113,7 +113,7 @@ class Robot(Value):
             known = None if segment is None else segment.thresholds_C
             if known is not None and not known[1] < most_C:
                 where = f"segments.{j}" if self.segments else "segment"
-                allowed = f"less than heater.soft_setpoint_C ({most_C:g} C), or it never is liquid"
+                allowed = f"less than heater.soft_setpoint_C ({most_C:zg} C), or it never is liquid"
                 raise InputError(f"{where}.liquid_above_C", known[1], allowed)
         return self
 

@@ -41,9 +41,9 @@ class Heater(Value):
         for least, name in itertools.pairwise(names):
             low, value = getattr(self, least), getattr(self, name)
             if not low < value:
-                raise InputError(name, value, f"more than {least} ({low:g} C)")
+                raise InputError(name, value, f"more than {least} ({low:zg} C)")
         if not self.temperature_min_C <= self.rigid_setpoint_C < self.melting_point_C:
-            allowed = f"from {self.temperature_min_C:g} to below {self.melting_point_C:g} C"
+            allowed = f"from {self.temperature_min_C:zg} to below {self.melting_point_C:zg} C"
             raise InputError("rigid_setpoint_C", self.rigid_setpoint_C, allowed)
         for name, most in (
             ("melt_current_A", "current_max_A"),
@@ -52,7 +52,7 @@ class Heater(Value):
         ):
             current, limit = getattr(self, name), getattr(self, most)
             if current > limit:
-                raise InputError(name, current, f"at most {most} ({limit:g} A)")
+                raise InputError(name, current, f"at most {most} ({limit:zg} A)")
         return self
 
     def power_W(self, current_A: float) -> float:

@@ -45,5 +45,5 @@ def parameters_in_words(path: Path) -> tuple[list[str], list[str]]:
         if isinstance(path, CardioidPath)
         else ()
     )
-    told = [[f"{a:.4f}, {b:.4f}" for a, b in pairs] for pairs in (spirals, cardioids)]
+    told = [[f"{a:z.4f}, {b:z.4f}" for a, b in pairs] for pairs in (spirals, cardioids)]
     return told[0] or ["-"] * len(CASES), told[1] or ["-"] * len(CASES)

@@ -306,7 +306,7 @@ def _checked(
     reach, rms = float(np.hypot(*path[0])), _rms(left)
     if not (converged and rms <= _WORST * reach):
         lengths = {name: getattr(geometry, name) for name in ("segment_length_m", "middle_link_m")}
-        found = f"rms residual {rms / reach:.2g} of the distance between the fibre's ends"
+        found = f"rms residual {rms / reach:z.2g} of the distance between the fibre's ends"
         raise InputError("geometry", lengths, f"lengths whose path a {what} follows ({found})")
     return rms, float(np.max(np.abs(left)))
 
@@ -329,4 +329,4 @@ def _rms(residual: Array) -> float:
 
 def _written(values: Iterable[float]) -> list[float]:
     """Round to what is worth writing in a file: seven significant digits."""
-    return [float(f"{value:.7g}") for value in values]
+    return [float(f"{value:z.7g}") for value in values]

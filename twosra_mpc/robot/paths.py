@@ -29,7 +29,7 @@ class OfPath(Tagged):
             InputError: If the model knows two segments of equal length only, and these are others.
         """
         if len(lengths_m) != 2 or lengths_m[0] != lengths_m[1]:
-            listed = ", ".join(f"{length:g}" for length in lengths_m)
+            listed = ", ".join(f"{length:zg}" for length in lengths_m)
             allowed = f"'arc' for {len(lengths_m)} segments of {listed} m"
             allowed += ": it knows two of equal length only"
             raise InputError("path.model", self.model, allowed)

@@ -164,10 +164,10 @@ class LumpedSegment(Segment):
     def _nested(self) -> LumpedSegment:
         inner = self.core_diameter_m + 2 * self.coil.wire_diameter_m
         if not inner < self.tube_inner_diameter_m:
-            allowed = f"more than core and coil, {inner:g} m"
+            allowed = f"more than core and coil, {inner:zg} m"
             raise InputError("tube_inner_diameter_m", self.tube_inner_diameter_m, allowed)
         if not self.tube_inner_diameter_m < self.tube_outer_diameter_m:
-            allowed = f"more than tube_inner_diameter_m ({self.tube_inner_diameter_m:g} m)"
+            allowed = f"more than tube_inner_diameter_m ({self.tube_inner_diameter_m:zg} m)"
             raise InputError("tube_outer_diameter_m", self.tube_outer_diameter_m, allowed)
         return self
 
@@ -241,7 +241,7 @@ class TwoNodeSegment(Segment):
     @model_validator(mode="after")
     def _two_thresholds(self) -> TwoNodeSegment:
         if not self.solid_below_C < self.liquid_above_C:
-            allowed = f"more than solid_below_C ({self.solid_below_C:g} C)"
+            allowed = f"more than solid_below_C ({self.solid_below_C:zg} C)"
             raise InputError("liquid_above_C", self.liquid_above_C, allowed)
         return self
 

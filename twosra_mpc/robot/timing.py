@@ -63,7 +63,7 @@ class OverlappedTiming(Timing):
             name = f"{kind}_changing_s"
             whole, changing = getattr(self, f"{kind}_s"), getattr(self, name)
             if changing > whole:
-                raise InputError(name, changing, f"at most {kind}_s ({whole:g} s)")
+                raise InputError(name, changing, f"at most {kind}_s ({whole:zg} s)")
         return self
 
 
@@ -90,7 +90,7 @@ class SequentialTiming(Timing):
     @model_validator(mode="after")
     def _cooling_within(self) -> SequentialTiming:
         if self.reconfigure_cool_s >= self.reconfigure_s:
-            allowed = f"less than reconfigure_s ({self.reconfigure_s:g} s)"
+            allowed = f"less than reconfigure_s ({self.reconfigure_s:zg} s)"
             raise InputError("reconfigure_cool_s", self.reconfigure_cool_s, allowed)
         return self
 

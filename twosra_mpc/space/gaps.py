@@ -31,7 +31,7 @@ class Gap(NamedTuple):
     ends_m: Array
 
     def __str__(self) -> str:
-        return f"the {1e3 * self.width_m:.0f} mm between {self.between[0]} and {self.between[1]}"
+        return f"the {1e3 * self.width_m:z.0f} mm between {self.between[0]} and {self.between[1]}"
 
     @property
     def closed(self) -> Obstacle:

@@ -80,7 +80,7 @@ def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap
 def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     said = _MapFile.parse(_flat_yaml(read_text(path, str(path)), str(path)), str(path))
     if not said.free_thresh <= said.occupied_thresh <= 1:
-        allowed = f"from free_thresh = {said.free_thresh:g} to 1"
+        allowed = f"from free_thresh = {said.free_thresh:zg} to 1"
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, str(path))
     light, seen = _pixels(path.parent / said.image, str(path))
     share = np.arange(256) / 255.0 if said.negate else 1.0 - np.arange(256) / 255.0

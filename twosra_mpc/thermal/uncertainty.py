@@ -64,7 +64,7 @@ def windows(
     early = np.quantile(ratios, 1 - quantile, axis=0, method="lower")
     late = np.quantile(ratios, quantile, axis=0, method="higher")
     if not np.isfinite(late).all():
-        air = f"in air of {model.ambient_C:g} C"
+        air = f"in air of {model.ambient_C:zg} C"
         allowed = f"less: {air} too many such robots never melt or never freeze"
         raise InputError("transition_quantile", quantile, allowed)
     return Windows(

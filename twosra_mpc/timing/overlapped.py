@@ -206,18 +206,19 @@ class Overlapped(TransitionModel):
             if before is None:
                 least *= (melting_C - now) / (melting_C - self.problem.ambient)
             if abs(lag - least) > TIME_TOLERANCE_S:
-                yield f"heated for {lag:.3f} s before melting instead of {least:.3f} s"
+                yield f"heated for {lag:z.3f} s before melting instead of {least:z.3f} s"
         else:
             longest = self.times.freeze_s - (plateau := self.times.freeze_changing_s)
             stored = 1.0
             if before is None:
                 least = longest * (now - melting_C) / (heater.soft_setpoint_C - melting_C)
                 if item.onset_s < least - TIME_TOLERANCE_S:
-                    until = f"is still too hot until {least:.3f} s"
-                    yield f"freezes at {item.onset_s:.3f} s, but {until}"
+                    until = f"is still too hot until {least:z.3f} s"
+                    yield f"freezes at {item.onset_s:z.3f} s, but {until}"
             else:
                 stored = min(1.0, (item.heater_s - before.done_s) / self.times.superheat_s)
             if lag > stored * longest + TIME_TOLERANCE_S:
-                yield f"liquid for {lag:.3f} s after its heater is off: it would freeze earlier"
+                yield f"liquid for {lag:z.3f} s after its heater is off: it would freeze earlier"
         if item.done_s - item.onset_s < plateau - TIME_TOLERANCE_S:
-            yield f"on the plateau for {item.done_s - item.onset_s:.3f} s instead of {plateau:g} s"
+            lasts = item.done_s - item.onset_s
+            yield f"on the plateau for {lasts:z.3f} s instead of {plateau:zg} s"

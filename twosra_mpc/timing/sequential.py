@@ -124,7 +124,7 @@ class Sequential(TransitionModel):
         """
         del before
         if item.onset_s > item.heater_s + TIME_TOLERANCE_S:
-            yield f"the robot waits from then on, not from {item.onset_s:.3f} s"
+            yield f"the robot waits from then on, not from {item.onset_s:z.3f} s"
         melts, lasted = item.to == "soft", item.done_s - item.heater_s
         joint = item.heater_s if melts else item.done_s
         for j, soft in enumerate(map(bool, self.first)):
@@ -137,7 +137,7 @@ class Sequential(TransitionModel):
         halves = [(other, item) if melts else (item, other) for other in others]
         reconfigures = any(self._reconfigures(*pair) for pair in halves)
         if lasted < least - TIME_TOLERANCE_S and not reconfigures:
-            yield f"changes in {lasted:.3f} s instead of {least:g} s"
+            yield f"changes in {lasted:z.3f} s instead of {least:zg} s"
 
     def _reconfigures(self, freeze: Transition, melt: Transition) -> bool:
         """Whether a freeze and a melt are the halves of a long enough reconfiguration."""

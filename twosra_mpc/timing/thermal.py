@@ -45,11 +45,11 @@ class Thermal(TransitionModel):
         problem = self.problem
         words = (
             f"melt and freeze times from the thermal model (timing “{problem.timing}”, air of"
-            f" {problem.ambient:g} °C)"
+            f" {problem.ambient:zg} °C)"
         )
         if problem.transition_quantile is not None:
             share = 100 * problem.transition_quantile
-            words += f", windows that hold {share:g} % of all transitions"
+            words += f", windows that hold {share:zg} % of all transitions"
         return words
 
     @cached_property

@@ -100,8 +100,8 @@ class TransitionModel(ABC):
         heater = self.problem.robot.heater
         warm = ", solid segments kept warm where that costs less"
         return (
-            f"one heating policy: {heater.melt_current_A:g} A until the set-point of"
-            f" {heater.soft_setpoint_C:g} °C, then hold"
+            f"one heating policy: {heater.melt_current_A:zg} A until the set-point of"
+            f" {heater.soft_setpoint_C:zg} °C, then hold"
             f"{warm if self.problem.heating == 'keep_warm' else ''}"
         )
 

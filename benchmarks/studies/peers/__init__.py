@@ -83,7 +83,7 @@ class Peers(PlanStudy):
             return isolated(_LIMIT_S, attempt, problem, self.peers()[case.planner])
         except BrokenProcessPool:
             took_s = time.perf_counter() - started
-            words = CRASHED if took_s < _LIMIT_S else f"ended after {_LIMIT_S:g} s"
+            words = CRASHED if took_s < _LIMIT_S else f"ended after {_LIMIT_S:zg} s"
             return _record(Answer(words, None), None, took_s, took_s)
 
     def report(self, results: Sequence[Measured], folder: Path) -> dict[str, Any]:

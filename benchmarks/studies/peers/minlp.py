@@ -80,7 +80,7 @@ class TimeGridMinlp(Value):
                 return Answer(f"{status}, incumbent is not integral", None)
             chosen = [tuple(mode) for mode in modes.round().astype(int).tolist()]
             motion = time_grid.as_motion(problem, chosen, x["s"] * INPUT_SCALE)
-            return Answer(f"{status}, incumbent {cost:.1f} s", motion)
+            return Answer(f"{status}, incumbent {cost:z.1f} s", motion)
 
         return solve
 

@@ -47,7 +47,7 @@ def command(wheel_rad_s: Sequence[float], soft: Mode, robot_id: int | None = Non
         soft: 1 for a segment to heat, 0 for one to let cool.
         robot_id: Number of the robot, if the firmware expects one.
     """
-    speeds = [f"{round(speed, 3) + 0.0:.3f}" for speed in wheel_rad_s]  # + 0.0: no minus zero
+    speeds = [f"{speed:z.3f}" for speed in wheel_rad_s]
     ends = [] if robot_id is None else [robot_id]
     return ("s" + "".join(f"{value}\n" for value in (*speeds, *soft, *ends))).encode("ascii")
 

@@ -73,7 +73,7 @@ def _check(name: str, value: float, limit: float | None, key: str, unit: str) ->
     if not np.isfinite(value):
         raise InputError(name, value, f"a number [{unit}]")
     if limit is not None and value > limit * (1 + _ROUNDING):
-        raise InputError(name, value, f"at most limits.{key} of the robot, {limit:g} {unit}")
+        raise InputError(name, value, f"at most limits.{key} of the robot, {limit:zg} {unit}")
 
 
 def for_a_time(robot: Robot, jog: Jog, duration_s: float) -> Asked:

@@ -102,11 +102,11 @@ class PoseLines:
             raise ValueError("not all numbers are finite")
         age_s, kappa = unix_s - numbers[0], numbers[1 + POSE :]
         if not EARLIEST_S <= age_s <= LATEST_S:
-            raise ValueError(f"taken {age_s:.3g} s ago; at most {LATEST_S:g} s are of use")
+            raise ValueError(f"taken {age_s:z.3g} s ago; at most {LATEST_S:zg} s are of use")
         if numbers[0] <= self._last_s:
             raise ValueError("not taken after the line before it")
         if max(map(abs, kappa)) > self._most_per_m:
-            raise ValueError(f"a curvature beyond {self._most_per_m:.0f} 1/m")
+            raise ValueError(f"a curvature beyond {self._most_per_m:z.0f} 1/m")
         return numbers
 
 

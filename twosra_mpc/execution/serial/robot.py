@@ -89,7 +89,7 @@ def connected(
     camera = Camera(rate_Hz=rate_Hz) if poses is None else poses.camera
     most_Hz = firmware_lines.HIGHEST_RATE_HZ
     if not 1 <= camera.rate_Hz <= most_Hz:
-        allowed = f"from 1 to {most_Hz:g} Hz, which the line carries"
+        allowed = f"from 1 to {most_Hz:zg} Hz, which the line carries"
         raise InputError("rate", camera.rate_Hz, allowed)
     with deferred_interrupts() as interrupts:
         connection = port, clock, interrupts, poses, patience or Patience()
@@ -194,7 +194,7 @@ class SerialRobot:
         until_s, frames = self.clock.now_s() + self.patience.listen_s, self.read().frames
         while not seen():
             if self.clock.now_s() >= until_s:
-                known = f"no pose within {self.patience.listen_s:g} s"
+                known = f"no pose within {self.patience.listen_s:zg} s"
                 raise RobotError(f"{known}: {describe()}")
             self.send(_STILL, np.full(self._count, self.robot.heater.rigid_setpoint_C))
             self.wait(self.camera.period_s)
@@ -256,7 +256,7 @@ class SerialRobot:
             self.clock.sleep(min(left_s, _LONGEST_NAP_S))
             self.interrupts.check()
         if self._turns and -left_s > self.patience.held_up_s:
-            raise RobotError(f"the computer was held up for {-left_s:.1f} s with turning wheels")
+            raise RobotError(f"the computer was held up for {-left_s:z.1f} s with turning wheels")
 
     def stop(self) -> PortError | None:
         """Tell the robot several times to stand and let its heaters cool; an error if none went."""

@@ -73,7 +73,7 @@ class ModelledSegment:
         for reading_C in readings_C:
             if math.isfinite(reading_C):
                 words = "drive it by its reports, one at least every 5 s"
-                self._told = f"it reports {reading_C:.1f} C, but is heated by its model: {words}"
+                self._told = f"it reports {reading_C:z.1f} C, but is heated by its model: {words}"
             else:
                 self._unreadable += 1
         if self._unreadable >= MEDIAN_OF:
@@ -170,7 +170,7 @@ class ReportedSegment:
     def trouble(self, time_s: float, silent_s: float) -> str | None:
         """Why the robot must be stopped now, in words."""
         if time_s - self._last_s > silent_s:
-            return f"no readable temperature report for {time_s - self._last_s:.0f} s"
+            return f"no readable temperature report for {time_s - self._last_s:z.0f} s"
         if self._state.protection == "tripped":
-            return f"too hot, {self.temperature_C:.1f} C"
+            return f"too hot, {self.temperature_C:z.1f} C"
         return None

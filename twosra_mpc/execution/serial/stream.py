@@ -48,7 +48,7 @@ class StreamError(TwosraError):
 
     def __init__(self, time_s: float, during: str, reason: str) -> None:
         self.time_s, self.during, self.reason = time_s, during, reason
-        super().__init__(f"stopped after {time_s:.1f} s, {during}: {reason}")
+        super().__init__(f"stopped after {time_s:z.1f} s, {during}: {reason}")
 
     def __reduce__(self) -> tuple[object, ...]:
         return (type(self), (self.time_s, self.during, self.reason))
@@ -219,7 +219,7 @@ class _Stream:
         self.on_state(StreamState(self.clock.now_s(), "listening for temperatures"))
         robot.listen()
         if not robot.reports:
-            raise RobotError(f"no temperature report within {robot.patience.listen_s:g} s")
+            raise RobotError(f"no temperature report within {robot.patience.listen_s:zg} s")
 
     def _played(self, robot: SerialRobot) -> Run:
         """Send the plan as it is."""
@@ -256,10 +256,10 @@ class _Stream:
         away = frames.mean(axis=0) - self.plan.problem.start.configuration
         far_m, turn_rad = math.hypot(away[0], away[1]), math.remainder(float(away[2]), math.tau)
         if far_m > patience.corridor_m or abs(turn_rad) > patience.corridor_rad:
-            seen = (
-                f"the robot is seen {far_m:.2f} m and {abs(turn_rad):.2f} rad from the plan's start"
+            away = f"{far_m:z.2f} m and {abs(turn_rad):z.2f} rad from the plan's start"
+            raise RobotError(
+                f"the robot is seen {away}: are poses in m and rad, and in the plan's frame?"
             )
-            raise RobotError(f"{seen}: are poses in m and rad, and in the plan's frame?")
 
     def _tell(self, session: Session) -> None:
         """Note a command."""

@@ -99,7 +99,7 @@ class ObjectPlant:
                 self._push(i, contact.way, contact.depth_m, contact.at)
         if not self.squeezed and contact.depth_m > SQUEEZED_M:
             what = "the robot" if by is None else self._names[by] if isinstance(by, int) else by
-            self.squeezed = f"{self._names[i]} in {what} by {1e3 * contact.depth_m:.1f} mm"
+            self.squeezed = f"{self._names[i]} in {what} by {1e3 * contact.depth_m:z.1f} mm"
 
     def _touches(
         self, robot: Array, moved: Array

@@ -120,7 +120,7 @@ class Simulation:
             corrections=run.corrections,
             forced_s=float(truth.forced_s[-1]),
             least_clearance_m=None if near is None else near.clearance_m,
-            touched=f"touched {near.name} at {near.time_s:.0f} s" if near and near.touched else "",
+            touched=f"touched {near.name} at {near.time_s:z.0f} s" if near and near.touched else "",
             tasks_done=len(run.done_s),
             object_m=object_m,
             object_rad=object_rad,

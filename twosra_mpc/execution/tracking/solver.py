@@ -199,7 +199,7 @@ class ProgramInPlace:
         info = self._solver.info
         return (
             f"{info.status} after {info.iter} iterations, "
-            f"residuals {info.prim_res:.2g} and {info.dual_res:.2g}"
+            f"residuals {info.prim_res:z.2g} and {info.dual_res:z.2g}"
         )
 
     def quadratic_program(self) -> QuadraticProgram:

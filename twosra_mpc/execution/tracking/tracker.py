@@ -160,13 +160,13 @@ class Tracker:
         if not isinstance(horizon, int | np.integer) or not 2 <= horizon <= LONGEST_HORIZON:
             raise InputError("horizon", horizon, f"from 2 to {LONGEST_HORIZON} steps")
         if not 0 < rate_Hz <= HIGHEST_RATE_HZ:
-            raise InputError("rate_Hz", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:g} Hz")
+            raise InputError("rate_Hz", rate_Hz, f"more than 0 and at most {HIGHEST_RATE_HZ:zg} Hz")
         self.robot, self.horizon, self.period_s = robot, horizon, 1.0 / rate_Hz
         self.weights = weights or TrackerWeights()
         self.limits = limits or TrackerLimits()
         self.solver = solver or SolverSettings()
         if self.limits.dead_zone_rad_s > robot.limits.wheel_speed_rad_s:
-            most = f"at most the wheel speed limit, {robot.limits.wheel_speed_rad_s:g} rad/s"
+            most = f"at most the wheel speed limit, {robot.limits.wheel_speed_rad_s:zg} rad/s"
             raise InputError("limits.dead_zone_rad_s", self.limits.dead_zone_rad_s, most)
         self._programs: dict[Mode, ProgramInPlace] = {}
         self._phases: list[tuple[ProgramInPlace, PhaseReference]] | None = None

@@ -67,7 +67,7 @@ def cluster_at(scheduler: str) -> Iterator[Client]:
             asyncio.run(_identity(scheduler))
         except Exception as error:  # who knows what a server answers that is no scheduler
             reason = str(error) or type(error).__name__
-            allowed = f"tcp://host:port of one that answers within {_ANSWER_S:g} s ({reason})"
+            allowed = f"tcp://host:port of one that answers within {_ANSWER_S:zg} s ({reason})"
             raise InputError("--scheduler", scheduler, allowed) from error
         with Client(scheduler, set_as_default=False) as client:
             _check_versions(client, scheduler)

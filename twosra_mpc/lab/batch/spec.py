@@ -34,7 +34,7 @@ class Range(Value):
     @model_validator(mode="after")
     def _rising(self) -> Range:
         if not self.first < self.to:
-            raise InputError("to", self.to, f"more than from ({self.first:g})")
+            raise InputError("to", self.to, f"more than from ({self.first:zg})")
         return self
 
     def __len__(self) -> int:
@@ -60,7 +60,7 @@ def _axis(given: object) -> Range | tuple[Scalar, ...]:
         raise InputError("", given, "all numbers, all texts, or all of true and false")
     for number, value in enumerate(given):
         if kinds <= {int, float} and not abs(value) <= LARGEST:
-            raise InputError(f"{number}", value, f"a finite number, at most {LARGEST:g} in size")
+            raise InputError(f"{number}", value, f"a finite number, at most {LARGEST:zg} in size")
     if len(set(given)) < len(given):
         raise InputError("", given, "each value once")
     return tuple(given)

@@ -72,7 +72,7 @@ def _cells(spread: Spread | None, scale: float = 1.0) -> tuple[str, ...]:
     if spread is None:
         return ()
     plans, *quantiles = spread
-    return (str(plans), *(f"{scale * value:.4g}" for value in quantiles))
+    return (str(plans), *(f"{scale * value:z.4g}" for value in quantiles))
 
 
 def _first(rows: Sequence[tuple[str, ...]]) -> Sequence[tuple[str, ...]]:

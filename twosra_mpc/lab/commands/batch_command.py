@@ -131,7 +131,7 @@ def _bar(output: Output, total: int, done: int) -> Iterator[Callable[[int], None
         def advance(more: int) -> None:
             now = progress.tasks[task].completed + more
             rate = (now - done) / (time.perf_counter() - started)
-            progress.update(task, completed=now, rate=f"{rate:.1f}/s")
+            progress.update(task, completed=now, rate=f"{rate:z.1f}/s")
 
         yield advance
 

@@ -193,9 +193,9 @@ def _print(found: list[list[Estimate]]) -> None:
     of = _summary(every)
     click.echo(
         f"{of['pictures'] - of['refused']} pictures measured, {of['refused']} refused. Published:"
-        f" mean spread along the segment {of['published_mean_spread_per_m']:.2f} 1/m.\n"
-        f"Arc: {of['share_compatible_with_an_arc']:.0%} of the segments are compatible with one"
-        f" arc; medial lines are {1e3 * of['median_scatter_m']:.2f} mm off theirs (median)."
+        f" mean spread along the segment {of['published_mean_spread_per_m']:z.2f} 1/m.\n"
+        f"Arc: {of['share_compatible_with_an_arc']:z.0%} of the segments are compatible with one"
+        f" arc; medial lines are {1e3 * of['median_scatter_m']:z.2f} mm off theirs (median)."
     )
 
 
@@ -203,11 +203,11 @@ def _print_deviations(found: list[list[Estimate]], every: list[Estimate]) -> Non
     rows = []
     for name, off in _deviations(found).items():
         bands = [_mean_square(every, _ESTIMATORS[name], *band) for band in _pairs()]
-        of_cycles = f"{off.cycle_mse_per_m2:.2f} ({off.cycles})" if off.cycles else "-"
-        each = (f"{off.pictures}", f"{off.mse_per_m2:.2f}", f"{off.slope:.3f}")
+        of_cycles = f"{off.cycle_mse_per_m2:z.2f} ({off.cycles})" if off.cycles else "-"
+        each = (f"{off.pictures}", f"{off.mse_per_m2:z.2f}", f"{off.slope:z.3f}")
         rows.append((name, *each, of_cycles.replace("nan", "-"), *bands))
     header = ("estimator", "pictures", "MSE [1/m2]", "slope", "MSE of mean repeats (how many)")
-    print_table((*header, *(f"|kappa| {low:g} to {high:g}" for low, high in _pairs())), rows)
+    print_table((*header, *(f"|kappa| {low:zg} to {high:zg}" for low, high in _pairs())), rows)
 
 
 def _pairs() -> list[tuple[float, float]]:
@@ -223,7 +223,7 @@ def _mean_square(every: list[Estimate], field: str, low: float, high: float) -> 
         ]
     )
     off = off[np.isfinite(off)]
-    return f"{np.mean(off**2):.1f}" if len(off) else "-"
+    return f"{np.mean(off**2):z.1f}" if len(off) else "-"
 
 
 def _error(each: Estimate) -> str:
@@ -231,4 +231,4 @@ def _error(each: Estimate) -> str:
 
 
 def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.1f}"
+    return "-" if math.isnan(value) else f"{value:z.1f}"

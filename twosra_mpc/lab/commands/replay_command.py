@@ -111,7 +111,7 @@ def _print(log: MotionLog, robot: Robot, phases: list[PhaseReplay]) -> None:
     header = ("phase", "mode", "time [s]", "end errors", "x [mm]", "y [mm]", "heading [rad]")
     rows = []
     for number, phase in enumerate(phases, 1):
-        lasted = f"{phase.time_s[-1] - phase.time_s[0]:.1f}"
+        lasted = f"{phase.time_s[-1] - phase.time_s[0]:z.1f}"
         first = (str(number), mode_name(phase.mode), lasted)
         for words, error in (
             ("of the commands", phase.error),
@@ -147,4 +147,4 @@ def _cells(error: Array) -> list[str]:
 
 
 def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.2f}"
+    return "-" if math.isnan(value) else f"{value:z.2f}"

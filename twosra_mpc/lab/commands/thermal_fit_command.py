@@ -187,15 +187,15 @@ def _transition_document(fit: TransitionFit) -> dict[str, Any]:
 def _print_transitions(fit: TransitionFit, own: TwoNodeSegment) -> None:
     rows = []
     for name in fit.fitted:
-        span = f"{fit.smallest[name]:.4g} to {fit.largest[name]:.4g}"
-        known = f"{getattr(own, name):.4g}"
-        rows.append((_NAMES[name], f"{getattr(fit.segment, name):.4g}", span, known))
+        span = f"{fit.smallest[name]:z.4g} to {fit.largest[name]:z.4g}"
+        known = f"{getattr(own, name):z.4g}"
+        rows.append((_NAMES[name], f"{getattr(fit.segment, name):z.4g}", span, known))
     print_table(("parameter", "identified", "with a part left out", f"in {fit.robot}"), rows)
     times = [
         (
             f"{each.logged.number}",
             each.logged.kind,
-            *(f"{s:.1f}" for s in (each.logged.duration_s, each.fitted_s, each.left_out_s)),
+            *(f"{s:z.1f}" for s in (each.logged.duration_s, each.fitted_s, each.left_out_s)),
             f"{each.error:+z.0%}",
         )
         for each in fit.predictions
@@ -203,9 +203,9 @@ def _print_transitions(fit: TransitionFit, own: TwoNodeSegment) -> None:
     header = ("transition", "kind", "logged [s]", "fitted [s]", "left out [s]", "error")
     print_table(header, times)
     click.echo(
-        f"Each left out of the fit, durations are off by {fit.quantile(0.5):.1%} (median), nine of"
-        f" ten within {fit.quantile(0.9):.1%}; {fit.within(0.35)} of {len(fit.predictions)} within"
-        f" 35 %. What lasted less than {SHORTEST_S:g} s is told, but not fitted."
+        f"Each left out of the fit, durations are off by {fit.quantile(0.5):z.1%} (median), nine of"
+        f" ten within {fit.quantile(0.9):z.1%}; {fit.within(0.35)} of {len(fit.predictions)} within"
+        f" 35 %. What lasted less than {SHORTEST_S:zg} s is told, but not fitted."
     )
 
 
@@ -247,18 +247,18 @@ def _print_fit(
     else:
         click.echo("No cross-validation by cycles: it takes two that heat and cool.\n")
     warm = log.despiked_C[0] - log.ambient_C
-    start = f" It starts {warm:.1f} K above: taken as cooled for long." if warm > _WARM_K else ""
+    start = f" It starts {warm:z.1f} K above: taken as cooled for long." if warm > _WARM_K else ""
     click.echo(
-        f"Scored: {fit.residuals.points} points {fit.log.step_s:g} s apart, heating and cooling; "
-        f"in a hold the power is unknown, and the first {CORRECTED_S:g} s after it help to find "
-        f"its end.\nSpikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:.4g} C.{start}"
+        f"Scored: {fit.residuals.points} points {fit.log.step_s:zg} s apart, heating and cooling; "
+        f"in a hold the power is unknown, and the first {CORRECTED_S:zg} s after it help to find "
+        f"its end.\nSpikes replaced: {int(log.spikes.sum())}. Air: {log.ambient_C:z.4g} C.{start}"
     )
 
 
 def _print_scores(robot: Robot, scores: Scores) -> None:
     rows = []
     for log, found in scores:
-        law = f"K_p {found.law.gain_per_K:.4f} 1/K, duty at 54 C {found.law.duty_at_54C:.3f}"
+        law = f"K_p {found.law.gain_per_K:z.4f} 1/K, duty at 54 C {found.law.duty_at_54C:z.3f}"
         rows.append((log.source, *_residuals(found), law))
     print_table((f"{robot.name} on", *_HEADER, "heater law, fitted to the log"), rows)
 
@@ -270,10 +270,10 @@ def _print_parameters(fit: thermal_fit.ThermalFit, own: TwoNodeSegment) -> None:
             getattr(each, name)
             for each in (fit.parameters, fit.standard_errors, fit.smallest, fit.largest)
         )
-        span = f"{low:.4g} to {high:.4g}" if fit.held_out else "-"
-        known = f"{getattr(own, name):.4g}" if name in thermal_fit.SEGMENT_FIELDS else "-"
-        rows.append((_NAMES[name], f"{value:.4g}", f"{error:.2g}", span, known))
-    fixed = f"{own.sensor_gain:.4g}"
+        span = f"{low:z.4g} to {high:z.4g}" if fit.held_out else "-"
+        known = f"{getattr(own, name):z.4g}" if name in thermal_fit.SEGMENT_FIELDS else "-"
+        rows.append((_NAMES[name], f"{value:z.4g}", f"{error:z.2g}", span, known))
+    fixed = f"{own.sensor_gain:z.4g}"
     rows.append(("sensor gain", fixed, "not identifiable", "-", fixed))
     header = ("parameter", "identified", "standard error", "without one cycle", f"in {fit.robot}")
     print_table(header, rows)
@@ -286,4 +286,4 @@ def _residuals(of: thermal_fit.Row | thermal_fit.HeldOut | thermal_fit.Score) ->
 
 
 def _digits(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3f}"
+    return "-" if math.isnan(value) else f"{value:z.3f}"

@@ -159,7 +159,7 @@ def draw_worth(ax: Axes, worth: Sequence[Worth]) -> Axes:
     for place, each in zip(places, worth, strict=True):
         ax.text(0.02, place + 0.2, each.change, fontsize=7.5, transform=ax.get_yaxis_transform())
     ax.set_xscale("symlog", linthresh=1.0)
-    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_major_formatter("{x:zg}")
     ax.set(yticks=(), title="what changes are worth", xlabel="saved [s of a plan]")
     ax.set_ylim(-0.5, len(worth) - 0.2)
     return ax
@@ -174,9 +174,9 @@ def draw_gaps(ax: Axes, runs: DataFrame) -> Axes:
             gaps, bins=np.geomspace(gaps.min() / 1.5, gaps.max() * 1.5, 31).tolist(), color=_BLUE
         )
         middle = float(np.median(gaps))
-        ax.axvline(middle, c=figures.SOFT_COLOUR, lw=1.2, label=f"median {middle:.2g} %")
+        ax.axvline(middle, c=figures.SOFT_COLOUR, lw=1.2, label=f"median {middle:z.2g} %")
         ax.set_xscale("log")
-        ax.xaxis.set_major_formatter("{x:g}")
+        ax.xaxis.set_major_formatter("{x:zg}")
         ax.legend()
     ax.set(title="proved gap at full speed", xlabel="gap [%]", ylabel="plans")
     return ax

@@ -96,12 +96,12 @@ def draw_steps(axes: Sequence[Axes], each: Estimate, measured: Measured, camera:
     axes[2].plot(*measured.published.smooth_px.T, **_SMOOTH)
     mean, spread = each.published_per_m, measured.published.spread_per_m
     known = measured.published.known
-    _say(axes[2], f"{mean:+z.1f} 1/m, spread {spread:.1f} (on {known:.0%})")
+    _say(axes[2], f"{mean:+z.1f} 1/m, spread {spread:z.1f} (on {known:z.0%})")
     axes[3].plot(*measured.arc.line_px.T, **_LINE)
     axes[3].plot(*measured.arc.arc_px.T, **_ARC)
     error, chance = measured.arc.standard_error_per_m, measured.arc.p_value
-    fits = f"p = {chance:.2f}" if chance >= 0.01 else "p < 0.01"
-    _say(axes[3], f"{each.arc_per_m:+z.1f} ± {error:.1f} 1/m, {fits}")
+    fits = f"p = {chance:z.2f}" if chance >= 0.01 else "p < 0.01"
+    _say(axes[3], f"{each.arc_per_m:+z.1f} ± {error:z.1f} 1/m, {fits}")
 
 
 def _contour(ax: Axes, measured: Measured, camera: Camera) -> None:
@@ -145,7 +145,7 @@ def draw_estimates(top: Axes, bottom: Axes, estimates: Sequence[Estimate]) -> No
     for name, estimate in values.items():
         off = estimate - reference
         mse = float(np.nanmean(off**2))
-        top.plot(reference, estimate, ls="", label=f"{name}: MSE {mse:.1f} 1/m²", **_LOOKS[name])
+        top.plot(reference, estimate, ls="", label=f"{name}: MSE {mse:z.1f} 1/m²", **_LOOKS[name])
         bottom.plot(reference, off, ls="", **_LOOKS[name])
     top.set(ylabel="estimated curvature [1/m]", xlim=(-limit, limit))
     top.set_title("All pictures, against their references")

@@ -149,7 +149,7 @@ def plot_published_tasks(path: str | Path | None = None) -> Figure:
             shown = ((published, greedy, f"{task}\n"), (planned, made, ""))
             for ax, (pieces, timed, above) in zip(column, shown, strict=True):
                 _draw_task(ax, geometry, pieces)
-                ax.set_title(f"{above}{_sequence(pieces)}\n{timed.duration_s:.0f} s with waits")
+                ax.set_title(f"{above}{_sequence(pieces)}\n{timed.duration_s:z.0f} s with waits")
             ends = np.concatenate([piece.q[[0, -1]] for piece in (*published, *planned)])
             plane.to_one_scale(column, robot_shape(geometry, ends, 2).wheels)
         for row, name in zip(grid, ("as published", "this planner"), strict=True):

@@ -57,8 +57,8 @@ def plot_thermal_fit(fit: ThermalFit, path: str | Path | None = None) -> Figure:
 def _title(fit: ThermalFit) -> str:
     found = fit.residuals
     unseen = fit.rows[0].held_out_rms_C
-    left_out = "" if math.isnan(unseen) else f", {unseen:.2f} K in cycles left out of the fit"
-    rms = f"{found.heating_rms_C:.2f} K heating, {found.cooling_rms_C:.2f} K cooling{left_out}"
+    left_out = "" if math.isnan(unseen) else f", {unseen:z.2f} K in cycles left out of the fit"
+    rms = f"{found.heating_rms_C:z.2f} K heating, {found.cooling_rms_C:z.2f} K cooling{left_out}"
     return f"{fit.robot}, {Path(fit.source).name}\nRMS residual {rms}"
 
 
@@ -82,7 +82,7 @@ def _draw_phases(ax: Axes, log: EvenLog, values: Array, name: str) -> None:
 def _draw_nodes(ax: Axes, fit: ThermalFit) -> None:
     log, solid, liquid = fit.log, fit.segment.solid_below_C, fit.segment.liquid_above_C
     core = fit.response.core_C
-    label = f"changing, {solid:.3g} to {liquid:.3g} °C"
+    label = f"changing, {solid:z.3g} to {liquid:z.3g} °C"
     ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.4, label=label)
     ax.plot(log.time_s, core, c="#222222", lw=1.5, label="core (in holds from the sensor)")
     body = fit.response.other + log.ambient_C

@@ -116,7 +116,9 @@ class HeatingLog:
         wrong = np.flatnonzero((gaps <= 0) | (gaps > LONGEST_GAP_S))
         if len(wrong):
             before, value = self.time_s[wrong[0] : wrong[0] + 2].tolist()
-            allowed = f"later than the row before it ({before:g} s), by {LONGEST_GAP_S:g} s at most"
+            allowed = (
+                f"later than the row before it ({before:zg} s), by {LONGEST_GAP_S:zg} s at most"
+            )
             raise self._refuse(f"time_s, row {wrong[0] + 2}", value, allowed)
 
     def _check_course(self) -> None:
@@ -132,16 +134,20 @@ class HeatingLog:
             allowed = "heating or cooling: before a hold, the segment's warmth has to be known"
             raise self._refuse("mode, row 1", "hold", allowed)
         if self.step_s > LONGEST_STEP_S:
-            allowed = f"at most {LONGEST_STEP_S:g} s between rows, as a median"
+            allowed = f"at most {LONGEST_STEP_S:zg} s between rows, as a median"
             raise self._refuse("time_s", self.step_s, allowed)
         if not math.isfinite(self.ambient_C):
             raise self._refuse("ambient_C", self.ambient_C, "a finite number")
         coldest, hottest = float(self.despiked_C.min()), float(self.despiked_C.max())
         if coldest < self.ambient_C - COLDER_THAN_AIR_K:
-            allowed = f"at most the coldest reading ({coldest:g} C); give it if the log starts warm"
+            allowed = (
+                f"at most the coldest reading ({coldest:zg} C); give it if the log starts warm"
+            )
             raise self._refuse("ambient_C", self.ambient_C, allowed)
         if hottest < self.ambient_C + LEAST_RISE_K:
-            allowed = f"readings that rise {LEAST_RISE_K:g} K above the air ({self.ambient_C:g} C)"
+            allowed = (
+                f"readings that rise {LEAST_RISE_K:zg} K above the air ({self.ambient_C:zg} C)"
+            )
             raise self._refuse("temp_C", hottest, allowed)
 
 
@@ -224,8 +230,8 @@ def check_readings(readings_C: Array, column: str, source: str) -> None:
     for unit, (least, most), turned in _OTHER_UNITS:
         if least <= low and high <= most:
             looks = f"{unit}: {turned}"
-    allowed = f"degrees Celsius, from {READINGS_C[0]:g} to {READINGS_C[1]:g}; these look like "
-    raise InputError(column, f"{low:g} to {high:g}", allowed + looks, source)
+    allowed = f"degrees Celsius, from {READINGS_C[0]:zg} to {READINGS_C[1]:zg}; these look like "
+    raise InputError(column, f"{low:zg} to {high:zg}", allowed + looks, source)
 
 
 def resample(log: HeatingLog) -> EvenLog:

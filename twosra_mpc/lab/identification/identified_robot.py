@@ -40,6 +40,6 @@ def write_identified_robot(
         ranges[name] = list(fit.segment.ranges[name])
     ranges.comment(
         "5 to 95 %: standard error, all fits that leave a part out, and at least"
-        f" {100 * LOGS_DIFFER:g} % on either side, as fits to logs of one segment differ"
+        f" {100 * LOGS_DIFFER:zg} % on either side, as fits to logs of one segment differ"
     )
     write_text(target, tomlkit.dumps(document))

@@ -137,7 +137,7 @@ def _read(
 
 def _with_phases(log: MotionLog) -> MotionLog:
     if not log.phases:
-        allowed = f"one with two rows of one mode, not more than {LONGEST_STEP_S:g} s apart"
+        allowed = f"one with two rows of one mode, not more than {LONGEST_STEP_S:zg} s apart"
         raise InputError("log", log.source, allowed)
     return log
 

@@ -34,14 +34,14 @@ def check_log(log: HeatingLog) -> None:
     """
     if not AIR_C[0] <= log.ambient_C <= AIR_C[1]:
         allowed = (
-            f"air of {AIR_C[0]:g} to {AIR_C[1]:g} C: if the log starts warm, give the air's "
+            f"air of {AIR_C[0]:zg} to {AIR_C[1]:zg} C: if the log starts warm, give the air's "
             "temperature (--ambient); if it is in Fahrenheit, turn it into degrees Celsius"
         )
         raise InputError("ambient_C", log.ambient_C, allowed, log.source)
     rise_K, heated_s = _change(log, "heating")
     fall_K, _ = _change(log, "cooling")
     if rise_K < LEAST_CHANGE_K or fall_K > -LEAST_CHANGE_K:
-        value = f"{rise_K:+.3g} K while heating, {fall_K:+.3g} K while cooling"
+        value = f"{rise_K:+z.3g} K while heating, {fall_K:+z.3g} K while cooling"
         allowed = "readings that rise while heating and fall while cooling: are labels swapped?"
         raise InputError("mode", value, allowed, log.source)
     check_rate(rise_K / heated_s, "time_s", log.source)
@@ -59,10 +59,10 @@ def check_rate(rate_K_per_s: float, column: str, source: str) -> None:
     if rate_K_per_s < SLOWEST_K_PER_S:
         unit = "milliseconds"
     allowed = (
-        f"seconds, in which heating warms by {SLOWEST_K_PER_S:g} to {FASTEST_K_PER_S:g} K/s; "
+        f"seconds, in which heating warms by {SLOWEST_K_PER_S:zg} to {FASTEST_K_PER_S:zg} K/s; "
         f"these look like {unit}"
     )
-    raise InputError(column, f"{rate_K_per_s:.3g} K/s", allowed, source)
+    raise InputError(column, f"{rate_K_per_s:z.3g} K/s", allowed, source)
 
 
 def check_scored(log: EvenLog, source: str) -> None:
@@ -74,7 +74,7 @@ def check_scored(log: EvenLog, source: str) -> None:
     for word, flags in (("heating", log.heating), ("cooling", ~log.heating)):
         count = int(np.sum(log.scored & flags))
         if count < LEAST_SAMPLES:
-            allowed = f"at least {LEAST_SAMPLES} points {log.step_s:g} s apart: a longer log"
+            allowed = f"at least {LEAST_SAMPLES} points {log.step_s:zg} s apart: a longer log"
             raise InputError("mode", f"{count} scored points of {word}", allowed, source)
 
 
@@ -88,17 +88,17 @@ def check_fit(
     """
     if off.rms_C > LARGEST_RMS_C:
         allowed = (
-            f"a residual of at most {LARGEST_RMS_C:g} C (RMS) in what is fitted: check the units "
+            f"a residual of at most {LARGEST_RMS_C:zg} C (RMS) in what is fitted: check the units "
             "of time_s and temp_C, the labels in mode, and the air's temperature (--ambient)"
         )
-        raise InputError("residual", f"{off.rms_C:.3g} C", allowed, source)
+        raise InputError("residual", f"{off.rms_C:z.3g} C", allowed, source)
     check_bounds(parameters, found.values, source)
     for (name, each), value, error in zip(parameters.items(), *found[:2], strict=True):
         if each.positive and not error < value:
             allowed = (
                 "less than the parameter: a longer log that starts cold, or more of its cycles"
             )
-            raise InputError(f"standard error of {name}", float(f"{error:.3g}"), allowed, source)
+            raise InputError(f"standard error of {name}", float(f"{error:z.3g}"), allowed, source)
 
 
 def check_bounds(parameters: Mapping[str, Bounded], values: Sequence[float], source: str) -> None:
@@ -111,10 +111,10 @@ def check_bounds(parameters: Mapping[str, Bounded], values: Sequence[float], sou
         for bound in (each.low, each.high):
             if abs(value - bound) <= _AT_BOUND * (abs(bound) if each.positive else 1.0):
                 allowed = (
-                    f"inside {each.low:g} to {each.high:g}; at a bound the log does not tell it: "
+                    f"inside {each.low:zg} to {each.high:zg}; at a bound the log does not tell it: "
                     "check units and labels, or if it starts warm, give the air (--ambient)"
                 )
-                raise InputError(name, float(f"{value:.4g}"), allowed, source)
+                raise InputError(name, float(f"{value:z.4g}"), allowed, source)
 
 
 def doubts(
@@ -133,13 +133,15 @@ def doubts(
     for name in fitted:
         low, high = robot.thermal_segment(number).ranges.get(name, (0.0, np.inf))
         if not low <= getattr(segment, name) <= high:
-            value = f"{name} = {getattr(segment, name):.4g}"
-            own = f"outside {low:g} to {high:g}, the range of {robot.name}"
+            value = f"{name} = {getattr(segment, name):z.4g}"
+            own = f"outside {low:zg} to {high:zg}, the range of {robot.name}"
             found.append(f"{value} lies {own}: check the units of time and the labels")
     own_C = robot.heater.ambient_C
     if abs(air_C - own_C) >= FAR_AIR_K:
-        told = f"The log's air, {air_C:.4g} C, is {abs(air_C - own_C):.0f} K from heater.ambient_C"
-        found.append(f"{told} ({own_C:g} C) of {robot.name}: check the sensor, or give --ambient")
+        told = (
+            f"The log's air, {air_C:z.4g} C, is {abs(air_C - own_C):z.0f} K from heater.ambient_C"
+        )
+        found.append(f"{told} ({own_C:zg} C) of {robot.name}: check the sensor, or give --ambient")
     return found
 
 

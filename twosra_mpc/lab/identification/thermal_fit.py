@@ -177,7 +177,7 @@ class ThermalFit:
     def summary(self) -> str:
         """Where the fit comes from, for the robot file."""
         log, rms = Path(self.source).name, self.residuals.rms_C
-        return f"{log}: residual {rms:.2g} C (RMS) at the sensor"
+        return f"{log}: residual {rms:z.2g} C (RMS) at the sensor"
 
 
 def identify(

@@ -145,7 +145,9 @@ class TransitionFit:
         """Where the fit comes from, for the robot file."""
         name, count = Path(self.source).name, len(self.predictions)
         median = 100 * self.quantile(0.5)
-        return f"{count} transitions of {name}: left out of the fit, off by {median:.0f} % (median)"
+        return (
+            f"{count} transitions of {name}: left out of the fit, off by {median:z.0f} % (median)"
+        )
 
     def quantile(self, share: float) -> float:
         """Relative error that this share of the transitions keeps, each left out of the fit."""
@@ -189,7 +191,7 @@ def read_transitions(
         here = np.array(seen[index])
         last_s = float(here[-1, 0] - here[0, 0])
         if duration_s <= 0 or abs(last_s - duration_s) > _ENDS_S + _ENDS * last_s:
-            allowed = f"seconds, about those of its readings ({last_s:g}): minutes, hours?"
+            allowed = f"seconds, about those of its readings ({last_s:zg}): minutes, hours?"
             raise InputError(f"duration_s, row {i}", duration_s, allowed, source)
         kind, soft = (
             (row["kind"] or "").strip(),
@@ -268,8 +270,9 @@ def identify_transitions(
     off = np.abs(fitted_s / [each.duration_s for each in logged] - 1)[counted]
     if np.median(off) > LARGEST_MEDIAN:
         allowed = (
-            f"a median of at most {LARGEST_MEDIAN:g} in what is fitted: check units, kinds, targets"
-            f", and {robot.name}'s thresholds, {own.solid_below_C:g} and {own.liquid_above_C:g} C"
+            f"a median of at most {LARGEST_MEDIAN:zg} in what is fitted: check units, kinds,"
+            f" targets, and {robot.name}'s thresholds,"
+            f" {own.solid_below_C:zg} and {own.liquid_above_C:zg} C"
         )
         raise InputError("error of durations", round(float(np.median(off)), 2), allowed, source)
     bounds = {name: SEGMENT_PARAMETERS[name] for name in _FITTED}
@@ -442,7 +445,7 @@ def _check(logged: Sequence[LoggedTransition], source: str) -> None:
             for each in of_kind
         ]
         if np.median(rises) < plausibility.LEAST_CHANGE_K or not all(told):
-            value = f"{kind}: {np.median(rises):+.3g} K in the right direction (median)"
+            value = f"{kind}: {np.median(rises):+z.3g} K in the right direction (median)"
             allowed = (
                 "readings that rise in melts and fall in freezes, targets 1 (soft) and 0 (rigid):"
                 " are labels swapped?"

@@ -55,7 +55,7 @@ def section(data: Data) -> Section:
         (
             name,
             sequence_name(one["sequence"]),
-            f"{one['duration_s']:.1f}",
+            f"{one['duration_s']:z.1f}",
             percent(one["gap"]),
         )
         for name, one in data.items()

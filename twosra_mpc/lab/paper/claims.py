@@ -69,10 +69,10 @@ class Reading:
         """The rule in words."""
         unit, where = f" {self.unit}" if self.unit else "", _DIRECTION[self.sense]
         exactly = {"equal": "exactly", "at most": "not above", "at least": "not below"}[self.sense]
-        first = f"up to {self.holds:.3g}{unit} {where}" if self.holds else exactly
+        first = f"up to {self.holds:z.3g}{unit} {where}" if self.holds else exactly
         if self.caveat <= self.holds:
             return first
-        return f"{first}; with a caveat up to {self.caveat:.3g}{unit} {where}"
+        return f"{first}; with a caveat up to {self.caveat:z.3g}{unit} {where}"
 
 
 @dataclass(frozen=True)

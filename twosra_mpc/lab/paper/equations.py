@@ -132,7 +132,7 @@ def _omnidirectional(data: Data) -> Claim:
             equal("such shapes with units that are apart", 0, data["singular_apart"], caveat=0),
         ),
         "Where the units do not overlap, the wheels keep control; straight, the wheel matrix has"
-        f" the condition number {data['condition_straight']:.2f}.",
+        f" the condition number {data['condition_straight']:z.2f}.",
     )
 
 
@@ -183,7 +183,7 @@ def _third_spiral(data: Data) -> Claim:
         "eq. kappa; Table I",
         (equal(words, 1.0, data["rate_of_spiral_3"], holds=0.05, caveat=0.2),),
         "The table's a belongs to an angle counted from the straight fibre, the equation counts"
-        f" from pi: the radius is {math.exp(-0.2229 * math.pi):.3f} of what was fitted.",
+        f" from pi: the radius is {math.exp(-0.2229 * math.pi):z.3f} of what was fitted.",
     )
 
 

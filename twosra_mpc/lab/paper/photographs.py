@@ -227,7 +227,7 @@ def _of_arcs(got: Data) -> tuple[Claim, ...]:
             _WHERE,
             (
                 every(
-                    f"points with an estimate, below {STRAIGHT_PER_M:g} 1/m",
+                    f"points with an estimate, below {STRAIGHT_PER_M:zg} 1/m",
                     got.get("known_when_straight"),
                 ),
                 every(
@@ -272,15 +272,18 @@ def _bands(data: Data) -> Table:
     for name in _ESTIMATORS:
         off = data["deviations"][name]
         errors = [off["mse_per_m2"], off["cycle_mse_per_m2"], *data["bands_mse_per_m2"][name]]
-        cells = ["-" if error is None else f"{error:.1f}" for error in errors]
-        rows.append((name, str(off["pictures"]), f"{off['slope']:.3f}", *cells))
+        cells = ["-" if error is None else f"{error:z.1f}" for error in errors]
+        rows.append((name, str(off["pictures"]), f"{off['slope']:z.3f}", *cells))
     header = (
         "estimator",
         "photographs",
         "slope",
         "MSE [1/m2]",
         "of mean repeats",
-        *(f"from {low:g}" if high == np.inf else f"{low:g} to {high:g}" for low, high in _pairs()),
+        *(
+            f"from {low:zg}" if high == np.inf else f"{low:zg} to {high:zg}"
+            for low, high in _pairs()
+        ),
     )
     refused = f"; {data['refused']} of {data['pictures']} refused" if data["refused"] else ""
     return Table(f"Mean square error, by size of the reference [1/m]{refused}", header, tuple(rows))

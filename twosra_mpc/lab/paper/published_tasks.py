@@ -178,7 +178,7 @@ def section(data: Data) -> Section:
             "section Pose-Shape Formation",
             tuple(
                 every(
-                    f"{five}: {100 * (1 - left):g} % of x and y done later than of the shape",
+                    f"{five}: {100 * (1 - left):zg} % of x and y done later than of the shape",
                     last[left],
                 )
                 for left in _LEFT
@@ -239,9 +239,9 @@ def _durations(of: dict[str, Any]) -> Table:
         (
             task,
             sequence_name(one["greedy_sequence"]),
-            f"{one['greedy_duration_s']:.1f}",
+            f"{one['greedy_duration_s']:z.1f}",
             sequence_name(one["sequence_planned"]),
-            f"{one['duration_s']:.1f}",
+            f"{one['duration_s']:z.1f}",
             percent(one["gap"]),
         )
         for task, one in of.items()

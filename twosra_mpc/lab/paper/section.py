@@ -52,4 +52,4 @@ def percent(share: float | None) -> str:
     """A share of 0 to 1 in a table; what is too small for it is not called zero."""
     if share is None:
         return "none"
-    return "below 0.01 %" if 0 < share < 1e-4 else f"{100 * share:.2f} %"
+    return "below 0.01 %" if 0 < share < 1e-4 else f"{100 * share:z.2f} %"

@@ -248,4 +248,4 @@ def _planners_table(optimal: Data) -> Table:
 
 
 def _digits(value: float | None, digits: int = 1) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+    return "-" if value is None else f"{value:z.{digits}f}"

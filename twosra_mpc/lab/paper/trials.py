@@ -273,11 +273,11 @@ def _waits(logs: Data) -> Table:
             name,
             "-" if one["trial"] is None else str(one["trial"]),
             sequence_name(one["sequence"]),
-            f"{one['waiting']['first_heating_s']:.0f}",
-            f"{one['waiting']['waits_s']:.0f}",
-            f"{one['waiting']['motion_s']:.0f}",
-            f"{_total_s(one['waiting']):.0f}",
-            f"{100 * one['waiting']['share_waiting']:.1f} %",
+            f"{one['waiting']['first_heating_s']:z.0f}",
+            f"{one['waiting']['waits_s']:z.0f}",
+            f"{one['waiting']['motion_s']:z.0f}",
+            f"{_total_s(one['waiting']):z.0f}",
+            f"{100 * one['waiting']['share_waiting']:z.1f} %",
         )
         for name, one in logs.items()
     ]
@@ -285,17 +285,17 @@ def _waits(logs: Data) -> Table:
     waited = sum(one["first_heating_s"] + one["waits_s"] for one in published)
     total = sum(map(_total_s, published))
     if total:
-        share = f"{100 * waited / total:.1f} %"
-        moved = f"{total - waited:.0f}"
+        share = f"{100 * waited / total:z.1f} %"
+        moved = f"{total - waited:z.0f}"
         rows.append(
             (
                 f"{len(published)} trials together",
                 "",
                 "",
                 "",
-                f"{waited:.0f}",
+                f"{waited:z.0f}",
                 moved,
-                f"{total:.0f}",
+                f"{total:z.0f}",
                 share,
             )
         )
@@ -316,7 +316,7 @@ def _deviations(trials: Trials) -> Table:
     rows = []
     for number, one in trials.items():
         pairs = zip(_in_units(one["dtw"]["mean"]), _in_units(one["dtw"]["largest"]), strict=True)
-        cells = [f"{mean:.1f} ({largest:.1f})" for mean, largest in pairs]
+        cells = [f"{mean:z.1f} ({largest:z.1f})" for mean, largest in pairs]
         rows.append((f"trial {number}", *cells))
     return Table("Deviation by values alone: mean (largest)", ("", *_UNITS), tuple(rows))
 
@@ -358,5 +358,5 @@ def _bent(logs: Data) -> Table:
 
 def _off(*errors: Any) -> list[str]:
     """Distances [mm] of some configurations' errors, then their headings' [rad]."""
-    places = [f"{1e3 * float(np.hypot(*error[:2])):.0f}" for error in errors]
-    return places + [f"{abs(error[2]):.2f}" for error in errors]
+    places = [f"{1e3 * float(np.hypot(*error[:2])):z.0f}" for error in errors]
+    return places + [f"{abs(error[2]):z.2f}" for error in errors]

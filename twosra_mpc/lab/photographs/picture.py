@@ -108,12 +108,12 @@ def find_segment(photograph: Photograph, camera: Camera) -> Mask:
     bright = photograph.grey > camera.threshold
     labels, count = ndimage.label(bright, structure=_EIGHT)
     if not count:
-        allowed = f"one segment brighter than {camera.threshold:g}; there is none"
+        allowed = f"one segment brighter than {camera.threshold:zg}; there is none"
         raise InputError("picture", photograph.path.name, allowed, source)
     sizes = np.bincount(labels.ravel())[1:]
     large = np.flatnonzero(sizes > _SPECK * sizes.max()) + 1
     if len(large) > 1:
-        allowed = f"one segment brighter than {camera.threshold:g}; there are {len(large)}"
+        allowed = f"one segment brighter than {camera.threshold:zg}; there are {len(large)}"
         raise InputError("picture", photograph.path.name, allowed, source)
     region: Mask = labels == large[0]
     if region[[0, -1]].any() or region[:, [0, -1]].any():
@@ -130,7 +130,7 @@ def check_length(photograph: Photograph, seen_px: float, camera: Camera) -> None
     """
     share = seen_px / camera.length_px
     if not _SHORTEST <= share <= _LONGEST:
-        seen, whole = (f"{1e3 * camera.scale_m * px:.3g}" for px in (seen_px, camera.length_px))
+        seen, whole = (f"{1e3 * camera.scale_m * px:z.3g}" for px in (seen_px, camera.length_px))
         allowed = f"a segment of {whole} mm; what is bright is {seen} mm long"
         raise InputError("picture", photograph.path.name, allowed, str(photograph.path))
 

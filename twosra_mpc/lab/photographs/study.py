@@ -133,7 +133,7 @@ def save_estimates(estimates: Sequence[Estimate], path: str | Path) -> None:
     writer.writerow(COLUMNS)
     for each in estimates:
         numbers = [each.reference_per_m, each.published_per_m, *_numbers(each.measured)]
-        cells = ["" if math.isnan(value) else f"{value:.6g}" for value in numbers]
+        cells = ["" if math.isnan(value) else f"{value:z.6g}" for value in numbers]
         writer.writerow([each.path.parent.name, each.path.name, *cells, each.refused])
     write_text(path, text.getvalue())
 

@@ -234,7 +234,7 @@ def bending_task(problem: Problem) -> BendingTask:
         least_time_of_more=facts.least_time_of_more,
         least_effort=facts.least_effort_s2,
         forbidden=forbidden,
-        beyond=f"beyond {CURVATURE.name} = {limit:g} {CURVATURE.unit}",
+        beyond=f"beyond {CURVATURE.name} = {limit:zg} {CURVATURE.unit}",
         shape=", ".join(_asked(f"kappa{j}", *numbers) for j, numbers in asked),
         conserved=Conserved(*path_model(problem.robot).conserved),
         curvature=facts.curvatures,
@@ -251,8 +251,8 @@ def _asked(name: str, start: float, low: float, high: float) -> str:
     """What a goal asks of a curvature, in words."""
     if not math.isfinite(high - low):
         return f"{name} free"
-    box = f" (+- {(high - low) / 2:g})" if high > low else ""
-    return f"{name} from {start:g} to {(low + high) / 2:g}{box} 1/m"
+    box = f" (+- {(high - low) / 2:zg})" if high > low else ""
+    return f"{name} from {start:zg} to {(low + high) / 2:zg}{box} 1/m"
 
 
 def pose_task(problem: Problem) -> PoseTask | None:

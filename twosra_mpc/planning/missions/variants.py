@@ -141,7 +141,7 @@ class Ways:
         moved = (None, *range(geometry.segments))
         found = [np.min(apart_m(geometry, contour, parts(geometry, still, j))) for j in moved]
         if (nearest_m := float(min(found))) > TOUCHING_M:
-            why = f"it is {1e3 * nearest_m:.3g} mm from touching, and no cage is proved"
+            why = f"it is {1e3 * nearest_m:z.3g} mm from touching, and no cage is proved"
         elif thing.friction is None:
             why = "no cage is proved, and it has no friction to be pushed by"
         else:
@@ -373,6 +373,6 @@ def _no_grasp(task: Grasp, found: TouchSet) -> str:
         return f"nothing closes around {task.object}: {', '.join(found.refused)}"
     wrap = math.degrees(found.best_wrap_rad)
     return (
-        f"nothing cages {task.object}; the best touch embraces {wrap:.0f} degrees of it: "
+        f"nothing cages {task.object}; the best touch embraces {wrap:z.0f} degrees of it: "
         'ask for hold = "pushed"'
     )

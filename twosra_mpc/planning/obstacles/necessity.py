@@ -57,7 +57,7 @@ class Necessity(InTheWay):
             return "nothing is proved of the obstacles"
         if self.needed == 1:
             return _NO_DRIVE
-        far = f"limits.soft_travel_m = {self.problem.robot.limits.soft_travel_m:g} m"
+        far = f"limits.soft_travel_m = {self.problem.robot.limits.soft_travel_m:zg} m"
         return f"one reshaping is not enough: its drives, proved, end more than {far} apart"
 
     def least_drives_s(self, sequence: ModeSequence) -> list[float]:

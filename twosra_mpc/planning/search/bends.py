@@ -123,7 +123,7 @@ def _tied(soft: Sequence[Mode], pair: tuple[int, int], task: BendingTask) -> str
     return (
         f"{modes} {both} together and cannot reach this shape ({task.shape}): "
         f"{'it keeps' if alone else 'they keep'} {name.format(i + 1, j + 1)}, which must change by "
-        f"{factor * apart:+.3g} {unit}; segment {i + 1} or {j + 1} must also be bent alone"
+        f"{factor * apart:+z.3g} {unit}; segment {i + 1} or {j + 1} must also be bent alone"
     )
 
 

@@ -117,7 +117,7 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved])
     """Why no plan was found although one may exist, and what to change."""
     none = nothing_found(problem, several=tree.only is None)
     if (ending := search.ending) is not Ending.EXHAUSTED:
-        effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:g}"
+        effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:zg}"
         return f"{none} ({STOPPED[ending]}): {ADVICE[ending]} ({effort})"
     tried = f"{none} ({search.solved} mode sequences tried)"
     if tree.only is None:
