@@ -37,18 +37,15 @@ class Stage(NamedTuple):
 
 
 def stages(trajectory: Trajectory, sweep: Sweep) -> list[Stage]:
-    """Every stage in order; a plan without a mission is one."""
-    problem, last = trajectory.problem, len(sweep.t_s) - 1
-    world = problem.world
-    if not problem.is_mission:
-        return [Stage(0, last, world)]
+    """Every stage in order; a plan that only reaches a goal is one."""
+    problem, world = trajectory.problem, trajectory.problem.world
     found, taken = list[Stage](), iter(carried(trajectory))
     held = held_before = None
     if problem.start.holding is not None:
         held = next(taken)
     ends = (0.0, *trajectory.done_s, trajectory.duration_s)
     for i, (from_s, to_s) in enumerate(itertools.pairwise(ends)):
-        if to_s - from_s <= SAME_TIME_S and i == len(problem.tasks):
+        if found and to_s - from_s <= SAME_TIME_S and i == len(problem.tasks):
             break
         task = problem.tasks[i] if i < len(problem.tasks) else None
         if task is not None and task.lets_go:

@@ -41,7 +41,7 @@ def examine_around(trajectory: Trajectory) -> Around:
     if sweep is None:  # it is anywhere
         lost = "a curvature runs away: where the robot is, is not known"
         return Around({CLEARANCE: -1.0} if in_the_way else {}, {CLEARANCE: lost}, ())
-    if problem.is_mission and (wrong := tuple(times_wrong(trajectory))):
+    if wrong := tuple(times_wrong(trajectory)):
         return Around({}, {}, wrong)
     found = {}
     if in_the_way:

@@ -72,13 +72,13 @@ def _gentler(found: Solved, lower_bound: float) -> Solved:
     return found
 
 
-def quality(made: Plan, ending: Ending) -> str:
-    """Message about a plan that was found."""
+def quality(made: Plan, ending: Ending, *, several: bool) -> str:
+    """Message about a plan that was found, of one stage or of several."""
     if made.status is Status.OPTIMAL:
         return str(made)
     if ending is Ending.EXHAUSTED:
         phases = f"max_phases = {made.problem.max_phases}"
-        if made.problem.is_mission:
+        if several:
             phases = f"{MOST_PHASES} phases a task"
         tried = f"no mode sequence of up to {phases} is left to try"
         elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
@@ -95,7 +95,11 @@ def conclude(
     ending, made = search.ending, None
     if search.solution is not None:
         made = replace(search.solution.plan, lower_bound=lower)
-        problem, status, message = made.problem, made.status, quality(made, ending)
+        problem, status, message = (
+            made.problem,
+            made.status,
+            quality(made, ending, several=tree.only is None),
+        )
     elif (proof := _proof(search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
         lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
