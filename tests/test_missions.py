@@ -21,8 +21,9 @@ from twosra_mpc.planning.missions.relaxed import stage_tasks, stage_tree
 from twosra_mpc.planning.missions.stages import Variant
 from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
+from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.schedule import with_durations
-from twosra_mpc.planning.search.tree import Node, Tree
+from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.planning.single_goal.sequence_solver import Solved as Made
 from twosra_mpc.plans.plan import Status

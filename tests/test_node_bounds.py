@@ -16,7 +16,8 @@ from thermal_problems import SEQUENCES, earliest_finish, thermal_problem, therma
 from twosra_mpc import Problem, load_problem, plan
 from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.search.tree import Node, Tree
+from twosra_mpc.planning.search.nodes import Node
+from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
 from twosra_mpc.robot.timing import SequentialTiming
 from twosra_mpc.timing import transition_model

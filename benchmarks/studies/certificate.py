@@ -22,7 +22,7 @@ from twosra_mpc import Problem
 from twosra_mpc.planning.missions.relaxed import stage_tree
 from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.search.bounds import SequenceBound
-from twosra_mpc.planning.search.tree import Whole
+from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork

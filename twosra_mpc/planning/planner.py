@@ -31,6 +31,7 @@ from twosra_mpc.planning.single_goal.sequence_solver import (
     Check,
     SequenceSolver,
     Solved,
+    StageSolver,
     checked,
     trusted,
 )
@@ -171,34 +172,32 @@ def _searched(
     on_progress: Callable[[Progress], None] | None,
 ) -> tuple[SearchResult[Solved], Tree[Solved], int]:
     """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
-    solver = SequenceSolver(variants, guessed)
+    solver: StageSolver = SequenceSolver(variants, guessed)
     if problem.passes or problem.obstacles or problem.objects:
         from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
 
-        placer = Placer(variants, checked)
-        tree = stage_tree(problem, variants, placer, excluded, placer.in_the_way)
-    else:
-        tree = stage_tree(problem, variants, solver, excluded)
+        solver = Placer(variants, checked)
+    tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
         out_of_time=out_of_time,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        first_look=lambda: _first_look(tree),
+        first_look=lambda: _first_look(tree, guesses=solver.guesses),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations
 
 
-def _first_look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
+def _first_look(tree: Tree[Solved], *, guesses: bool) -> tuple[float, Solved] | None:
     """The best of a few promising leaves; of a single goal in free space only to drive."""
     if tree.only is None:
         few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
         return dive(tree, tree.leaps, **few, out_of_time=out_of_time)
     node = tree.root()
-    if isinstance(tree.solver, SequenceSolver) and tree.leaf_bound(node) < math.inf:
-        guesses = itertools.islice(tree.solve(node), 2)
-        return min(filter(None, guesses), key=lambda found: found[0], default=None)
+    if guesses and tree.leaf_bound(node) < math.inf:
+        first = itertools.islice(tree.solve(node), 2)
+        return min(filter(None, first), key=lambda found: found[0], default=None)
     return None
 
 

@@ -20,8 +20,8 @@ from twosra_mpc.planning.obstacles.block import blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.itinerary import Itinerary
 from twosra_mpc.planning.obstacles.necessity import necessities
 from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.search.schedule import with_durations
-from twosra_mpc.planning.search.tree import Whole
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.problem import Problem
@@ -58,6 +58,8 @@ class Placer(Generic[Solution]):
         variants: The ways to solve the problem.
         checked: Makes (cost, plan) of a candidate, or None if it does not verify.
     """
+
+    guesses, iterations = False, 0
 
     def __init__(self, variants: Sequence[Variant], checked: Check[Solution]) -> None:
         self.variants, self._checked, self._several = variants, checked, 0

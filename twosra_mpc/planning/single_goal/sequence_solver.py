@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -26,7 +27,8 @@ from twosra_mpc.planning.nlp.guess import (
 )
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search.bounds import SequenceBound
-from twosra_mpc.planning.search.tree import Whole
+from twosra_mpc.planning.search.nodes import Whole
+from twosra_mpc.planning.search.stage_task import InTheWay
 from twosra_mpc.planning.single_goal.gentle import cheapest
 from twosra_mpc.planning.single_goal.outcome import cost_of, verified
 from twosra_mpc.plans.plan import Plan
@@ -71,8 +73,31 @@ Check = Callable[
 ]  # makes (cost, plan) of a candidate, or None
 
 
+class StageSolver(Protocol):
+    """Yields plans of one sequence of each stage: in free space, or among obstacles."""
+
+    @property
+    def in_the_way(self) -> Sequence[Sequence[InTheWay]] | None:
+        """Obstacles to each stage of every variant; None: there are none."""
+
+    @property
+    def guesses(self) -> bool:
+        """Whether its first attempts at a single stage are guesses, which cost little."""
+
+    @property
+    def iterations(self) -> int:
+        """Of the nonlinear programs so far."""
+
+    def __call__(
+        self, network: TemporalNetwork, bound: SequenceBound, whole: Whole
+    ) -> Iterator[tuple[float, Solved] | None]:
+        """Yield (cost, plan) of every attempt; None: it failed."""
+
+
 class SequenceSolver:
-    """Yields plans of one sequence of each stage of the variants of a problem."""
+    """Yields plans of one sequence of each stage where nothing is in the way."""
+
+    in_the_way, guesses = None, True
 
     def __init__(self, variants: Sequence[Variant], guessed: Check | None = None) -> None:
         self.variants, self._checked = variants, guessed or checked

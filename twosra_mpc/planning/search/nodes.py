@@ -1,0 +1,127 @@
+"""Nodes of the tree of mode sequences: stage after stage, mode after mode.
+
+A node is a variant of the problem with the sequences of its first stages and the modes of the
+stage that is open. Sequences are kept in a canonical form that loses nothing: a rigid phase opens
+every stage that begins solid and may drive, and closes every one that must end solid (it may have
+zero length and then costs nothing), and no phase repeats the mode before it; the same mode may
+follow across the end of a stage.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from twosra_mpc.planning.search.stage_task import StageTask
+from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
+
+
+class Node(NamedTuple):
+    """A variant (-1: none chosen), the sequences of its first stages, the modes of the next one."""
+
+    variant: int
+    sequences: tuple[ModeSequence, ...] = ()
+    head: ModeSequence = ()
+
+
+class Whole(NamedTuple):
+    """A sequence of every stage, or of the first stages, of a variant."""
+
+    variant: int
+    sequences: tuple[ModeSequence, ...]
+
+    @property
+    def joined(self) -> ModeSequence:
+        """All phases."""
+        if len(self.sequences) == 1:
+            return self.sequences[0]
+        return tuple(itertools.chain.from_iterable(self.sequences))
+
+
+@dataclass(kw_only=True)
+class Nodes:
+    """Nodes and their children.
+
+    Attributes:
+        variants: The stages of every variant.
+        first: Stiffness at t = 0.
+    """
+
+    variants: Sequence[Sequence[StageTask]]
+    first: Mode
+
+    @property
+    def only(self) -> StageTask | None:
+        """The stage, where there is but one in one variant."""
+        stages = self.variants[0]
+        return stages[0] if len(self.variants) == len(stages) == 1 else None
+
+    @property
+    def rigid(self) -> Mode:
+        """The mode in which every segment is solid."""
+        return rigid_mode(len(self.first))
+
+    def at(self, head: ModeSequence) -> Node:
+        """The node of the first variant whose first stage begins with these modes."""
+        return Node(0, (), head)
+
+    def root(self) -> Node:
+        """No variant chosen, unless there is but one."""
+        return Node(-1) if len(self.variants) > 1 else self._opened(0, ())
+
+    def _opened(self, variant: int, sequences: tuple[ModeSequence, ...]) -> Node:
+        """The node where the next stage begins, if there is one."""
+        stages = self.variants[variant]
+        if len(sequences) == len(stages):
+            return Node(variant, sequences)
+        begins = sequences[-1][-1] if sequences else self.first
+        return Node(variant, sequences, stages[len(sequences)].opening(begins))
+
+    def _open(self, node: Node) -> tuple[StageTask, Mode] | None:
+        """The stage that is open, and the stiffness in which it begins; None: all are over."""
+        stages = self.variants[node.variant]
+        if len(node.sequences) == len(stages):
+            return None
+        begins = node.sequences[-1][-1] if node.sequences else self.first
+        return stages[len(node.sequences)], begins
+
+    def children(self, node: Node) -> list[Node]:
+        """The variants, or one more mode, or the next stage."""
+        if node.variant < 0:
+            return [self._opened(variant, ()) for variant in range(len(self.variants))]
+        if (opened := self._open(node)) is None:
+            return []
+        stage, begins = opened
+        found = [Node(*node[:2], head) for head in stage.longer(node.head, begins)]
+        closed = None if stage.final else stage.closed(node.head, begins)
+        if closed and len(closed) <= stage.most_phases and stage.misfit(closed) is None:
+            found.insert(0, self._opened(node.variant, (*node.sequences, closed)))
+        return found
+
+    def leaps(self, node: Node) -> list[Node]:
+        """The variants, or the stage that is open with each of its sequences."""
+        if node.variant < 0:
+            return self.children(node)
+        if (opened := self._open(node)) is None:
+            return []
+        sequences = opened[0].sequences(opened[1])
+        return [self._opened(node.variant, (*node.sequences, each)) for each in sequences]
+
+    def too_deep(self, node: Node) -> bool:
+        """Whether the open stage, or its shortest child, has more phases than are opened."""
+        if node.variant < 0 or (opened := self._open(node)) is None:
+            return False
+        stage, begins = opened
+        return len(stage.closed(node.head, begins) or node.head) > stage.most_phases
+
+    def whole(self, node: Node) -> Whole | None:
+        """The sequences of all stages a node stands for; None if another node stands for them."""
+        if node.variant < 0:
+            return None
+        if (opened := self._open(node)) is None:
+            return Whole(*node[:2])
+        stage, begins = opened
+        last = stage.closed(node.head, begins) if stage.final else None
+        return None if last is None else Whole(node.variant, (*node.sequences, last))
