@@ -165,6 +165,21 @@ def test_a_start_nearer_than_the_clearance_is_left_and_one_that_overlaps_is_not(
     assert drives.decide(inside, goal).verdict == "blocked"
 
 
+@pytest.mark.parametrize("apart_m", [0.0005, 0.0019, 0.00199])
+def test_a_tight_wall_is_left_alongside(apart_m: float) -> None:
+    """A leg parallel to the wall keeps what the start does, and no more."""
+    edge = 0.036 + apart_m  # wheels reach 36 mm to the side
+    wall = {"box": {"x_m": (-0.5, 0.8), "y_m": (edge, edge + 0.05)}}
+    world = World(obstacles=[wall], clearance_m=0.002)
+    drives = Drives(ARC_ROBOT, world, STRAIGHT)
+    start, along_it = np.zeros(3), np.array([0.3, 0.0, 0.0])
+    assert true_margins(world, STRAIGHT, start[None])[0] == pytest.approx(apart_m - 0.002, abs=1e-6)
+    assert drives.clear_legs(start, along_it, drives.lent_m(start)).all()
+    assert not drives.clear_legs(start, along_it).any()
+    nearer = np.array([0.3, 3e-4, 0.0])
+    assert not drives.clear_legs(start, nearer, drives.lent_m(start)).any()
+
+
 def test_a_goal_that_no_slice_holds_is_reached_by_a_straight_leg() -> None:
     world = corridor(0.078, 0.6)
     drives = Drives(ARC_ROBOT, world, STRAIGHT, headings=(12,))

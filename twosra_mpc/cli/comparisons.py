@@ -304,7 +304,7 @@ def _activity(item: Activity) -> dict[str, Any]:
 
 def _print_explanation(found: Explanation) -> None:
     made = found.result
-    rows = [("status", str(made.status)), ("outcome", made.message)]
+    rows = [("status", made.status.words), ("outcome", made.message)]
     rows += _named_once("why", found.why)
     if found.reshaping is not None:
         rows += _named_once("reshaping" if made.found else "blocked", found.reshaping.why)
@@ -322,7 +322,7 @@ def _print_explanation(found: Explanation) -> None:
 
 def _print_mission(found: MissionExplanation) -> None:
     made = found.result
-    rows = [("status", str(made.status)), ("outcome", made.message)]
+    rows = [("status", made.status.words), ("outcome", made.message)]
     print_table((made.problem.robot.name, made.planner), rows)
     if found.tasks:
         tasks = [

@@ -105,7 +105,7 @@ def plan_with_progress(problem: Problem, output: Output, words: str) -> Result:
 
 
 def _print_summary(result: Result) -> None:
-    rows = [("status", str(result.status)), ("outcome", result.message)]
+    rows = [("status", result.status.words), ("outcome", result.message)]
     if result.plan is not None:
         rows += _summary(result.plan)
     if (proof := result.certificate) is not None:

@@ -26,6 +26,12 @@ class Status(enum.StrEnum):
     INFEASIBLE = "infeasible"  # proved that there is no plan
     FAILED = "failed"  # no verified plan found, nothing proved
 
+    @property
+    def words(self) -> str:
+        """The status; where nothing is known, that this is undecided."""
+        undecided = " (undecided: neither a plan nor a proof that there is none)"
+        return f"{self}{undecided if self is Status.FAILED else ''}"
+
 
 class Cost(NamedTuple):
     """Cost of a plan in s, and what it is made of; files of older versions say no effort."""

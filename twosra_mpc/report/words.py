@@ -64,7 +64,7 @@ def status_sentence(result: Result) -> str:
         case Status.INFEASIBLE:
             return "It is proved that this problem has no plan; the message at the top says why."
         case Status.FAILED:
-            return "No verified plan was found, and it is not proved that there is none."
+            return "Undecided: no verified plan was found, and it is not proved that there is none."
 
 
 def bound_sentences(result: Result) -> Iterator[str]:

@@ -12,7 +12,7 @@ from twosra_mpc.space.screws import moved
 
 Clear = Callable[[Array], Array]  # poses (m, 3) -> lower bounds of what they keep, (m,) [m]
 
-_LEAST_M = 1e-4  # of travel that a distance has to prove: what is nearer is given up
+_LEAST_M = 2.5e-5  # of travel that a distance has to prove: what is nearer is given up
 
 
 def clear_legs(
