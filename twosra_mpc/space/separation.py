@@ -53,18 +53,21 @@ class Surroundings:
         """Distance of sets of pieces (m, p, k, 2) to each convex part of obstacles, (m, parts)."""
         middle = corners.mean(axis=(1, 2))
         radius = np.linalg.norm(corners - middle[:, None, None], axis=-1).max(axis=(1, 2))
-        normals, reach = _normals(corners)
+        # Minima and maxima over leading axes, which are short, are three times as fast.
+        points = np.ascontiguousarray(corners.transpose(2, 3, 0, 1))
+        normals, reach = _normals(points)
         found = np.full((len(corners), len(self._parts)), FAR_M)
         for k, part in enumerate(self._parts):
             away = np.linalg.norm(middle - part.middle, axis=1) - radius - part.radius_m
             near = np.flatnonzero(away < FAR_M)
             if len(near):
-                along = corners[near] @ part.normals.T  # (m, p, k, sides)
-                by_part = (along.min(axis=2) - part.reach).max(axis=-1)
-                by_piece = ((normals[near] @ part.corners.T).min(axis=-1) - reach[near]).max(
-                    axis=-1
+                own, sides, reached = (
+                    _flat(each[..., near, :]) for each in (points, normals, reach)
                 )
-                found[near, k] = np.maximum(by_part, by_piece).min(axis=1)
+                by_part = ((part.normals @ own).min(axis=0) - part.reach[:, None]).max(axis=0)
+                by_piece = ((part.corners @ sides).min(axis=1) - reached).max(axis=0)
+                apart = np.maximum(by_part, by_piece).reshape(len(near), -1)
+                found[near, k] = apart.min(axis=1)
         least: Array = np.minimum(found, FAR_M)
         return least
 
@@ -136,9 +139,14 @@ class _Part:
 
 
 def _normals(corners: Array) -> tuple[Array, Array]:
-    """Outward unit normals of polygons (..., k, 2), and n . corner on each side, (..., k)."""
-    sides = np.roll(corners, -1, axis=-2) - corners
-    normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    reach: Array = (normals * corners).sum(axis=-1)
+    """Outward unit normals of polygons (k, 2, ...), and n . corner on each side, (k, ...)."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    reach: Array = (normals * corners).sum(axis=1)
     return normals, reach
+
+
+def _flat(rows: Array) -> Array:
+    """Make one axis of poses and pieces, the last two."""
+    return rows.reshape(*rows.shape[:-2], -1)
