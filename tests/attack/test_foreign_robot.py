@@ -293,7 +293,8 @@ def moved(share: float, bends: bool, slides_m: float = 0.0) -> None:
     for _ in range(200):
         seen = share * period + [slides_m, 0.0, 0.0, 0.0, 0.0]
         if doubt.take((1, 0) if bends else (0, 0), period, seen):
-            doubt.judge(0 * seen, "segment 1 soft at 66.0 C")
+            doubt.look(0 * seen)
+            doubt.judge("segment 1 soft at 66.0 C")
 
 
 def test_motion_that_does_not_happen_is_doubted_and_a_tenth_of_it_is_not() -> None:
@@ -320,11 +321,49 @@ def test_one_of_two_soft_segments_that_alone_is_stiff_is_found_before_it_is_push
         if doubt.take((1, 1), period, period * [1.0, 1.0, 1.0, *bends]):
             looks += 1
             try:
-                doubt.judge(0 * period, "both soft")
+                doubt.look(0 * period)
+                doubt.judge("both soft")
             except DoubtError as error:
                 found = error.segments
                 break
     assert (found, looks) == (stiff, 1)
+
+
+SHORT_PER_M, LONG_PER_M = 0.43, 0.2  # noise of a look at `hard`: between two averages of 45, 180
+
+
+def doubted(rng: np.random.Generator, share: float, split: float, slide_m: float) -> bool:
+    """Bend by 15 1/m with both segments; looks are as noisy as at `hard`."""
+    doubt, period = Doubt(LENGTHS_M), np.array([0.0, 0.0, 0.0, 0.2, 0.2])
+    noise = np.zeros(5)
+    bends = share * np.array([1 + split, 1 - split])
+    for _ in range(75):
+        slides = [slide_m * 0.04 * 0.2 * (share or 1.0), 0.0, 0.0, *(0.2 * bends)]
+        if doubt.take((1, 1), period, np.array(slides)):
+            looked = np.array([0.0, 0.0, 0.0, *rng.normal(0.0, SHORT_PER_M, 2)])
+            clear = doubt.look(looked - noise)
+            noise = looked
+            if not clear:
+                looked = np.array([0.0, 0.0, 0.0, *rng.normal(0.0, LONG_PER_M, 2)])
+                doubt.look_again(looked - noise)
+                noise = looked
+            try:
+                doubt.judge("both soft")
+            except DoubtError:
+                return True
+    return False
+
+
+def test_metal_that_bends_little_while_the_robot_slides_far_is_told_from_solid_metal() -> None:
+    """Pivots and slides of b0 at `hard` come to 0.1 to 0.3 m a radian of bend, rarely 0.45."""
+    rng = np.random.default_rng(0)
+    soft = [
+        doubted(rng, rng.uniform(0.15, 1.0), rng.uniform(-0.44, 0.44), rng.uniform(0.0, 0.30))
+        for _ in range(300)
+    ]
+    solid = [doubted(rng, 0.0, 0.0, rng.uniform(0.2, 0.6)) for _ in range(300)]
+    assert np.mean(soft) < 0.02
+    assert np.mean(solid) > 0.99
 
 
 @pytest.mark.parametrize(("share", "doubted"), [(0.02, True), (0.04, True), (0.06, False)])

@@ -27,6 +27,7 @@ RESTING_SHARE = 0.05  # of what was commanded, seen at rest; soft segments at `h
 RESTING_PER_M = (0.4, 0.8)  # but no less than noise, or more than one that pivots by 2.4 rad a rad
 SPENT_M = 0.016  # way of solid metal after which nothing is tried again
 TOGETHER_PER_M = 2.0  # seen of several soft segments, before each of them is looked for
+EACH_PER_M = 0.8 * TOGETHER_PER_M  # the same at rest, where what seemed to bend may be less
 STIFF = 0.25  # of their mean; soft segments differ from it by up to 0.44 of it
 BENDS, BENDS_PER_M = 0.5, 1.2  # of what was commanded, or beyond all noise: it bends
 STANDS = 0.1  # of the way that bending makes: a solid robot that is bent drives 0.2 of it or more
@@ -102,27 +103,40 @@ class Doubt:
             self._bends, self._bent = _Account(self._size, soft), True
         return self._bends.doubtful or (not self._together and self._bends.found >= TOGETHER_PER_M)
 
-    def judge(self, seen: Array, known: str) -> None:
+    def look(self, seen: Array) -> bool:
+        """Take in a look at the robot, which stands.
+
+        Args:
+            seen: How q has changed since the period or the look that was taken in last, (3 + n,).
+
+        Returns:
+            Whether nothing is in doubt, noise considered; else a longer look is to come before ``judge``.
+        """
+        self._bends.add(np.zeros_like(seen), seen)
+        self._bends.looks += 1
+        return not self._suspects(self._bends.looks * self._bends.least)
+
+    def look_again(self, seen: Array) -> None:
+        """Take in a longer look: how q has changed since the first, (3 + n,)."""
+        self._bends.add(np.zeros_like(seen), seen)
+
+    def judge(self, known: str) -> None:
         """Judge the bends of a robot that stands and was looked at.
 
         Args:
-            seen: How q has changed since the period that was taken in last, (3 + n,).
             known: What is known about the segments, in words.
 
         Raises:
             DoubtError: If next to nothing is seen of what is commanded, or of one segment's part.
         """
         account, stalled = self._bends, self._bent
-        account.add(np.zeros_like(seen), seen)
-        account.looks, stiff = account.looks + 1, account.soft
-        if account.found >= account.looks * np.clip(RESTING_SHARE * account.told, *RESTING_PER_M):
-            if self._together or account.found < TOGETHER_PER_M / 2:
-                if account.found >= min(BENDS_PER_M, BENDS * account.told):
-                    self._bends = _Account(self._size, account.soft)
-                return  # else it was noise, perhaps: what was pushed counts on
-            stiff, self._together = account.stiff, not account.stiff
+        if not (stiff := self._suspects(account.least)):
             if self._together:
-                return
+                if account.proved:
+                    self._bends = _Account(self._size, account.soft)
+            elif account.found >= EACH_PER_M:
+                self._together = True
+            return  # else it was noise, perhaps: what was pushed counts on
         self._bends, self._bent = _Account(self._size, account.soft), False
         would_m = account.told * float(self._lengths_m[list(stiff)].mean()) * ARM_M
         still = account.pushed_m < PUSHED_M[0] and account.moved_m < STANDS * would_m
@@ -138,6 +152,13 @@ class Doubt:
         text = f"{words}, {why}; {known}: is its thermistor right?"
         final = self.pushed_m > SPENT_M
         raise DoubtError(text, bends=True, final=final, stalled=stalled, segments=stiff)
+
+    def _suspects(self, least_per_m: float) -> tuple[int, ...]:
+        """Segments (from 0) that seem not to bend where a mean bend of so much is asked for."""
+        account = self._bends
+        if not account.proved and account.found < least_per_m:
+            return account.soft
+        return () if self._together or account.found < EACH_PER_M else account.stiff
 
 
 class _Account:
@@ -172,6 +193,16 @@ class _Account:
         """Soft segments that do not bend with the others."""
         bends = self.seen[self._curvatures]
         return tuple(np.array(self.soft)[np.abs(bends / bends.mean()) < STIFF].tolist())
+
+    @property
+    def proved(self) -> bool:
+        """Whether the bend that was seen is beyond all noise, or half of what was commanded."""
+        return self.found >= min(BENDS_PER_M, BENDS * self.told)
+
+    @property
+    def least(self) -> float:
+        """Mean bend that a long look at rest must show, and short ones each more of [1/m]."""
+        return float(np.clip(RESTING_SHARE * self.told, *RESTING_PER_M))
 
     @property
     def moved_m(self) -> float:

@@ -28,6 +28,7 @@ _LATELY = 3  # periods whose motion the guard expects to go on
 _BLIND_PERIODS = 5  # without a frame: 20 % of frames lost do that once an hour
 _STOOD = 10  # waits that take no time: news may end one early, for each segment
 _LOOK, _LOOK_S = 0.15, 3.0  # at what may not bend: of a frame's deviation, and for so long
+_LOOK_AGAIN = 0.07  # the same before it is doubted; four times as many frames take as much longer
 _STOPPED_S = 1.0  # a robot that was stopped is looked at for so long
 _CODES: dict[KnownStiffness | None, float] = {
     **{"rigid": 0.0, "changing": run.CHANGING, "soft": 1.0},
@@ -238,14 +239,20 @@ class Session:
         known = ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
         try:
             if self._doubt.take(mode, after - before, seen):
-                self.average(self.setpoint_C, _LOOK * self._frame, _LOOK_S)
-                seen, self._compared = self.q - self._compared[1], (mode, self.q.copy())
-                self._doubt.judge(seen, known)
+                if not self._doubt.look(self._looked(mode, _LOOK, _LOOK_S)):
+                    self._doubt.look_again(self._looked(mode, _LOOK_AGAIN, 4 * _LOOK_S))
+                self._doubt.judge(known)
         except DoubtError as doubt:
             for segment in doubt.segments:
                 self._watches[segment].doubted = True
             self.rest(self.setpoint_C, self.period_s)
             raise
+
+    def _looked(self, mode: Mode, share: float, at_most_s: float) -> Array:
+        """How q has changed by a look at the robot at rest since it was compared last, (3 + n,)."""
+        self.average(self.setpoint_C, share * self._frame, at_most_s)
+        before, self._compared = self._compared[1], (mode, self.q.copy())
+        return self.q - before
 
     def seen(self, setpoint_C: Array, planned: Array | None = None) -> bool:
         """Stand while no frames come in; False if they stay away. ``planned`` as in ``drive``."""
