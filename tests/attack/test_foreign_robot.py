@@ -290,11 +290,11 @@ def moved(share: float, bends: bool, slides_m: float = 0.0) -> None:
     doubt, period = Doubt(LENGTHS_M), np.array([1e-3, 0.0, 0.0, 0.0, 0.0])
     if bends:
         period = np.array([0.0, 0.0, 0.0, 0.2, 0.0])
-    for _ in range(200):
+    for k in range(200):
         seen = share * period + [slides_m, 0.0, 0.0, 0.0, 0.0]
-        if doubt.take((1, 0) if bends else (0, 0), period, seen):
+        if doubt.take(k / 15, (1, 0) if bends else (0, 0), period, seen):
             doubt.look(0 * seen)
-            doubt.judge("segment 1 soft at 66.0 C")
+            doubt.judge(k / 15, "segment 1 soft at 66.0 C")
 
 
 def test_motion_that_does_not_happen_is_doubted_and_a_tenth_of_it_is_not() -> None:
@@ -317,12 +317,12 @@ def test_one_of_two_soft_segments_that_alone_is_stiff_is_found_before_it_is_push
 ) -> None:
     doubt, found, looks = Doubt(LENGTHS_M), (), 0
     period = np.array([0.0, 0.0, 0.0, 0.2, 0.2])
-    for _ in range(20):
-        if doubt.take((1, 1), period, period * [1.0, 1.0, 1.0, *bends]):
+    for k in range(20):
+        if doubt.take(k / 15, (1, 1), period, period * [1.0, 1.0, 1.0, *bends]):
             looks += 1
             try:
                 doubt.look(0 * period)
-                doubt.judge("both soft")
+                doubt.judge(k / 15, "both soft")
             except DoubtError as error:
                 found = error.segments
                 break
@@ -337,9 +337,9 @@ def doubted(rng: np.random.Generator, share: float, split: float, slide_m: float
     doubt, period = Doubt(LENGTHS_M), np.array([0.0, 0.0, 0.0, 0.2, 0.2])
     noise = np.zeros(5)
     bends = share * np.array([1 + split, 1 - split])
-    for _ in range(75):
+    for k in range(75):
         slides = [slide_m * 0.04 * 0.2 * (share or 1.0), 0.0, 0.0, *(0.2 * bends)]
-        if doubt.take((1, 1), period, np.array(slides)):
+        if doubt.take(k / 15, (1, 1), period, np.array(slides)):
             looked = np.array([0.0, 0.0, 0.0, *rng.normal(0.0, SHORT_PER_M, 2)])
             clear = doubt.look(looked - noise)
             noise = looked
@@ -348,7 +348,7 @@ def doubted(rng: np.random.Generator, share: float, split: float, slide_m: float
                 doubt.look_again(looked - noise)
                 noise = looked
             try:
-                doubt.judge("both soft")
+                doubt.judge(k / 15, "both soft")
             except DoubtError:
                 return True
     return False

@@ -30,6 +30,7 @@ TOGETHER_PER_M = 2.0  # seen of several soft segments, before each of them is lo
 EACH_PER_M = 0.8 * TOGETHER_PER_M  # the same at rest, where what seemed to bend may be less
 STIFF = 0.25  # of their mean; soft segments differ from it by up to 0.44 of it
 BENDS, BENDS_PER_M = 0.5, 1.2  # of what was commanded, or beyond all noise: it bends
+PROOF_S = 30.0  # for which bends prove liquid metal; from the set-point it stays so for longer
 STANDS = 0.1  # of the way that bending makes: a solid robot that is bent drives 0.2 of it or more
 
 
@@ -71,11 +72,18 @@ class Doubt:
         self._size = POSE + len(lengths_m)
         self._drive, self._bends = _Account(self._size), _Account(self._size)
         self._bent = self._together = False
+        self._proved_s = -math.inf
 
-    def take(self, mode: Mode, commanded: Array, seen: Array) -> bool:
+    @property
+    def each_bends(self) -> bool:
+        """Whether every soft segment of the mode was seen to bend."""
+        return self._together and self._proved_s > -math.inf
+
+    def take(self, now_s: float, mode: Mode, commanded: Array, seen: Array) -> bool:
         """Take in a period of driving.
 
         Args:
+            now_s: When it ends.
             mode: Mode the robot is in.
             commanded: How q should have changed, (3 + n,).
             seen: How it did, as believed, (3 + n,).
@@ -89,7 +97,7 @@ class Doubt:
         soft = soft_segments(mode)
         if mode != self._mode:
             self._mode, self._bends, self._bent = mode, _Account(self._size, soft), False
-            self._together = len(soft) <= 1
+            self._together, self._proved_s = len(soft) <= 1, -math.inf
         if is_rigid(mode):
             self._drive.add(commanded, seen)
             if self._drive.told >= DRIVE_M:
@@ -98,9 +106,11 @@ class Doubt:
                 if found_m < SHARE * told_m:
                     raise DoubtError(_still(told_m, found_m), bends=False)
             return False
+        if now_s < self._proved_s + PROOF_S:
+            return False
         self._bends.add(commanded, seen)
         if self._together and self._bends.found >= MOVING_PER_M:
-            self._bends, self._bent = _Account(self._size, soft), True
+            self._prove(now_s)
         return self._bends.doubtful or (not self._together and self._bends.found >= TOGETHER_PER_M)
 
     def look(self, seen: Array) -> bool:
@@ -114,28 +124,32 @@ class Doubt:
         """
         self._bends.add(np.zeros_like(seen), seen)
         self._bends.looks += 1
-        return not self._suspects(self._bends.looks * self._bends.least)
+        return not self._suspects(self._bends.looks * self._bends.least, 2 * STIFF)
+
+    def _prove(self, now_s: float) -> None:
+        """Begin anew: what is soft was seen to bend."""
+        self._bends, self._bent = _Account(self._size, self._bends.soft), True
+        self._proved_s = now_s
 
     def look_again(self, seen: Array) -> None:
         """Take in a longer look: how q has changed since the first, (3 + n,)."""
         self._bends.add(np.zeros_like(seen), seen)
 
-    def judge(self, known: str) -> None:
+    def judge(self, now_s: float, known: str) -> None:
         """Judge the bends of a robot that stands and was looked at.
 
         Args:
+            now_s: When.
             known: What is known about the segments, in words.
 
         Raises:
             DoubtError: If next to nothing is seen of what is commanded, or of one segment's part.
         """
         account, stalled = self._bends, self._bent
-        if not (stiff := self._suspects(account.least)):
-            if self._together:
-                if account.proved:
-                    self._bends = _Account(self._size, account.soft)
-            elif account.found >= EACH_PER_M:
-                self._together = True
+        if not (stiff := self._suspects(account.least, STIFF)):
+            self._together = self._together or account.found >= EACH_PER_M
+            if self._together and account.proved:
+                self._prove(now_s)
             return  # else it was noise, perhaps: what was pushed counts on
         self._bends, self._bent = _Account(self._size, account.soft), False
         would_m = account.told * float(self._lengths_m[list(stiff)].mean()) * ARM_M
@@ -153,12 +167,17 @@ class Doubt:
         final = self.pushed_m > SPENT_M
         raise DoubtError(text, bends=True, final=final, stalled=stalled, segments=stiff)
 
-    def _suspects(self, least_per_m: float) -> tuple[int, ...]:
-        """Segments (from 0) that seem not to bend where a mean bend of so much is asked for."""
+    def _suspects(self, least_per_m: float, share: float) -> tuple[int, ...]:
+        """Segments (from 0) that seem not to bend.
+
+        Args:
+            least_per_m: Mean bend that is asked for.
+            share: Of the mean, what each is asked for.
+        """
         account = self._bends
         if not account.proved and account.found < least_per_m:
             return account.soft
-        return () if self._together or account.found < EACH_PER_M else account.stiff
+        return () if self._together or account.found < EACH_PER_M else account.below(share)
 
 
 class _Account:
@@ -188,11 +207,10 @@ class _Account:
     def _amount(self, change: Array) -> float:
         return abs(float(change[self._curvatures].mean())) if self.soft else _way_m(change)
 
-    @property
-    def stiff(self) -> tuple[int, ...]:
-        """Soft segments that do not bend with the others."""
+    def below(self, share: float) -> tuple[int, ...]:
+        """Soft segments that bend by less than this share of their mean."""
         bends = self.seen[self._curvatures]
-        return tuple(np.array(self.soft)[np.abs(bends / bends.mean()) < STIFF].tolist())
+        return tuple(np.array(self.soft)[np.abs(bends / bends.mean()) < share].tolist())
 
     @property
     def proved(self) -> bool:

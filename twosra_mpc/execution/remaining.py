@@ -31,7 +31,8 @@ def remaining_problem(
     """State what is left of a problem.
 
     Curvatures that are near enough need not change, so the segment need not melt again; only those
-    that are not are asked for. A robot that is believed to be bent into itself starts bent back.
+    that are not are asked for, and one that alone is soft, which costs next to nothing. A robot
+    that is believed to be bent into itself starts bent back.
 
     Args:
         problem: What was asked in the beginning.
@@ -56,7 +57,8 @@ def remaining_problem(
     )
     modes = tuple(m for m in problem.modes if not any(m[segment] for segment in broken))
     modes = tuple(m for m in modes if m not in avoided)
-    goal = _goal(problem, np.concatenate([q[:POSE], kappa]), broken, PLANNED / (1 + misses))
+    aimed = PLANNED / (2 + misses)
+    goal = _goal(problem, np.concatenate([q[:POSE], kappa]), mode, broken, aimed)
     workspace = problem.workspace
     if workspace is not None:  # who is out of it already needs so much more room
         shape = robot_shape(problem.robot.geometry, start.configuration)
@@ -87,15 +89,17 @@ def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -
     return tuple(agreed.tolist())
 
 
-def _goal(problem: Problem, q: Array, broken: Collection[int], planned: float) -> GoalSet:
+def _goal(
+    problem: Problem, q: Array, mode: Mode, broken: Collection[int], aimed: float
+) -> GoalSet:
     """The middle of the goal, with curvature tolerances within which nothing needs to melt.
 
-    What must bend is ``planned`` to within so much of the accuracy.
+    What must bend, or alone is soft, is ``aimed`` at to within so much of the accuracy.
     """
     scale = problem.robot.ends_within.scale(problem.robot.coordinates)
     goal = problem.judged_goal
     off = np.abs(goal.error(q.copy())) / scale
-    kept = [1.0 if segment in broken else ACCEPTED for segment in range(len(off) - POSE)]
-    bends = off[POSE:]
-    wider = np.where(bends <= kept, bends + _ROUNDING, planned)
+    kept, bends = np.where(mode, aimed if sum(mode) == 1 else ACCEPTED, ACCEPTED), off[POSE:]
+    kept[list(broken)] = 1.0
+    wider = np.where(bends <= kept, bends + _ROUNDING, aimed)
     return goal.loosened(scale * [0.0, 0.0, 0.0, *wider])

@@ -173,6 +173,11 @@ class Session:
             return None
         return tuple(int(now == "soft") for now in reported)
 
+    @property
+    def each_bends(self) -> bool:
+        """Whether every soft segment was seen to bend in the mode driven last."""
+        return self._doubt is not None and self._doubt.each_bends
+
     def in_vain_s(self, segment: int) -> float:
         """How long a segment (from 0) has been asked for what it is not."""
         return self.now_s - self._since[segment]
@@ -238,10 +243,10 @@ class Session:
         self._compared = mode, self.q.copy()
         known = ", ".join(map(self.reading.describe, range(len(self.setpoint_C))))
         try:
-            if self._doubt.take(mode, after - before, seen):
+            if self._doubt.take(self.now_s, mode, after - before, seen):
                 if not self._doubt.look(self._looked(mode, _LOOK, _LOOK_S)):
                     self._doubt.look_again(self._looked(mode, _LOOK_AGAIN, 4 * _LOOK_S))
-                self._doubt.judge(known)
+                self._doubt.judge(self.now_s, known)
         except DoubtError as doubt:
             for segment in doubt.segments:
                 self._watches[segment].doubted = True
