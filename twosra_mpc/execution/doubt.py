@@ -120,7 +120,7 @@ class Doubt:
             seen: How q has changed since the period or the look that was taken in last, (3 + n,).
 
         Returns:
-            Whether nothing is in doubt, noise considered; else a longer look is to come before ``judge``.
+            Whether nothing is in doubt, noise considered; else ``judge`` waits for a longer look.
         """
         self._bends.add(np.zeros_like(seen), seen)
         self._bends.looks += 1

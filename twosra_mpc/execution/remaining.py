@@ -89,9 +89,7 @@ def _temperatures(problem: Problem, measured_C: tuple[float, ...], mode: Mode) -
     return tuple(agreed.tolist())
 
 
-def _goal(
-    problem: Problem, q: Array, mode: Mode, broken: Collection[int], aimed: float
-) -> GoalSet:
+def _goal(problem: Problem, q: Array, mode: Mode, broken: Collection[int], aimed: float) -> GoalSet:
     """The middle of the goal, with curvature tolerances within which nothing needs to melt.
 
     What must bend, or alone is soft, is ``aimed`` at to within so much of the accuracy.
