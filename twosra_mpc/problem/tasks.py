@@ -67,6 +67,9 @@ class Task(Tagged):
     which of the `Visitor`'s elementary tasks it is. So a further kind is one class.
 
     Attributes:
+        do: The kind of task, as files have it.
+        name: What it is called in messages; may be empty.
+        tag_key: Key of files that says which kind it is.
         rests: Whether the robot is at rest when it is done; else it is done on the way.
         asks_shape: Whether the shape in which it is done matters.
         needs_held: Whether an object is in hand as it begins; None: either.
