@@ -106,7 +106,7 @@ def environment(folder: str = "report") -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters["number"] = lambda value, form: format(value, f"z{form}")
+    made.filters["number"] = lambda value, form, sign="": format(value, f"{sign}z{form}")
     made.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return made
 
