@@ -71,6 +71,7 @@ EDITS: list[tuple[str, str, tuple[str, ...]]] = [
     ("[goal]", "[start.goal]", ("start.goal", "goal of the file itself", "goal is missing")),
     ("kappa_per_m = [20.0, 10.0]", "gap = 0.02", ("goal.gap", "before the first [table]")),
     ("time_limit_s = 5.0", "time_limit = 5.0", ("did you mean time_limit_s?",)),
+    ("time_limit_s = 5.0", "limit_time_s = 5.0", ("did you mean time_limit_s?",)),
     ("time_limit_s = 5.0", "time_limit_min = 2", ("did you mean time_limit_s = 120?",)),
     ("time_limit_s = 5.0", "waypoints = []", ("did you mean tasks?",)),
     ("x_m = 0.1\n", "[goal.goal]\n", ("goal.goal", "known keys here are")),
@@ -88,6 +89,20 @@ EDITS: list[tuple[str, str, tuple[str, ...]]] = [
     ("2sra-v1", "2sra", ("robot = '2sra'", "did you mean 2sra-v1?")),
     ("2sra-v1", "2SRA-V1", ("robot = '2SRA-V1'", "did you mean 2sra-v1?")),
     ("2sra-v1", "robots/mine.toml", ("robots/mine.toml", "taken from the scenario's folder")),
+    # words for tables, lists and numbers
+    ('robot = "2sra-v1"', "robot = 3", ("a built-in name, a path to its file",)),
+    ("[goal]\n", '[goal]\nmode = "[1,0]"\n', ("did you mean [1,0], without quotes?",)),
+    ("time_limit_s", 'modes = ["soft"]\ntime_limit_s', ("modes.0 = 'soft'", "stiffness modes")),
+    ("[20.0, 10.0]", "(20.0, 10.0)", ("lists stand in brackets",)),
+    ("phi_rad = 0.5", "phi_rad = pi/2", ("line 13", "written out, as in 1.571")),
+    ("phi_rad = 0.5", 'phi_rad = "-pi / 2"', ("did you mean -1.571, written out?",)),
+    ("[goal]\n", "[goal]\nx_m = 3\n", ("line 12 is 'x_m = 0.1': that stands above already",)),
+    ("time_limit_s", 'gap = "1 %"\ntime_limit_s', ("did you mean 0.01, a bare number?",)),
+    (
+        "kappa_per_m = [20.0, 10.0]",
+        "kappa_per_mm = [0.02, 0.01]",
+        ("did you mean kappa_per_m = [20, 10]?",),
+    ),
     # numbers
     ("x_m = 0.1", "x_m = 150", ("goal.x_m = 150", "150 mm are 0.15 m", "equal to 100 m")),
     ("x_m = 0.1", 'x_m = "0.1"', ("goal.x_m", "did you mean 0.1, without quotes?")),
@@ -149,6 +164,12 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("plan paper-1 --timing papr", ("timing = 'papr'", "did you mean paper?", "nominal, constant")),
     ("simulate paper-1 --disturbance Hard", ("disturbance", "did you mean hard?", "none, mild")),
     ("simulate paper-1 --plant arcs", ("plant = 'arcs'", "did you mean arc?")),
+    ("plan paper-1 --gap 1%", ("'--gap'", "'1%'", "did you mean 0.01?")),
+    ("plan paper-1 --gap 0,01", ("'--gap'", "did you mean 0.01?")),
+    ("plan paper-1 --time-limit 2min", ("'--time-limit'", "did you mean 120?")),
+    ("plan log.csv", ("this looks like a table (CSV)",)),
+    ("plan map.json", ("this is a GeoJSON file, for obstacles = of a scenario",)),
+    ("verify paper-1", ("this is a built-in scenario, for twosra plan",)),
     ("plan paper-1 --gap 5", ("gap = 5.0", "5 % are 0.05")),
 ]
 
@@ -190,6 +211,8 @@ def there(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(SCENARIO)
     robot = locate("2sra-v1", "robots", "robot").read_text(encoding="utf-8")
     (tmp_path / "robot.toml").write_text(robot.replace('"2sra-v1"', '"mine"'))
+    (tmp_path / "log.csv").write_text("time_s,temperature_C\n0,25\n")
+    (tmp_path / "map.json").write_text('{"type": "FeatureCollection", "features": []}')
     (tmp_path / "folder").mkdir()
     (tmp_path / "picture.png").write_bytes(b"\x89PNG\r\n")
     (tmp_path / "batch.toml").write_text("[random]\nseed = 0\n[grid]\n")

@@ -70,7 +70,9 @@ def read_text(path: Path, source: str) -> str:
         with path.open(encoding="utf-8-sig") as file:  # maybe a device that never ends
             text = file.read(MOST_SIGNS + 1)
     except (OSError, ValueError) as error:
-        raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+        named = not path.exists() and source in built_in_names("scenarios")
+        hint = "this is a built-in scenario, for twosra plan." if named else ""
+        raise InputError("file", source, f"a readable UTF-8 file ({error})", hint=hint) from error
     if len(text) > MOST_SIGNS:
         raise InputError("file", source, f"at most {MOST_SIGNS} characters")
     return text
@@ -154,6 +156,7 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
 _KINDS = {  # kind of file -> keys that it has, and what takes it
     "plan": ({"phases", "samples"}, "twosra verify"),
     "run": ({"begun", "drives"}, "load_run of twosra_mpc.execution"),
+    "GeoJSON": ({"coordinates", "features", "properties"}, "obstacles = of a scenario"),
     "robot": ({"geometry", "limits"}, "twosra check-robot, or --robot"),
     "batch": ({"grid", "random", "scenarios"}, "twosra batch"),
     "scenario": ({"start", "goal", "tasks"}, "twosra plan"),

@@ -182,11 +182,14 @@ _ALIASES = {  # what others call a key, without its unit
     **dict.fromkeys(("stiffness",), "mode"),
     **dict.fromkeys(("polygon", "corners", "points", "vertices"), "polygon_m"),
     **dict.fromkeys(("circle",), "disc"),
+    **dict.fromkeys(("r", "diameter", "d"), "radius_m"),
     **dict.fromkeys(("rectangle", "rect"), "box"),
 }
+_SHARE = "_percent"
 _FREE = ("free", "any", "none", "null", "nan", "*", "-", "")
 _NUMBER = re.compile(r"\s*([-+]?\d*[.,]?\d+(?:e[-+]?\d+)?)\s*([A-Za-z°/%1]*)\s*", re.IGNORECASE)
-_WRITTEN = {"°": "deg", "1/mm": "per_mm", "1/m": "per_m"}
+_TURNS = re.compile(r"\s*([-+]?)([\d.]*)\s*\*?\s*(?:\w+\.)?pi\s*(?:/\s*([\d.]+))?\s*")
+_WRITTEN = {"%": "percent", "°": "deg", "1/mm": "per_mm", "1/m": "per_m"}
 
 
 def near_word(word: object, words: Iterable[str]) -> str:
@@ -202,12 +205,17 @@ def near_key(key: str, value: object, known: list[str]) -> str:
     stem = stem_of(key)
     same = [each for each in known if stem_of(each).lower() == stem.lower()]
     same += [each for each in known if each == _ALIASES.get(stem)]
+    same += [each for each in known if sorted(each.split("_")) == sorted(key.split("_"))]
     if not same:
         return near_word(key, known)
-    ending = next((end for end in OTHER_UNITS if key.endswith(end)), None)
-    if ending and isinstance(value, int | float) and same[0].endswith(OTHER_UNITS[ending][0]):
-        return f"did you mean {same[0]} = {_converted(float(value), ending)}?"
-    return f"did you mean {same[0]}?"
+    ending = max((end for end in OTHER_UNITS if key.endswith(end)), key=len, default="")
+    listed = isinstance(value, list | tuple)
+    given = list(value) if isinstance(value, list | tuple) else [value]
+    numbers = [each for each in given if isinstance(each, int | float)]
+    if not (ending and numbers and same[0].endswith(OTHER_UNITS[ending][0])):
+        return f"did you mean {same[0]}?"
+    meant = ", ".join(_converted(float(number), ending) for number in numbers)
+    return f"did you mean {same[0]} = {f'[{meant}]' if listed else meant}?"
 
 
 def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str:
@@ -220,11 +228,16 @@ def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str
         if listed:
             return 'did you mean "free"?' if optional else "a start has no free coordinates."
         return "leave the key out where it is free." if optional else "this one cannot be free."
+    if (turns := _TURNS.fullmatch(value)) is not None:
+        radians = float(turns[2] or 1) * math.pi / float(turns[3] or 1)
+        return f"did you mean {turns[1]}{radians:z.4g}, written out?"
     if (found := _NUMBER.fullmatch(value)) is None:
         return ""
     number, unit = float(found[1].replace(",", ".")), f"_{_WRITTEN.get(found[2], found[2])}"
     if unit in OTHER_UNITS and key.endswith(OTHER_UNITS[unit][0]):
         return f"did you mean {_converted(number, unit)}, a bare number?"
+    if unit == _SHARE and _SHARES.search(key):
+        return f"did you mean {number / 100:zg}, a bare number?"
     return f"did you mean {number:zg}, without quotes?"
 
 
@@ -234,6 +247,8 @@ _TOML = {  # what a line that is no TOML looks like -> what was probably meant
     r"=\s*[-+]?\d+,": "one number, or several in brackets: [0.1, 0.2].",
     r"=\s*(True|False)\b": "true and false are written small.",
     r"=\s*[-+.\d]+\s*[A-Za-z°]+\s*(#.*)?$": "numbers have no unit: it stands in the key.",
+    r"=\s*\(": "lists stand in brackets: [0.1, 0.2].",
+    r"=\s*[-+\d.* ]*pi\b": "numbers are written out, as in 1.571.",
     r"=\s*[-\w]*[A-Za-z]": 'words stand in quotes, as in robot = "2sra-v1".',
     r"^\s*[\w.]+\s*:": "this looks like YAML; TOML has [start] above, and x_m = 0.1.",
     r"^\s*\[[^\]]*$": "a table begins with its name in brackets: [start].",
@@ -248,6 +263,10 @@ def near_toml(text: str, error: str) -> str:
     line = lines[number - 1] if lines else ""
     if text.lstrip().startswith("{"):
         return "JSON is read from a file that ends in .json."
+    if re.fullmatch(r"[^=\[\]#,;\t]+([,;\t][^=\[\]#,;\t]+)+", lines[0] if lines else ""):
+        return "this looks like a table (CSV)."
+    if re.match("Cannot (overwrite|declare)", error):
+        return f"line {number} is {line.strip()[:40]!r}: that stands above already."
     hint = next((words for looks, words in _TOML.items() if re.search(looks, line)), "")
     return f"line {number} is {line.strip()[:40]!r}: {hint}" if hint else ""
 
@@ -260,7 +279,7 @@ class _Slip(NamedTuple):
     least: float  # values from here on are suspicious
 
 
-_SHARE = "_percent"
+_SHARES = re.compile(r"(^|\.)(gap|transition_quantile|fill|hold_duty)$")
 _SLIPS = (
     _Slip(r"(clearance|gap)_m$", "_mm", 0.2),
     _Slip(r"tolerance\.[xy]_m$|position_(tolerance_)?m$", "_mm", 0.5),
@@ -273,7 +292,7 @@ _SLIPS = (
     _Slip(r"_C$", "_K", 230.0),
     _Slip(r"_A$", "_mA", 20.0),
     _Slip(r"_m_s$", "_mm_s", 2.0),
-    _Slip(r"(^|\.)(gap|transition_quantile|fill|hold_duty)$", _SHARE, 1.0),
+    _Slip(_SHARES.pattern, _SHARE, 1.0),
 )
 _MINUTES = re.compile(r"^timing\..*\.(melt|freeze|heat|reconfigure)_s$|cooling_time_constant_s$")
 _LEAST_S = 10.0  # no segment melts or freezes faster

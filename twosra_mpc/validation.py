@@ -186,6 +186,13 @@ def missing(field: str) -> InputError:
     return InputError(field, MISSING, f"this key is required ({describe(field)})")
 
 
+def _described(field: str) -> str:
+    """What a field is, in brackets; empty where its name says all there is to say."""
+    key = next((part for part in reversed(field.split(".")) if not part.isdigit()), "")
+    words = describe(key)
+    return f" ({words})" if words != key.replace("_", " ") else ""
+
+
 _KNOWN = "known keys here are "
 
 
@@ -206,13 +213,15 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
         case "tuple_type":
             listed = isinstance(given, int | float) and not isinstance(given, bool)
             hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
-            return InputError(field, given, "a list of values", hint=hint)
+            if isinstance(given, str) and given.startswith("["):
+                hint = f"did you mean {given}, without quotes?"
+            return InputError(field, given, f"a list of values{_described(field)}", hint=hint)
         case "too_long":
             return InputError(field, given, f"a list of {context['max_length']} values")
         case "model_type" | "dict_type" | "model_attributes_type":
             named = "give every value its key, e.g. x_m = 0.1."
             hint = named if isinstance(plain(given), list | tuple) else ""
-            return InputError(field, given, "a table of keys", hint=hint)
+            return InputError(field, given, f"a table of keys{_described(field)}", hint=hint)
     return _wrong_value(model, detail, field)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import signal
 import sys
 import traceback
@@ -28,7 +29,7 @@ from twosra_mpc.cli.output import (
 )
 from twosra_mpc.errors import InputError, NoPlanError, UnitWarning, printable
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
-from twosra_mpc.keys import near_word
+from twosra_mpc.keys import near_number, near_word
 from twosra_mpc.version import __version__
 
 # Section of the help -> command -> its module in this package, and what it does in one line.
@@ -236,6 +237,8 @@ def _failed(error: Exception, *, debug: bool) -> int:
             said = str(error)
             code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
         case click.ClickException():
+            if isinstance(error, click.BadParameter) and (meant := _number_meant(error)):
+                error = click.BadParameter(f"{error.message} {meant}", error.ctx, error.param)
             error.show()
             return EXIT_BAD_INPUT
         case BrokenPipeError():  # whoever read the output has seen enough
@@ -251,6 +254,16 @@ def _failed(error: Exception, *, debug: bool) -> int:
     if debug and code == EXIT_BUG:
         traceback.print_exception(error)
     return code
+
+
+def _number_meant(error: click.BadParameter) -> str:
+    """Say what to type where a number was given with a unit, or a comma; empty if unknown."""
+    given = re.match(r"'(.*)' is not a valid float", error.message)
+    key = error.param.name if error.param else None
+    if not given or not key:
+        return ""
+    hint = near_number(key, given[1], optional=False, listed=False).partition(",")[0]
+    return f"{hint}?" if hint.startswith("did you mean") else ""
 
 
 def _bug(error: Exception) -> str:
