@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS
 from twosra_mpc.execution.simulation.plant import SimulatedRobot
+from twosra_mpc.robot.description import segment_model
 
 ROBOT = load_robot("2sra-v1")
 SOFT_C, OFF_C, STEP_S = 65.0, 25.0, 1.0
@@ -149,3 +151,26 @@ def test_time_passes_for_a_simulated_robot_while_somebody_plans() -> None:
     assert robot.time_s == pytest.approx(LEVELS["moderate"].planning_s)
     assert np.abs(robot.q - before).max() > 1e-3  # the last command was in force
     assert robot.segments[0].temperature_C > 26.0
+
+
+@pytest.mark.parametrize("off_K", [0.0, 8.0])
+def test_after_a_doubt_only_what_must_be_liquid_is_believed(off_K: float) -> None:
+    """Metal that took the heat becomes soft; under a sensor that shows too much it never does."""
+    model, believed = segment_model(ROBOT, 25.0, 0), dict[bool, float]()
+    for doubted in (False, True):
+        watch = SegmentWatch(ROBOT, 25.0, 0, Patience(), reports=True)
+        watch.doubted, state, k = doubted, model.initial(25.0), 0
+        with contextlib.suppress(SegmentError):
+            while k < 400 and doubted not in believed:
+                shown_C = model.temperature_C(state) + off_K + noise(k)
+                current_A = ROBOT.heater.melt_current_A * (shown_C < SOFT_C)
+                called: Any = (
+                    "soft" if shown_C >= 63.5 else "rigid" if shown_C < 58.5 else "changing"
+                )
+                watch.take(float(k), SOFT_C, shown_C, called, False, current_A)
+                if called == "soft" and watch.may_be_soft:
+                    believed[doubted] = float(k)
+                    assert not doubted or model.level(state) >= model.liquid_level
+                state, k = model.propagate(state, current_A, 1.0), k + 1
+        assert (doubted in believed) == (off_K == 0.0)
+    assert not believed or believed[False] <= believed[True] < 200

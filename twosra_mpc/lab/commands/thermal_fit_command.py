@@ -121,6 +121,7 @@ def fit_thermal_command(
     scores = [(each, thermal_fit.score(each, fit.segment, fit.parameters.law)) for each in unseen]
     own, air_C = thermal_fit.two_node_segment(described, segment - 1), recorded.ambient_C
     doubts = plausibility.doubts(described, fit.segment, fit.fitted, air_C, segment - 1)
+    doubts += plausibility.holds_called_heating(recorded)
 
     def tables() -> None:
         _print_fit(recorded, fit, own, scores)

@@ -21,6 +21,7 @@ FASTEST_K_PER_S = 8.0  # heaters of these robots warm their segments by 1 to 3 K
 SLOWEST_K_PER_S = 0.02  # a segment that takes an hour to melt
 LEAST_CHANGE_K = 2.0  # of all heatings, and of all coolings
 FAR_AIR_K = 10.0  # from the robot's own air: worth a warning
+HELD_K, HELD_S = 1.0, 30.0  # what is called heating and rests so long; the firmware's law: 11 s
 LARGEST_RMS_C = 2.5  # logs that are told right leave 0.1 to 0.8 C
 
 _AT_BOUND = 1e-3  # of a bound, relative (absolute where a parameter may be negative)
@@ -142,6 +143,18 @@ def doubts(
             f"The log's air, {air_C:z.4g} C, is {abs(air_C - own_C):z.0f} K from heater.ambient_C"
         )
         found.append(f"{told} ({own_C:zg} C) of {robot.name}: check the sensor, or give --ambient")
+    return found
+
+
+def holds_called_heating(log: HeatingLog) -> list[str]:
+    """Ends of heatings in which readings rest as in a hold: a sentence for each."""
+    found = []
+    for first, end in runs(log.mode == "heating"):
+        away = np.abs(log.despiked_C[first:end] - log.despiked_C[end - 1]) > HELD_K
+        since = first + int(np.flatnonzero(away)[-1]) + 1 if away.any() else first
+        if (rests_s := float(log.time_s[end - 1] - log.time_s[since])) >= HELD_S:
+            told = f"Heating up to {log.time_s[end - 1]:z.4g} s rests for {rests_s:z.0f} s"
+            found.append(f"{told}: is it a hold? Then call it so in mode, its power is unknown")
     return found
 
 
