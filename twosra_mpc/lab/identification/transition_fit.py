@@ -268,15 +268,8 @@ def identify_transitions(
     done(1)
     fitted_s = predict(best.values)
     off = np.abs(fitted_s / [each.duration_s for each in logged] - 1)[counted]
-    if np.median(off) > LARGEST_MEDIAN:
-        allowed = (
-            f"a median of at most {LARGEST_MEDIAN:zg} in what is fitted: check units, kinds,"
-            f" targets, and {robot.name}'s thresholds,"
-            f" {own.solid_below_C:zg} and {own.liquid_above_C:zg} C"
-        )
-        raise InputError("error of durations", round(float(np.median(off)), 2), allowed, source)
-    bounds = {name: SEGMENT_PARAMETERS[name] for name in _FITTED}
-    plausibility.check_bounds(bounds, best.values, source)
+    thresholds = f"{own.solid_below_C:zg} and {own.liquid_above_C:zg} C"
+    _check_fit(best.values, off, f"{robot.name}'s thresholds, {thresholds}", source)
     left_out_s, parts = np.empty(len(logged)), [best.values]
     for part in range(PARTS):
         out = number * PARTS // len(logged) == part  # a stretch of the log: days differ
@@ -287,11 +280,10 @@ def identify_transitions(
     if len(logged) >= 4 * LEAST_OF_A_KIND:  # logs differ by more than a tenth of one does
         half = number < len(logged) / 2
         parts += [fitted(kept, best.values).values for kept in (half, ~half)]
-    smallest, largest = (
-        dict(zip(_FITTED, pick(np.array(parts), axis=0).tolist(), strict=True))
-        for pick in (np.min, np.max)
+    ends = (pick(np.array(parts), axis=0).tolist() for pick in (np.min, np.max))
+    values, errors, smallest, largest = (
+        dict(zip(_FITTED, each, strict=True)) for each in (*best, *ends)
     )
-    values, errors = (dict(zip(_FITTED, each, strict=True)) for each in best)
     predictions = zip(logged, fitted_s.tolist(), left_out_s.tolist(), strict=True)
     return TransitionFit(
         source=source,
@@ -301,6 +293,17 @@ def identify_transitions(
         largest=largest,
         predictions=tuple(Prediction(*each) for each in predictions),
     )
+
+
+def _check_fit(values: tuple[float, ...], off: Array, thresholds: str, source: str) -> None:
+    """Refuse durations that are missed by too large a share, and values at their bounds."""
+    if (median := float(np.median(off))) > LARGEST_MEDIAN:
+        allowed = (
+            f"a median of at most {LARGEST_MEDIAN:zg} in what is fitted: check units, kinds,"
+            f" targets, and {thresholds}"
+        )
+        raise InputError("error of durations", round(median, 2), allowed, source)
+    plausibility.check_bounds({name: SEGMENT_PARAMETERS[name] for name in _FITTED}, values, source)
 
 
 class _Fitted(NamedTuple):

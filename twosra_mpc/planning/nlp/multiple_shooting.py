@@ -20,6 +20,7 @@ shortest of the many motions that take equally long; it is not part of the cost 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,13 +121,9 @@ def transcribe(
     q, s = ca.DM(scale) * states, ca.DM(INPUT_SCALE) * inputs
     nodes = np.arange(phases * (intervals + 1)).reshape(phases, intervals + 1)
     before, after = nodes[:, :-1].ravel().tolist(), nodes[:, 1:].ravel().tolist()
-    mode_of = ca.horzcat(*[ca.repmat(modes[:, i], 1, intervals) for i in range(phases)])
-    share = ca.horzcat(
-        *[
-            ca.repmat((t[layout.end(i)] - t[layout.start(i)]) / intervals, 1, intervals)
-            for i in range(phases)
-        ]
-    )
+    mode_of = _repeated([modes[:, i] for i in range(phases)], intervals)
+    lasting = [t[layout.end(i)] - t[layout.start(i)] for i in range(phases)]
+    share = _repeated([time / intervals for time in lasting], intervals)
 
     flow = _flow(body, steps).map(phases * intervals)
     arrive = flow(q[:, before], s, mode_of)
@@ -137,13 +134,7 @@ def transcribe(
         "defects": (arrive - q[:, after]) / ca.DM(scale),
         "linkage": link,
         "terminal": _terminal(goal, q[:, -1]),
-        "speed": ca.vertcat(
-            *(
-                sign * time - ca.repmat(share, time.size1(), 1)
-                for time in least_times
-                for sign in (1, -1)
-            )
-        ),
+        "speed": _speed([*least_times], share),
         "shape": _rows_of(margins, driving=False),
         "driving": _rows_of(margins[:, nodes[:, 0].tolist()], driving=True),
         "network": ca.vertcat(*[(t[v] - t[u]) / TIME_SCALE for u, v in layout.pairs()]),
@@ -153,15 +144,12 @@ def transcribe(
         places = outline_points(body.geometry).map(visited.size2())(visited)
         blocks["inside"] = places / float(scale[0])
     if apart:
-        kappa = ca.SX.sym("kappa", segments)
-        least = ca.Function("least", [kappa], [self_collision(body).least(kappa)], {"cse": True})
-        blocks["apart"] = least.map(phases * (intervals + 1))(q[POSE:, :]) / float(scale[0])
+        blocks["apart"] = _apart(body, q[POSE:, :]) / float(scale[0])
     g, rows = _stacked(blocks)
-    objective = ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs)
     nlp = {
         "x": ca.vertcat(ca.vec(states), ca.vec(inputs), times),
         "p": ca.vertcat(ca.vec(modes), cost, rho),
-        "f": objective,
+        "f": ca.dot(cost, t) + rho * intervals * ca.sumsqr(inputs),
         "g": g,
     }
     return Transcription(scale, layout, intervals, nlp, rows)
@@ -171,6 +159,26 @@ def transcribe(
 def _flow(body: Body, steps: int) -> ca.Function:
     """The flow of an interval, written out; programs that live at a time share its derivatives."""
     return interval_flow(body, steps).expand()
+
+
+def _repeated(of_phases: Sequence[ca.MX], intervals: int) -> ca.MX:
+    """A column for each interval, of one for each phase."""
+    return ca.horzcat(*[ca.repmat(column, 1, intervals) for column in of_phases])
+
+
+def _speed(least_times: Sequence[ca.MX], share: ca.MX) -> ca.MX:
+    """By how much intervals are too short for their inputs, in both directions."""
+    shorter = [
+        sign * time - ca.repmat(share, time.size1(), 1) for time in least_times for sign in (1, -1)
+    ]
+    return ca.vertcat(*shorter)
+
+
+def _apart(body: Body, kappa: ca.MX) -> ca.MX:
+    """Least separations of the robot's parts at nodes, (pairs, nodes) [m]."""
+    one = ca.SX.sym("kappa", kappa.size1())
+    least = ca.Function("least", [one], [self_collision(body).least(one)], {"cse": True})
+    return least.map(kappa.size2())(kappa)
 
 
 def _terminal(goal: GoalSet | None, end: ca.MX) -> ca.MX:
