@@ -194,7 +194,9 @@ def _claims(of: dict[str, Any]) -> Iterator[Claim]:
     to_the_bit = every("of the five tasks, to the last bit", reached)
     yield Claim("The simulated planner meets its targets", "Algorithm 1", (to_the_bit,))
     later = tuple(
-        every(f"{five}: {100 * (1 - left):zg} % of x and y done later than of the shape", last[left])
+        every(
+            f"{five}: {100 * (1 - left):zg} % of x and y done later than of the shape", last[left]
+        )
         for left in _LEFT
     )
     yield Claim(
