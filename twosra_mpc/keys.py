@@ -206,6 +206,8 @@ def near_key(key: str, value: object, known: list[str]) -> str:
     same = [each for each in known if stem_of(each).lower() == stem.lower()]
     same += [each for each in known if each == _ALIASES.get(stem)]
     same += [each for each in known if sorted(each.split("_")) == sorted(key.split("_"))]
+    if not same and stem in ("radius", "radii") and "kappa_per_m" in known:
+        return "did you mean kappa_per_m, one over the radius?"
     if not same:
         return near_word(key, known)
     ending = max((end for end in OTHER_UNITS if key.endswith(end)), key=len, default="")
@@ -228,6 +230,8 @@ def near_number(key: str, value: object, *, optional: bool, listed: bool) -> str
         if listed:
             return 'did you mean "free"?' if optional else "a start has no free coordinates."
         return "leave the key out where it is free." if optional else "this one cannot be free."
+    if value.strip().lower() in ("soft", "rigid", "straight") and key.startswith("kappa"):
+        return "a segment is straight at 0; modes say which are soft."
     if (turns := _TURNS.fullmatch(value)) is not None:
         radians = float(turns[2] or 1) * math.pi / float(turns[3] or 1)
         return f"did you mean {turns[1]}{radians:z.4g}, written out?"

@@ -237,8 +237,7 @@ def _failed(error: Exception, *, debug: bool) -> int:
             said = str(error)
             code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
         case click.ClickException():
-            if isinstance(error, click.BadParameter) and (meant := _number_meant(error)):
-                error = click.BadParameter(f"{error.message} {meant}", error.ctx, error.param)
+            error.message = f"{error.message} {_meant(error)}".rstrip()
             error.show()
             return EXIT_BAD_INPUT
         case BrokenPipeError():  # whoever read the output has seen enough
@@ -256,14 +255,24 @@ def _failed(error: Exception, *, debug: bool) -> int:
     return code
 
 
-def _number_meant(error: click.BadParameter) -> str:
-    """Say what to type where a number was given with a unit, or a comma; empty if unknown."""
-    given = re.match(r"'(.*)' is not a valid float", error.message)
-    key = error.param.name if error.param else None
-    if not given or not key:
+def _meant(error: click.ClickException) -> str:
+    """Say what to type instead of what the command line could not read; empty if unknown."""
+    if re.match("Got unexpected extra arguments?", error.message) and _takes_scenario(error):
+        return "One scenario at a time; twosra batch plans many."
+    given = re.match(r"'(.*)' is not a valid (float|integer)", error.message)
+    if not given or not isinstance(error, click.BadParameter) or not error.param:
         return ""
-    hint = near_number(key, given[1], optional=False, listed=False).partition(",")[0]
-    return f"{hint}?" if hint.startswith("did you mean") else ""
+    if given[2] == "integer":
+        return "Give a whole number."
+    hint = near_number(error.param.name or "", given[1], optional=False, listed=False)
+    meant = hint.partition(",")[0]
+    return f"{meant}?" if meant.startswith("did you mean") else ""
+
+
+def _takes_scenario(error: click.ClickException) -> bool:
+    """Whether what was typed is for a command that takes one scenario."""
+    ctx = error.ctx if isinstance(error, click.UsageError) else None
+    return ctx is not None and any(each.name == "scenario" for each in ctx.command.params)
 
 
 def _bug(error: Exception) -> str:

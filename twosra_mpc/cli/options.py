@@ -170,7 +170,7 @@ def ending(*allowed: str) -> Check:
     """Return the check that a file has one of these endings."""
 
     def check(target: Path) -> None:
-        if target.suffix not in allowed:
+        if target.suffix not in allowed and not _takes_all(target):
             raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
 
     return check

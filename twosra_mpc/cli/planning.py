@@ -26,8 +26,8 @@ from twosra_mpc.robot.modes import mode_name
 
 @options.command("plan")
 @click.argument("scenario", **options.SCENARIO)
-@options.file_option("--out", "Write the plan as JSON.")
-@options.file_option("--csv", "Write the set-points as CSV.")
+@options.file_option("--out", "Write the plan as JSON.", options.ending(".json"))
+@options.file_option("--csv", "Write the set-points as CSV.", options.ending(".csv"))
 @options.rate_option("Rows per second of --csv; default: the plan's grid.")
 @options.plot_option("Draw the plan")
 @click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
@@ -87,6 +87,8 @@ def plan_command(
 
 def _prover(problem: Problem) -> Callable[[float], dict[str, Any]]:
     """What makes certificates of a problem, if it can have one and the arithmetic is installed."""
+    if problem.planner == "greedy":
+        raise click.UsageError("--proof proves a lower bound, and the greedy rule has none")
     require_flint()
     from twosra_mpc.planning.proof import Prover
 
