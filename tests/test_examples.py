@@ -6,6 +6,7 @@ import ast
 import importlib
 import inspect
 import os
+import re
 import runpy
 import subprocess
 import sys
@@ -70,13 +71,16 @@ def test_every_public_record_is_built_and_type_checked() -> None:
     assert classes - names == returned | errors
 
 
-def test_a_users_type_checker_has_nothing_to_say() -> None:
+def test_a_users_type_checker_has_nothing_to_say(tmp_path: Path) -> None:
     """Without this package's own plugin and settings; its cache makes all but the first quick."""
     pytest.importorskip("mypy")
+    for number, page in enumerate([ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]):
+        code = re.findall(r"^```python.*?\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)
+        (tmp_path / f"{page.stem.replace('-', '_')}_{number}.py").write_text("\n".join(code))
     cache = ROOT / ".mypy_cache" / "users"
     asked = ["--strict", "--config-file=", f"--cache-dir={cache}", *EXAMPLES, USER_SCRIPT]
     done = subprocess.run(
-        [sys.executable, "-m", "mypy", *map(str, asked)],
+        [sys.executable, "-m", "mypy", *map(str, (*asked, *tmp_path.iterdir()))],
         env={**os.environ, "MYPYPATH": str(ROOT)},
         capture_output=True,
         text=True,
