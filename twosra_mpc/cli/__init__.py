@@ -237,8 +237,9 @@ def _failed(error: Exception, *, debug: bool) -> int:
             said = str(error)
             code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
         case click.ClickException():
-            error.message = f"{error.message} {_meant(error)}".rstrip()
             error.show()
+            if hint := _meant(error):
+                click.echo(hint, err=True)
             return EXIT_BAD_INPUT
         case BrokenPipeError():  # whoever read the output has seen enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
