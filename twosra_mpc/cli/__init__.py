@@ -237,9 +237,9 @@ def _failed(error: Exception, *, debug: bool) -> int:
             said = str(error)
             code = EXIT_INFEASIBLE if error.status == "infeasible" else EXIT_NO_PLAN
         case click.ClickException():
+            if isinstance(error, click.UsageError) and (hint := _meant(error)):
+                error = click.UsageError(f"{error.format_message()} {hint}", error.ctx)
             error.show()
-            if hint := _meant(error):
-                click.echo(hint, err=True)
             return EXIT_BAD_INPUT
         case BrokenPipeError():  # whoever read the output has seen enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -256,7 +256,7 @@ def _failed(error: Exception, *, debug: bool) -> int:
     return code
 
 
-def _meant(error: click.ClickException) -> str:
+def _meant(error: click.UsageError) -> str:
     """Say what to type instead of what the command line could not read; empty if unknown."""
     if re.match("Got unexpected extra arguments?", error.message) and _takes_scenario(error):
         return "One scenario at a time; twosra batch plans many."
@@ -270,10 +270,11 @@ def _meant(error: click.ClickException) -> str:
     return f"{meant}?" if meant.startswith("did you mean") else ""
 
 
-def _takes_scenario(error: click.ClickException) -> bool:
+def _takes_scenario(error: click.UsageError) -> bool:
     """Whether what was typed is for a command that takes one scenario."""
-    ctx = error.ctx if isinstance(error, click.UsageError) else None
-    return ctx is not None and any(each.name == "scenario" for each in ctx.command.params)
+    return error.ctx is not None and any(
+        each.name == "scenario" for each in error.ctx.command.params
+    )
 
 
 def _bug(error: Exception) -> str:
