@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from copy import deepcopy
 from pathlib import Path
 
 import nbformat
@@ -25,7 +26,8 @@ def executed(notebook: NotebookNode, folder: Path) -> NotebookNode:
     strict = new_code_cell("import warnings\nwarnings.simplefilter('error')")
     short = new_code_cell("from twosra_mpc.plotting import film\nfilm.FRAMES_PER_S = 0.5")
     lenient = new_code_cell("warnings.simplefilter('default')")  # the kernel's own, as it ends
-    copy = new_notebook(cells=[strict, short, *notebook.cells, lenient], metadata=notebook.metadata)
+    cells = [strict, short, *deepcopy(notebook.cells), lenient]  # what was saved stays as it is
+    copy = new_notebook(cells=cells, metadata=notebook.metadata)
     resources = {"metadata": {"path": str(folder)}}
     NotebookClient(copy, timeout=TIMEOUT_S, kernel_name="python3", resources=resources).execute()
     copy.cells = copy.cells[2:-1]
