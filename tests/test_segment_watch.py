@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from twosra_mpc import load_problem, load_robot
+from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.execution.segment_watch import SegmentError, SegmentWatch
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.execution.simulation.disturbance import LEVELS
@@ -174,3 +175,27 @@ def test_after_a_doubt_only_what_must_be_liquid_is_believed(off_K: float) -> Non
                 state, k = model.propagate(state, current_A, 1.0), k + 1
         assert (doubted in believed) == (off_K == 0.0)
     assert not believed or believed[False] <= believed[True] < 200
+
+
+def test_a_doubted_segment_melts_under_a_sensor_that_shows_too_much() -> None:
+    """Its controller takes melting metal for liquid metal; asked for more, it goes on heating."""
+    model, plain = segment_model(ROBOT, 25.0, 0), stiffness_controller(ROBOT, 25.0, 0)
+    watch = SegmentWatch(ROBOT, 25.0, 0, Patience(), reports=True)
+    watch.doubted = True
+    took_s = []
+    for controller, off_K in (
+        (plain, 0.0),
+        (plain, 2.4),
+        (plain.holding(watch.allowed_C(SOFT_C)), 2.4),
+    ):
+        state, memory, step = model.initial(25.0), controller.start(25.0), 0
+        while model.level(state) < model.liquid_level and step < 2000:
+            state = model.propagate(state, memory.current_A, 0.2)
+            shown_C = model.temperature_C(state) + off_K * (step > 100)
+            memory, _ = controller.step(memory, "soft", shown_C, 0.2)
+            step += 1
+        took_s.append(0.2 * step)
+    sound_s, held_s, asked_s = took_s
+    assert held_s > 1.5 * sound_s
+    assert asked_s < 1.1 * sound_s
+    assert watch.allowed_C(OFF_C) == OFF_C

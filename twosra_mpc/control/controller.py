@@ -193,6 +193,12 @@ class StiffnessController:
             integrator += gains.integral_per_K_s * error * dt_s
         return output, min(max(integrator, 0.0), gains.integrator_max)
 
+    def holding(self, soft_setpoint_C: float) -> StiffnessController:
+        """Return the controller that holds soft metal at another temperature."""
+        if soft_setpoint_C == self.soft_setpoint_C:
+            return self
+        return replace(self, soft_setpoint_C=soft_setpoint_C)
+
     @property
     def output_max(self) -> float:
         """Largest output of the PI law."""

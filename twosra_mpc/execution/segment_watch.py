@@ -48,6 +48,7 @@ _TIMES_STEADY = 5.0  # as long as ever before: digits may be coarse
 _SLOW_S, _SLOW_SHARE = 50.0, 0.4  # after that it has cooled by so much of what its model says
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _CONTRADICTED_S = 45.0  # called soft, by a sensor that is off by 2 K, of metal that begins to melt
+_MORE_K = 3.0  # as much as a sensor may show too much
 _HELD_K = 0.25  # below the set-point a sensor that is off by 2 K does not show metal that melts
 
 
@@ -129,10 +130,15 @@ class SegmentWatch:
         return self._molten if self.doubted else self._account.may_be_liquid
 
     def allowed_C(self, setpoint_C: float) -> float:
-        """Set-point that may be sent where this one is asked for."""
+        """Set-point that may be sent where this one is asked for.
+
+        A sensor that shows too much makes its controller hold metal that is still melting, with
+        little current: a segment that was doubted is asked for more until it must be liquid.
+        """
         if self._account is not None and self._account.cut:
             return min(setpoint_C, self._heater.rigid_setpoint_C)
-        return setpoint_C
+        melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
+        return setpoint_C + _MORE_K * melts
 
     def take(
         self,
@@ -179,7 +185,7 @@ class SegmentWatch:
         self._check_fault(time_s, temperature_C, stiffness, faulty)
         self._check_fall(time_s, temperature_C, off)
         self._check_account(time_s, temperature_C, stiffness)
-        if self.allowed_C(setpoint_C) == setpoint_C:
+        if self.allowed_C(setpoint_C) >= setpoint_C:
             self._check_warming(time_s, temperature_C)
         else:
             self._cold = (math.nan, math.nan)

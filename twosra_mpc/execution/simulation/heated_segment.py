@@ -100,7 +100,9 @@ class HeatedSegment:
         error_C = self.sensor.noise_C * self.rng.standard_normal()
         self._reading_C = self.sensor.read_C(self._lag, error_C)
         wanted: Stiffness = "soft" if self._heats(setpoint_C) else "rigid"
-        self._memory, _ = self.controller.step(self._memory, wanted, self._reading_C, dt_s)
+        held_C = max(setpoint_C, self.controller.soft_setpoint_C)
+        controller = self.controller.holding(held_C)
+        self._memory, _ = controller.step(self._memory, wanted, self._reading_C, dt_s)
 
     def _heats(self, setpoint_C: float) -> bool:
         """Melt, or keep warm by the observer's estimate: it does not lag as the sensor does."""
