@@ -46,6 +46,8 @@ ALLOWED = {
     "osqp": ("execution/tracking/",),
     "shapely": ("space/", "checking/clearance.py"),
     "serial": ("execution/serial/port.py",),
+    "mujoco": ("physics/",),
+    "glfw": ("physics/",),
     "flint": CERTIFICATES,
     "skimage": ("lab/photographs/published_steps.py",),
     "similaritymeasures": ("lab/reproduction/hardware.py",),
@@ -100,6 +102,7 @@ STAGES = [
     ("planning/",),
     ("analysis/",),
     ("execution/tracking/",),
+    ("physics/",),
     ("execution/",),
     ("export/",),
     ("plotting/",),
@@ -128,7 +131,7 @@ CASADI_VALUES_OUTSIDE = frozenset(
         "analysis/singular_shapes.py",
         "execution/greedy_executor.py",
         "execution/session.py",
-        "execution/simulation/plant.py",
+        "execution/simulation/motion.py",
         "planning/greedy.py",
     }
 )

@@ -68,3 +68,17 @@ def require_batch(field: str) -> None:
     if missing:
         allowed = f"any, once {', '.join(missing)} can be imported: {install_command('batch')}"
         raise InputError(field, f"{missing[0]} is missing", allowed)
+
+
+def require_mujoco(field: str) -> None:
+    """Check that the rigid-body engine is installed.
+
+    Args:
+        field: What needs it, for the message.
+
+    Raises:
+        InputError: If it is not; says how to install it.
+    """
+    if find_spec("mujoco") is None:
+        allowed = f"another one, or the package mujoco: {install_command('physics')}"
+        raise InputError(field, "mujoco is missing", allowed)

@@ -13,6 +13,7 @@ _UNITS = {  # ending of a key -> unit; the longest that fits counts
     **{"_ohm": "ohm", "_ohm_m": "ohm m", "_m_s": "m/s", "_rad_s": "rad/s", "_rad_s2": "rad/s2"},
     **{"_per_m": "1/m", "_per_s": "1/s", "_per_K": "1/K", "_s_per_J": "s/J"},
     **{"_J_per_K": "J/K", "_W_per_K": "W/K", "_K_per_s": "K/s", "_kg_per_m3": "kg/m3"},
+    **{"_kg": "kg", "_kg_per_m": "kg/m", "_N_m": "N m", "_N_m2": "N m2", "_N_m_s": "N m s"},
     **{"_J_per_kg": "J/kg", "_J_per_kg_K": "J/(kg K)", "_W_per_m2_K": "W/(m2 K)"},
 }
 OTHER_UNITS: dict[str, tuple[str, float, float]] = {  # ending -> (ours, factor, what is added)
@@ -99,10 +100,12 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "phases": "motion phases in order; holds are the gaps between them",
     "phi_modulo": "whether headings that differ by full turns are the same",
     "phi_per_alpha": "slope of the polar angle over the bending angle in cases I, II, III",
+    "physics": "masses, stiffness and friction for simulation in MuJoCo; nobody has measured them",
     "planner": "optimal, or greedy as in the paper",
     "problems": "what does not hold, in words",
     "q": "configuration [x m, y m, phi rad, and the curvature of each segment 1/m]",
-    "ranges": "5 % and 95 % values of uncertain parameters",
+    "ranges": "5 % and 95 % values of uncertain parameters; of physics, the least and the largest",
+    "relaxation_s": "time in which a bent segment comes to rest",
     "robot": "the robot: a built-in name, a path to its file, or its table",
     "robot_id": "number of the robot, sent at the end of every line if its firmware expects one",
     "rubber": "the silicone of core and tube",
@@ -116,6 +119,10 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "sensor_gain": "reading above the air per degree of the core",
     "sequences_bounded": "mode sequences whose lower bound was found",
     "sequences_solved": "mode sequences that were solved",
+    "roller_damping_N_m_s": "friction of a roller about its axis over its speed",
+    "soft_friction_N_m": "moment of dry friction in a segment",
+    "soft_stiffness_N_m2": "bending stiffness EI of a segment with liquid metal",
+    "solid_stiffness_N_m2": "bending stiffness EI of a segment with solid metal",
     "speed_reference": "whose speed v_j is: fibre_end or side_wheel",
     "start": "where the robot is, and its shape",
     "stats": "effort spent",
@@ -139,6 +146,8 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "workspace": "box in the plane that no point of the robot leaves",
     "workspace_m": "margin to the edge of the workspace",
     "wheel_independence": "least singular value of the wheel matrix with which the robot drives",
+    "wheel_friction": "coefficient of rollers on the ground",
+    "wheel_torque_N_m": "largest torque of a wheel's motor",
     "wheels": "where the four wheels sit and point; left out, they follow from the lengths",
 }
 

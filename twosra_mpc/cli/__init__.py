@@ -27,7 +27,14 @@ from twosra_mpc.cli.output import (
     EXIT_INTERRUPTED,
     EXIT_NO_PLAN,
 )
-from twosra_mpc.errors import InputError, NoPlanError, UnitWarning, printable
+from twosra_mpc.errors import (
+    ContradictionError,
+    InputError,
+    NoPlanError,
+    TwosraError,
+    UnitWarning,
+    printable,
+)
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
 from twosra_mpc.keys import near_number, near_word
 from twosra_mpc.version import __version__
@@ -246,6 +253,8 @@ def _failed(error: Exception, *, debug: bool) -> int:
             return EXIT_BROKEN_PIPE
         case OSError():
             said, code = _in_words(error), EXIT_BAD_INPUT
+        case TwosraError() if not isinstance(error, ContradictionError):  # the robot's end
+            said, code = str(error), EXIT_NO_PLAN
         case MemoryError():
             said, code = "this takes more memory than there is", EXIT_BAD_INPUT
         case _:  # the last resort

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -16,6 +16,9 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, check_writable
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.paths import PATH_MODELS
+
+if TYPE_CHECKING:  # CasADi takes a second
+    from twosra_mpc.plans.plan import Plan
 
 Function = Callable[..., Any]
 Decorator = Callable[[Function], Function]
@@ -205,27 +208,42 @@ def rate_option(words: str, *, required: bool = False) -> Decorator:
     return click.option("--rate", "rate_Hz", type=float, metavar="HZ", **asked)
 
 
+ACCEPT_PAPER_WHEELS = click.option(
+    "--accept-paper-wheels", is_flag=True, help="Take the paper's wheel map as well."
+)
+
+
 def plan_to_drive(function: Function) -> Function:
     """Add PLAN, a file; the command is given the plan, unless its wheel speeds are the paper's."""
 
     @click.argument("plan", type=FILE)
-    @click.option("--accept-paper-wheels", is_flag=True, help="Take the paper's wheel map as well.")
+    @ACCEPT_PAPER_WHEELS
     @functools.wraps(function)
     def command(*args: Any, plan: Path, accept_paper_wheels: bool, **given: Any) -> Any:
-        from twosra_mpc.model.path_models import path_model  # CasADi takes a second
-        from twosra_mpc.plans.document import load_plan
-
-        made = load_plan(plan).require()
-        if path_model(made.robot).wheel_map == "paper" and not accept_paper_wheels:
-            allowed = (
-                "a plan for 2sra-v1, or another robot of exact arcs, or --accept-paper-wheels:"
-                " without slip the paper's wheel map bends a robot by 17 to 48 % of what is planned"
-            )
-            raise InputError("robot.path.model", made.robot.path.model, allowed, str(plan))
+        made = drivable_plan(plan, accept_paper_wheels=accept_paper_wheels)
         return function(*args, plan=made, **given)
 
     decorated: Function = command
     return decorated
+
+
+def drivable_plan(source: Path, *, accept_paper_wheels: bool) -> Plan:
+    """Load a plan from a file.
+
+    Raises:
+        InputError: If its wheel speeds are the paper's, unless these are accepted.
+    """
+    from twosra_mpc.model.path_models import path_model  # CasADi takes a second
+    from twosra_mpc.plans.document import load_plan
+
+    made = load_plan(source).require()
+    if path_model(made.robot).wheel_map == "paper" and not accept_paper_wheels:
+        allowed = (
+            "a plan for 2sra-v1, or another robot of exact arcs, or --accept-paper-wheels:"
+            " without slip the paper's wheel map bends a robot by 17 to 48 % of what is planned"
+        )
+        raise InputError("robot.path.model", made.robot.path.model, allowed, str(source))
+    return made
 
 
 def animation(target: Path) -> None:

@@ -13,13 +13,15 @@ import click
 from twosra_mpc.checking.plan_file import Check, PlanCheck, check_plan
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import (
+    ACCEPT_PAPER_WHEELS,
     FILE,
+    ROBOT,
     Finite,
     animation,
     command,
+    drivable_plan,
     ending,
     out_argument,
-    plan_to_drive,
     rate_option,
 )
 from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
@@ -27,10 +29,12 @@ from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
+from twosra_mpc.files import write_text
 from twosra_mpc.installation import install_command, require_flint
+from twosra_mpc.physics.mjcf import mjcf
 from twosra_mpc.plans.document import load_plan
-from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import save_setpoints
+from twosra_mpc.robot.description import load_robot
 
 if TYPE_CHECKING:
     from twosra_mpc.checking.certificate import Proof
@@ -165,6 +169,8 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
 
 _EXPORT_HELP = f"""Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
 
+Or write ROBOT (a name or a file) to a .xml file: MJCF, which MuJoCo and its viewer open.
+
 MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
 configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV has
 the columns of the authors' own trajectories, x,y,angle,k1,k2,v1,v2,u0,v0,r0,s1,s2,time. Plans with
@@ -183,18 +189,33 @@ A bag of standard messages for ROS 2, with the robot as URDF:
   twosra export plan.json bag.mcap --ros2 --rate 30
 The plan's own grid as the authors' scripts read it:
   twosra export plan.json plan.csv
+A robot with rolling wheels and a fibre of hinges, to play with:
+  twosra export 2sra-v1 robot.xml
+  python -m mujoco.viewer --mjcf=robot.xml
 """
 
 
 @command("export", _EXPORT_HELP)
-@plan_to_drive
-@out_argument(ending(".mcap", ".csv"))
+@click.argument("source", metavar="PLAN|ROBOT", **ROBOT)
+@ACCEPT_PAPER_WHEELS
+@out_argument(ending(".mcap", ".csv", ".xml"))
 @rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
 @click.option("--ros2", is_flag=True, help="MCAP: standard messages of ROS 2.")
 def export_command(
-    plan: Plan, out: Path, rate_Hz: float | None, ros2: bool, output: Output
+    source: str,
+    accept_paper_wheels: bool,
+    out: Path,
+    rate_Hz: float | None,
+    ros2: bool,
+    output: Output,
 ) -> None:
-    """Export a plan; see ``_EXPORT_HELP``."""
+    """Export a plan or a robot; see ``_EXPORT_HELP``."""
+    if out.suffix == ".xml" and not ros2:
+        described = load_robot(source)
+        write_text(out, mjcf(described))
+        output.record((described.name, "exported"), {"file": str(out), "robot": described.name})
+        return
+    plan = drivable_plan(Path(source), accept_paper_wheels=accept_paper_wheels)
     robot, duration_s = plan.robot.name, plan.duration_s
     document: dict[str, Any] = {"file": str(out), "robot": robot, "duration_s": duration_s}
     if ros2 and out.suffix != ".mcap":

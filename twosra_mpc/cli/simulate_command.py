@@ -21,7 +21,7 @@ from twosra_mpc.cli.output import (
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
 from twosra_mpc.execution.run import Ending, times
 from twosra_mpc.execution.simulation.disturbance import CLEARANCE_M, LEVELS, disturbance_level
-from twosra_mpc.execution.simulation.plant import PLANTS, SimulatedRobot
+from twosra_mpc.execution.simulation.plant import ALL_PLANTS, SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import (
     EXECUTORS,
     Metrics,
@@ -33,12 +33,13 @@ from twosra_mpc.files import write_json
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 
-_PLANTS, _LEVELS = ", ".join(PLANTS), ", ".join(LEVELS)
+_PLANTS, _LEVELS = ", ".join(ALL_PLANTS), ", ".join(LEVELS)
 
 
 @options.command("simulate")
 @click.argument("scenario", **options.SCENARIO)
-@options.word_option("--plant", f"How its fibre bends: {_PLANTS}.", PLANTS, default="arc")
+@options.word_option("--plant", f"How it moves: {_PLANTS}.", ALL_PLANTS, default="arc")
+@click.option("--viewer", is_flag=True, help="Watch the first run of plant mujoco.")
 @options.word_option(
     "--disturbance", f"How far from its description: {_LEVELS}.", LEVELS, default="moderate"
 )
@@ -60,6 +61,7 @@ def simulate_command(
     executor: str,
     runs: int,
     broken: tuple[int, ...],
+    viewer: bool,
     load: options.Load,
     out: Path | None,
     plot: Path | None,
@@ -76,6 +78,8 @@ def simulate_command(
       twosra simulate paper-1 --seed 1 --out run.json --plot run.png --animate run.gif
     What to expect of the same task on ten robots:
       twosra simulate paper-1 --runs 10
+    The same robot in a rigid-body engine, with rolling wheels and a fibre of springs:
+      twosra simulate rigid-move --plant mujoco --seed 1
     A heater fails; here the other segment alone cannot reach the goal, and the reason is given:
       twosra simulate paper-2 --broken-heater 1
     """
@@ -90,7 +94,7 @@ def simulate_command(
     drawn: dict[str, Any] = {"plant": plant, "disturbance": disturbance, "executor": executor}
     drawn |= {"broken_heaters": broken, "plan": result.plan}
     with output.progress(f"running 1 of {runs}") as tell:
-        first = simulate(problem, seed=seed, **drawn)
+        first = simulate(problem, seed=seed, viewer=viewer, **drawn)
         tell("writing")
         if out is not None:
             write_json(out, first.to_dict())

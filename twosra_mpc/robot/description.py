@@ -23,6 +23,7 @@ from twosra_mpc.robot.geometry import Geometry, MotionLimits
 from twosra_mpc.robot.heater import Heater
 from twosra_mpc.robot.modes import Mode, all_modes, rigid_mode
 from twosra_mpc.robot.paths import Path as PathRecord
+from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
@@ -56,7 +57,8 @@ class Robot(Value):
     "thermal" needs one of them. In a file, ``segments = 3`` gives the number of segments that are
     alike (2 if left out), and a list ``[[segment]]`` each with its ``length_m``. ``accuracy`` is
     how near to their goals runs end; where it is missing, plans meet theirs exactly. ``robot_id``
-    is for firmware that expects the robot's number as the last one of every line.
+    is for firmware that expects the robot's number as the last one of every line. ``physics`` is
+    for simulation in a rigid-body engine; planning does not use it.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -69,6 +71,7 @@ class Robot(Value):
     segment: AnySegment | None = None
     segments: Several[AnySegment] = ()
     timing: Annotated[dict[str, AnyTiming], Field(min_length=1), AfterValidator(FrozenDict)]
+    physics: Physics | None = None
     robot_id: Annotated[int, Field(ge=0), BeforeValidator(plain)] | None = None
 
     @model_validator(mode="before")
@@ -126,6 +129,11 @@ class Robot(Value):
     def ends_within(self) -> Accuracy:
         """How near to their goals runs end: ``accuracy``, or 2 mm, 1 degree and 1 1/m."""
         return self.accuracy or Accuracy()
+
+    @property
+    def true_physics(self) -> Physics:
+        """Masses, stiffness and friction: ``physics``, or what is assumed without it."""
+        return self.physics or Physics()
 
     @property
     def coordinates(self) -> Coordinates:

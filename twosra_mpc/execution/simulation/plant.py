@@ -16,18 +16,18 @@ import numpy as np
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.control.thermistor import NtcDivider, TemperatureSensor, temperature_sensor
 from twosra_mpc.errors import InputError
-from twosra_mpc.execution.guard import bends_into_itself
 from twosra_mpc.execution.robot_interface import Reading
 from twosra_mpc.execution.simulation.disturbance import Disturbance
 from twosra_mpc.execution.simulation.heated_segment import LONGEST_STEP_S, HeatedSegment
+from twosra_mpc.execution.simulation.motion import Motion, PathMotion, PhysicsMotion
 from twosra_mpc.keys import near_word
-from twosra_mpc.model.rolling import Drift, rolling
+from twosra_mpc.physics.engine import Engine
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.modes import Mode, all_modes
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
@@ -36,8 +36,9 @@ from twosra_mpc.thermal.uncertainty import Ranges, drawn
 if TYPE_CHECKING:  # loaded where there are objects
     from twosra_mpc.execution.simulation.object_plant import ObjectPlant
 
-AS_PLANNED = "as-planned"
+AS_PLANNED, PHYSICS = "as-planned", "mujoco"
 PLANTS = (AS_PLANNED, *PATH_MODELS)
+ALL_PLANTS = (*PLANTS, PHYSICS)
 _AT_REST_RAD_S = 1e-3  # a motor that runs down to this stands
 _INSTANT_S = 1e-6
 _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
@@ -77,8 +78,8 @@ def plant_robot(robot: Robot, plant: str) -> Robot:
         InputError: If there is no such plant.
     """
     if plant not in PLANTS:
-        allowed = f"one of {', '.join(PLANTS)}"
-        raise InputError("plant", plant, allowed, hint=near_word(plant, PLANTS))
+        allowed = f"one of {', '.join(ALL_PLANTS)}"
+        raise InputError("plant", plant, allowed, hint=near_word(plant, ALL_PLANTS))
     return robot if plant == AS_PLANNED else with_path_model(robot, plant)
 
 
@@ -100,44 +101,48 @@ class SimulatedRobot:
         seed: int = 0,
         *,
         broken_heaters: Collection[int] = (),
+        viewer: bool = False,
     ) -> None:
         """Put the robot where the problem starts.
 
         Args:
             problem: Robot, start and air.
-            plant: Its true path model, or "as-planned".
+            plant: Its true path model, "as-planned", or "mujoco": a rigid-body engine.
             disturbance: What else differs from the model; default: nothing.
             seed: Of all that is drawn at random.
             broken_heaters: Segments (from 1) whose heater never warms.
+            viewer: Show the motion in MuJoCo's viewer.
 
         Raises:
-            InputError: If there is no such plant, or the robot's segments are not described.
+            InputError: If there is no such plant, or the robot's segments are not described; of
+                "mujoco", if it is not installed, there is no display for its viewer, or the wheels
+                cannot carry the robot.
         """
         what = disturbance or Disturbance()
         drawn = np.random.default_rng([seed, 0])
         self._noise = np.random.default_rng([seed, 1])
         self.robot, self.camera, self._disturbance = problem.robot, what.camera, what
-        self._true = with_lengths(plant_robot(problem.robot, plant), what.lengths, drawn)
-        self._grip = 1 - np.clip(drawn.normal(what.slip, what.slip_spread, WHEELS), 0.0, 0.9)
-        modes = all_modes(problem.robot.coordinates.segments)[1:]
-        by_number = sorted(modes, key=lambda mode: (sum(mode), mode[::-1]))  # [1,0] first
-        self._drift = {mode: _drift(what, drawn) for mode in by_number}
-        self._bends = {mode: drawn.uniform(*what.bend_share) for mode in by_number}
+        physics = plant == PHYSICS
+        true = plant_robot(problem.robot, AS_PLANNED if physics else plant)
+        self._true = with_lengths(true, what.lengths, drawn)
+        by_path = PathMotion(problem, self._true, what, drawn, self._noise)
         self._delay = int(drawn.integers(*what.delay_frames, endpoint=True))
         self.segments = heated_segments(
             problem, what, drawn, self._noise, broken_heaters=broken_heaters
         )
+        self._motion: Motion = by_path  # drawn in any case: one seed, the same heat and sensors
+        if physics:
+            width, rng = what.thermal_ranges, np.random.default_rng([seed, 3])
+            own = self._true.true_physics.drawn(width, rng)
+            self._motion = PhysicsMotion(problem, self._true, own, self.segments, viewer=viewer)
+        elif viewer:
+            raise InputError("viewer", True, f"left out: only plant {PHYSICS} has one")
         self.q = problem.start.configuration.copy()
         self._told_rad_s, self._turning_rad_s = np.zeros(WHEELS), np.zeros(WHEELS)
         self._setpoint_C = [segment.rigid_setpoint_C for segment in self.segments]
         self._tick, self._forced = 0, 0
         self._on_the_way: list[tuple[int, Array, Array | None]] = []
-        self.objects: ObjectPlant | None = None
-        if problem.objects:
-            from twosra_mpc.execution.simulation.object_plant import ObjectPlant
-
-            self.objects = ObjectPlant(problem, self._true.geometry)
-            self._object_noise = np.random.default_rng([seed, 2])
+        self._object_noise = np.random.default_rng([seed, 2])
         self._told: list[tuple[object, ...]] = []
         self._photograph(1)
         self._note()
@@ -181,10 +186,11 @@ class SimulatedRobot:
         still = max(1, int(LONGEST_STEP_S * self.camera.rate_Hz + 1e-9))
         before = [segment.stiffness for segment in self.segments]
         while left > 0 and before == [segment.stiffness for segment in self.segments]:
-            moving = bool(self._told_rad_s.any() or self._turning_rad_s.any())
+            turning = bool(self._told_rad_s.any() or self._turning_rad_s.any())
+            moving = turning or not self._motion.at_rest(self.segments)
             ticks = 1 if moving else min(left, still)
             if moving:
-                self._roll()
+                self._roll(turning)
             for segment, setpoint_C in zip(self.segments, self._setpoint_C, strict=True):
                 segment.advance(setpoint_C, ticks * self.camera.period_s)
             self._tick += ticks
@@ -208,6 +214,11 @@ class SimulatedRobot:
         return Truth(*columns, squeezed="" if self.objects is None else self.objects.squeezed)
 
     @property
+    def objects(self) -> ObjectPlant | Engine | None:
+        """Objects with their ``poses``, (objects, 3) [m, m, rad]; None without any."""
+        return self._motion.objects
+
+    @property
     def geometry(self) -> Geometry:
         """Lengths as they truly are."""
         return self._true.geometry
@@ -217,18 +228,12 @@ class SimulatedRobot:
         """Which segments can in truth be bent."""
         return tuple(int(segment.soft) for segment in self.segments)
 
-    def _roll(self) -> None:
-        """Turn the wheels for one period; metal that is changing does not bend yet."""
-        period_s, what = self.camera.period_s, self._disturbance
-        grip = self._grip * (1 + what.slip_noise * self._noise.standard_normal(WHEELS))
-        drift, share = self._drift.get(self.mode, Drift()), self._bends.get(self.mode, 1.0)
-        flow, turned = rolling(self._true, self.mode), self._turned(period_s) * grip * share
-        before, after = self.q, flow(self.q, turned, drift).full().ravel()
-        if not bends_into_itself(self._true, before, after[None]):  # else the wheels slip
-            self.q = after
-        if self.objects is not None:
-            self.objects.follow(before, self.q)
-        self._forced += any(0 < segment.melt_fraction < 1 for segment in self.segments)
+    def _roll(self, turning: bool) -> None:
+        """Move for one period."""
+        turned = self._turned(self.camera.period_s)
+        self.q = self._motion.roll(self.q, turned, self.segments, self.camera.period_s)
+        changing = any(0 < segment.melt_fraction < 1 for segment in self.segments)
+        self._forced += turning and changing
 
     def _turned(self, period_s: float) -> Array:
         """How far the motors turn in a period, (4,) [rad]: each goes to its command with a lag."""
@@ -346,9 +351,3 @@ def true_sensor(
         lags_s=(nominal.lags_s[0] * faster, nominal.lags_s[1] * faster),
         noise_C=nominal.noise_C if what.thermistor > 0 else 0.0,
     )
-
-
-def _drift(what: Disturbance, drawn: np.random.Generator) -> Drift:
-    slide_m = what.slide_m_per_rad * drawn.standard_normal()
-    split = drawn.uniform(-what.split, what.split)
-    return Drift(drawn.uniform(*what.pivot_rad_per_rad), slide_m, split)

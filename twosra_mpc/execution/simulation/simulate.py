@@ -82,7 +82,7 @@ class Simulation:
     """A simulated run.
 
     Attributes:
-        plant: True path model of the robot.
+        plant: True path model of the robot, or "mujoco".
         disturbance: Level of what else differed from the model.
         seed: Of all that was drawn.
         run: What the robot measured and did.
@@ -150,27 +150,33 @@ def simulate(
     plan: Plan | None = None,
     settings: ExecutorSettings | None = None,
     broken_heaters: Collection[int] = (),
+    viewer: bool = False,
 ) -> Simulation:
     """Plan a problem and run it; or drive to its goal by the greedy rule, which needs no plan.
 
     Args:
         problem: The problem.
-        plant: True path model of the robot, or "as-planned".
+        plant: True path model of the robot, "as-planned", or "mujoco": a rigid-body engine.
         disturbance: A level: none, mild, moderate or hard.
         seed: Of all that is drawn at random.
         executor: "optimal", or "greedy".
         plan: A plan of the problem, if there is one already.
         settings: Of the executor; by default it knows the level's dead zone.
         broken_heaters: Segments (from 1) whose heater never warms.
+        viewer: Show the motion in the viewer of plant "mujoco".
 
     Raises:
-        InputError: If there is no such plant, level or executor, or the robot has no ``[segment]``.
+        InputError: If there is no such plant, level or executor, or the robot has no ``[segment]``;
+            see `SimulatedRobot`.
         NoPlanError: If the problem has no plan.
+        RobotError: If the simulation of plant "mujoco" diverges.
     """
     level = disturbance_level(disturbance)
     if executor not in EXECUTORS:
         raise InputError("executor", executor, f"one of {', '.join(EXECUTORS)}")
-    robot = SimulatedRobot(problem, plant, level, seed, broken_heaters=broken_heaters)
+    robot = SimulatedRobot(
+        problem, plant, level, seed, broken_heaters=broken_heaters, viewer=viewer
+    )
     chosen = settings or ExecutorSettings(dead_zone_rad_s=level.dead_zone_rad_s)
     if executor == "greedy":
         run = GreedyExecutor(robot, chosen).run(problem)

@@ -1,0 +1,205 @@
+r"""A robot moved by MuJoCo: wheels roll, the fibre bends where metal is liquid, things collide.
+
+Bending moments of a segment are those of two springs in parallel: rubber, straight at rest, and
+metal in proportion to its solid share s, at rest in the shape in which it froze. Metal that freezes
+at an angle adds to the mean of the rest angles by its share, metal that melts leaves it alone:
+
+.. math:: M = -k_r \theta - s\,k_m (\theta - \theta_0), \qquad
+    \theta_0 \leftarrow (s\,\theta_0 + \Delta s\,\theta) / (s + \Delta s).
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twosra_mpc.errors import InputError, TwosraError
+from twosra_mpc.installation import require_mujoco
+from twosra_mpc.physics.mjcf import HINGES, SERVO_N_M_PER_RAD, SERVO_N_M_S, STEP_S, mjcf
+from twosra_mpc.problem.problem import Problem
+from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
+from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.physics import Physics
+
+_SETTLING_S = 0.1  # after the robot is put down
+_AT_REST = 1e-4  # m/s and rad/s of b0, rad/s of hinges
+_CHANGE = 0.01  # of a solid share: what rests is looked at again
+_BAD = ("BADQPOS", "BADQVEL", "BADQACC")  # MuJoCo's words for what is not finite, or huge
+_POSE_JOINTS = ("x", "y", "phi")
+
+
+class DivergedError(TwosraError):
+    """The engine's state is not a motion any more."""
+
+
+class Engine:
+    """A robot among obstacles and objects.
+
+    Attributes:
+        physics: Its masses, stiffness and friction.
+        model: MuJoCo's model.
+        data: MuJoCo's state.
+    """
+
+    squeezed = ""  # things that overlap push each other away
+
+    def __init__(
+        self,
+        problem: Problem,
+        robot: Robot,
+        physics: Physics,
+        melted: Sequence[float],
+        *,
+        hinges: int = HINGES,
+        step_s: float = STEP_S,
+    ) -> None:
+        """Put the robot where the problem starts.
+
+        Args:
+            problem: Start, obstacles and objects.
+            robot: The robot with its true lengths.
+            physics: Masses, stiffness and friction.
+            melted: Melt fraction of each segment.
+            hinges: Of each segment.
+            step_s: Longest time step.
+
+        Raises:
+            InputError: If MuJoCo is not installed, or the wheels cannot carry the robot.
+            DivergedError: If the start cannot be simulated.
+        """
+        require_mujoco("plant")
+        import mujoco
+
+        mujoco.set_mju_user_warning(lambda text: None)  # else it writes a log file; see `roll`
+        self._mujoco, self.physics, self._step_s = mujoco, physics, step_s
+        text = mjcf(
+            robot, physics, obstacles=problem.obstacles, objects=problem.objects,
+            hinges=hinges, step_s=step_s,
+        )  # fmt: skip
+        self.model = mujoco.MjModel.from_xml_string(text)
+        self.data = mujoco.MjData(self.model)
+        self._lengths_m, self._hinges = np.array(robot.geometry.lengths_m), hinges
+        count = robot.geometry.segments
+        names = [f"bend{j + 1}_{k + 1}" for j in range(count) for k in range(hinges)]
+        self._bends = self._addresses(names).reshape(count, hinges)
+        self._wheels = self._addresses([f"wheel{number + 1}" for number in range(WHEELS)])
+        self._pose = self._addresses(_POSE_JOINTS)
+        self._objects = np.array(
+            [self._addresses([f"{item.name}.{name}" for name in _POSE_JOINTS])
+             for item in problem.objects], dtype=int,
+        ).reshape(-1, POSE)  # fmt: skip
+        self._object_start = np.array([item.pose.pose for item in problem.objects])
+        start = problem.start.configuration
+        self.data.qpos[self._pose] = start[:POSE]
+        self.data.qpos[self._bends] = (start[POSE:] * self._lengths_m / hinges)[:, None]
+        self._rest_rad = self.data.qpos[self._bends].copy()
+        self._solid = 1.0 - np.asarray(melted)
+        self._stiffen()
+        self._viewer: Any = None
+        self.roll(np.zeros(WHEELS), melted, _SETTLING_S)
+
+    @property
+    def q(self) -> Array:
+        """Configuration [m, m, rad, 1/m ...], (3 + n,)."""
+        bends = self.data.qpos[self._bends].sum(axis=1)
+        return np.concatenate([self.data.qpos[self._pose], bends / self._lengths_m])
+
+    @property
+    def poses(self) -> Array:
+        """Poses of the objects, (objects, 3) [m, m, rad]."""
+        moved = self.data.qpos[self._objects]
+        poses: Array = moved + self._object_start.reshape(-1, POSE)
+        return poses
+
+    def at_rest(self, melted: Sequence[float]) -> bool:
+        """Whether nothing would move if the wheels stood and metal were melted like this."""
+        speeds = self.data.qvel[np.concatenate([self._pose, self._bends.ravel()])]
+        changed = np.abs(1.0 - np.asarray(melted) - self._solid) >= _CHANGE
+        return bool(np.abs(speeds).max() < _AT_REST) and not changed.any()
+
+    def roll(self, turned: Array, melted: Sequence[float], duration_s: float) -> Array:
+        """Turn the wheels by ``turned`` (4,) [rad] evenly in a time; returns q.
+
+        Raises:
+            DivergedError: If the state is not finite any more, or the engine says so.
+        """
+        self._freeze(1.0 - np.asarray(melted))
+        steps = max(1, round(duration_s / self._step_s))
+        self.model.opt.timestep = duration_s / steps
+        self.data.ctrl[:] = turned / duration_s
+        began_s = time.monotonic()
+        self._mujoco.mj_step(self.model, self.data, nstep=steps)
+        self._unwind()
+        told = [one for one in _BAD if self._warnings(one) > 0]
+        if told or not np.isfinite(self.data.qpos).all():
+            words = f"{', '.join(told) or 'not finite'} after {self.data.time:z.2f} s of motion"
+            step_ms = 1e3 * self.model.opt.timestep
+            raise DivergedError(
+                f"the simulation diverged ({words}): its [physics] are too stiff, or its masses too"
+                f" small, for steps of {step_ms:z.2g} ms"
+            )
+        if self._viewer is not None and self._viewer.is_running():
+            self._viewer.sync()
+            time.sleep(max(0.0, duration_s - (time.monotonic() - began_s)))
+        return self.q
+
+    def view(self) -> None:
+        """Open MuJoCo's viewer; from then on motion is shown as it is simulated.
+
+        Raises:
+            InputError: If there is no display.
+        """
+        import glfw
+
+        allowed = "left out: there is no display"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if not glfw.init():
+                raise InputError("--viewer", True, allowed)
+        from mujoco import viewer
+
+        try:
+            self._viewer = viewer.launch_passive(self.model, self.data)
+        except RuntimeError as error:  # macOS: it must be run by mjpython
+            raise InputError("--viewer", True, f"left out: {error}") from None
+
+    def _unwind(self) -> None:
+        """Keep a blocked servo from running ahead of its wheel farther than its torque needs."""
+        most = self.physics.wheel_torque_N_m + SERVO_N_M_S * np.abs(self.data.ctrl)
+        ahead, angle = most / SERVO_N_M_PER_RAD, self.data.qpos[self._wheels]
+        self.data.act[:] = np.clip(self.data.act, angle - ahead, angle + ahead)
+
+    def _addresses(self, joints: Sequence[str]) -> NDArray[np.int64]:
+        """Where joints are in MuJoCo's arrays: each has one coordinate, so that all agree."""
+        return np.array([self.model.joint(name).id for name in joints], dtype=int)
+
+    def _warnings(self, name: str) -> int:
+        """How often MuJoCo has found something; it starts anew each time."""
+        kind = getattr(self._mujoco.mjtWarning, f"mjWARN_{name}")
+        return int(self.data.warning[int(kind)].number)
+
+    def _freeze(self, solid: Array) -> None:
+        """Let metal melt, or freeze in the shape it has."""
+        grown = np.maximum(solid - self._solid, 0.0)[:, None]
+        share = grown / np.maximum(solid, 1e-12)[:, None]
+        self._rest_rad += share * (self.data.qpos[self._bends] - self._rest_rad)
+        if (solid != self._solid).any():
+            self._solid = solid.copy()
+            self._stiffen()
+
+    def _stiffen(self) -> None:
+        """Give the hinges the stiffness of the metal as it is."""
+        per_hinge = (self._hinges / self._lengths_m)[:, None]
+        rubber = self.physics.soft_stiffness_N_m2 * per_hinge
+        solid_EI = self.physics.solid_stiffness_N_m2 - self.physics.soft_stiffness_N_m2
+        metal = self._solid[:, None] * solid_EI * per_hinge
+        both = np.broadcast_to(rubber + metal, self._bends.shape)
+        self.model.jnt_stiffness[self._bends] = both
+        self.model.dof_damping[self._bends] = both * self.physics.relaxation_s
+        self.model.dof_frictionloss[self._bends] = self.physics.soft_friction_N_m
+        self.model.qpos_spring[self._bends] = metal / both * self._rest_rad

@@ -1,0 +1,79 @@
+"""Masses, stiffness and friction of a robot, for simulation in a rigid-body engine."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, model_validator
+
+from twosra_mpc.errors import InputError
+from twosra_mpc.validation import FrozenDict, NonNegative, Pair, Positive, Value
+
+_RANGES = {
+    "unit_mass_kg": (0.1, 0.4),
+    "soft_stiffness_N_m2": (2e-5, 5e-4),
+    "solid_stiffness_N_m2": (0.05, 0.8),
+    "soft_friction_N_m": (0.0, 1e-3),
+    "wheel_friction": (0.3, 0.7),
+    "roller_damping_N_m_s": (1e-7, 1e-5),
+    "wheel_torque_N_m": (0.006, 0.05),
+}
+
+
+class Physics(Value):
+    """What kinematics need not know; nobody has measured any of it, so all defaults are guesses.
+
+    ``unit_mass_kg`` is that of a locomotion unit with its wheels. ``soft_stiffness_N_m2`` and
+    ``solid_stiffness_N_m2`` are the bending stiffness EI of a segment with liquid and with solid
+    metal; ``relaxation_s`` is the time in which a bent segment comes to rest (damping over
+    stiffness). ``soft_friction_N_m`` is the moment that dry friction in a soft segment resists
+    with. ``wheel_friction`` is that of rollers on the ground, ``roller_damping_N_m_s`` of a roller
+    about its own axis. ``wheel_torque_N_m`` is what a wheel's motor gives at most.
+
+    ``ranges`` are the least and largest values that robots are drawn from, evenly on a logarithmic
+    scale where both are positive; what is not listed has its value.
+    """
+
+    unit_mass_kg: Positive = 0.2
+    fibre_kg_per_m: Positive = 0.2
+    soft_stiffness_N_m2: Positive = 1.1e-4
+    solid_stiffness_N_m2: Positive = 0.2
+    relaxation_s: Positive = 0.05
+    soft_friction_N_m: NonNegative = 0.0
+    wheel_friction: Positive = 0.5
+    roller_damping_N_m_s: NonNegative = 1e-6
+    wheel_torque_N_m: Positive = 0.02
+    ranges: Annotated[dict[str, Pair], AfterValidator(FrozenDict)] = FrozenDict(_RANGES)
+
+    @model_validator(mode="after")
+    def _possible(self) -> Physics:
+        if not self.soft_stiffness_N_m2 < self.solid_stiffness_N_m2:
+            allowed = f"more than soft_stiffness_N_m2 ({self.soft_stiffness_N_m2:zg} N m2)"
+            raise InputError("solid_stiffness_N_m2", self.solid_stiffness_N_m2, allowed)
+        for name, (low, high) in self.ranges.items():
+            known = [key for key in type(self).model_fields if key != "ranges"]
+            if name not in known:
+                raise InputError(f"ranges.{name}", (low, high), f"one of {', '.join(known)}")
+            if not 0 <= low <= getattr(self, name) <= high:
+                allowed = f"two numbers >= 0, low then high, with {name} between them"
+                raise InputError(f"ranges.{name}", (low, high), allowed)
+        return self
+
+    def drawn(self, width: float, rng: np.random.Generator) -> Physics:
+        """Draw the physics of a robot from the ranges, made narrower by ``width`` (0: as is).
+
+        Args:
+            width: Share of the way from the values to the ends of their ranges, 0 to 1.
+            rng: Advanced by one number for each range.
+        """
+        values: dict[str, float] = {}
+        for name, (low, high) in self.ranges.items():
+            middle, share = getattr(self, name), rng.random()
+            if low > 0:
+                ends = middle * (np.array([low, high]) / middle) ** width
+                values[name] = float(ends[0] * (ends[1] / ends[0]) ** share)
+            else:
+                ends = middle + width * (np.array([low, high]) - middle)
+                values[name] = float(ends[0] + share * (ends[1] - ends[0]))
+        return self.with_values(**values)
