@@ -150,12 +150,12 @@ class NewFile(click.Path):
         """Turn what was given into a path, and check it."""
         target = super().convert(value, param, ctx)
         assert isinstance(target, Path)  # as asked for above
-        for check in self._checks:
-            check(target)
         taken = click.get_current_context().meta.setdefault("outputs", set())
         if (real := target.resolve()) in taken and not _takes_all(real):
             raise InputError("output", str(target), "another file for each thing that is written")
         taken.add(real)
+        for check in self._checks:
+            check(target)
         return target
 
 
