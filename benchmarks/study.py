@@ -28,7 +28,7 @@ PLANNING = tuple(
         *("contact", "planning", "plans", "checking"),
     )
 )
-RUNNING = (*PLANNING, "twosra_mpc/control", "twosra_mpc/execution", "twosra_mpc/lab/identification")
+RUNNING = (*PLANNING, "twosra_mpc/control", "twosra_mpc/execution", "twosra_mpc/physics")
 
 
 class Measured(NamedTuple):

@@ -61,6 +61,7 @@ STUDIES: dict[str, Study] = {
     "closed-loop-scenes": ClosedLoop(
         problems=("scenes-100",), seeds=1, executors=("optimal",), path_models=("arc",)
     ),
+    "physics": ClosedLoop(problems=("published-default",), path_models=("arc",), plant="mujoco"),
     "closed-loop-missions": ClosedLoopMissions(),
     "departure": Departure(),
     "faults": Faults(),

@@ -2,7 +2,7 @@
 
 Does a plan reach its goal on a robot that slips, drifts, and melts earlier or later than its model,
 and what does that cost? Problems are planned with exact arcs and with the paper's spirals; each is
-run on robots of exact arcs drawn from the ranges of a disturbance level.
+run on robots of exact arcs, or of rigid bodies, drawn from the ranges of a disturbance level.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ class ClosedLoop(Study):
         seeds: Robots each problem is run on.
         executors: What drives.
         path_models: What plans assume.
+        plant: What robots are simulated by: exact arcs, or a rigid-body engine.
     """
 
     record: ClassVar = TypeAdapter(dict[str, Any])
@@ -56,6 +57,7 @@ class ClosedLoop(Study):
     seeds: Count = 8
     executors: Executors = ("optimal", "greedy")
     path_models: PathModels = ("arc", "log_spiral")
+    plant: Literal["arc", "mujoco"] = "arc"
 
     def cases(self) -> Iterator[Case]:
         """Yield the runs; those that share a robot are neighbours."""
@@ -64,10 +66,10 @@ class ClosedLoop(Study):
             yield from (Case(drives, model, label, seed) for label in labelled(self.problems))
 
     def run(self, case: Case) -> dict[str, Any]:
-        """Run one case on a robot of exact arcs; its ``Metrics``, plan, and last command."""
+        """Run one case; its ``Metrics``, plan, and last command."""
         problem = labelled(self.problems)[case.problem]
         problem = problem.with_values(robot=with_path_model(problem.robot, case.path_model))
-        drawn: dict[str, Any] = {"disturbance": self.level, "seed": case.seed}
+        drawn: dict[str, Any] = {"plant": self.plant, "disturbance": self.level, "seed": case.seed}
         try:
             done = simulate(problem, executor=case.executor, **drawn)
         except (InputError, NoPlanError) as error:
