@@ -73,7 +73,7 @@ class Engine:
             DivergedError: If the start cannot be simulated.
         """
         require_mujoco("plant")
-        import mujoco
+        import mujoco  # type: ignore[import-untyped]
 
         mujoco.set_mju_user_warning(lambda text: None)  # else it writes a log file; see `roll`
         self._mujoco, self.physics, self._step_s = mujoco, physics, step_s
