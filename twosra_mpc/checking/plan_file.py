@@ -149,7 +149,8 @@ def _robot(stored: Robot, known: Robot | None) -> Check:
     known, model = known or load_robot(stored.name), stored.path.model
     other = model != known.path.model
     right = with_path_model(known, model) if other else known
-    own, meant = (item.model_dump(mode="json", exclude={"physics"}) for item in (stored, right))
+    left_out = {"physics"} if stored.physics is None else None  # older files do not have it
+    own, meant = (item.model_dump(mode="json", exclude=left_out) for item in (stored, right))
     if other and _alike(own["path"], meant["path"], FIT_TOLERANCE):
         own["path"] = meant["path"]
     differences = [*_differences(own, meant)]
