@@ -25,7 +25,7 @@ class Rectangle(NamedTuple):
 
     Attributes:
         place: Along the fibre: 0 is LU1, then segments (odd) and links between them, in turn.
-        unit: Whether it is the square of a locomotion unit.
+        unit: Whether it is the frame of a locomotion unit.
         numbers: Middle (x, y), unit vector (c, s) along it and half lengths [m].
     """
 
@@ -102,8 +102,8 @@ def _rectangles(robot: Robot, kappa: Sequence[Any]) -> Iterator[Rectangle]:
 def _unit(robot: Robot, at: tuple[Any, Any, Any], unit: int) -> Iterator[Rectangle]:
     """A locomotion unit, its end link and its wheels."""
     geometry, side, place = robot.geometry, (-1, 1)[unit], 2 * unit * robot.geometry.segments
-    half, out = geometry.unit_side_m / 2, geometry.end_link_m / 2
-    centre = side * (2 * out + half), geometry.unit_offset_m
+    half, out = geometry.unit_frame_m / 2, geometry.end_link_m / 2
+    centre = side * (2 * out + geometry.unit_side_m / 2), geometry.unit_offset_m
     yield Rectangle(place, True, _placed(at, centre, (half, half)))
     yield Rectangle(place, False, _placed(at, (side * out, 0.0), (out, geometry.fibre_radius_m)))
     tread = geometry.wheel_radius_m, geometry.wheel_thickness_m / 2

@@ -144,9 +144,9 @@ def _box(link: ElementTree.Element, long_m: float, x_m: float) -> None:
 
 def _unit(link: ElementTree.Element, geometry: Geometry, side: float) -> None:
     """A locomotion unit beyond the end link, on the side of unit 1 (-1) or 2 (+1)."""
-    square = geometry.unit_side_m
-    centre = side * (geometry.end_link_m + square / 2), geometry.unit_offset_m, _UNIT_HEIGHT_M / 2
-    _visual(link, centre, (0, 0, 0), box=(square, square, _UNIT_HEIGHT_M))
+    square, (out_m, aside_m) = geometry.unit_frame_m, geometry.unit_middle_m
+    middle_m = side * out_m, aside_m, _UNIT_HEIGHT_M / 2
+    _visual(link, middle_m, (0, 0, 0), box=(square, square, _UNIT_HEIGHT_M))
 
 
 def _visual(

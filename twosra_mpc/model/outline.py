@@ -29,7 +29,7 @@ class RobotShape(NamedTuple):
         segments: Points along each segment from LU1 towards LU2, (..., n, points, 2).
         links: Ends of the end link of LU1, the links between segments and that of LU2, in this
             order, (..., n + 1, 2, 2).
-        units: Corners of the locomotion units, (..., 2, 4, 2).
+        units: Corners of the frames of the locomotion units, (..., 2, 4, 2).
         wheels: Corners of wheels 1 to 4, (..., 4, 4, 2); from the first to the second they roll.
         ends: Poses of the fibre ends, x axis towards LU2, (..., 2, 3).
     """
@@ -78,7 +78,7 @@ def outline_points(geometry: Geometry) -> ca.Function:
     """
     q = ca.SX.sym("q", Coordinates(geometry.segments).size)
     segments, _, units, wheels, _ = _outline(geometry, FEW_POINTS)(q)
-    half, beside, corners = geometry.unit_side_m / 2, ca.DM([[0, 0], [-1, 1]]), []
+    half, beside, corners = geometry.unit_frame_m / 2, ca.DM([[0, 0], [-1, 1]]), []
     if geometry.fibre_radius_m + abs(geometry.unit_offset_m) > half:  # else units hide link ends
         for unit, side in ((0, -1), (1, 1)):
             ends = ca.DM([[side * geometry.end_link_m] * 2, [0, 0]])
@@ -104,12 +104,12 @@ def _outline(geometry: Geometry, points: int) -> ca.Function:
     segments = [fibre_poses(geometry, q, j, shares)[:2, :] for j in range(geometry.segments)]
     joints = [segment[:, [0, -1]] for segment in segments]  # a link from each end to the next one
     ends, poses = [fibre_end_pose(geometry, q, i) for i in (0, 1)], wheel_pose_matrix(geometry, q)
-    half_side, link_m = geometry.unit_side_m / 2, geometry.end_link_m
+    half_m, link_m = geometry.unit_frame_m / 2, geometry.end_link_m
+    out_m, aside_m = geometry.unit_middle_m
     tips, units = [], []
     for side, end in zip((-1, 1), ends, strict=True):
         tips.append(placed(end, ca.DM([side * link_m, 0.0])))
-        centre = ca.DM([side * (link_m + half_side), geometry.unit_offset_m])
-        units.append(placed(end, centre + half_side * _CORNERS))
+        units.append(placed(end, ca.DM([side * out_m, aside_m]) + half_m * _CORNERS))
     tread = ca.DM([geometry.wheel_radius_m, geometry.wheel_thickness_m / 2])
     wheels = [placed(poses[:, i], tread * _CORNERS) for i in range(WHEELS)]
     parts = (segments, [tips[0], *joints, tips[1]], units, wheels)

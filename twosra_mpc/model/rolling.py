@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from twosra_mpc.model.cache import per_body
-from twosra_mpc.model.chain import fibre_end_pose
+from twosra_mpc.model.chain import fibre_end_pose, placed
 from twosra_mpc.model.flow import runge_kutta
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
@@ -96,17 +96,17 @@ def _slipped(geometry: Geometry, q: ca.SX, moved: ca.SX, drift: ca.SX) -> ca.SX:
     slipped = ca.SX.zeros(POSE)
     for unit, sense in ((0, -1), (1, 1)):
         bend = ca.dot(ca.DM(geometry.lengths_m), moved[POSE:, unit])
-        turn, centre = sense * drift[0] * bend, _unit_centre(geometry, q, 1 - unit)
+        turn, centre = sense * drift[0] * bend, _unit_middle(geometry, q, 1 - unit)
         in_body = ca.vertcat(turn * centre[1], -turn * centre[0] + drift[1] * bend)
         slipped += ca.vertcat(ca.blockcat([[c, -s], [s, c]]) @ in_body, turn)
     return slipped
 
 
-def _unit_centre(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
-    """Centre of a locomotion unit (0 or 1) in b0, (2,) [m]."""
-    end = fibre_end_pose(geometry, q, unit)
-    outward = (-1, 1)[unit] * geometry.front_wheel_m[0]
-    return ca.vertcat(end[0] + outward * ca.cos(end[2]), end[1] + outward * ca.sin(end[2]))
+def _unit_middle(geometry: Geometry, q: ca.SX, unit: int) -> ca.SX:
+    """Middle of a locomotion unit (0 or 1) in b0, (2,) [m]."""
+    out_m, aside_m = geometry.unit_middle_m
+    middle_m = ca.DM([(-1, 1)[unit] * out_m, aside_m])
+    return placed(fibre_end_pose(geometry, q, unit), middle_m)
 
 
 def rigid_wheel_speeds(body: Body, q: Array, twist: Array) -> Array:

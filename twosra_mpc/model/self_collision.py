@@ -173,13 +173,11 @@ def _unit(body: Body, q: ca.SX, unit: int) -> Iterator[Part]:
     """A locomotion unit, its wheels and its end link."""
     geometry, side = body.geometry, (-1, 1)[unit]
     end, place = fibre_end_pose(geometry, q, unit), unit * 2 * geometry.segments
-    half, outward = geometry.unit_side_m / 2, geometry.end_link_m / 2
+    half, outward = geometry.unit_frame_m / 2, geometry.end_link_m / 2
+    out_m, aside_m = geometry.unit_middle_m
     tread = geometry.wheel_radius_m, geometry.wheel_thickness_m / 2
-    wheels, centre = (
-        (2 * unit, 2 * unit + 1),
-        (side * (2 * outward + half), geometry.unit_offset_m, 0.0),
-    )
-    boxes = [(UNIT_NAMES[unit], centre, (half, half))]
+    wheels, middle_m = (2 * unit, 2 * unit + 1), (side * out_m, aside_m, 0.0)
+    boxes = [(UNIT_NAMES[unit], middle_m, (half, half))]
     boxes += [(f"wheel {i + 1}", geometry.wheel_placement[i], tread) for i in wheels]
     extents = np.array([_extent(pose, size) for _, pose, size in boxes])
     low, high = extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)
@@ -270,8 +268,8 @@ def _could_meet(parts: list[Part]) -> list[tuple[int, int]]:
 def _reach_m(body: Body) -> float:
     """Farthest that parts may be from where the fibre bends, and what chords grow per angle [m]."""
     geometry = body.geometry
-    side, outward = geometry.unit_side_m, geometry.end_link_m
-    corners = [math.hypot(outward + side, side / 2 + abs(geometry.unit_offset_m))]
+    half, (out_m, aside_m) = geometry.unit_frame_m / 2, geometry.unit_middle_m
+    corners = [math.hypot(out_m + half, half + abs(aside_m))]
     tread = math.hypot(geometry.wheel_radius_m, geometry.wheel_thickness_m / 2)
     corners += [math.hypot(x, y) + tread for x, y, _ in geometry.wheel_placement]
     links = (geometry.segments - 1) * geometry.middle_link_m

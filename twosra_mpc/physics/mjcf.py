@@ -81,7 +81,7 @@ def check_carried(geometry: Geometry) -> None:
         raise InputError("geometry.wheel_radius_m", geometry.wheel_radius_m, allowed)
     length_m = sum(geometry.lengths_m) + geometry.middle_link_m * (geometry.segments - 1)
     placed = np.array(geometry.wheel_placement)[:, :2] + np.repeat([[0, 0], [length_m, 0]], 2, 0)
-    middle = np.array([length_m / 2, geometry.unit_offset_m])
+    middle = np.array([length_m / 2, geometry.unit_middle_m[1]])
     from_middle = np.sort(np.arctan2(*(placed - middle).T[::-1]))
     gaps = np.diff([*from_middle, from_middle[0] + math.tau])
     if gaps.max() > math.pi + _ROUNDING:
@@ -172,11 +172,12 @@ class _Writer:
         """A locomotion unit with its end link and two wheels, at its fibre end."""
         geometry, outward = self._geometry, (-1, 1)[unit]
         self._link(body, 0.0, outward * geometry.end_link_m)
-        half_m, high_m = geometry.unit_side_m / 2, 0.8 * geometry.wheel_radius_m
+        out_m, aside_m = geometry.unit_middle_m
+        half_m, high_m = geometry.unit_frame_m / 2, 0.8 * geometry.wheel_radius_m
         mass = self._physics.unit_mass_kg - 2 * (_WHEEL_KG + ROLLERS * _ROLLER_KG)
         _add(
             body, "geom", type="box", size=_vector(half_m, half_m, high_m), mass=max(mass, 0.01),
-            pos=_vector(outward * geometry.front_wheel_m[0], geometry.unit_offset_m, 0),
+            pos=_vector(outward * out_m, aside_m, 0),
             rgba="0.25 0.35 0.45 1", **_unit_touches(unit),
         )  # fmt: skip
         for number in (2 * unit, 2 * unit + 1):

@@ -56,7 +56,8 @@ class PlanDocument(BaseModel):
     ``fastest_cost_s`` and ``search_gap`` are younger, too: without them nothing is known of how
     much slower a plan is on purpose. ``certificate`` is there where one was asked for;
     ``checking.certificate`` reads it.
-    Missions are of version 3, which is version 2 with ``tasks`` and ``carried``.
+    Missions are of version 3, which is version 2 with ``tasks`` and ``carried``. A robot without
+    ``unit_frame_m`` is older than that key, see `embedded_problem`.
     """
 
     model_config = _Read
@@ -155,6 +156,9 @@ def _result(data: PlanDocument, source: str) -> Result:
 def embedded_problem(robot: dict[str, Any], scenario: dict[str, Any], source: str) -> Problem:
     """Read a problem that another file holds; unlike one of a user it may name no file.
 
+    Where the robot's geometry has no ``unit_frame_m``, the file was written when the square that
+    wheels sit around was the outline, too; so it is here.
+
     Args:
         robot: Its robot, as the file has it.
         scenario: All else.
@@ -170,6 +174,8 @@ def embedded_problem(robot: dict[str, Any], scenario: dict[str, Any], source: st
     for i, item in enumerate(objects if isinstance(objects, list) else ()):
         if isinstance(item, dict) and "outline" in item:
             raise InputError(f"objects.{i}.outline", item["outline"], f"corners {allowed}", where)
+    if isinstance(lengths := robot.get("geometry"), dict) and "unit_side_m" in lengths:
+        robot = {**robot, "geometry": {"unit_frame_m": lengths["unit_side_m"], **lengths}}
     known = Robot.parse(robot, f"{source} (robot)")
     return Problem.parse({**scenario, "robot": known}, where)
 

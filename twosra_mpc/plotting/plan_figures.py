@@ -177,11 +177,11 @@ def _draw_overview(ax: Axes, plan: Plan, each: Sequence[Stage]) -> None:
     start, goal = shapes.centres
     apart = np.linalg.norm(start[:, None] - goal, axis=2)
     i, j = np.argmax(apart.min(axis=1)), np.argmax(apart.min(axis=0))
-    j = 1 - j if apart[i, j] < geometry.unit_side_m else j  # one label a unit
+    j = 1 - j if apart[i, j] < geometry.unit_frame_m else j  # one label a unit
     labelled, names = (start[i], goal[j]), ("start", _end_name(plan))
     for name, centre, origin in zip(names, labelled, shapes.origin, strict=True):
         outward = (centre - origin) / np.linalg.norm(centre - origin)
-        tip, shift = centre + 0.9 * geometry.unit_side_m * outward, (5 * outward).tolist()
+        tip, shift = centre + 0.9 * geometry.unit_frame_m * outward, (5 * outward).tolist()
         side = ("center", "left", "right")[round(outward[0])]
         style: dict[str, Any] = {"ha": side, "va": "center", "fontweight": "bold", "zorder": 7}
         style["bbox"] = figures.BEHIND_WORDS

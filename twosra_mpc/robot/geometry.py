@@ -42,8 +42,10 @@ class Geometry(Value):
     with a middle link between neighbours, an end link. ``segment_length_m`` is one length for all
     of them, or a list.
 
+    ``unit_side_m`` is the side of the square that wheels sit around; its middle is that of the
+    unit. ``unit_frame_m`` is the side of the unit's outline, a square about the same middle.
     ``fibre_radius_m`` is that of segments and links (the tube of the paper's robot: 4 mm).
-    ``unit_offset_m`` is how far the units' centres lie beside the fibre, in y of the fibre ends.
+    ``unit_offset_m`` is how far the units' middles lie beside the fibre, in y of the fibre ends.
     ``wheels`` overrides where the four wheels sit and point (two of LU1, two of LU2); left out,
     they follow from the lengths, with the paper's beta = pi/2, 0, -pi/2, pi.
     """
@@ -53,6 +55,7 @@ class Geometry(Value):
     middle_link_m: Distance
     end_link_m: Length
     unit_side_m: Length
+    unit_frame_m: Length
     wheel_thickness_m: Length
     wheel_radius_m: Length
     unit_offset_m: Metres = 0.0
@@ -106,6 +109,11 @@ class Geometry(Value):
         return self.middle_link_m / 2 if self.segments > 1 else 0.0
 
     @property
+    def unit_middle_m(self) -> tuple[float, float]:
+        """(x, y) of the middle of LU2 in its fibre end; of LU1 in its own: (-x, y)."""
+        return self.end_link_m + self.unit_side_m / 2, self.unit_offset_m
+
+    @property
     def wheel_placement(self) -> tuple[tuple[float, float, float], ...]:
         """(x [m], y [m], drive direction [rad]) of each wheel in the frame of its fibre end."""
         if self.wheels is not None:
@@ -122,16 +130,13 @@ class Geometry(Value):
     @property
     def front_wheel_m(self) -> tuple[float, float]:
         """(h2, h3): distance from a fibre end to the other wheel, along and across the link."""
-        return (
-            self.end_link_m + self.unit_side_m / 2,
-            (self.unit_side_m + self.wheel_thickness_m) / 2,
-        )
+        return self.unit_middle_m[0], (self.unit_side_m + self.wheel_thickness_m) / 2
 
 
 class MotionLimits(Value):
     """Limits of motion and of shape; what is None does not limit.
 
-    ``unit_gap_m`` is the least distance between the two square locomotion units.
+    ``unit_gap_m`` is the least distance between the frames of the two locomotion units.
     ``wheel_independence`` is the least singular value of the rigid wheel matrix with which the
     robot may drive, wheel radius divided out and turning measured at 0.1 m; at zero some motion
     needs no wheel to turn, and nothing would stop it.

@@ -101,7 +101,7 @@ def blocked_unit(
 ) -> int | None:
     """A locomotion unit, 1 or 2, whose inscribed disc has no way from start to goal (3 + n,).
 
-    Its centre must stay farther than half a side from obstacles, whatever the shape, at all times;
+    Its centre must stay farther than half its frame from obstacles, whatever the shape, at all times;
     discs around obstacles are taken a little too small, what is free a little too large.
 
     Args:
@@ -111,7 +111,7 @@ def blocked_unit(
         goal: Configuration to end in.
         off_m: How far the units may end from where that has them.
     """
-    radius = geometry.unit_side_m / 2
+    radius = geometry.unit_frame_m / 2
     ends = robot_shape(geometry, np.array([start, goal]), 2).centres  # (2, unit, 2)
     blocked = shapely.buffer(_inner_union(world), radius - UNSEEN_M, quad_segs=_QUADRANT)
     if world.workspace is not None:
