@@ -116,8 +116,9 @@ def test_a_goal_that_overlaps_itself_is_refused_by_name() -> None:
     """Unit 2 would lie on the fibre."""
     goal = Goal(kappa_per_m=(78.0, 78.0))
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
-    words = r"goal.kappa_per_m.*unit 1 overlaps the fibre of segment 2 by 13\.\d mm"
-    with pytest.raises(InputError, match=words):
+    overlap_mm = -1e3 * float(body_gaps_m(ROBOT, [goal.kappa_per_m])[0])
+    words = f"unit 1 overlaps the fibre of segment 2 by {overlap_mm:.1f} mm"
+    with pytest.raises(InputError, match=f"goal.kappa_per_m.*{words}"):
         check_shapes(Problem(robot=ROBOT, start=start, goal=goal))
 
 
@@ -140,20 +141,29 @@ def test_plans_that_bend_a_lot_do_not_pass_through_the_robot(seed: int) -> None:
         assert overlap_m2(slimmer, kappa) < 1e-6, kappa
 
 
-@pytest.mark.parametrize("kappa2", [31.0, 31.1])
-def test_bounds_forgive_the_overlap_that_verification_forgives(kappa2: float) -> None:
-    """Segment 1 bends where wheel and unit overlap by 0.1 or 0.3 mm: proofs forbade that too."""
+@pytest.mark.parametrize("overlap_m", [1e-4, 3e-4])
+def test_bounds_forgive_the_overlap_that_verification_forgives(overlap_m: float) -> None:
+    """Segment 1 bends where parts overlap by 0.1 or 0.3 mm: proofs forbade that too."""
+    kappa2 = overlapping_by(overlap_m)
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(-30.0, kappa2))
     goal = Goal(kappa_per_m=(57.3, kappa2), tolerance="exact")
     modes = ((0, 0), (1, 0))
-    slim = ROBOT.geometry.with_values(wheel_thickness_m=0.014, unit_side_m=0.041)
-    slimmer = ROBOT.with_values(geometry=slim.with_values(wheels=placed_as(ROBOT.geometry)))
+    given = ROBOT.geometry
+    slim = {key: getattr(given, key) - 1e-3 for key in ("wheel_thickness_m", "unit_frame_m")}
+    slimmer = ROBOT.with_values(geometry=given.with_values(**slim, wheels=placed_as(given)))
     asked = Problem(robot=ROBOT, start=start, goal=goal, modes=modes)
     passes = plan(asked.with_values(robot=slimmer))
     assert passes.plan is not None
     found = plan(asked)
     assert found.lower_bound is not None
     assert found.lower_bound <= passes.plan.cost.total
+
+
+def overlapping_by(overlap_m: float) -> float:
+    """Curvature of segment 2 by which a robot bent by 57.3 1/m there overlaps itself so far."""
+    kappa2 = np.linspace(20.0, 40.0, 4001)
+    gaps_m = body_gaps_m(ROBOT, np.column_stack([np.full_like(kappa2, 57.3), kappa2]))
+    return float(kappa2[(gaps_m < -overlap_m).argmax()])
 
 
 def placed_as(geometry: Geometry) -> tuple[Wheel, ...]:

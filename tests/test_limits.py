@@ -59,7 +59,7 @@ def gap(robot: Robot, kappa: np.ndarray) -> float:
     """Gap between the squares by projecting their corners, less what is asked for."""
     g, squares = robot.geometry, []
     for side, end in zip((-1, 1), world(robot, np.array([0, 0, 0, *kappa])), strict=True):
-        centre, half = side * (g.end_link_m + g.unit_side_m / 2), g.unit_side_m / 2
+        centre, half = side * (g.end_link_m + g.unit_side_m / 2), g.unit_frame_m / 2
         corners = [(centre + a * half, b * half, 1) for a in (-1, 1) for b in (-1, 1)]
         squares.append((end @ np.array(corners).T)[:2].T)
     best = -math.inf

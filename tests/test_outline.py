@@ -91,6 +91,9 @@ def test_every_part_is_where_a_walk_along_the_fibre_comes_to(
         np.testing.assert_allclose(shape.links[-unit, -unit], tip[:2], **exact)
         centre = end @ [side * (g.end_link_m + g.unit_side_m / 2), 0, 1]
         np.testing.assert_allclose(shape.centres[unit], centre[:2], **exact)
+        sides = np.roll(shape.units[unit], -1, axis=0) - shape.units[unit]
+        np.testing.assert_allclose(np.linalg.norm(sides, axis=1), g.unit_frame_m, **exact)
+        np.testing.assert_allclose(sides[0], g.unit_frame_m * end[:2, 0], **exact)
         for wheel in (2 * unit, 2 * unit + 1):
             x, y, beta = g.wheel_placement[wheel]
             at = end @ frame(x, y, beta)

@@ -35,10 +35,10 @@ def corners(kappa: tuple[float, float], segment: int) -> np.ndarray:
     end = np.array([side * (g.middle_link_m / 2 + along), across])
     x_axis = np.array([math.cos(side * alpha), math.sin(side * alpha)])
     y_axis = np.array([-x_axis[1], x_axis[0]])
-    near, far = g.end_link_m, g.end_link_m + g.unit_side_m
-    half = g.unit_side_m / 2
+    middle, half = g.end_link_m + g.unit_side_m / 2, g.unit_frame_m / 2
+    out = (middle - half, middle + half)
     return np.array(
-        [end + side * d * x_axis + h * y_axis for d in (near, far) for h in (-half, half)]
+        [end + side * d * x_axis + h * y_axis for d in out for h in (-half, half)]
     )
 
 
@@ -79,12 +79,16 @@ def test_condition_numbers_of_the_papers_geometry() -> None:
 
 
 def test_the_papers_wheels_lose_control_only_where_the_units_overlap() -> None:
-    found = singular_shapes(ROBOT)
+    squares = ROBOT.geometry.with_values(unit_frame_m=ROBOT.geometry.unit_side_m)
+    found = singular_shapes(ROBOT.with_values(geometry=squares))
     assert [tuple(np.round(s.kappa_per_m, 1).tolist()) for s in found] == [
         (-58.8, -39.6),
         (39.6, 58.8),
     ]
     assert [round(1e3 * s.unit_gap_m) for s in found] == [-22, -22]
+    for framed, square in zip(singular_shapes(ROBOT), found, strict=True):
+        assert framed.kappa_per_m == square.kappa_per_m
+        assert framed.unit_gap_m < square.unit_gap_m
 
 
 @pytest.mark.parametrize("segments", [1, 3, 4])
@@ -191,11 +195,12 @@ def test_wheels_that_coincide_or_are_missing_are_refused(
 
 
 def test_units_hang_where_their_wheels_are() -> None:
-    robot = load_robot("2sr-v2")
-    shape = robot_shape(robot.geometry, np.zeros(5))
+    geometry = load_robot("2sr-v2").geometry
+    shape, beyond = robot_shape(geometry, np.zeros(5)), geometry.unit_frame_m - geometry.unit_side_m
     for unit, wheels in ((0, shape.wheels[:2]), (1, shape.wheels[2:])):
-        low, high = shape.units[unit].min(axis=0), shape.units[unit].max(axis=0)
-        assert high[1] == pytest.approx(0.0, abs=1e-12)  # a face is flush with the fibre
-        for corners in wheels:  # beside the square, never in it
+        low = shape.units[unit].min(axis=0) + beyond / 2
+        high = shape.units[unit].max(axis=0) - beyond / 2
+        assert high[1] == pytest.approx(0.0, abs=1e-12)  # the wheels' square is flush with the fibre
+        for corners in wheels:  # beside that square, never in it
             inner = np.clip(corners.mean(axis=0), low, high)
             assert np.linalg.norm(corners.mean(axis=0) - inner) == pytest.approx(0.0065, abs=1e-9)

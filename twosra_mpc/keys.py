@@ -138,7 +138,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "transition_s": "cost of a transition",
     "transitions": "melts and freezes; in a cost, how many",
     "turns": "turns of the coil",
-    "unit_frame_m": "side of the square that is a unit's outline; unit_side_m only places its wheels",
+    "unit_frame_m": "side of a unit's outline, a square; unit_side_m only places its wheels",
     "unit_offset_m": "how far the units lie beside the fibre",
     "v": "input [v1 m/s, v2 m/s, u0 m/s, v0 m/s, r0 rad/s]",
     "verification": "what the independent check found",

@@ -29,8 +29,9 @@ def _parts(geometry: Geometry, kappa: np.ndarray) -> Iterator[tuple[int, shapely
         return shapely.Polygon([(z.real, z.imag) for z in places])
 
     def unit(side: int, place: int) -> Iterator[tuple[int, shapely.Polygon]]:
-        half, link = geometry.unit_side_m / 2, geometry.end_link_m
-        yield place, box(side * (link + half), geometry.unit_offset_m, 0, half, half)
+        half, link = geometry.unit_frame_m / 2, geometry.end_link_m
+        middle = side * (link + geometry.unit_side_m / 2)
+        yield place, box(middle, geometry.unit_offset_m, 0, half, half)
         yield place, box(side * link / 2, 0, 0, link / 2, geometry.fibre_radius_m)
         for x, y, angle in geometry.wheel_placement[2 * (side > 0) : 2 * (side > 0) + 2]:
             tread = geometry.wheel_radius_m, geometry.wheel_thickness_m / 2

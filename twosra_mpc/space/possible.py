@@ -101,8 +101,8 @@ def blocked_unit(
 ) -> int | None:
     """A locomotion unit, 1 or 2, whose inscribed disc has no way from start to goal (3 + n,).
 
-    Its centre must stay farther than half its frame from obstacles, whatever the shape, at all times;
-    discs around obstacles are taken a little too small, what is free a little too large.
+    Its centre must stay farther than half its frame from obstacles, whatever the shape, at all
+    times; discs around obstacles are taken a little too small, what is free a little too large.
 
     Args:
         geometry: Lengths of the robot.
