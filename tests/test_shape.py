@@ -37,9 +37,7 @@ def corners(kappa: tuple[float, float], segment: int) -> np.ndarray:
     y_axis = np.array([-x_axis[1], x_axis[0]])
     middle, half = g.end_link_m + g.unit_side_m / 2, g.unit_frame_m / 2
     out = (middle - half, middle + half)
-    return np.array(
-        [end + side * d * x_axis + h * y_axis for d in out for h in (-half, half)]
-    )
+    return np.array([end + side * d * x_axis + h * y_axis for d in out for h in (-half, half)])
 
 
 @settings(deadline=None, derandomize=True, max_examples=150)
@@ -200,7 +198,9 @@ def test_units_hang_where_their_wheels_are() -> None:
     for unit, wheels in ((0, shape.wheels[:2]), (1, shape.wheels[2:])):
         low = shape.units[unit].min(axis=0) + beyond / 2
         high = shape.units[unit].max(axis=0) - beyond / 2
-        assert high[1] == pytest.approx(0.0, abs=1e-12)  # the wheels' square is flush with the fibre
+        assert high[1] == pytest.approx(
+            0.0, abs=1e-12
+        )  # the wheels' square is flush with the fibre
         for corners in wheels:  # beside that square, never in it
             inner = np.clip(corners.mean(axis=0), low, high)
             assert np.linalg.norm(corners.mean(axis=0) - inner) == pytest.approx(0.0065, abs=1e-9)
