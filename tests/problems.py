@@ -14,6 +14,7 @@ from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.problem.ends import check_shapes
+from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing import TemporalNetwork, transition_model
@@ -84,3 +85,14 @@ def faster_robot(factor: float) -> Robot:
 def goal_tree(problem: Problem, solver: Any = lambda *_: (), in_the_way: Any = None) -> Tree[Any]:
     """The search tree of a single goal."""
     return stage_tree(problem, [only_goal(problem)], solver, in_the_way=in_the_way)
+
+
+def overlapping_on_the_way_to(robot: Robot, kappa1: float, overlap_m: float) -> float:
+    """Curvature of segment 2 with which bending segment 1 so far overlaps by that much at most."""
+    least, most = 20.0, 35.0
+    for _ in range(12):
+        kappa2 = (least + most) / 2
+        way = np.linspace(0.0, kappa1, 300)
+        gaps_m = body_gaps_m(robot, np.column_stack([way, np.full_like(way, kappa2)]))
+        least, most = (kappa2, most) if gaps_m.min() > -overlap_m else (least, kappa2)
+    return least

@@ -10,6 +10,7 @@ import itertools
 
 import numpy as np
 import pytest
+from problems import overlapping_on_the_way_to
 
 from benchmarks.attack.body import overlap_m2
 from twosra_mpc import (
@@ -144,7 +145,7 @@ def test_plans_that_bend_a_lot_do_not_pass_through_the_robot(seed: int) -> None:
 @pytest.mark.parametrize("overlap_m", [1e-4, 3e-4])
 def test_bounds_forgive_the_overlap_that_verification_forgives(overlap_m: float) -> None:
     """On its way segment 1 bends where parts overlap by 0.1 or 0.3 mm: proofs forbade that too."""
-    kappa2 = overlapping_on_the_way_to(57.3, overlap_m)
+    kappa2 = overlapping_on_the_way_to(ROBOT, 57.3, overlap_m)
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(-30.0, kappa2))
     goal = Goal(kappa_per_m=(57.3, kappa2), tolerance="exact")
     modes = ((0, 0), (1, 0))
@@ -157,17 +158,6 @@ def test_bounds_forgive_the_overlap_that_verification_forgives(overlap_m: float)
     found = plan(asked)
     assert found.lower_bound is not None
     assert found.lower_bound <= passes.plan.cost.total
-
-
-def overlapping_on_the_way_to(kappa1: float, overlap_m: float) -> float:
-    """Curvature of segment 2 with which bending segment 1 so far overlaps by that much at most."""
-    least, most = 20.0, 35.0
-    for _ in range(12):
-        kappa2 = (least + most) / 2
-        way = np.linspace(0.0, kappa1, 300)
-        gaps_m = body_gaps_m(ROBOT, np.column_stack([way, np.full_like(way, kappa2)]))
-        least, most = (kappa2, most) if gaps_m.min() > -overlap_m else (least, kappa2)
-    return least
 
 
 def placed_as(geometry: Geometry) -> tuple[Wheel, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from flint import arb
-from problems import exactly, random_problem
+from problems import exactly, overlapping_on_the_way_to, random_problem
 
 from twosra_mpc import InputError, Problem, Result, load_problem, load_robot, plan
 from twosra_mpc import installation as installed
@@ -216,9 +216,11 @@ def test_both_accounts_of_the_body_agree(name: str) -> None:
         assert not nearest(robot, [[arb(k, 10) for k in kappa]]).meet  # what is known says nothing
 
 
-@pytest.mark.parametrize(("kappa2", "possible"), [(31.0, True), (31.6, False)])
-def test_a_bend_in_which_a_wheel_meets_a_unit_has_no_plan(kappa2: float, possible: bool) -> None:
-    """Units stay 3.0 and 1.5 mm apart; a wheel and a unit overlap by 0.2 and 1.1 mm."""
+@pytest.mark.parametrize(("overlap_m", "possible"), [(2e-4, True), (1.1e-3, False)])
+def test_a_bend_in_which_parts_meet_on_the_way_has_no_plan(
+    overlap_m: float, possible: bool
+) -> None:
+    kappa2 = overlapping_on_the_way_to(V1, 57.3, overlap_m)
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (-30.0, kappa2)}
     goal = {"kappa_per_m": (57.3, kappa2), "tolerance": "exact"}
     bound = Checker(Problem(robot=V1, start=start, goal=goal)).leaf_bound(((0, 0), (1, 0), (0, 0)))

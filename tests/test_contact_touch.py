@@ -25,6 +25,7 @@ from twosra_mpc.problem.limits import broken_by_shapes, may_drive_in
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.geometry import Geometry
 
 NAMES = ("2sra-v1", "2sra-v1-paper", "2sr-v2", "3sra")
 ROBOTS = {name: load_robot(name) for name in NAMES}
@@ -78,9 +79,17 @@ def test_polygons_are_touched_and_not_overlapped(name: str, seed: int) -> None:
         check_touch(robot, thing, touch)
 
 
-@given(st.floats(0.034, 0.038), st.floats(0.0, 0.002))
+def roundest_m(geometry: Geometry) -> float:
+    """Largest radius of a disc that a segment lies along: a unit's corner touches it, too."""
+    half = geometry.unit_frame_m / 2
+    near, beside = geometry.unit_middle_m[0] - half, half - geometry.fibre_radius_m
+    return (near**2 + beside**2) / (2 * beside)
+
+
+@given(st.floats(0.0, 0.004), st.floats(0.0, 0.002))
 @settings(max_examples=5)
-def test_without_a_middle_link_a_disc_is_touched_all_along(radius_m: float, gap_m: float) -> None:
+def test_without_a_middle_link_a_disc_is_touched_all_along(smaller_m: float, gap_m: float) -> None:
+    radius_m = roundest_m(V1.geometry) - gap_m - smaller_m
     bare = V1.with_values(geometry=V1.geometry.with_values(middle_link_m=0.0))
     touches = grasp_touches(bare, disc(radius_m), gap_m).touches
     each = 1 / (radius_m + bare.geometry.fibre_radius_m + gap_m)
@@ -92,9 +101,13 @@ def test_without_a_middle_link_a_disc_is_touched_all_along(radius_m: float, gap_
 
 
 def test_a_middle_link_asks_for_more() -> None:
-    touches = grasp_touches(V1, disc(0.03)).touches
-    assert touches[0].kappa == pytest.approx([39.9, 39.9], abs=0.3)
-    assert np.degrees(touches[0].wrap_rad) > 180.0
+    squares = V1.geometry.with_values(unit_frame_m=V1.geometry.unit_side_m)
+    for robot in (V1, V1.with_values(geometry=squares)):
+        touch = grasp_touches(robot, disc(0.03)).touches[0]
+        check_touch(robot, disc(0.03), touch)
+        assert touch.kappa.min() > 1.2 / (0.03 + V1.geometry.fibre_radius_m)
+        assert np.degrees(touch.wrap_rad) > 180.0
+    assert touch.kappa == pytest.approx([39.9, 39.9], abs=0.3)  # by hand, of units of 42 mm
 
 
 def test_a_robot_that_looks_the_same_half_turned_touches_alike_from_both_sides() -> None:
@@ -112,7 +125,7 @@ def test_a_mirrored_robot_touches_in_mirrored_shapes() -> None:
     ]
     swapped = (*wheels[2:], *wheels[:2])
     mirrored = V1.with_values(geometry=V1.geometry.with_values(wheels=swapped))
-    one, other = (grasp_touches(robot, disc(0.06)).touches for robot in (V1, mirrored))
+    one, other = (grasp_touches(robot, disc(0.08)).touches for robot in (V1, mirrored))
     by_side = {touch.side: touch.kappa for touch in other}
     for touch in one:
         assert by_side[touch.side] == pytest.approx(touch.kappa[::-1], abs=1e-3)
@@ -167,7 +180,7 @@ def test_segments_lie_along_a_cylinder_or_it_is_said_why_not(
 
 
 def test_a_segment_that_is_free_to_is_concentric() -> None:
-    for radius_m in (0.02, 0.03, 0.035):
+    for radius_m in (0.02, 0.03, roundest_m(V1.geometry) - 0.001):
         touches = conform_touches(V1, disc(radius_m).own, (1,), 0.001).touches
         each = 1 / (radius_m + 0.004)
         assert [abs(touch.kappa[0]) for touch in touches] == pytest.approx([each] * 2, abs=0.02)

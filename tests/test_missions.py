@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from conftest import Solved
+from grasps import drawn
 from problems import faster_robot, random_problem
 
 from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
@@ -340,8 +342,10 @@ def test_what_the_built_in_missions_touch(solved: Solved) -> None:
     )
     laid = solved("conform-cylinder").require().trajectory
     bend = abs(laid.configuration(np.array([laid.done_s[0]]))[0][3])
-    length_m = 0.04  # of a segment, or more
-    assert 1 / 0.044 - 2 * 0.001 / length_m**2 <= bend <= 1 / 0.044
+    geometry, (cylinder,) = laid.problem.robot.geometry, laid.problem.objects
+    assert cylinder.disc is not None
+    each, length_m = 1 / (cylinder.disc.radius_m + geometry.fibre_radius_m), geometry.lengths_m[0]
+    assert each - 2 * 0.001 / length_m**2 <= bend <= each
 
 
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
@@ -382,7 +386,7 @@ def test_a_mission_goes_on_with_the_object_in_hand(solved: Solved) -> None:
 @pytest.mark.parametrize(
     ("at_m", "friction", "why"),
     [
-        ((0.3, 0.2), 0.4, "it is 215 mm from touching, and no cage is proved"),
+        ((0.3, 0.2), 0.4, "it is {apart_mm:.0f} mm from touching, and no cage is proved"),
         ((0.0, 0.0345), None, "no cage is proved, and it has no friction"),
     ],
 )
@@ -394,6 +398,8 @@ def test_what_is_not_held_is_not_carried(
     start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0), "holding": "cup"}
     task = {"do": "carry", "object": "cup", "x_m": 0.5, "y_m": 0.3}
     things = [cup(0.03, friction=friction) | {"pose": {"x_m": x, "y_m": y}}]
+    body = drawn(load_robot("2sra-v1").geometry, np.zeros(5))
+    why = why.format(apart_mm=1e3 * (body.distance(shapely.Point(x, y)) - 0.03))
     with pytest.raises(InputError, match=why) as caught:
         plan(mission(task, start=start, objects=things))
     assert caught.value.field == "start.holding"
