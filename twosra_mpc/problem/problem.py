@@ -137,7 +137,8 @@ class Problem(Value):
     modes: Several[ModeField] = Field(default_factory=lambda data: data["robot"].modes)
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
-    time_limit_s: Positive = 60.0
+    work_limit: Positive = 60_000.0
+    time_limit_s: Positive = 600.0
 
     @model_validator(mode="before")
     @classmethod
