@@ -52,9 +52,11 @@ class Cost:
     REINTEGRATION = 60  # a step
     SAMPLE = 500  # a sample of a plan that is verified
     OUTLINE = 170  # the distance of the drawn robot
+    POINT = 41  # of a plane, and how far the drawn robot is from it
+    BOX = 5  # a thousand of poses of an object that a disc in it may block
     # Among obstacles and objects.
     DISTANCE = 4  # a piece, or all, against a part of an obstacle, by separating axes
-    LEG = 3  # a coordinate of a leg whose time is asked
+    LEG = 2  # a coordinate of a leg whose time is asked
     TOUCH = 3000  # a configuration at an outline
     SLICE = 5000  # what is free at a heading
     SUM = 350  # of two convex pieces, and its share of their union
@@ -62,7 +64,7 @@ class Cost:
     ROAD = 60  # a node of a map of roads
     WAY = 5  # a node of a map that is searched
     SHAPE = 2000  # another shape on the way
-    CHAIN = 3000  # the shortest chain of stations, or a thousand legs of it
+    CHAIN = 100  # a thousand legs that a chain of stations may have
     KEPT = 1  # what was kept: as much as it cost when it was made
 
 
