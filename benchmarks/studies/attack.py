@@ -55,7 +55,7 @@ class AttackStudy(Study):
         first: Number of the first one; ``count=1`` with the number of another repeats it.
         tighter_every: The bound with the pose is taken of every so many; it takes longest.
         plan_every: The planner is run on every so many.
-        time_limit_s: Its time limit.
+        time_limit_s: Its limit, in thousands of units of work: about seconds.
     """
 
     record: ClassVar = TypeAdapter(AttackRecord)
