@@ -32,7 +32,15 @@ from twosra_mpc.robot.modes import mode_name
 @options.plot_option("Draw the plan")
 @click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
 @options.scenario_options(
-    "planner", "robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "max_phases", "exact"
+    "planner",
+    "robot",
+    "path_model",
+    "timing",
+    "gap",
+    "work_limit",
+    "time_limit_s",
+    "max_phases",
+    "exact",
 )
 def plan_command(
     scenario: str,
