@@ -58,8 +58,8 @@ class Cost:
     DISTANCE = 4  # a piece, or all, against a part of an obstacle, by separating axes
     LEG = 2  # a coordinate of a leg whose time is asked
     TOUCH = 3000  # a configuration at an outline
-    SLICE = 5000  # what is free at a heading
-    SUM = 350  # of two convex pieces, and its share of their union
+    SLICE = 1500  # what is free at a heading
+    SUM = 250  # of two convex pieces, and its share of their union
     MEETING = 150  # two parts of neighbouring slices
     ROAD = 60  # a node of a map of roads
     WAY = 5  # a node of a map that is searched
