@@ -104,7 +104,6 @@ def test_what_is_remembered_costs_as_much_each_time() -> None:
         with limited(5.0, math.inf):
             with pytest.raises(OutOfEffortError):
                 fourth(30)
-            square(30)
             ends.append(spent())
     assert costs == [1.0 + 3 + (3 + 9)] * 2
     assert ends[0] == ends[1]
@@ -160,7 +159,7 @@ def test_an_nlp_stops_after_an_iteration_and_says_it_was_the_limit() -> None:
 STOPPED: dict[str, tuple[float, dict[str, object]]] = {  # each by its limit, in the middle of it
     "rigid-move": (150.0, {"gap": 0.0}),
     "paper-3": (100.0, {"gap": 0.0}),
-    "three-shapes": (450.0, {}),
+    "three-shapes": (100.0, {}),
     "scattered": (500.0, {}),
 }
 
@@ -225,14 +224,12 @@ def test_more_work_never_finds_a_worse_plan_nor_proves_less(
     cost, proved, first = math.inf, -math.inf, None
     for work in limits:
         made = plan(load_problem(name, work_limit=work, motion="fastest", **given))
-        assert made.stats.first_plan_work in (None, *([] if first is None else [first]), *(
-            [made.stats.first_plan_work] if first is None else []
-        ))
+        assert first in (None, made.stats.first_plan_work)
         first = made.stats.first_plan_work
         now = math.inf if made.plan is None else made.plan.cost.total
         assert now <= cost
-        assert (low := made.lower_bound or 0.0) >= proved
-        cost, proved = now, low
+        assert (made.lower_bound or 0.0) >= proved
+        cost, proved = now, made.lower_bound or 0.0
     assert cost < math.inf
 
 

@@ -76,7 +76,7 @@ STAGES = [
         "version.py",
         "installation.py",
         "errors.py",
-        "deadline.py",
+        "effort.py",
         "interrupts.py",
         "native_output.py",
         "files.py",

@@ -82,7 +82,7 @@ class AttackStudy(Study):
         try:
             found = list(claims(made, tighter=alone or case.seed % self.tighter_every == 0))
             if alone or case.seed % self.plan_every == 0:
-                status, claim = planned(made, self.time_limit_s)
+                status, claim = planned(made, 1e3 * self.time_limit_s)
                 found.append(claim)
         except Exception as error:  # whatever the planner raises is a finding
             return AttackRecord(*told, None, (), f"{type(error).__name__}: {error}")
