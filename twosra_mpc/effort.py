@@ -84,7 +84,7 @@ class Account:
     @property
     def reached(self) -> str | None:
         """The setting that says no more should be begun."""
-        if self.spent > self.work:
+        if self.spent >= self.work:
             return "work_limit"
         return "time_limit_s" if time.process_time() > self.until_s else None
 
@@ -115,8 +115,9 @@ _ACCOUNT: ContextVar[Account] = ContextVar("account", default=_UNLIMITED)
 def limited(work: float, cpu_s: float) -> Iterator[None]:
     """Limit the work [units] and the CPU time [s] of a block; what is around it holds, too."""
     outer = _ACCOUNT.get()
+    parts = math.ceil(work * _IN_A_UNIT) if work < math.inf else math.inf
     left = outer.work - outer.spent, outer.until_s - time.process_time()
-    account = Account(min(work * _IN_A_UNIT, left[0]), min(cpu_s, left[1]))
+    account = Account(min(parts, left[0]), min(cpu_s, left[1]))
     token = _ACCOUNT.set(account)
     try:
         yield
