@@ -20,7 +20,7 @@ from twosra_mpc.effort import (
     Cost,
     OutOfEffortError,
     charge,
-    finishing,
+    lend_overtime,
     limit_reached,
     limited,
     out_of_effort,
@@ -61,10 +61,10 @@ def test_no_more_is_ever_spent_than_the_limit_and_the_overtime() -> None:
         with pytest.raises(OutOfEffortError):
             do(1e9)
         assert spent() == 10.0 + OVERTIME
-        with finishing():
-            do(OVERTIME)
-            with pytest.raises(OutOfEffortError):
-                do(1e-4)
+        lend_overtime()
+        do(OVERTIME)
+        with pytest.raises(OutOfEffortError):
+            do(1e-4)
         assert spent() == 10.0 + 2 * OVERTIME
 
 

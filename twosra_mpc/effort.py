@@ -86,7 +86,7 @@ class Account:
         """The setting that says no more should be begun."""
         if self.spent >= self.work:
             return "work_limit"
-        return "time_limit_s" if time.process_time() > self.until_s else None
+        return "time_limit_s" if time.process_time() >= self.until_s else None
 
     @property
     def most(self) -> float:
@@ -126,16 +126,11 @@ def limited(work: float, cpu_s: float) -> Iterator[None]:
         outer.spent += account.spent
 
 
-@contextmanager
-def finishing() -> Iterator[None]:
+def lend_overtime() -> None:
     """Lend the overtime once more, from now on, to what makes use of all the work before."""
     account = _ACCOUNT.get()
-    work, until_s = account.work, account.until_s
-    account.work, account.until_s = max(account.spent, work), max(time.process_time(), until_s)
-    try:
-        yield
-    finally:
-        account.work, account.until_s = work, until_s
+    account.work = max(account.spent, account.work)
+    account.until_s = max(time.process_time(), account.until_s)
 
 
 def charge(cost: int, times: int = 1) -> None:

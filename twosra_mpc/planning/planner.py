@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twosra_mpc.effort import OutOfEffortError, finishing, limited, out_of_effort, spent
+from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_effort, spent
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.missions.relaxed import stage_tree
@@ -125,9 +125,9 @@ def _search(
     inside = problem.workspace is not None  # which guesses may leave between nodes
     for guessed in [checked] if inside else [trusted, checked]:
         result, tree, iterations = _searched(problem, variants, excluded, guessed, on_progress)
-        with finishing():
-            if result.solution is None or result.solution.plan.verification.ok:
-                break
+        lend_overtime()
+        if result.solution is None or result.solution.plan.verification.ok:
+            break
         result = replace(result, solution=None)  # a guess that is no plan
         if result.ending is Ending.INTERRUPTED:  # nobody waits for another search
             break

@@ -110,7 +110,9 @@ class Problem(Value):
     the robot leaves the ``workspace``, and all keep ``clearance_m`` from the ``obstacles``. The
     ``tasks`` are done one after the other, or with ``order = "free"`` in the order that costs least
     (those of one object keep theirs); then the goal is reached. A last task that says
-    ``do = "reach"`` is the goal, and a mission may end without one.
+    ``do = "reach"`` is the goal, and a mission may end without one. The search ends within ``gap``
+    of the best possible, after ``work_limit`` units of work (`effort`: the same on every machine),
+    or after ``time_limit_s`` of CPU time, which is for machines on which that work takes too long.
     """
 
     description: str = ""
