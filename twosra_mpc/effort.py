@@ -45,7 +45,7 @@ class Cost:
     HEADING_STEP = 40  # a slice of twists in a step of the least time of a drive
     NEWTON_STEP = 15  # a row or column in a step of the interior point method
     NLP_STEP = 750  # a variable in an iteration of IPOPT
-    GREEDY_STEP = 700  # a mode that proposes a step
+    GREEDY_STEP = 2000  # a mode that proposes a step
     # Of plans: paths, speeds, checks.
     INTERVAL = 600  # an interval of a path that is rolled out
     PROFILE = 600  # an interval of a path that is travelled as fast as can be
