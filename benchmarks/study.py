@@ -77,7 +77,7 @@ class PlanStudy(Study):
         repeats: Timed calls of each function, after one that is not counted.
         repeat_budget_s: No further repeats of a function once they, or the first call, took as
             long; then the first call counts if it is the only one.
-        time_limit_s: Time limit of a plan.
+        time_limit_s: Limit of a plan, in thousands of units of work: about seconds.
     """
 
     problems: Choices
@@ -92,7 +92,7 @@ class PlanStudy(Study):
     @property
     def named(self) -> Mapping[str, Problem]:
         """Label -> problem, with the time limit, and at full speed: costs are compared."""
-        given = {"time_limit_s": self.time_limit_s, "motion": "fastest"}
+        given = {"work_limit": 1e3 * self.time_limit_s, "motion": "fastest"}
         return {name: one.with_values(**given) for name, one in labelled(self.problems).items()}
 
     def timed(

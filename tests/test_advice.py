@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from twosra_mpc import Problem, Status, deadline, load_problem, plan
+from twosra_mpc import Problem, Status, effort, load_problem, plan
 
 SETTINGS = (
-    "time_limit_s",
+    "work_limit",
     "max_phases",
     "modes",
     "tolerance",
@@ -25,9 +25,9 @@ def paper(name: str = "paper-1", **changes: object) -> Problem:
 
 
 FAILING = {
-    "no time": paper(time_limit_s=1e-9),
-    "no time for tasks": paper("pick-and-place", time_limit_s=1e-9),
-    "no time for the greedy rule": paper(time_limit_s=1e-9, planner="greedy"),
+    "no time": paper(work_limit=1e-9),
+    "no time for tasks": paper("pick-and-place", work_limit=1e-9),
+    "no time for the greedy rule": paper(work_limit=1e-9, planner="greedy"),
     "too few phases": paper(max_phases=1),
     "too few modes for the greedy rule": paper(modes=[[0, 0]], planner="greedy"),
 }
@@ -35,7 +35,7 @@ FAILING = {
 
 @pytest.mark.parametrize("name", FAILING)
 def test_what_failed_says_what_to_change(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(deadline, "OVERTIME_S", 0.0)  # the greedy rule would be done in it
+    monkeypatch.setattr(effort, "OVERTIME", 0)  # the greedy rule would be done in it
     made = plan(FAILING[name])
     assert made.status is not Status.OPTIMAL
     assert ADVICE.search(made.message), made.message

@@ -152,7 +152,7 @@ def test_no_attack_costs_less_than_what_is_proved_of_it(seed: int) -> None:
 @pytest.mark.parametrize("seed", [3, 9, 12])
 def test_a_search_proves_no_more_than_an_attack_costs(seed: int) -> None:
     made = attacked(seed)
-    status, claim = planned(made, time_limit_s=2.0)
+    status, claim = planned(made, work_limit=2000.0)
     assert status in ("optimal", "feasible", "failed")
     assert made.bears(claim.bound), claim
 

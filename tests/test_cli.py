@@ -17,7 +17,7 @@ import pytest
 from conftest import Outcome, Run
 from test_problem import ROBOT, SCENARIO, changed, write
 
-from twosra_mpc import __version__, deadline, load_plan, load_robot, robot_names, scenario_names
+from twosra_mpc import __version__, effort, load_plan, load_robot, robot_names, scenario_names
 from twosra_mpc.cli import planning
 from twosra_mpc.planning import planner
 from twosra_mpc.planning.single_goal import sequence_solver
@@ -161,6 +161,7 @@ OVERRIDES: list[tuple[str, str, str, object]] = [
     ("--timing", "paper", "timing", "paper"),
     ("--gap", "0.25", "gap", 0.25),
     ("--time-limit", "17.5", "time_limit_s", 17.5),
+    ("--work-limit", "1750", "work_limit", 1750.0),
     ("--max-phases", "3", "max_phases", 3),
 ]
 
@@ -335,11 +336,13 @@ def test_a_greedy_rule_that_fails_has_no_plan(run: Run, infeasible: Path, tmp_pa
     assert not load_plan(tmp_path / "a.json").found
 
 
-def test_a_time_limit_that_is_too_small_has_no_plan(run: Run) -> None:
-    code, out, err = run("plan", "paper-1", "--time-limit", "1e-9")
+@pytest.mark.parametrize("limit", ["work_limit", "time_limit_s"])
+def test_a_limit_that_is_too_small_has_no_plan(run: Run, limit: str) -> None:
+    option = "--" + limit.removesuffix("_s").replace("_", "-")
+    code, out, err = run("plan", "paper-1", option, "1e-9")
     assert (code, err) == (4, "")
     assert "status failed" in out
-    assert "no plan found (a limit was reached): raise time_limit_s" in out
+    assert f"no plan found (a limit was reached): raise {limit}" in out
 
 
 def test_too_few_phases_have_no_plan_and_no_proof(run: Run) -> None:
@@ -400,8 +403,7 @@ def test_a_time_limit_returns_the_best_plan_so_far(
     def an_hour_later() -> None:
         clock.now += 3600.0
 
-    for module in (planner, deadline):
-        monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=lambda: clock.now))
+    monkeypatch.setattr(effort, "time", SimpleNamespace(process_time=lambda: clock.now))
     monkeypatch.setattr(sequence_solver, "solve", Solving(an_hour_later, before=0))
     outcome = run(*LONG_SEARCH, "--out", "a.json", "--csv", "a.csv")
     assert_best_so_far(outcome, "; a limit was reached: raise time_limit_s or gap", tmp_path)

@@ -1,219 +1,253 @@
-"""Effort in the cost: durations of least cost, what bends take at least, and what files state."""
+"""Effort is limited by work that is counted: the same plan on every machine, however busy."""
 
 from __future__ import annotations
 
-import itertools
 import json
-from collections.abc import Callable
-from pathlib import Path
+import math
+import os
+import subprocess
+import sys
+import time
+from functools import partial
 
 import numpy as np
 import pytest
-from conftest import Run
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from problems import ROBOT, at_once, bound_of, network_of, random_problem
 
-from twosra_mpc import Problem, Result, Robot, load_plan, load_problem, load_robot, plan
-from twosra_mpc.checking.plan_file import check_plan, effort_s
-from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.nlp.fixed_sequence import (
-    INTERVALS,
-    Candidate,
-    feasible_schedule,
-    scheduled,
+from twosra_mpc import Problem, Status, effort, load_problem, plan, scenario_names
+from twosra_mpc.effort import (
+    OVERTIME,
+    OVERTIME_S,
+    Cost,
+    OutOfEffortError,
+    charge,
+    lend_overtime,
+    limit_reached,
+    limited,
+    out_of_effort,
+    remembered,
+    spent,
 )
-from twosra_mpc.planning.nlp.guess import guess_motion
-from twosra_mpc.planning.search.schedule import cost_coefficients
-from twosra_mpc.planning.single_goal.gentle import cheapest
-from twosra_mpc.planning.single_goal.outcome import verified
-from twosra_mpc.plans.speed_profile import fastest
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence
+from twosra_mpc.planning.nlp import fixed_sequence
+from twosra_mpc.planning.nlp.multiple_shooting import ipopt
+from twosra_mpc.plans.ending import Ending
+from twosra_mpc.plans.result import Result
 
-ARC = load_robot("2sra-v1")
-LEAST = ARC.limits.wheel_speed_min_rad_s or 0.0
-SEQUENCES = [(RIGID, SOFT_1, SOFT_BOTH), (RIGID, SOFT_2, SOFT_1), (RIGID, SOFT_BOTH, SOFT_2)]
+UNIT = 10_000  # of `Cost.KEPT`, which is the smallest
 
 
-def weighed(weight: float, name: str = "paper-2", **overrides: object) -> Problem:
-    return load_problem(name, weights={"effort": weight}, **overrides)
+def do(units: float) -> None:
+    charge(Cost.KEPT, round(UNIT * units))
 
 
-@pytest.mark.parametrize("timing", ["constant", "nominal"])
-@pytest.mark.parametrize("weight", [1.0, 20.0, 300.0])
-def test_no_other_durations_cost_less(timing: str, weight: float) -> None:
-    """Random durations near the ones found, each with its best schedule."""
-    problem = weighed(weight, timing=timing)
-    network = network_of(problem, (RIGID, SOFT_1))
-    quick = candidate_of(problem, (RIGID, SOFT_1))
-    found = cheapest(problem, quick, network)
-    coefficients, constant = cost_coefficients(network, problem.cost_weights)
-
-    def cost(times: Array, effort: float) -> float:
-        return float(coefficients @ times) + constant + weight * effort
-
-    best = cost(found.times, found.effort_s)
-    assert best <= cost(quick.times, quick.effort_s)
-    durations = np.array([profile.duration_s for profile in found.profiles])
-    rng, tried = np.random.default_rng(0), 0
-    for spread in np.repeat([0.01, 0.1, 0.5], 20).tolist():
-        other = durations * rng.uniform(1 - spread, 1 + spread, len(durations))
-        other = np.maximum(other, [profile.duration_s for profile in quick.profiles])
-        slower = [p.lasting(d) for p, d in zip(quick.profiles, other.tolist(), strict=True)]
-        made = feasible_schedule(network, other, problem)
-        if made is None or any(0 < p.peak_rad_s < LEAST for p in slower):
-            continue
-        tried += 1
-        assert cost(made[0], sum(p.effort_s for p in slower)) >= best * (1 - 1e-7)
-    assert tried >= 20
+def test_a_limit_holds_inside_another_and_no_longer() -> None:
+    assert not out_of_effort()
+    with limited(1000.0, math.inf):
+        do(900.0)
+        with limited(5000.0, math.inf):  # the outer one holds, too
+            do(99.0)
+            assert limit_reached() is None
+            do(2.0)
+            assert limit_reached() == "work_limit"
+            with pytest.raises(OutOfEffortError):
+                do(OVERTIME)
+        assert out_of_effort()
+    assert not out_of_effort()
 
 
-def candidate_of(problem: Problem, sequence: ModeSequence) -> Candidate:
-    """The guess of a sequence at full speed."""
-    bound = bound_of(problem, sequence)
-    assert bound is not None
-    robot, start = problem.robot, problem.start.configuration
-    motion = guess_motion(robot, start, problem.goal, sequence, bound.bends, INTERVALS)
-    candidate = scheduled(motion, network_of(problem, sequence), problem, 0)
-    assert candidate is not None
-    return candidate
+def test_no_more_is_ever_spent_than_the_limit_and_the_overtime() -> None:
+    with limited(10.0, math.inf):
+        do(9.0)
+        do(OVERTIME)  # begun in time
+        with pytest.raises(OutOfEffortError):
+            do(1e9)
+        assert spent() == 10.0 + OVERTIME
+        lend_overtime()
+        do(OVERTIME)
+        with pytest.raises(OutOfEffortError):
+            do(1e-4)
+        assert spent() == 10.0 + 2 * OVERTIME
+
+
+def test_cpu_time_is_the_backstop_and_sleeping_costs_nothing() -> None:
+    with limited(math.inf, 0.05):
+        time.sleep(0.2)
+        assert not out_of_effort()
+        begun = time.process_time()
+        while time.process_time() < begun + 0.05:
+            pass
+        assert limit_reached() == "time_limit_s"
+        do(10.0)  # begun in time
+        while time.process_time() < begun + 0.05 + OVERTIME_S:
+            pass
+        with pytest.raises(OutOfEffortError):
+            do(10.0)
+
+
+def test_what_is_remembered_costs_as_much_each_time() -> None:
+    """In the middle of other work, and where the limit ends it."""
+
+    @remembered(8)
+    def square(x: int) -> int:
+        do(x)
+        return x * x
+
+    @remembered(8)
+    def fourth(x: int) -> int:
+        return square(square(x))
+
+    costs, ends = [], []
+    for _ in range(2):
+        with limited(1000.0, math.inf):
+            do(1.0)
+            assert (square(3), fourth(3)) == (9, 81)
+            costs.append(spent())
+        with limited(5.0, math.inf):
+            with pytest.raises(OutOfEffortError):
+                fourth(30)
+            ends.append(spent())
+    assert costs == [1.0 + 3 + (3 + 9)] * 2
+    assert ends[0] == ends[1]
+
+
+LONG: dict[str, dict[str, object]] = {  # each would take far more than it may
+    "grasp-cube": {},
+    "rigid-move": {
+        "goal": {"x_m": 60.0, "y_m": -40.0},
+        "workspace": {"x_m": [-99.0, 99.0], "y_m": [-99.0, 99.0]},
+        "gap": 0.0,
+    },
+    "doorway": {},
+    "tidy-up": {},
+    "three-segments": {"gap": 0.0, "max_phases": 12},
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_what_takes_long_is_stopped(name: str) -> None:
+    made = plan(load_problem(name, work_limit=50.0, **LONG[name]))
+    assert made.stats.work is not None
+    assert made.stats.work <= 50.0 + 2 * OVERTIME
+    assert made.ending is Ending.LIMIT
+    assert "raise work_limit" in made.message
+
+
+@pytest.mark.parametrize("name", ["grasp-cube", "doorway"])
+def test_cpu_time_stops_it_too(name: str) -> None:
+    limit_s, began = 0.05, time.process_time()
+    made = plan(load_problem(name, time_limit_s=limit_s))
+    assert time.process_time() - began < limit_s + 1.0  # what is loaded counts
+    assert made.ending is Ending.LIMIT
+    assert "raise time_limit_s" in made.message
+
+
+def test_an_nlp_stops_after_an_iteration_and_says_it_was_the_limit() -> None:
+    problem = load_problem("rigid-move", gap=0.0)
+    program, solver, _ = ipopt(problem.robot, None, 1, 10, 2, 150)
+    size, rows = program.nlp["x"].numel(), program.nlp["g"].numel()
+    call = partial(solver, x0=np.ones(size), p=1.0, lbg=-np.ones(rows), ubg=np.ones(rows))
+    call()
+    assert solver.stats()["iter_count"] > 1
+    with limited(-OVERTIME, math.inf):
+        call()
+    assert solver.stats()["iter_count"] <= 1
+    status = fixed_sequence.solve_status(solver.stats()["return_status"])
+    assert status is fixed_sequence.SolveStatus.LIMIT
+
+
+# --- the same plan ------------------------------------------------------------------------------
+
+STOPPED: dict[str, tuple[float, dict[str, object]]] = {  # each by its limit, in the middle of it
+    "rigid-move": (150.0, {"gap": 0.0}),
+    "paper-3": (100.0, {"gap": 0.0}),
+    "three-shapes": (100.0, {}),
+    "scattered": (500.0, {}),
+}
+
+
+def stopped(name: str) -> Problem:
+    work, given = STOPPED[name]
+    return load_problem(name, work_limit=work, **given)
+
+
+def as_written(made: Result) -> str:
+    """The plan file, but for the time that it took by the clock."""
+    document = made.to_dict()
+    del document["stats"]["wall_s"]
+    return json.dumps(document)
+
+
+def elsewhere(seed: str) -> dict[str, str]:
+    """The plan files as another process writes them, with other hashes."""
+    words = (
+        "import json; from tests.test_effort import STOPPED, as_written, stopped; "
+        "from twosra_mpc import plan; "
+        "print(json.dumps({name: as_written(plan(stopped(name))) for name in STOPPED}))"
+    )
+    made = subprocess.run(
+        [sys.executable, "-c", words],
+        env={**os.environ, "PYTHONHASHSEED": seed},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found: dict[str, str] = json.loads(made.stdout)
+    return found
+
+
+def test_the_plan_is_the_same_beside_a_load_with_other_hashes_and_after_other_plans() -> None:
+    """To the byte: cold, and with everything known that earlier plans of a process leave."""
+    alone = elsewhere("1")
+    spin = [sys.executable, "-c", "while True: pass"]
+    busy = [subprocess.Popen(spin) for _ in range(2)]
+    try:
+        beside = elsewhere("2")
+    finally:
+        for each in busy:
+            each.kill()
+            each.wait()
+    twice = [{name: as_written(plan(stopped(name))) for name in STOPPED} for _ in range(2)]
+    assert beside == alone
+    assert twice == [alone, alone]
 
 
 @pytest.mark.parametrize(
-    "made",
+    ("name", "given", "limits"),
     [
-        lambda: plan(load_problem("paper-1")),
-        lambda: plan(weighed(1.0, "three-segments")),
-        lambda: plan(weighed(1.0, gap=0.05, robot="2sra-v1-paper")),
-        lambda: plan(weighed(30.0, planner="greedy")),
-        lambda: plan(weighed(1.0, gap=0.05, robot=at_once(ARC))),
+        ("rigid-move", {"gap": 0.0}, (1.0, 10.0, 30.0, 100.0, 300.0, 1000.0)),
+        ("paper-5", {"gap": 0.0, "max_phases": 4}, (1.0, 5.0, 10.0, 20.0, 40.0, 80.0)),
+        ("three-shapes", {}, (10.0, 300.0, 450.0, 800.0, 1200.0)),
     ],
-    ids=["gentle", "three", "paper", "greedy", "at once"],
 )
-def test_the_effort_stated_is_that_of_the_wheels(made: Callable[[], Result]) -> None:
-    found = made().require()
-    cost, problem = found.cost, found.problem
-    total = 0.0
-    for phase in found.phases:
-        t = np.linspace(phase.start_s, phase.end_s - 1e-9, 4001)
-        share = found.trajectory.at(t).wheel_rad_s / problem.robot.limits.wheel_speed_rad_s
-        total += float(np.trapezoid((share**2).sum(axis=1), t))
-    assert cost.effort_s == pytest.approx(total, rel=1e-3)
-    assert effort_s(problem, found.samples) == pytest.approx(cost.effort_s, rel=3e-4)
-    assert cost.total == pytest.approx(
-        cost.time_s + problem.weights.effort * (cost.effort_s or 0.0)
-    )
-
-
-def test_more_weight_is_less_effort_in_more_time() -> None:
-    quick = plan(load_problem("paper-1", motion="fastest")).require()
-    made = [plan(weighed(weight, "paper-1")).require() for weight in (1e-6, 1.0, 20.0)]
-    assert made[0].cost.time_s == pytest.approx(quick.cost.time_s, abs=1e-4)
-    for less, more in itertools.pairwise(made):
-        assert less.sequence == more.sequence
-        assert (less.cost.effort_s or 0.0) >= (more.cost.effort_s or 0.0) - 1e-6
-        assert less.cost.time_s <= more.cost.time_s + 1e-6
-    for each in made:
-        assert each.verification.ok
-        assert each.lower_bound is not None
-        assert each.lower_bound <= each.cost.total
-        other = plan(each.problem.with_values(motion="fastest")).require()
-        assert other.cost == each.cost  # motion has nothing to add
-
-
-def test_no_weight_is_no_change() -> None:
-    plain, zero = (plan(problem).require() for problem in (load_problem("paper-2"), weighed(0.0)))
-    assert plain.cost == zero.cost
-    assert plain.lower_bound == zero.lower_bound
-    assert (plain.samples.q == zero.samples.q).all()
-
-
-@settings(max_examples=40)
-@given(
-    kappa=st.tuples(st.floats(-40, 40), st.floats(-40, 40)),
-    mode=st.sampled_from([SOFT_1, SOFT_2, SOFT_BOTH]),
-    travel=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
-    robot=st.sampled_from([at_once(ARC), ARC, ROBOT, load_robot("2sr-v2")]),
-)
-def test_a_bend_takes_the_effort_of_its_bound(
-    kappa: tuple[float, float], mode: Mode, travel: tuple[float, float], robot: Robot
+def test_more_work_never_finds_a_worse_plan_nor_proves_less(
+    name: str, given: dict[str, object], limits: tuple[float, ...]
 ) -> None:
-    """Whichever unit moves, and at whatever share."""
-    inputs = np.zeros((1, 20, 5))
-    inputs[0, :, :2] = np.array(travel) / 20
-    motion = roll_out(robot, np.array([0.0, 0.0, 0.0, *kappa]), (mode,), inputs)
-    if np.abs(motion.states[..., 3:]).max() >= robot.limits.curvature_per_m:
-        return
-    facts, profile = bending(robot), fastest(motion)[0]
-    before, after = (facts.coordinates(q[3:]) for q in motion.states[0, [0, -1]])
-    bend = after[mode.index(1)] - before[mode.index(1)]
-    least = facts.least_effort_s2(mode, [(w, w) for w in before], bend)
-    assert least <= profile.effort_s * profile.duration_s * (1 + 1e-3) + 1e-12
+    cost, proved, first = math.inf, -math.inf, None
+    for work in limits:
+        made = plan(load_problem(name, work_limit=work, motion="fastest", **given))
+        assert first in (None, made.stats.first_plan_work)
+        first = made.stats.first_plan_work
+        now = math.inf if made.plan is None else made.plan.cost.total
+        assert now <= cost
+        assert (made.lower_bound or 0.0) >= proved
+        cost, proved = now, made.lower_bound or 0.0
+    assert cost < math.inf
 
 
-@pytest.mark.parametrize("weight", [2.0, 50.0])
-@pytest.mark.parametrize("seed", range(4))
-def test_bounds_are_below_what_plans_cost(seed: int, weight: float) -> None:
-    problem = random_problem(seed, ARC, weights={"effort": weight}, timing="constant")
-    without, tried = problem.with_values(weights={}), 0
-    for sequence in SEQUENCES:
-        bound = bound_of(problem, sequence)
-        if bound is None:
-            continue
-        least = bound_of(without, sequence)
-        assert least is not None
-        assert bound.cost > least.cost
-        robot, start = problem.robot, problem.start.configuration
-        motion = guess_motion(robot, start, problem.goal, sequence, bound.bends, INTERVALS)
-        network = network_of(problem, sequence)
-        candidate = scheduled(motion, network, problem, 0)
-        if candidate is not None:
-            tried += 1
-            made = verified(problem, cheapest(problem, candidate, network), network)
-            assert bound.cost <= made.cost.total + 1e-6
-    assert tried
+# --- what plans may cost ------------------------------------------------------------------------
+
+_FIRST, _WHOLE = 1000.0, 5000.0  # of every built-in scenario [units]
 
 
-def test_files_state_the_effort_and_are_believed_in_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "plan.json"
-    plan(weighed(10.0)).save(path)
-    assert check_plan(path).ok
-    document = json.loads(path.read_text(encoding="utf-8"))
-    document["cost"]["effort_s"] *= 0.9
-    document["cost"]["total"] -= document["cost"]["effort_s"] / 9 * 10
-    path.write_text(json.dumps(document), encoding="utf-8")
-    assert any("cost.effort_s" in problem for problem in check_plan(path).problems)
-    del document["cost"]["effort_s"]  # weighed, but not stated
-    path.write_text(json.dumps(document), encoding="utf-8")
-    assert any("cost.effort_s: 0.0000 s" in problem for problem in check_plan(path).problems)
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_built_in_scenario_has_a_plan_soon_and_is_done_soon(name: str) -> None:
+    made = plan(load_problem(name, work_limit=_WHOLE))
+    assert made.ending is not Ending.LIMIT, made.message
+    if made.status is not Status.INFEASIBLE:
+        assert made.stats.first_plan_work is not None
+        assert made.stats.first_plan_work <= _FIRST
 
 
-def test_older_files_state_no_effort(tmp_path: Path) -> None:
-    path = tmp_path / "plan.json"
-    plan(load_problem("paper-2")).save(path)
-    document = json.loads(path.read_text(encoding="utf-8"))
-    del document["cost"]["effort_s"], document["scenario"]["weights"]["effort"]
-    path.write_text(json.dumps(document), encoding="utf-8")
-    assert load_plan(path).require().cost.effort_s is None
-    assert check_plan(path).ok
-
-
-def test_people_are_told(run: Run, tmp_path: Path) -> None:
-    text = 'weights = { effort = 1 }\nrobot = "2sra-v1"\n'
-    text += "start = { x_m = 0, y_m = 0, phi_rad = 0, kappa_per_m = [0, 0] }\n"
-    (tmp_path / "mine.toml").write_text(text + "goal = { kappa_per_m = [20, 'free'] }\n")
-    planned = run("plan", "mine.toml", "--out", "plan.json")
-    assert planned.code == 0
-    assert "effort 0." in planned.out
-    assert "with which the plan costs" in planned.out
-    assert run("report", "plan.json", "report.html").code == 0
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "1 times the effort" in page
-    assert "<dt>Effort</dt>" in page
-    assert run("verify", "plan.json").code == 0
-    (tmp_path / "mine.toml").write_text(text.replace("= 1", "= -1") + "goal = { x_m = 1 }\n")
-    refused = run("plan", "mine.toml")
-    assert refused.code == 2
-    assert "weights.effort" in refused.err
+def test_every_cost_is_a_whole_number_that_counts() -> None:
+    costs = {name: cost for name, cost in vars(Cost).items() if not name.startswith("_")}
+    assert all(isinstance(cost, int) and cost > 0 for cost in costs.values())
+    assert effort.Cost.KEPT == min(costs.values()) == 1

@@ -13,9 +13,8 @@ from conftest import Run
 
 import twosra_mpc.analysis.explanation as explanation_module
 import twosra_mpc.cli.comparisons as command
-import twosra_mpc.planning.planner as planner_module
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
-from twosra_mpc import InputError, Plan, Status, deadline, load_problem, plan
+from twosra_mpc import InputError, Plan, Status, effort, load_problem, plan
 from twosra_mpc.analysis.critical_path import activities, critical_path, hidden_activities, in_words
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
 from twosra_mpc.analysis.transition_speed import reference_s, slowed
@@ -34,7 +33,7 @@ def explained() -> Callable[[str], Explanation]:
 
     def get(name: str) -> Explanation:
         if name not in known:
-            known[name] = explain(load_problem(name, time_limit_s=10.0))
+            known[name] = explain(load_problem(name, work_limit=10000.0))
         return known[name]
 
     return get
@@ -214,7 +213,7 @@ def test_every_figure_is_that_of_planning_the_changed_problem(
     explained: Callable[[str], Explanation],
 ) -> None:
     result = explained("paper-1")
-    base = load_problem("paper-1", time_limit_s=10.0, motion="fastest")
+    base = load_problem("paper-1", work_limit=10000.0, motion="fastest")
     changed = {
         "without mode [0,0]": base.with_values(modes=[SOFT_2, SOFT_1, SOFT_BOTH]),
         "without mode [1,0]": base.with_values(modes=[RIGID, SOFT_2, SOFT_BOTH]),
@@ -267,7 +266,7 @@ def test_the_only_mode_cannot_be_forbidden() -> None:
 
 
 def test_where_nothing_needs_to_melt_that_is_said() -> None:
-    problem = load_problem("rigid-move", time_limit_s=1.0)
+    problem = load_problem("rigid-move", work_limit=1000.0)
     told = explain(problem)
     other = alternative(told, "with any other mode sequence")
     assert other.plan is not None
@@ -435,9 +434,7 @@ def test_an_interrupt_after_the_time_limit_is_still_an_interrupt(
         now += 100.0
         raise KeyboardInterrupt
 
-    clock = SimpleNamespace(perf_counter=lambda: now)
-    monkeypatch.setattr(planner_module, "time", clock)
-    monkeypatch.setattr(deadline, "time", clock)
+    monkeypatch.setattr(effort, "time", SimpleNamespace(process_time=lambda: now))
     monkeypatch.setattr(sequence_solver, "solve", interrupted)
     told = explain(load_problem("rigid-move", gap=0.0, time_limit_s=60.0))
     assert told.result.ending is Ending.INTERRUPTED
@@ -484,7 +481,7 @@ def test_the_command_says_why_there_is_no_plan(run: Run, monkeypatch: pytest.Mon
 def test_a_time_limit_without_a_plan_is_no_plan(run: Run) -> None:
     code, out, _ = run("explain", "paper-1", "--time-limit", "1e-9")
     assert code == 4
-    assert "raise time_limit_s" in out
+    assert "raise work_limit" in out
 
 
 def test_progress_is_shown_on_a_terminal(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -125,7 +125,7 @@ def test_what_is_proved_infeasible_says_why_and_what_to_change(case: Problem, wo
 
 
 def test_what_is_impossible_is_proved_even_without_time() -> None:
-    case = problem((0, 0), (10, 10), goal_mode=SOFT_BOTH, heaters_at_once=1, time_limit_s=1e-9)
+    case = problem((0, 0), (10, 10), goal_mode=SOFT_BOTH, heaters_at_once=1, work_limit=1e-9)
     result = plan(case)
     assert result.status is Status.INFEASIBLE
     assert not result.stopped_early
@@ -255,7 +255,7 @@ def test_a_pose_without_driving_asks_for_mode_00() -> None:
 
 
 def test_a_limit_is_told_with_the_effort() -> None:
-    result = plan(problem((0, 0), (10, 20), time_limit_s=1e-9))
+    result = plan(problem((0, 0), (10, 20), work_limit=1e-9))
     assert result.message == (
         "no plan found (a limit was reached): raise time_limit_s (0 mode sequences tried, "
         "time_limit_s is 1e-09)"

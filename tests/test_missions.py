@@ -432,7 +432,7 @@ def test_bounds_hold_for_all_members_of_a_variant() -> None:
 
 def test_a_mission_whose_ways_are_not_all_known_in_time_has_no_bound() -> None:
     goals = [reach(0.2, 0.1 * k, 0.5, (30.0, -5.0), name=f"goal {k}") for k in range(4)]
-    result = plan(mission(*goals, order="free", time_limit_s=1e-9))
+    result = plan(mission(*goals, order="free", work_limit=1e-9))
     assert result.status is Status.FAILED
     assert result.lower_bound is None
     assert "before all ways were known): raise time_limit_s" in result.message

@@ -52,7 +52,7 @@ def test_other_models_end_elsewhere_and_the_misphased_spiral_overbends(
 
 
 def test_a_model_without_a_plan_has_no_end_error() -> None:
-    problem = load_problem("paper-1", time_limit_s=1e-9)
+    problem = load_problem("paper-1", work_limit=1e-9)
     result = compare_models(problem, ["log_spiral", "arc"])
     assert [made.status for made in result.results] == [Status.FAILED, Status.FAILED]
     assert np.isnan(result.end_errors).all()

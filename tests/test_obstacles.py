@@ -98,7 +98,9 @@ def test_random_scenes_are_planned_verified_and_bounded(seed: int) -> None:
 
 def test_the_bound_among_obstacles_is_no_lower_than_without() -> None:
     result = solved(1)
-    free = plan(result.problem.with_values(obstacles=(), workspace=None, gap=0.0, time_limit_s=5.0))
+    free = plan(
+        result.problem.with_values(obstacles=(), workspace=None, gap=0.0, work_limit=5000.0)
+    )
     assert result.require().cost.total >= (1 - 1e-6) * (free.lower_bound or 0.0)
 
 
@@ -356,7 +358,7 @@ def test_the_lazy_search_finds_the_best_of_all_combinations(seed: int) -> None:
 
 
 def test_a_limit_of_time_returns_the_best_so_far() -> None:
-    made = load_problem("corridor", time_limit_s=1e-3)
+    made = load_problem("corridor", work_limit=1.0)
     began = time.process_time()
     result = plan(made)
     assert time.process_time() - began < 10

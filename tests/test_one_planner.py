@@ -45,7 +45,7 @@ def check_alike(one: Result, other: Result) -> None:
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_goal_is_planned_alike_however_it_is_said(name: str) -> None:
-    problem = load_problem(name, time_limit_s=300.0)
+    problem = load_problem(name, work_limit=300_000.0)
     goal = plan(problem)
     task = plan(as_task(problem))
     check_alike(goal, task)
@@ -59,7 +59,7 @@ def test_a_goal_is_planned_alike_however_it_is_said(name: str) -> None:
 def test_random_problems_are_planned_alike_as_goals_and_as_tasks(number: int) -> None:
     """Three of ten among obstacles, within a workspace."""
     problem = random_scene(number) if number < 3 else random_problem(200 + number)
-    problem = problem.with_values(time_limit_s=300.0)
+    problem = problem.with_values(work_limit=300_000.0)
     goal = plan(problem)
     check_alike(goal, plan(as_task(problem)))
     if number >= 3:

@@ -86,7 +86,10 @@ CONTRACT = {
         *("heater_setpoint_C", "heater_current_A"),
     },
     "verification": {"max_defect", "goal_error", "limits", "ok"},
-    "stats": {"wall_s", "sequences_bounded", "sequences_solved", "nlp_iterations"},
+    "stats": {
+        *("wall_s", "sequences_bounded", "sequences_solved", "nlp_iterations"),
+        *("work", "first_plan_work"),
+    },
 }
 EXTENSIONS = {"": {"stopped_early", "ending"}, "verification": {"problems"}}
 WIDTHS = {

@@ -14,7 +14,7 @@ from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
 from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
-from twosra_mpc.deadline import time_limit
+from twosra_mpc.effort import Cost, charge, limited
 from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
@@ -196,11 +196,11 @@ def test_too_few_phases_is_not_called_infeasible() -> None:
     assert result.lower_bound <= plan(load_problem("paper-1", robot=ROBOT)).require().duration_s
 
 
-def test_a_time_limit_stops_the_search_with_a_valid_bound() -> None:
-    result = plan(load_problem("paper-1", time_limit_s=1e-9, robot=ROBOT))
+def test_a_limit_stops_the_search_with_a_valid_bound() -> None:
+    result = plan(load_problem("paper-1", work_limit=1e-9, robot=ROBOT))
     assert result.status is Status.FAILED
     assert result.ending is Ending.LIMIT
-    assert "raise time_limit_s" in result.message
+    assert "raise work_limit" in result.message
     assert result.lower_bound is not None
     assert result.lower_bound <= 336
 
@@ -368,11 +368,12 @@ def test_a_goal_that_just_touches_is_not_called_impossible() -> None:
     assert result.found
 
 
-def test_a_deadline_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_limit_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sequence_solver, "solve", lambda *_: pytest.fail("begun too late"))
     problem = load_problem("rigid-move", gap=0.0, robot=ROBOT)
     network, bound = network_of(problem, (RIGID,)), bound_of(problem, (RIGID,))
     assert bound is not None
     guesses = 2  # a screw, and a turn, a straight way and a turn
-    with time_limit(1e-9):
+    with limited(1e-9, math.inf):
+        charge(Cost.KEPT)
         assert len(list(GoalSolver(only_goal(problem))(network, bound))) == guesses

@@ -8,6 +8,7 @@ import math
 import shlex
 import shutil
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from test_cli_output import examples
 from test_docs import few_problems
 from test_report import Page
 
+from twosra_mpc import effort, load_problem
 from twosra_mpc.lab.paper import (
     Claim,
     Reading,
@@ -140,6 +142,19 @@ def test_other_settings_code_or_spoilt_files_compute_it_anew(
 
 def test_code_and_data_of_the_package_count() -> None:
     assert len(kept.package_digest()) == 64
+
+
+def test_a_claim_whose_plan_was_not_found_is_undecided_and_says_why(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(effort, "OVERTIME", 0)
+    monkeypatch.setattr(applications, "load_problem", partial(load_problem, work_limit=1.0))
+    data = applications.part().compute(tmp_path, lambda _: None)
+    told = applications.section(data)
+    assert [claim.verdict for claim in told.claims] == [Verdict.UNDECIDED] * len(data)
+    assert all("raise work_limit" in claim.note for claim in told.claims)
+    assert not told.pictures
+    assert not list(tmp_path.iterdir())
 
 
 # --- a small report ------------------------------------------------------------------------------

@@ -140,7 +140,7 @@ def between_pillars() -> Explanation:
             {"name": "right", "disc": {"x_m": 0.0, "y_m": -0.12, "radius_m": 0.04}},
         ],
         modes=[RIGID, SOFT_1],
-        time_limit_s=10.0,
+        work_limit=10000.0,
     )
     return explain(problem)
 

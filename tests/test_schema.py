@@ -78,7 +78,7 @@ def test_every_saved_plan_fits(any_result: Result) -> None:
 
 
 def test_a_file_without_a_plan_fits() -> None:
-    found = plan(load_problem("paper-1", time_limit_s=1e-9))
+    found = plan(load_problem("paper-1", work_limit=1e-9))
     VALIDATORS["plan"].validate(json.loads(json.dumps(found.to_dict())))
 
 

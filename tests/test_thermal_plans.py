@@ -47,7 +47,7 @@ def drawn_problem(seed: int) -> Problem:
         heating=["fastest", "keep_warm"][rng.integers(2)],
         weights={"energy_s_per_J": float(rng.choice([0.0, 0.0, 0.02]))},
         gap=0.02,
-        time_limit_s=8.0,
+        work_limit=8000.0,
     )
 
 
@@ -77,7 +77,7 @@ def test_random_thermal_plans_are_verified_and_close_to_their_bound(seed: int) -
 
 @pytest.mark.parametrize("seed", WIDE)
 def test_short_melts_leave_an_honest_gap(seed: int) -> None:
-    problem = drawn_problem(seed).with_values(time_limit_s=2.0)
+    problem = drawn_problem(seed).with_values(work_limit=2000.0)
     if seed in AT_ONCE:
         problem = problem.with_values(robot=at_once(problem.robot))
     result = plan(problem).require()

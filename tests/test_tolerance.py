@@ -32,7 +32,7 @@ def reshape(kappa: tuple[float, float], off: tuple[float, float], x_m: float = 0
         robot=ROBOT,
         start=Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=kappa),
         goal=Goal(x_m=x_m, y_m=0.0, phi_rad=0.0, kappa_per_m=shape, tolerance="exact"),
-        time_limit_s=5.0,
+        work_limit=5000.0,
     )
 
 

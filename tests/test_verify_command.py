@@ -293,7 +293,7 @@ def test_quiet_leaves_the_exit_code(run: Run, document: Document, tmp_path: Path
 
 
 def test_a_file_without_a_plan_verifies_nothing(run: Run, tmp_path: Path) -> None:
-    found = plan(load_problem("paper-1", time_limit_s=1e-9))
+    found = plan(load_problem("paper-1", work_limit=1e-9))
     found.save(tmp_path / "none.json")
     code, out, _ = run("none.json")
     assert code == 4

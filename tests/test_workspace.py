@@ -60,7 +60,7 @@ CUTS = [("paper-2", 0, 1), ("shape-change", 0, 1), ("paper-4", 1, 0)]
 def test_a_plan_that_leaves_is_made_anew_inside(name: str, side: int, axis: int) -> None:
     box = cut(name, side, axis)
     assert box.margin_m(visited(free(name))).min() < -0.01
-    problem = free(name).problem.with_values(workspace=box, gap=0.02, time_limit_s=300.0)
+    problem = free(name).problem.with_values(workspace=box, gap=0.02, work_limit=300_000.0)
     made = plan(problem).require()
     assert made.verification.ok
     inside = float(box.margin_m(visited(made)).min())
@@ -138,7 +138,7 @@ def test_no_plan_inside_is_no_proof_that_there_is_none() -> None:
     ends = points(base, base.samples.q[[0, -1]]).reshape(-1, 2)
     low, high = ends.min(axis=0) - 1e-4, ends.max(axis=0) + 1e-4
     box = {"x_m": (float(low[0]), float(high[0])), "y_m": (float(low[1]), float(high[1]))}
-    result = plan(base.problem.with_values(workspace=box, time_limit_s=1.0))
+    result = plan(base.problem.with_values(workspace=box, work_limit=1000.0))
     assert result.status is Status.FAILED
     assert result.message.startswith("no plan found within the workspace")
 

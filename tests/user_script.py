@@ -103,7 +103,7 @@ mission = Problem(
     heaters_at_once=1,
     weights=Weights(effort=1.0),
     heating="keep_warm",
-    time_limit_s=10.0,
+    work_limit=10000.0,
 )
 
 

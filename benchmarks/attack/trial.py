@@ -40,10 +40,10 @@ def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
         yield Claim(f"tighter {sequence_name(leaf)}", tree.tighter_bound(node, math.inf))
 
 
-def planned(attack: Attack, time_limit_s: float) -> tuple[str, Claim]:
+def planned(attack: Attack, work_limit: float) -> tuple[str, Claim]:
     """What a whole search says: its status, and its bound, which its own plan respects too."""
     try:
-        result = plan(attack.problem.with_values(time_limit_s=time_limit_s))
+        result = plan(attack.problem.with_values(work_limit=work_limit))
     except InputError as error:
         return "refused", Claim(f"plan refuses: {error}", math.inf)
     lower = result.lower_bound or 0.0

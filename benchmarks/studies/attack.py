@@ -55,7 +55,7 @@ class AttackStudy(Study):
         first: Number of the first one; ``count=1`` with the number of another repeats it.
         tighter_every: The bound with the pose is taken of every so many; it takes longest.
         plan_every: The planner is run on every so many.
-        time_limit_s: Its time limit.
+        time_limit_s: Its limit, in thousands of units of work: about seconds.
     """
 
     record: ClassVar = TypeAdapter(AttackRecord)
@@ -82,7 +82,7 @@ class AttackStudy(Study):
         try:
             found = list(claims(made, tighter=alone or case.seed % self.tighter_every == 0))
             if alone or case.seed % self.plan_every == 0:
-                status, claim = planned(made, self.time_limit_s)
+                status, claim = planned(made, 1e3 * self.time_limit_s)
                 found.append(claim)
         except Exception as error:  # whatever the planner raises is a finding
             return AttackRecord(*told, None, (), f"{type(error).__name__}: {error}")

@@ -47,7 +47,7 @@ class Missions(Study):
         position_m: Largest coordinate of goals; headings are of any direction.
         curvature_per_m: Largest curvature of the middle of goals.
         seed: Of all that is random.
-        time_limit_s: Of each plan.
+        time_limit_s: Limit of each plan, in thousands of units of work: about seconds.
         gap: Asked of each plan.
     """
 
@@ -94,7 +94,7 @@ class Missions(Study):
         start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
         goals = [self._goal(rng, case.box_per_m) for _ in range(case.goals)]
         tasks = [{"do": "reach", **goal} for goal in goals]
-        given = {"time_limit_s": self.time_limit_s, "gap": self.gap, "motion": "fastest"}
+        given = {"work_limit": 1e3 * self.time_limit_s, "gap": self.gap, "motion": "fastest"}
         base = load_problem("rigid-move", start=start)
         return base.with_values(tasks=tasks[:-1], goal=goals[-1], **given)
 

@@ -27,7 +27,7 @@ class PickAndPlace(Study):
     Attributes:
         scenarios: Built-in scenarios.
         repeats: Timed calls after one that is not counted.
-        time_limit_s: Of each plan.
+        time_limit_s: Limit of each plan, in thousands of units of work: about seconds.
     """
 
     record: ClassVar = TypeAdapter(dict[str, Any])
@@ -43,7 +43,7 @@ class PickAndPlace(Study):
 
     def run(self, case: Case) -> dict[str, Any]:
         """Plan as one and goal by goal, at full speed."""
-        given: dict[str, Any] = {"time_limit_s": self.time_limit_s, "motion": "fastest"}
+        given: dict[str, Any] = {"work_limit": 1e3 * self.time_limit_s, "motion": "fastest"}
         problem = load_problem(case.scenario, **given)
         calls = {"plan": partial(plan, problem)}
         result, timing = timed_in_turns(calls, self.repeats, self.time_limit_s)["plan"]

@@ -37,7 +37,7 @@ class Soak(Study):
     Attributes:
         count: Plans in all.
         robots: Robots that they are of.
-        time_limit_s: Of a plan.
+        time_limit_s: Limit of a plan, in thousands of units of work: about seconds.
     """
 
     record: ClassVar = TypeAdapter(dict[str, Any])
@@ -62,7 +62,7 @@ class Soak(Study):
         )
         for start, goal in RandomSet(robot=name, seed=case.robot, **ranges).ends(robot):
             ends = {"start": Start(**start), "goal": Goal(**goal, tolerance="exact")}
-            problem = Problem(robot=robot, **ends, time_limit_s=self.time_limit_s)
+            problem = Problem(robot=robot, **ends, work_limit=1e3 * self.time_limit_s)
             statuses.append(plan(problem).status)
         gc.collect()
         return {"plans": len(statuses), "found": sum(s in _FOUND for s in statuses), **held()}

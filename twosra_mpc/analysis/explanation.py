@@ -159,7 +159,7 @@ def explain(
 ) -> Explanation:
     """Explain a plan of the optimal planner by planning what would have been otherwise.
 
-    Every other plan may take the problem's ``time_limit_s``. Ctrl-C ends the planning, and what is
+    Every other plan may take the problem's ``work_limit``. Ctrl-C ends the planning, and what is
     known so far is returned.
 
     Args:

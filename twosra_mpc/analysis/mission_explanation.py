@@ -184,7 +184,7 @@ def explain_mission(
 ) -> MissionExplanation:
     """Explain a plan of a mission by planning its goals alone, and its tasks in other orders.
 
-    Every plan may take the problem's ``time_limit_s``. Ctrl-C ends the planning, and what is known
+    Every plan may take the problem's ``work_limit``. Ctrl-C ends the planning, and what is known
     so far is returned.
 
     Args:

@@ -22,6 +22,7 @@ from twosra_mpc.checking.clearance import (
     robot_distances_m,
 )
 from twosra_mpc.checking.sweep import sagitta_m
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
@@ -34,6 +35,7 @@ _WITHIN_M = 1e-5  # rounding of drawings
 _ALONG = 60  # points at which discs within an object may have their centres, along its longer side
 _SLIVER = 0.02  # of an object's largest disc: what smaller discs must add to count
 _SURFACE = 0.6  # of the radius of a disc as large: where friction under an object acts
+_AT_ONCE = 1000  # boxes
 _MISSED = 1e-3  # of a load: what contact forces may miss of it
 
 
@@ -112,11 +114,13 @@ def _free(
     pad = math.ceil(float(offset.max()) / step) + 1
     along = step * np.arange(-each_way - pad, each_way + pad + 1)
     points = np.stack(np.meshgrid(pose[0] + along, pose[1] + along, indexing="ij"), axis=-1)
+    charge(Cost.POINT, points[..., 0].size)
     apart = robot_distances_m(geometry, q, points) + sagitta_m(geometry, q[None])
     moved = step / math.sqrt(2) + offset * math.pi / headings  # within a box
     moved += np.where(offset > 0, step / math.sqrt(2), 0.0)  # centres are looked up at grid points
     count = 2 * each_way + 1
     free = np.ones((headings, count, count), dtype=bool)
+    charge(Cost.BOX, len(discs) * free.size // _AT_ONCE)
     for k, phi in enumerate(pose[2] + np.arange(headings) * math.tau / headings):
         turn = np.array([[math.cos(phi), math.sin(phi)], [-math.sin(phi), math.cos(phi)]])
         begin = pad + np.rint(discs[:, :2] @ turn / step).astype(int)

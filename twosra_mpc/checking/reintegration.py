@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.dormand_prince import step_of_order_8
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.model.rows import in_mode
@@ -47,15 +47,16 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             step_in_mode = in_mode(step_of_order_8(problem.robot), mode)
             integrators[mode] = InPlace(step_in_mode, [q, s], [after, told])
         evaluate = integrators[mode].evaluate
+        charge(Cost.REINTEGRATION, len(lengths))
         for row, left in enumerate(lengths.tolist(), start=first + 1):
             while left > 0:
-                check_time()
                 step = min(longest, left)
                 np.multiply(direction, step, out=s)
                 evaluate()
                 error, curvature = told.tolist()
                 growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
                 if not error <= 1:  # nor where it is no number
+                    charge(Cost.REINTEGRATION)
                     longest = step * (max(_LEAST_GROWTH, growth) if error > 1 else _LEAST_GROWTH)
                     if longest < _LEAST_STEP:
                         return reached

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import between, reintegrate
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Samples
 from twosra_mpc.problem.problem import Problem
@@ -196,6 +196,7 @@ def least(
     even = np.linspace(travelled_m[first], travelled_m[last], _BEGUN + 1)
     marks = np.clip(np.searchsorted(travelled_m, even), first, last)
     marks = np.unique(np.concatenate([[first, last], marks]))
+    charge(Cost.OUTLINE, len(marks))
     d = distances(marks)
     at, best, proved = int(marks[d.argmin()]), float(d.min()), float(d.min())
     a, b, d_a, d_b = marks[:-1], marks[1:], d[:-1], d[1:]
@@ -208,7 +209,7 @@ def least(
             break
         middle = np.searchsorted(travelled_m, (travelled_m[a] + travelled_m[b]) / 2)
         middle = np.clip(middle, a + 1, b - 1)
-        check_time()
+        charge(Cost.OUTLINE, len(middle))
         d_m = distances(middle)
         if d_m.min() < best:
             at, best = int(middle[d_m.argmin()]), float(d_m.min())

@@ -17,7 +17,7 @@ from twosra_mpc.checking.heating import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.transitions import transition_problems
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import outline_points
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.plans.plan import Verification
@@ -62,6 +62,7 @@ def examine(trajectory: Trajectory) -> Findings:
         unknown = (np.inf,) * problem.robot.coordinates.size
         return Findings(Verification(np.inf, unknown, {}, ok=False, problems=unusable), grid)
     reached = reintegrate(problem, samples)
+    charge(Cost.SAMPLE, len(samples))
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
     around = examine_around(trajectory)
@@ -218,7 +219,7 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
         return -1.0  # it is anywhere
     margins, bent = np.empty(len(q)), np.zeros(max(len(q) - 2, 0))
     for first in range(0, len(q), _AT_ONCE):
-        check_time()
+        charge(Cost.OUTLINE, min(_AT_ONCE, len(q) - first))
         part = q[first : first + _AT_ONCE + 2]
         margins[first : first + len(part)] = workspace_margins(problem, part)
         points = by_rows(outline_points(problem.robot.geometry), part)[0]

@@ -33,7 +33,7 @@ EFFORT = ("scenario", "planner", "waiting", "moving", "transitions", "energy")
 
 @command("compare")
 @click.argument("scenarios", nargs=-1, required=True, metavar="SCENARIO...", **SCENARIO)
-@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s", "exact")
+@scenario_options("robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact")
 @plot_option("Draw them on one time axis")
 def compare_command(
     scenarios: tuple[str, ...], load: Load, plot: Path | None, output: Output
@@ -134,7 +134,7 @@ def _print_records(records: Sequence[dict[str, Any]]) -> None:
 
 @command("compare-models")
 @click.argument("scenario", **SCENARIO)
-@scenario_options("robot", "timing", "gap", "time_limit_s", "exact")
+@scenario_options("robot", "timing", "gap", "work_limit", "time_limit_s", "exact")
 def compare_models_command(scenario: str, load: Load, output: Output) -> None:
     """Plan SCENARIO under each path model, and execute each plan under the others.
 
@@ -201,7 +201,7 @@ def _end_error(error: Any) -> tuple[str, ...]:
 
 @command("explain")
 @click.argument("scenario", **SCENARIO)
-@scenario_options("robot", "path_model", "timing", "gap", "time_limit_s", "exact")
+@scenario_options("robot", "path_model", "timing", "gap", "work_limit", "time_limit_s", "exact")
 def explain_command(scenario: str, load: Load, output: Output) -> int:
     """Explain the plan of SCENARIO: what its duration is made of, what other plans would cost.
 

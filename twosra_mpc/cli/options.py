@@ -56,7 +56,9 @@ _QUIET = click.Option(["--quiet", "-q"], is_flag=True, help="Print errors only; 
 _DEBUG = click.Option(
     ["--debug"], is_flag=True, expose_value=False, help="Show where in the program a bug is."
 )
-_PLANNERS, _SECONDS = click.Choice(["optimal", "greedy"]), "Search for at most this long [s]."
+_PLANNERS = click.Choice(["optimal", "greedy"])
+_WORK = "Stop the search after so much work; 1000 units are about a second."
+_SECONDS = "Stop it after so much CPU time, whatever it has done [s]."
 TIMINGS = ("nominal", "constant", "paper")  # of the built-in robots
 _TIMES = f"{', '.join(TIMINGS)}, or the robot's own"
 _SCENARIO_OPTIONS: dict[str, Decorator] = {
@@ -67,6 +69,7 @@ _SCENARIO_OPTIONS: dict[str, Decorator] = {
     ),
     "timing": word_option("--timing", f"Override the transition times: {_TIMES}.", TIMINGS),
     "gap": click.option("--gap", type=float, help="Relative gap to stop at, e.g. 0.01."),
+    "work_limit": click.option("--work-limit", type=float, help=_WORK),
     "time_limit_s": click.option("--time-limit", "time_limit_s", type=float, help=_SECONDS),
     "exact": click.option("--exact", is_flag=True, default=None, help="Meet the goal exactly."),
     "max_phases": click.option("--max-phases", type=int, help="Longest mode sequence searched."),

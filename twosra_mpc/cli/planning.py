@@ -32,7 +32,15 @@ from twosra_mpc.robot.modes import mode_name
 @options.plot_option("Draw the plan")
 @click.option("--proof", is_flag=True, help="Add a certificate that proves the bound anew.")
 @options.scenario_options(
-    "planner", "robot", "path_model", "timing", "gap", "time_limit_s", "max_phases", "exact"
+    "planner",
+    "robot",
+    "path_model",
+    "timing",
+    "gap",
+    "work_limit",
+    "time_limit_s",
+    "max_phases",
+    "exact",
 )
 def plan_command(
     scenario: str,
@@ -56,7 +64,8 @@ def plan_command(
     A plan that carries its proof, for "twosra verify --proof":
       twosra plan paper-1 --proof --out plan.json
 
-    Ctrl-C and --time-limit end the search; the best plan so far is written, with its true gap.
+    Ctrl-C, --work-limit and --time-limit end the search; the best plan so far is written, with its
+    true gap. Within a work limit the same plan is found on every machine.
     """
     if rate_Hz is not None and csv is None:
         raise click.UsageError("--rate is the rate of --csv, which is not given")

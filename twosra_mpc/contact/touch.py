@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twosra_mpc.contact.closing import TOUCHES_M, Rows, close, room_m
-from twosra_mpc.deadline import check_time
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.limits import BODY_GAP, CURVATURE, SHAPE_LIMITS, UNIT_GAP, shape_margins
 from twosra_mpc.problem.objects import Object
@@ -213,7 +212,6 @@ def _close_chain(
             placed[:, [POSE + j for j in moving]] = side * curvature[:, None]
             return placed
 
-        check_time()
         done = close(robot, contour, place, start[rows], moving, gap_m)
         q[rows] = place(done.curvature, np.arange(len(rows)))
         start[rows] = done.curvature

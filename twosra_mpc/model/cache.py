@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 
 import casadi as ca
 
+from twosra_mpc.effort import remembered
 from twosra_mpc.robot.description import Body, Robot
 
 Arguments = ParamSpec("Arguments")
@@ -40,7 +41,7 @@ def per_body(
     ) -> Callable[Concatenate[Robot | Body, Arguments], Made]:
         @lru_cache(bodies)
         def kept(body: Body) -> Callable[Arguments, Made]:
-            return lru_cache(each)(partial(make, body))  # type: ignore[return-value]  # hashable
+            return remembered(each)(partial(make, body))
 
         def of_robot(
             robot: Robot | Body, /, *args: Arguments.args, **kwargs: Arguments.kwargs

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import InPlace, kinematics
 from twosra_mpc.model.path_models import path_model
@@ -200,7 +200,7 @@ def roll_out(robot: Robot, start: Array, sequence: ModeSequence, inputs: Array) 
     """Follow input displacements (phases, intervals, 5) from ``start`` with fine steps."""
     here, states = np.asarray(start, dtype=float), []
     for mode, s in zip(sequence, inputs, strict=True):
-        check_time()
+        charge(Cost.INTERVAL, len(s))
         states.append(followed(robot, here, s, mode))
         here = states[-1][-1]
     fixed, nodes = inputs.copy(), np.array(states)

@@ -15,11 +15,12 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.cache import per_function
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import Array
 
+_AT_ONCE = 1000  # operations that cost about as much as a call
 _ROUNDING = 1e-12  # relative; a few thousand operations stay far below it
 
 
@@ -51,7 +52,7 @@ def enclose(function: ca.Function, lower: Array, upper: Array) -> tuple[Array, A
     Raises:
         NotImplementedError: If the function uses an operation without an interval rule.
     """
-    check_time()
+    charge(Cost.ENCLOSURE, 1 + lower.size * function.n_instructions() // _AT_ONCE)
     (found,) = by_rows(_extension(function), np.vstack([lower, upper]).T)
     low, high = np.split(found.T, 2)
     size = _ROUNDING * np.maximum(np.abs(low), np.abs(high))

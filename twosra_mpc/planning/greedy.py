@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge, spent
 from twosra_mpc.model.flow import interval_flow, roll_out
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
@@ -71,7 +71,7 @@ def greedy_path(problem: Problem) -> GreedyPath:
     for iteration in range(1, MAX_ITERATIONS + 1):
         if np.linalg.norm(goal.error(q.copy())) <= _REACHED:
             return GreedyPath(tuple(modes), tuple(steps), GreedyEnding.REACHED)
-        check_time()
+        charge(Cost.GREEDY_STEP, len(problem.modes))
         error = q - goal.aim(q)
         t = iteration * STEP_S
         gain = min(1.0, t * (1 - math.exp(-t)) * STEP_S)
@@ -120,7 +120,8 @@ def plan_greedily(problem: Problem) -> Result:
         if candidate is not None:
             candidate = cheapest(problem, candidate, network)
             made = verified(problem, candidate, network, "greedy")
-    stats = Stats(time.perf_counter() - started, 0, 0, 0)
+    first = spent() if made is not None and made.verification.ok else None
+    stats = Stats(time.perf_counter() - started, 0, 0, 0, spent(), first)
     if made is None:
         reason = path.ending.value
         if refusal is not None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twosra_mpc.deadline import OutOfTimeError, finishing, out_of_time, time_limit
+from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_effort, spent
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.missions.relaxed import stage_tree
@@ -19,9 +19,9 @@ from twosra_mpc.planning.nlp.fixed_sequence import timed
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.single_goal.conclusion import (
-    ADVICE,
     STOPPED,
     Progress,
+    advice,
     as_asked,
     conclude,
     nothing_found,
@@ -51,8 +51,9 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 
     Never raises for a problem that has no plan: ``Result.status`` and ``Result.message`` say so,
-    and ``Result.require()`` turns that into an exception. Ctrl-C and ``time_limit_s`` return the
-    best plan so far with its true gap; what was begun within the limit may take half a second more.
+    and ``Result.require()`` turns that into an exception. Ctrl-C, ``work_limit`` and
+    ``time_limit_s`` return the best plan so far with its true gap; what was begun within a limit
+    may take up to 1000 units of work or 0.4 s of CPU time more.
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
@@ -63,10 +64,10 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
             would be outside of its workspace or overlap an obstacle there.
     """
     started = time.perf_counter()
-    with time_limit(problem.time_limit_s):
+    with limited(problem.work_limit, problem.time_limit_s):
         try:
             return _plan(problem, on_progress)
-        except OutOfTimeError:
+        except OutOfEffortError:
             return _too_late(problem, started)
 
 
@@ -94,17 +95,17 @@ def plan_without(
 ) -> Result:
     """Plan as ``plan`` does, but use none of the ``excluded`` mode sequences."""
     started = time.perf_counter()
-    with time_limit(problem.time_limit_s):
+    with limited(problem.work_limit, problem.time_limit_s):
         try:
             return _search(problem, excluded, on_progress)
-        except OutOfTimeError:
+        except OutOfEffortError:
             return _too_late(problem, started)
 
 
 def _too_late(problem: Problem, started: float) -> Result:
     """The result where time was up before, or after, the search."""
-    message = f"no plan found ({STOPPED[Ending.LIMIT]}): {ADVICE[Ending.LIMIT]}"
-    stats = Stats(time.perf_counter() - started, 0, 0, 0)
+    message = f"no plan found ({STOPPED[Ending.LIMIT]}): {advice(Ending.LIMIT)}"
+    stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
     how = problem.planner, Status.FAILED, message, None, Ending.LIMIT
     return Result(problem, *how, stats, None)
 
@@ -124,9 +125,9 @@ def _search(
     inside = problem.workspace is not None  # which guesses may leave between nodes
     for guessed in [checked] if inside else [trusted, checked]:
         result, tree, iterations = _searched(problem, variants, excluded, guessed, on_progress)
-        with finishing():
-            if result.solution is None or result.solution.plan.verification.ok:
-                break
+        lend_overtime()
+        if result.solution is None or result.solution.plan.verification.ok:
+            break
         result = replace(result, solution=None)  # a guess that is no plan
         if result.ending is Ending.INTERRUPTED:  # nobody waits for another search
             break
@@ -135,6 +136,8 @@ def _search(
         sequences_bounded=result.bounded,
         sequences_solved=result.solved,
         nlp_iterations=iterations,
+        work=spent(),
+        first_plan_work=result.first_work if result.solution else None,
     )
     return conclude(variants[0].problem if tree.only else problem, result, tree, stats)
 
@@ -148,7 +151,7 @@ def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
     ways, ending, status = Ways(problem), Ending.LIMIT, Status.FAILED
     try:
         variants = ways.variants()
-    except OutOfTimeError:
+    except OutOfEffortError:
         variants = None
     except KeyboardInterrupt:
         variants, ending = None, Ending.INTERRUPTED
@@ -156,11 +159,11 @@ def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
         return variants
     if variants is None:
         before = f"{STOPPED[ending]} before all ways were known"
-        why = f"{nothing_found(problem, several=True)} ({before}): {ADVICE[ending]}"
+        why = f"{nothing_found(problem, several=True)} ({before}): {advice(ending)}"
     else:
         why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
         status, ending = Status.INFEASIBLE, Ending.EXHAUSTED
-    stats = Stats(time.perf_counter() - started, 0, 0, 0)
+    stats = Stats(time.perf_counter() - started, 0, 0, 0, spent())
     return Result(problem, "optimal", status, why, None, ending, stats, None)
 
 
@@ -181,7 +184,7 @@ def _searched(
     result = branch_and_bound(
         tree,
         gap=problem.gap,
-        out_of_time=out_of_time,
+        out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
         first_look=lambda: _first_look(tree, guesses=solver.guesses),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
@@ -193,7 +196,7 @@ def _first_look(tree: Tree[Solved], *, guesses: bool) -> tuple[float, Solved] | 
     """The best of a few promising leaves; of a single goal in free space only to drive."""
     if tree.only is None:
         few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
-        return dive(tree, tree.leaps, **few, out_of_time=out_of_time)
+        return dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
     node = tree.root()
     if guesses and tree.leaf_bound(node) < math.inf:
         first = itertools.islice(tree.solve(node), 2)
@@ -215,5 +218,5 @@ def _rest(variants: Sequence[Variant]) -> Result | None:
     candidate = timed(motion, network, problem, iterations=0)
     assert candidate is not None, "a robot that rests is where it should be"
     made = replace(verified(problem, candidate, network), lower_bound=0.0)
-    message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0)
+    message, stats = "the start is the goal: nothing to do", Stats(0.0, 0, 0, 0, spent(), spent())
     return Result(problem, "optimal", made.status, message, 0.0, Ending.CLOSED, stats, made)

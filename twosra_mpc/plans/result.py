@@ -26,12 +26,23 @@ _NO_MISSION: dict[str, Any] = {"tasks": [], "carried": []}
 
 @dataclass(frozen=True)
 class Stats:
-    """Effort spent on a plan."""
+    """Effort spent on a plan.
+
+    Attributes:
+        wall_s: Time by the clock.
+        sequences_bounded: Mode sequences whose bound was computed.
+        sequences_solved: Those that were tried.
+        nlp_iterations: Iterations of the nonlinear solver.
+        work: Units of work, the same on every machine; None in older files.
+        first_plan_work: Of it, until the first plan was found; None without one.
+    """
 
     wall_s: float
     sequences_bounded: int
     sequences_solved: int
     nlp_iterations: int
+    work: float | None = None
+    first_plan_work: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.plans.trajectory import SAME_TIME_S, flown, wheel_speeds
 from twosra_mpc.problem.limits import interval_durations, least_times_and_turns
@@ -83,7 +83,7 @@ def fastest(motion: Motion) -> tuple[SpeedProfile, ...]:
         durations = interval_durations(motion)
         made = (_at_constant_speed(motion, i, own) for i, own in enumerate(durations))
         return tuple(map(_noticed, made))
-    check_time()
+    charge(Cost.PROFILE, motion.inputs[..., 0].size)
     parts = list(_smooth_parts(motion))
     whole = list(zip(parts, _from_rest_to_rest(motion, parts), strict=True))
     phases = range(len(motion.sequence))

@@ -110,7 +110,9 @@ class Problem(Value):
     the robot leaves the ``workspace``, and all keep ``clearance_m`` from the ``obstacles``. The
     ``tasks`` are done one after the other, or with ``order = "free"`` in the order that costs least
     (those of one object keep theirs); then the goal is reached. A last task that says
-    ``do = "reach"`` is the goal, and a mission may end without one.
+    ``do = "reach"`` is the goal, and a mission may end without one. The search ends within ``gap``
+    of the best possible, after ``work_limit`` units of work (`effort`: the same on every machine),
+    or after ``time_limit_s`` of CPU time, which is for machines on which that work takes too long.
     """
 
     description: str = ""
@@ -137,7 +139,8 @@ class Problem(Value):
     modes: Several[ModeField] = Field(default_factory=lambda data: data["robot"].modes)
     max_phases: Annotated[int, Field(ge=1, le=12), BeforeValidator(plain)] = 8
     gap: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.01
-    time_limit_s: Positive = 60.0
+    work_limit: Positive = 60_000.0
+    time_limit_s: Positive = 600.0
 
     @model_validator(mode="before")
     @classmethod

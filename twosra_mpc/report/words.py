@@ -293,9 +293,11 @@ def effort(result: Result) -> str:
         f"{stats.wall_s:z.2f} s of planning: {stats.sequences_bounded} mode sequences bounded, "
         f"{stats.sequences_solved} solved, {stats.nlp_iterations} NLP iterations."
     )
+    if stats.work is not None:
+        words += f" {stats.work:z.0f} units of work, the same on every machine."
     if result.stopped_early:
         words += (
-            " A limit or an interrupt ended the search before the asked gap was reached, so a"
-            " faster or slower machine may find another plan."
+            " A limit or an interrupt ended the search before the asked gap was reached: with a"
+            " larger one there may be a better plan."
         )
     return words

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
@@ -127,7 +127,7 @@ class Parts:
 
 def parts(geometry: Geometry, q: Array, segment: int | None) -> Parts:
     """Parts of configurations (m, 3 + n) that a segment moves; None: those that b0 is on."""
-    check_time()
+    charge(Cost.TOUCH, len(q))
     shape, inner = robot_shape(geometry, q, _POINTS), geometry.inner_link_of_b0
     link = inner if segment is None else segment + (segment >= inner)
     none = segment is None and geometry.half_link_m == 0 and inner > 0

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.limits import rigid_ramp_s, rigid_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
@@ -88,7 +88,9 @@ class Drives:
 
     def leg_times_s(self, start: Array, end: Array) -> Array:
         """Times of legs between poses (..., 3) from rest to rest, (...,) [s]."""
-        at_speed = times_at_speed_s(self.rows, twists(start, end))
+        twist = twists(start, end)
+        charge(Cost.LEG, 1 + twist.size)
+        at_speed = times_at_speed_s(self.rows, twist)
         return times_from_rest_s(at_speed, self.ramp_s)
 
     def time_s(self, poses: Array) -> float:
@@ -128,7 +130,7 @@ class Drives:
                 found[some] = self.clear_legs(start[some], end[some], less_m)
             for slices in self._certified.values() if self._may is None else ():
                 for i in np.flatnonzero(~found):
-                    check_time()
+                    charge(Cost.MEETING)
                     found[i] = slices.hold_leg(start[i], end[i])
             return found
 
@@ -141,7 +143,6 @@ class Drives:
         from twosra_mpc.space.slices import certified_slices
 
         if headings not in self._certified:
-            check_time()
             coarse = self._coarse(headings)
             made = certified_slices(coarse, self.world, self.kept_m, headings)
             self._certified[headings] = made
@@ -169,7 +170,6 @@ class Drives:
 
         if headings not in self._roadmaps:
             slices = self.certified_slices(headings)
-            check_time()
             self._roadmaps[headings] = roadmap(slices, self.rows, _SPACING_M)
         return self._roadmaps[headings]
 

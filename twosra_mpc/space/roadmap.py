@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.lattice import Lattice, lattice
 from twosra_mpc.space.screws import continued, times_at_speed_s, twists
@@ -110,6 +111,7 @@ class Roadmap:
         via, nodes, times = self.links(pose)
         if not len(nodes):
             return None
+        charge(Cost.WAY, len(self.poses))
         size = len(self.poses)
         with_pose = csr_array(
             (
@@ -198,6 +200,7 @@ def roadmap(slices: FreeSlices, rows: Array, spacing_m: float) -> Roadmap:
     positions = np.concatenate([grid.poses[:, :2], exact.positions, meeting])
     poses = np.column_stack([positions, slices.heading_rad(slice_of)])
     edges = np.concatenate([grid.moves, grid.turns, sizes[0] + exact.edges, pairs, links])
+    charge(Cost.ROAD, len(poses))
     return Roadmap(slices, rows, poses, slice_of, edges)
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
@@ -57,10 +58,12 @@ class Surroundings:
         points = np.ascontiguousarray(corners.transpose(2, 3, 0, 1))
         normals, reach = _normals(points)
         found = np.full((len(corners), len(self._parts)), FAR_M)
+        charge(Cost.DISTANCE, found.size)
         for k, part in enumerate(self._parts):
             away = np.linalg.norm(middle - part.middle, axis=1) - radius - part.radius_m
             near = np.flatnonzero(away < FAR_M)
             if len(near):
+                charge(Cost.DISTANCE, len(near) * corners.shape[1])
                 own, sides, reached = (
                     _flat(each[..., near, :]) for each in (points, normals, reach)
                 )

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.deadline import check_time
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.poses import wrapped
 from twosra_mpc.space.screws import moved, twists
@@ -40,7 +39,6 @@ def shortest(poses: Array, times: Times, proof: Proof) -> Array:
 
 def _fastest(poses: Array, times: Times, proof: Proof) -> Array:
     """The fastest way through some of a few poses, neighbours among them taken as clear."""
-    check_time()
     one, other = np.triu_indices(len(poses), k=1)
     taken = times(poses[one], poses[other])
     own = np.concatenate([[0.0], np.cumsum(taken[other - one == 1])])
@@ -77,7 +75,6 @@ def _better(
     before: Array, here: Array, after: Array, step_m: float, times: Times, proof: Proof
 ) -> Array:
     """Poses between two others each, moved to where most is saved of what is clear, (k, 3)."""
-    check_time()
     nearer = moved(before, twists(before, after), np.full(len(here), 0.5)) - here
     nearer[:, 2] = wrapped(nearer[:, 2])
     shares = np.array([0.25, 0.5, 1.0])[:, None]

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.world import UNSEEN_M, World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.poses import wrapped
@@ -89,6 +89,7 @@ class FreeSlices:
         one = np.repeat(np.arange(len(self.parts)), count[after])
         start = np.cumsum(count[after]) - count[after]
         other = np.arange(len(one)) - start[one] + self.first[after[one]]
+        charge(Cost.MEETING, len(one))
         shapely.prepare(self.parts)
         meet = shapely.intersects(self.parts[one], self.parts[other])
         return np.column_stack([one[meet], other[meet]])
@@ -206,8 +207,9 @@ def _slices(
     if pieces and obstacles:
         high, centres = np.where(some[:, None], high, -np.inf), _centres(headings)
         for first in range(0, headings, _AT_ONCE):
-            check_time()
             k = slice(first, first + _AT_ONCE)
+            charge(Cost.SLICE, len(centres[k]))
+            charge(Cost.SUM, len(centres[k]) * len(pieces) * len(obstacles))
             free[k] = _left_of(free[k], _blocked(pieces, obstacles, centres[k], low[k], high[k]))
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0

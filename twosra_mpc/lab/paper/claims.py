@@ -20,6 +20,7 @@ class Verdict(enum.StrEnum):
     HOLDS = "holds"
     CAVEAT = "holds with a caveat"
     FAILS = "does not hold"
+    UNDECIDED = "undecided: no plan was found"
     UNCHECKED = "cannot be checked: no data"
 
 
@@ -84,16 +85,20 @@ class Claim:
         where: Section, figure or table of the paper.
         readings: At least one.
         note: What to know of it, if anything.
+        undecided: Whether it rests on a plan that was not found, though there may be one.
     """
 
     words: str
     where: str
     readings: tuple[Reading, ...]
     note: str = ""
+    undecided: bool = False
 
     @property
     def verdict(self) -> Verdict:
         """On all readings that have data together."""
+        if self.undecided:
+            return Verdict.UNDECIDED
         found = {reading.verdict for reading in self.readings} - {Verdict.UNCHECKED}
         if not found:
             return Verdict.UNCHECKED

@@ -16,7 +16,7 @@ import numpy as np
 from twosra_mpc.contact.cage import caged
 from twosra_mpc.contact.pushing import pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
-from twosra_mpc.deadline import out_of_time
+from twosra_mpc.effort import out_of_effort
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.ends import HEADINGS, Ends, placed, spread
 from twosra_mpc.planning.missions.stages import Stage, Variant
@@ -80,10 +80,10 @@ class Ways:
         self._rigid = (problem.robot.rigid,)
 
     def variants(self) -> list[Variant] | None:
-        """Every variant; None if time is up first, as no bound holds for some of them."""
+        """Every variant; None if the effort is over first, as no bound holds for some of them."""
         found: list[Variant] = []
         for order in self._orders():
-            if out_of_time():
+            if out_of_effort():
                 return None
             problem = self._in_order(order)
             groups: dict[tuple[float, ...], list[tuple[Stage, ...]]] = {}

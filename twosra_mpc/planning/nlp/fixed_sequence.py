@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from twosra_mpc.deadline import OutOfTimeError
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.nlp.guess import spared_corners
 from twosra_mpc.planning.nlp.multiple_shooting import TIME_SCALE, Transcription, ipopt
@@ -44,7 +43,7 @@ class SolveStatus(enum.Enum):
 
     SOLVED = "a local optimum"
     ACCEPTABLE = "a point that meets looser tolerances; verify before use"
-    LIMIT = "stopped by its iteration or time limit; raise the limit or give a better guess"
+    LIMIT = "stopped by a limit; raise the limit or give a better guess"
     LOCALLY_INFEASIBLE = "no feasible point near the guess; try another guess or sequence"
     FAILED = "the solver gave up for numerical reasons; try another guess"
 
@@ -169,11 +168,8 @@ def _solved(
     robot, phases, intervals = guess.robot, network.layout.phases, guess.inputs.shape[1]
     curved = None if problem.goal.is_box else problem.goal
     inside = problem.workspace is not None
-    try:
-        shape = phases, intervals, _STEPS
-        program, solver, _ = ipopt(robot, curved, *shape, _MAX_ITERATIONS, inside, apart)
-    except OutOfTimeError:  # what is compiled already may still be solved
-        return None, 0
+    shape = phases, intervals, _STEPS
+    program, solver, _ = ipopt(robot, curved, *shape, _MAX_ITERATIONS, inside, apart)
     durations = interval_durations(guess).max(axis=1) * intervals
     times = schedule(network, durations, problem.cost_weights)
     if times is None:

@@ -235,7 +235,6 @@ def ipopt(
         "calc_lam_p": False,  # nobody asks for it; where it fails, that is printed
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
-        "ipopt.max_cpu_time": 10.0,
         "ipopt.tol": 1e-8,
         "ipopt.mu_strategy": "adaptive",
         "ipopt.bound_relax_factor": 0.0,

@@ -1,4 +1,4 @@
-"""A solver that looks at the clock: IPOPT asks after every iteration whether it may go on."""
+"""A solver whose work is counted: IPOPT asks after every iteration whether it may go on."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from twosra_mpc.deadline import overtime_left_s
+from twosra_mpc.effort import Cost, OutOfEffortError, charge
 
 
 class Stopping(ca.Callback):
-    """Stops a solver when the time limit of whoever called it is over."""
+    """Stops a solver when the effort of whoever called it is over."""
 
     def __init__(self, nlp: dict[str, ca.MX]) -> None:
         """For a program with these symbols x and expressions g."""
@@ -32,4 +32,8 @@ class Stopping(ca.Callback):
 
     def eval(self, _: Sequence[ca.DM]) -> list[int]:
         """Whether to stop."""
-        return [int(overtime_left_s() < 0.0)]
+        try:
+            charge(Cost.NLP_STEP, self._sizes["x"])
+        except OutOfEffortError:
+            return [1]
+        return [0]

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from twosra_mpc.deadline import out_of_time
+from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
@@ -81,7 +81,7 @@ class Placer(Generic[Solution]):
                     found = 0
                     for bends in self._ways(variant.problem, stages, goals, whole, bound):
                         enough = several and (found == _ENOUGH or self._several == _ENOUGH_OF_ALL)
-                        if enough or out_of_time():
+                        if enough or out_of_effort():
                             return
                         itinerary = Itinerary(
                             variant.problem, stages, whole.sequences, bends, shares, self._drives_of
@@ -157,6 +157,7 @@ def _other_ways(robot: Robot, start: Array, sequence: ModeSequence, direct: Arra
     found = []
     ways = itertools.product(range(-_STEPS, _STEPS + 1), repeat=len(free))
     for counts in itertools.islice(ways, _MOST_WAYS):
+        charge(Cost.SHAPE)
         bends = direct + step * np.array(counts) @ free
         passed = origin + np.cumsum(modes * bends[:, None], axis=0)
         shapes = np.array([facts.curvatures(w.tolist()) for w in passed])

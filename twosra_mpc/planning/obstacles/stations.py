@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.deadline import out_of_time
+from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.poses import wrapped
 from twosra_mpc.space.screws import twists
@@ -23,6 +23,7 @@ from twosra_mpc.space.screws import twists
 # Fractional parts of its multiples fill the unit cube evenly: powers of the root of x^4 = x + 1.
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
+_AT_ONCE = 1000  # legs that are compared in about the time that a chain takes
 _SAME = 1e-9  # m or rad
 _DETOUR_S = 1.0  # longer than direct: others are estimated by roads then
 
@@ -120,7 +121,7 @@ def shortest_chain(
     best: Chain | None = None
     chains = 0
     for _ in range(most_looks):
-        path = None if out_of_time() else legs.shortest()
+        path = None if out_of_effort() else legs.shortest()
         if path is None or chains == most_chains or (best and legs.cost_s(path) >= best.cost_s):
             break
         unseen = next(((b, i) for b, i in enumerate(path) if (b, i) not in looked), None)
@@ -173,6 +174,7 @@ class _Legs:
 
     def shortest(self) -> list[int] | None:
         """Station of each layer on the shortest chain, by dynamic programming from the goal."""
+        charge(Cost.CHAIN, 1 + sum(cost.size for cost in self._cost) // _AT_ONCE)
         to_go, choices = self._cost[-1], []
         for cost in reversed(self._cost[:-1]):
             through = cost + to_go[None]

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twosra_mpc.effort import remembered
 from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, ModeSequence, mode_name, named
@@ -250,7 +251,7 @@ class BendStep(NamedTuple):
         return min(self.least, self.most, key=abs) if self.least * self.most > 0 else 0.0
 
 
-@lru_cache(maxsize=64)  # a sequence is looked at more than once while its problem is planned
+@remembered(64)  # a sequence is looked at more than once while its problem is planned
 def bend_steps(
     sequence: ModeSequence, task: BendingTask, free: Intervals = ()
 ) -> tuple[BendStep, ...] | None:
@@ -294,7 +295,7 @@ def _misses(
     return least - w > change[1] + slack or most - w < change[0] - slack
 
 
-@lru_cache(maxsize=64)
+@remembered(64)
 def least_durations(
     sequence: ModeSequence, task: BendingTask, free: Intervals = ()
 ) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
-from twosra_mpc.deadline import OutOfTimeError
+from twosra_mpc.effort import OutOfEffortError, spent
 from twosra_mpc.errors import ContradictionError
 from twosra_mpc.interrupts import noted_interrupts
 from twosra_mpc.plans.ending import Ending
@@ -63,6 +63,7 @@ class SearchResult(Generic[Solution]):
         lower_bound: Proved lower bound on every leaf's cost; inf if proved infeasible.
         bounded: Leaves whose bound was computed.
         solved: Leaves handed to ``solve``.
+        first_work: Work until the first solution [units]; inf without one.
     """
 
     ending: Ending
@@ -71,6 +72,7 @@ class SearchResult(Generic[Solution]):
     lower_bound: float
     bounded: int
     solved: int
+    first_work: float = math.inf
 
 
 @dataclass(order=True)
@@ -116,7 +118,7 @@ def branch_and_bound(
     with noted_interrupts() as interrupts:
         try:
             if (found := first_look()) is not None:
-                search.cost, search.solution = found
+                search.accept(*found)
             while search.open and not interrupts.requested:
                 on_progress(search.cost, search.lower_bound)
                 if search.closed:
@@ -124,7 +126,7 @@ def branch_and_bound(
                 if out_of_time():
                     return search.result(Ending.LIMIT)
                 search.step()
-        except OutOfTimeError:
+        except OutOfEffortError:
             return search.result(Ending.LIMIT)
         except KeyboardInterrupt:
             interrupts.request()
@@ -200,6 +202,7 @@ class _Search(Generic[Node, Solution]):
         self.kept = math.inf  # least bound of what left the queue without being disproved
         self.cost = math.inf
         self.solution: Solution | None = None
+        self.first_work = math.inf
         self.bounded = self.solved = 0
         self.learnt = False  # whether a bound was tightened, and others may be too
 
@@ -222,7 +225,13 @@ class _Search(Generic[Node, Solution]):
     def result(self, ending: Ending) -> SearchResult[Solution]:
         """Sum up."""
         low = self.lower_bound
-        return SearchResult(ending, self.cost, self.solution, low, self.bounded, self.solved)
+        counts = self.bounded, self.solved, self.first_work
+        return SearchResult(ending, self.cost, self.solution, low, *counts)
+
+    def accept(self, cost: float, solution: Solution) -> None:
+        """Make a solution the incumbent."""
+        self.cost, self.solution = cost, solution
+        self.first_work = min(self.first_work, spent())
 
     def step(self) -> None:
         """Work on the entry with the least bound, if that is still its bound."""
@@ -289,7 +298,7 @@ class _Search(Generic[Node, Solution]):
         if found is None:  # as may what was learnt by this attempt
             bound = max(bound, self.tree.leaf_bound(entry.node))
         elif found[0] < self.cost:
-            self.cost, self.solution = found
+            self.accept(*found)
         if not tight and self.cost - bound > self.gap * self.cost:
             tighter = self.tree.tighter_bound(entry.node, (1 - self.gap) * self.cost)
             self.learnt |= tighter > bound

@@ -37,7 +37,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.search.rigid_motion import (
     FAR_RAD,
     goal_headings,
@@ -134,7 +134,6 @@ class _Drive:
         gain = float(p @ self.along - np.abs(p) @ self.box)
         if gain <= 0:
             return 0.0, gain
-        check_time()
         grid, origin = self._grid(count)
         h, m = float(grid[1] - grid[0]), len(self.slices) // 2
         step_s = m * h / self.fastest_turn
@@ -148,6 +147,7 @@ class _Drive:
         half = round(self.until_s / 2 / step_s)
         elsewhere = (grid < midway[0] - h) | (grid > midway[1] + h)
         for k in range(math.ceil(self.until_s / step_s)):
+            charge(Cost.HEADING_STEP, len(self.slices))
             before = float(inner[origin])
             if before >= gain:
                 return 0.0, 0.0

@@ -22,10 +22,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.native_output import discarded_native_output
 from twosra_mpc.robot.coordinates import Array
 
+_LEAST = 100  # rows and columns: no program costs less than one of so many
 _NEVER = 1e9  # a cost that no plan has
 _UNIT = 2.0**-52
 
@@ -100,7 +101,7 @@ def minimise(objective: Array, rows: Array | Rows, limits: Array, bounds: Bounds
     Raises:
         ArithmeticError: If the program is unbounded or the solver gives up.
     """
-    check_time()
+    charge(Cost.LINEAR_PROGRAM, _LEAST + len(objective) + len(limits))
     highspy = _quiet_highspy()
     ends = np.array([(a, b) for a, b in bounds], dtype=float)
     entries = rows if isinstance(rows, Rows) else Rows.of(rows)

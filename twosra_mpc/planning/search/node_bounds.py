@@ -14,6 +14,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.search.mission_bound import MissionRelaxation, reachable
 from twosra_mpc.planning.search.nodes import Node, Nodes, Whole
 from twosra_mpc.planning.search.schedule import with_durations
@@ -116,6 +117,7 @@ class NodeBounds(Nodes):
         return stage.bend.must_bend(segment)
 
     def _network(self, stage: StageTask, sequence: ModeSequence) -> TemporalNetwork:
+        charge(Cost.NETWORK, len(sequence))
         settled = stage.rigid if stage.last == stage.rigid else sequence[-1]
         return self.timing.network(sequence, settled, [0.0] * len(sequence))
 
@@ -165,6 +167,7 @@ class NodeBounds(Nodes):
 
     def _passes(self, over: Whole) -> SoFar:
         joined, durations = over.joined, self._durations(over)
+        charge(Cost.NETWORK, len(joined))
         network, reason = None, None
         if not self._bends(over):
             reason = f"{sequence_name(joined)} cannot bend as the tasks ask"
@@ -309,6 +312,7 @@ class NodeBounds(Nodes):
             return 0.0 if not sequence else math.inf
         whole = (*before, *sequence)
         lasting = [*[0.0] * len(before), *durations]
+        charge(Cost.NETWORK, len(whole))
         network = self.timing.network(whole, settled or sequence[-1], [0.0] * len(whole))
         begin = network.layout.origin, network.layout.end(len(before) - 1)
         late = replace(network, least={**network.least, begin: _LATE_S})

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.search.linear_program import minimise
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.coordinates import Array
@@ -40,6 +40,7 @@ def schedule(network: TemporalNetwork, durations: Array, weights: Weights) -> Ar
     Among equally good schedules: segments are held liquid for the shortest time (heat as late as
     the motion allows), then phases start early. None if the constraints contradict each other.
     """
+    charge(Cost.SCHEDULE, network.layout.count)
     timed = with_durations(network, durations.tolist())
     if weights.energy_s_per_J == 0:
         return _late_heating(timed)
@@ -65,7 +66,6 @@ def _late_heating(network: TemporalNetwork) -> Array | None:
 def _cheapest(network: TemporalNetwork, weights: Weights) -> Array | None:
     pairs = list(network.least)
     matrix = np.zeros((len(pairs), network.layout.count))
-    check_time()
     for row, (u, v) in enumerate(pairs):
         matrix[row, u] += 1.0
         matrix[row, v] -= 1.0

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.planning.search.bends import passes_forbidden
 from twosra_mpc.planning.search.bounds import SequenceBound, pose_bound, sequence_bound
 from twosra_mpc.planning.search.mission_bound import StageEnd, mission_bound
@@ -93,6 +94,7 @@ class Tree(NodeBounds, Generic[Solution]):
             durations = [max(pair) for pair in zip(durations, drives_s, strict=True)]
         if not all(map(math.isfinite, durations)):
             return None
+        charge(Cost.NETWORK, len(leaf))
         network = self.timing.network(leaf, self._last(whole), durations)
         found = None
         if alone and stages[0].bend is not None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.deadline import OutOfTimeError
+from twosra_mpc.effort import OutOfEffortError, limit_reached
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.tree import Tree
@@ -36,10 +36,14 @@ class Progress(NamedTuple):
 
 
 STOPPED = {Ending.LIMIT: "a limit was reached", Ending.INTERRUPTED: "interrupted"}
-ADVICE = {
-    Ending.LIMIT: "raise time_limit_s",
-    Ending.INTERRUPTED: "run again to continue the search",
-}
+
+
+def advice(ending: Ending) -> str:
+    """What to change after a search that was stopped."""
+    stopped_by = limit_reached()
+    if ending is Ending.INTERRUPTED or stopped_by is None:
+        return "run again to continue the search"
+    return f"raise {stopped_by}"
 
 
 def as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
@@ -50,7 +54,7 @@ def as_asked(search: SearchResult[Solved]) -> SearchResult[Solved]:
         return replace(search, solution=_gentler(found, search.lower_bound))
     except KeyboardInterrupt:
         return replace(search, ending=Ending.INTERRUPTED)
-    except OutOfTimeError:
+    except OutOfEffortError:
         early = search.ending is Ending.INTERRUPTED
         return search if early else replace(search, ending=Ending.LIMIT)
 
@@ -84,7 +88,7 @@ def quality(made: Plan, ending: Ending, *, several: bool) -> str:
         elsewhere = ", in other places and shapes" if made.problem.obstacles else ""
         return f"{made}; {tried}: the gap is slack of the bounds{elsewhere}, or in longer sequences"
     or_gap = " or gap" if ending is Ending.LIMIT else ""
-    return f"{made}; {STOPPED[ending]}: {ADVICE[ending]}{or_gap}"
+    return f"{made}; {STOPPED[ending]}: {advice(ending)}{or_gap}"
 
 
 def conclude(
@@ -121,8 +125,9 @@ def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved])
     """Why no plan was found although one may exist, and what to change."""
     none = nothing_found(problem, several=tree.only is None)
     if (ending := search.ending) is not Ending.EXHAUSTED:
-        effort = f"{search.solved} mode sequences tried, time_limit_s is {problem.time_limit_s:zg}"
-        return f"{none} ({STOPPED[ending]}): {ADVICE[ending]} ({effort})"
+        limit = limit_reached() or "work_limit"
+        effort = f"{search.solved} mode sequences tried, {limit} is {getattr(problem, limit):zg}"
+        return f"{none} ({STOPPED[ending]}): {advice(ending)} ({effort})"
     tried = f"{none} ({search.solved} mode sequences tried)"
     if tree.only is None:
         return f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twosra_mpc.deadline import check_time
+from twosra_mpc.effort import Cost, charge
 from twosra_mpc.robot.coordinates import Array
 
 _ITERATIONS = 60
@@ -39,7 +39,7 @@ def minimum(e: Array, lasting: Array, price: Array, rows: Array, least: Array, t
     slack = np.maximum(rows @ t - least, 1e-2)
     z, off = 1e-2 / slack, np.inf
     for _ in range(_ITERATIONS):
-        check_time()
+        charge(Cost.NEWTON_STEP, len(t) + len(least))
         d = lasting @ t
         each = e / d**2
         dual, primal = price - each @ lasting - z @ rows, rows @ t - slack - least

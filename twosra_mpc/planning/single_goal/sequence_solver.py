@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from twosra_mpc.deadline import out_of_time
+from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
 from twosra_mpc.planning.missions.stages import Variant
@@ -153,7 +153,7 @@ class GoalSolver:
             if problem.robot.limits.wheel_acceleration_rad_s2 is None:  # else bends of a way cost
                 starts.append(swerved(guess, _ASIDE_RAD))
         for start in starts:
-            if out_of_time():
+            if out_of_effort():
                 return
             candidate = solve(start, network, problem)
             self.iterations += candidate.iterations if candidate else 0

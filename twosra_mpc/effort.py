@@ -1,0 +1,186 @@
+"""Effort: how much work may be done, counted where it is done, and CPU time as a backstop.
+
+Whatever costs something says so (`charge`), with what it is about to do. A unit of work is about
+a millisecond on a usual machine, and the same work on every machine, however busy: what is found
+within a work limit does not depend on a clock. The limit of CPU time is for machines far slower.
+
+Work that sees in time that its limit is reached (`out_of_effort`) ends with the best it has. What
+it has begun by then may take an overtime more; then `charge` raises, and who set the limit goes on
+with what is known. The limits belong to the running context, as those of a thread do, so that no
+function needs to hand them down.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import lru_cache, update_wrapper
+from typing import ParamSpec, TypeVar
+
+from twosra_mpc.errors import TwosraError
+
+OVERTIME = 500  # units of work that what was begun in time may take more
+OVERTIME_S = 0.2  # the same of CPU time
+_IN_A_UNIT = 10_000  # work is counted in whole parts, so that sums are exact
+_LOOK = 5 * _IN_A_UNIT  # work between two looks at the clock
+
+Given = ParamSpec("Given")
+Made = TypeVar("Made")
+
+
+class Cost:
+    """What work costs, in ten-thousandths of a unit: about as many tenths of a microsecond.
+
+    Measured as CPU time from one charge to the next, over plans of all built-in scenarios.
+    """
+
+    # Of the search: event times, programs, bounds.
+    NETWORK = 80  # a phase of a mode sequence: its events, and how early they can be
+    SCHEDULE = 350  # an event of the schedule of least cost
+    LINEAR_PROGRAM = 70  # a row or column of HiGHS's
+    ENCLOSURE = 100  # a thousand operations on intervals
+    HEADING_STEP = 40  # a slice of twists in a step of the least time of a drive
+    NEWTON_STEP = 15  # a row or column in a step of the interior point method
+    NLP_STEP = 750  # a variable in an iteration of IPOPT
+    GREEDY_STEP = 2000  # a mode that proposes a step
+    # Of plans: paths, speeds, checks.
+    INTERVAL = 600  # an interval of a path that is rolled out
+    PROFILE = 600  # an interval of a path that is travelled as fast as can be
+    REINTEGRATION = 60  # a step
+    SAMPLE = 500  # a sample of a plan that is verified
+    OUTLINE = 170  # the distance of the drawn robot
+    POINT = 41  # of a plane, and how far the drawn robot is from it
+    BOX = 5  # a thousand of poses of an object that a disc in it may block
+    # Among obstacles and objects.
+    DISTANCE = 4  # a piece, or all, against a part of an obstacle, by separating axes
+    LEG = 2  # a coordinate of a leg whose time is asked
+    TOUCH = 3000  # a configuration at an outline
+    SLICE = 1500  # what is free at a heading
+    SUM = 250  # of two convex pieces, and its share of their union
+    MEETING = 150  # two parts of neighbouring slices
+    ROAD = 60  # a node of a map of roads
+    WAY = 5  # a node of a map that is searched
+    SHAPE = 2000  # another shape on the way
+    CHAIN = 100  # a thousand legs that a chain of stations may have
+    KEPT = 1  # what was kept: as much as it cost when it was made
+
+
+class OutOfEffortError(TwosraError):
+    """Work was not done within its limits; never raised out of `plan`."""
+
+
+class Account:
+    """What has been spent under one set of limits; times of ``time.process_time``."""
+
+    def __init__(self, work: float, cpu_s: float) -> None:
+        """With a limit in parts of a unit, and one of CPU time from now on."""
+        self.work, self.spent = work, 0
+        self.until_s = time.process_time() + cpu_s
+        self.look_at = 0  # work at which the clock is looked at next
+
+    @property
+    def reached(self) -> str | None:
+        """The setting that says no more should be begun."""
+        if self.spent >= self.work:
+            return "work_limit"
+        return "time_limit_s" if time.process_time() >= self.until_s else None
+
+    @property
+    def most(self) -> float:
+        """What may be spent with the overtime."""
+        return self.work + OVERTIME * _IN_A_UNIT
+
+    def look(self) -> None:
+        """Stop here if even the overtime is over.
+
+        Raises:
+            OutOfEffortError: If so; what is spent then is no more than that.
+        """
+        if self.spent > self.most:
+            self.spent = int(self.most)
+            raise OutOfEffortError
+        if time.process_time() > self.until_s + OVERTIME_S:
+            raise OutOfEffortError
+        self.look_at = int(min(self.spent + _LOOK, self.most))
+
+
+_UNLIMITED = Account(math.inf, math.inf)
+_ACCOUNT: ContextVar[Account] = ContextVar("account", default=_UNLIMITED)
+
+
+@contextmanager
+def limited(work: float, cpu_s: float) -> Iterator[None]:
+    """Limit the work [units] and the CPU time [s] of a block; what is around it holds, too."""
+    outer = _ACCOUNT.get()
+    parts = math.ceil(work * _IN_A_UNIT) if work < math.inf else math.inf
+    left = outer.work - outer.spent, outer.until_s - time.process_time()
+    account = Account(min(parts, left[0]), min(cpu_s, left[1]))
+    token = _ACCOUNT.set(account)
+    try:
+        yield
+    finally:
+        _ACCOUNT.reset(token)
+        outer.spent += account.spent
+
+
+def lend_overtime() -> None:
+    """Lend the overtime once more, from now on, to what makes use of all the work before."""
+    account = _ACCOUNT.get()
+    account.work = max(account.spent, account.work)
+    account.until_s = max(time.process_time(), account.until_s)
+
+
+def charge(cost: int, times: int = 1) -> None:
+    """Count what is about to be done, so many times.
+
+    Raises:
+        OutOfEffortError: If it may not be done any more.
+    """
+    account = _ACCOUNT.get()
+    account.spent += cost * times
+    if account.spent > account.look_at:
+        account.look()
+
+
+def spent() -> float:
+    """Work so far under the innermost limit [units]."""
+    return _ACCOUNT.get().spent / _IN_A_UNIT
+
+
+def limit_reached() -> str | None:
+    """The setting that says nothing more should be begun; None: there is effort left."""
+    return _ACCOUNT.get().reached
+
+
+def out_of_effort() -> bool:
+    """Whether nothing more should be begun."""
+    return limit_reached() is not None
+
+
+def remembered(most: int) -> Callable[[Callable[Given, Made]], Callable[Given, Made]]:
+    """Keep the last results of a function, as ``lru_cache`` does, with what they cost.
+
+    They cost as much each time: so the work of a plan is not less after another one.
+    """
+
+    def decorate(make: Callable[Given, Made]) -> Callable[Given, Made]:
+        @lru_cache(most)
+        def kept(*args: Hashable, **kwargs: Hashable) -> tuple[Made, int]:
+            account = _ACCOUNT.get()
+            before = account.spent
+            made = make(*args, **kwargs)  # type: ignore[arg-type]
+            cost, account.spent = account.spent - before, before
+            return made, cost
+
+        def asked(*args: Given.args, **kwargs: Given.kwargs) -> Made:
+            made, cost = kept(*args, **kwargs)  # type: ignore[arg-type]
+            if cost:
+                charge(Cost.KEPT, cost)
+            return made
+
+        return update_wrapper(asked, make)
+
+    return decorate
