@@ -12,7 +12,6 @@ most only where heat cannot harm: with the heater off, or hardly on.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,11 +21,11 @@ from twosra_mpc.control.stiffness import stiffness_rule
 from twosra_mpc.control.thermistor import Lag, follow
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
-from twosra_mpc.thermal.uncertainty import Ranges, healthy_ranges
+from twosra_mpc.thermal.uncertainty import corners
 
 SENSOR_OFF_K = 3.0  # thermistor of 1 % parts 1.1, melting point 1, model 1
 LAGS_S = (4.0, 4.0)  # slowest healthy sensor; none is faster than no lag
-ABOVE_K = 3  # over the highest temperature, of the hot corner: what is likely is 10 K below
+ABOVE_K = 2.0  # over the highest temperature, of the hot corner: what is likely is 10 K below
 _COOLED_K = 3.0  # below that the heater may be on again
 _WINDOW_S = 6.0  # of a slope: 0.02 K of noise is 0.3 % of it
 _SLOPE = 0.03  # relative error of one: thermistor's slope 2 %, loss 2 %
@@ -35,8 +34,9 @@ _SLOWED = 0.7  # of its steepest rise, at which a slow sensor is 3.9 s of that r
 _BEHIND_S = 4.0
 _FULL = 0.95  # of the current
 _SETTLED_S = 30.0  # heater off: sensor and metal are together
-_MEAN_S = 20.0  # over which power is averaged
-_QUIET_K = 12.0  # ahead of its sensor is metal that is kept warm, at most
+_MEAN_S = 12.0  # over which power is averaged
+_QUIET_K = 11.0  # ahead of its sensor is metal that is kept warm, at most
+_CUTS = 4  # after which any metal is liquid: each lets in what warms liquid metal by 10 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
 
 
@@ -60,6 +60,7 @@ class Corners:
         quiet: Power that holds the nominal segment at the highest temperature.
         full_A: Current of full power.
         soft_C: Set-point.
+        liquid_C: Reading of liquid metal.
         cut_C: Temperature of the hot corner from which on the heater is off.
     """
 
@@ -70,6 +71,7 @@ class Corners:
     quiet: float
     full_A: float
     soft_C: float
+    liquid_C: float
     cut_C: float
 
 
@@ -93,6 +95,7 @@ class HeatBelief:
         mean: Share of the full current's heat, averaged over `_MEAN_S`.
         slow: Whether the sensor rises less than any healthy one, far from where metal melts.
         cut: Whether the heater must be off, whatever a reading says.
+        cuts: How often it had to, since the sensor last showed that metal is solid, or liquid.
     """
 
     corners: Corners
@@ -110,6 +113,7 @@ class HeatBelief:
     mean: float = 0.0
     slow: bool = False
     cut: bool = False
+    cuts: int = 0
 
     @property
     def at_least_C(self) -> float:
@@ -138,8 +142,9 @@ class HeatBelief:
 
     @property
     def surely_liquid(self) -> bool:
-        """Whether the cold corner is liquid."""
-        return self.corners.cold.level(self.cold) >= self.corners.cold.liquid_level
+        """Whether the cold corner is liquid, or the heater had to go off often enough."""
+        liquid = self.corners.cold.level(self.cold) >= self.corners.cold.liquid_level
+        return liquid or self.cuts >= _CUTS
 
     @property
     def half_molten(self) -> bool:
@@ -223,20 +228,22 @@ class HeatBelief:
                 hot = _within(at.hot, hot, (shown_C, shown_C + SENSOR_OFF_K))
         elif shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
             cold = _within(at.cold, cold, (shown_C, math.inf))
-        if self.mean * self.least <= at.quiet and shown_C + _QUIET_K > thresholds_C(at.hot)[1]:
+        evident = shown_C >= at.liquid_C or shown_C < thresholds_C(at.cold)[0] - SENSOR_OFF_K
+        if self.mean * self.least <= at.quiet and (shown_C >= at.liquid_C or self.cut):
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
-        return replace(self, cold=cold, hot=hot)
+        return replace(self, cold=cold, hot=hot, cuts=0 if evident else self.cuts)
 
     def _judged(self) -> HeatBelief:
-        """Switch off where the hot corner would be too hot."""
-        return replace(self, cut=self.at_most_C >= self.corners.cut_C - _COOLED_K * self.cut)
+        """Switch off where the hot corner would be too hot, and count how often in a melt."""
+        cut = self.at_most_C >= self.corners.cut_C - _COOLED_K * self.cut
+        return replace(self, cut=cut, cuts=self.cuts + (cut and not self.cut))
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
     """Believe in a segment (from 0) that has rested at this temperature."""
     heater, model = robot.heater, segment_model(robot, air_C, segment)
     full_A = heater.melt_current_A
-    ranges = healthy_ranges(model, robot.thermal_segment(segment).ranges)
+    ranges = robot.thermal_segment(segment).ranges
 
     def warms_s(one: SegmentModel) -> float:
         return _warms_s(one, full_A)
@@ -246,8 +253,8 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         cold = one.initial(one.ambient_C)
         return one.time_until(cold, full_A, one.liquid_level) * _slope(one, cold, full_A)
 
-    hot, cold = _corners(model, ranges, melts)
-    quick_s, slow_s = map(warms_s, _corners(model, ranges, warms_s))
+    hot, cold = corners(model, ranges, melts)
+    quick_s, slow_s = map(warms_s, corners(model, ranges, warms_s))
     powers = _power(cold, full_A, slow_s), _power(cold, full_A, quick_s)
     hottest = model.initial(heater.temperature_max_C)
     kept = model.holding_current_A(hottest, _LONG_S) / full_A
@@ -259,6 +266,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         quiet=kept**2 * _power(cold, full_A, _warms_s(model, full_A)),
         full_A=full_A,
         soft_C=heater.soft_setpoint_C,
+        liquid_C=stiffness_rule(robot, air_C, segment).liquid_above_C,
         cut_C=heater.temperature_max_C + ABOVE_K,
     )
     states = cold.initial(start_C), hot.initial(start_C)
@@ -295,15 +303,3 @@ def _power(model: SegmentModel, full_A: float, warms_s: float) -> float:
         slower = _warms_s(model, math.sqrt(power) * full_A) > warms_s
         low, high = (power, high) if slower else (low, power)
     return power
-
-
-def _corners(
-    model: SegmentModel, ranges: Ranges, of: Callable[[SegmentModel], float]
-) -> tuple[SegmentModel, SegmentModel]:
-    """Segments with each parameter at the end of its range where this is least, and largest."""
-    ordered = {
-        name: sorted(ends, key=lambda value, name=name: of(replace(model, **{name: value})))  # type: ignore[misc]
-        for name, ends in ranges.items()
-    }
-    least, most = ({name: ends[k] for name, ends in ordered.items()} for k in (0, -1))
-    return replace(model, **least), replace(model, **most)

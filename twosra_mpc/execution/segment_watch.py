@@ -20,6 +20,8 @@ from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
+from twosra_mpc.thermal.model import SegmentModel
+from twosra_mpc.thermal.uncertainty import corners
 
 Cause = Literal["sensor", "fault", "hot", "relay", "cooling", "heater"]
 Asked = Stiffness | Literal["warm"]
@@ -35,7 +37,7 @@ ENDINGS: dict[Cause, Ending] = {
 
 _COLDEST_C, _HOTTEST_C = NtcDivider().range_C
 _TWICE = 2  # readings: single ones can be far off
-_SAME_K = 0.5  # metal that freezes shows more between its set-point and its melting point
+_SAME_K = 0.3  # a smoothed reading that moves less stands still
 _WARMED_K, _SURELY_SOLID_K = 2.0, 5.0  # as the stiffness controller has it
 _CAUGHT_UP_S = 30.0  # after which the sensor shows what the heater does
 _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
@@ -44,7 +46,10 @@ _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
 _SMOOTH_S = 5.0  # over which readings are averaged, off which noise is counted
 _OFF_K = 1.0  # so far above its set-point no switch lets current flow
-_SLOW_S, _SLOW_SHARE = 40.0, 0.4  # after that it has cooled by so much of what its model says
+_OFF_S = 20.0  # after which no sensor rises any more
+_FALLS_K, _SLOW_SHARE = 1.0, 0.4  # in 30 s; so much of what its model says it cools at least
+_FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
+_MOVES, _TIMES_STEADY = 100, 5.0  # readings that learn how long it stands still; digits may be coarse
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _CONTRADICTED_S = 5.0  # by the heat, from which on a reading is not believed
 _MORE_K = 3.0  # as much as a sensor may show too much
@@ -133,7 +138,8 @@ class SegmentWatch:
         self._stretch, self._begun_s = _Stretch(), dict[str, tuple[float, float]]()
         self._hot, self._last_C, self._smooth_C, self._coldest_C = 0, math.inf, math.nan, _COLDEST_C
         self._taken_s = self._sound_s = math.nan
-        self._molten = False
+        self._molten, self._before_C = False, math.inf
+        self._flicker_K, self._moves, self._steady_s = 0.0, 0, 0.0
 
     @property
     def may_be_soft(self) -> bool:
@@ -186,8 +192,9 @@ class SegmentWatch:
         off = self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
         if not sound:
             return
+        self._check_life(time_s, temperature_C, (self._before_C, self._last_C))
         stretch, pair_C = self._stretch, (self._last_C, temperature_C)
-        self._last_C = temperature_C
+        self._before_C, self._last_C = pair_C
         if time_s - stretch.since_s >= _LAGGED_S:
             stretch.lowest_C = min(stretch.lowest_C, max(pair_C))
         if math.isnan(stretch.first_C):
@@ -196,8 +203,8 @@ class SegmentWatch:
         stretch.hottest_C = max(stretch.hottest_C, temperature_C)
         self._check_heat(time_s - stretch.since_s, temperature_C, min(pair_C) - stretch.lowest_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
-        self._check_fall(time_s, temperature_C, off)
         if self.belief is not None:
+            self._check_fall(time_s, temperature_C, off)
             self._check_belief(time_s, temperature_C, self.belief)
         heats = self.allowed_C(setpoint_C) >= setpoint_C
         self._check_warming(time_s, temperature_C, heats)
@@ -254,24 +261,44 @@ class SegmentWatch:
             self._raise("sensor", f"its sensor jumped {jump}, faster than metal warms or cools")
         return jumped
 
+    def _check_life(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
+        """A sensor that flickers far more than any, or not at all after it always has."""
+        if math.isfinite(pair_C[0]):
+            bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
+            self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
+        if self._flicker_K > _FLICKER_K:
+            self._raise("sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next")
+        same_s = self._lasts_s("same", here_C == pair_C[1], time_s)
+        if math.isnan(same_s):
+            self._moves += math.isfinite(pair_C[1])
+        elif self._moves < _MOVES:
+            self._steady_s = max(self._steady_s, same_s)
+        elif same_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
+            words = f"{here_C:z.2f} C for {same_s:z.0f} s"
+            self._raise("sensor", f"{words}: its sensor shows the same all the time")
+
     def _check_fall(self, time_s: float, here_C: float, off: bool) -> None:
-        """A reading of liquid metal that does not fall although its heater is off."""
-        shows = off and self.belief is not None and self._smooth_C >= self._liquid_above_C
-        since_s = self._lasts_s("off", shows, time_s, self._smooth_C)
-        lagged_s = self._lasts_s("lagged", since_s >= _LAGGED_S, time_s, self._smooth_C)
-        if not since_s >= _SLOW_S:
+        """A reading of warm metal that does not fall although its heater is off."""
+        here, heater, then_C = self._smooth_C, self._heater, -math.inf
+        if here >= self._liquid_above_C:
+            then_C = heater.melting_point_C + _OFF_BY_K
+        freezes = heater.melting_point_C - _SURELY_SOLID_K < here < self._liquid_above_C
+        off_s = self._lasts_s("off", off and not freezes, time_s)
+        since_s = self._lasts_s("lagged", off_s >= _OFF_S, time_s, here)
+        if not since_s >= _CAUGHT_UP_S:
             return
         hot_C = self._begun_s["lagged"][1]
-        cooled = self._model.propagate(self._model.initial(hot_C), 0.0, lagged_s)
-        then_C = max(self._model.temperature_C(cooled), self._heater.melting_point_C + _OFF_BY_K)
-        fell_K = hot_C - self._smooth_C
-        words = f"{here_C:z.1f} C, {fell_K:z.1f} K down in {lagged_s:z.0f} s, its heater off"
-        if fell_K < _SAME_K:
+        cooled = self._model.propagate(self._model.initial(hot_C), 0.0, since_s)
+        most_K, fell_K = hot_C - max(self._model.temperature_C(cooled), then_C), hot_C - here
+        if most_K < _FALLS_K or fell_K >= _SLOW_SHARE * most_K:
+            del self._begun_s["lagged"]  # and is looked at anew
+            return
+        words = f"{here_C:z.1f} C, {fell_K:z.1f} K down in {since_s:z.0f} s, its heater off"
+        if abs(fell_K) < _SAME_K:
             self._raise("sensor", f"{words}: its sensor shows the same all the time")
-        if fell_K < _SLOW_SHARE * (hot_C - then_C):
-            if self._asked == "rigid":
-                self._raise("cooling", f"{words}: it cools too slowly")
-            self._raise("sensor", f"{words}: its sensor shows too much")
+        if self._asked == "rigid" and fell_K > 0:
+            self._raise("cooling", f"{words}: it cools too slowly")
+        self._raise("sensor", f"{words}: its sensor shows too much")
 
     def _check_belief(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
         """A reading that the heat that was let in contradicts."""
@@ -289,7 +316,10 @@ class SegmentWatch:
             self._raise("sensor", f"{words}: its sensor shows too little")
         words = f"{here_C:z.1f} C after heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
         little = melts and here_C < belief.shows_at_least_C
-        if self._lasts_s("little", little, time_s) >= _CONTRADICTED_S:
+        molten = melts and here_C < self._liquid_above_C
+        molten &= belief.surely_liquid or "molten" in self._begun_s
+        little_s = self._lasts_s("little", little, time_s)
+        if little_s >= _CONTRADICTED_S or self._lasts_s("molten", molten, time_s) >= _OFF_S:
             what = "it shows too little, or firmware regulates (then hold_duty = 1 in the robot file)"
             self._raise("sensor", f"{words}: its sensor lies: {what}")
         much = melts and here_C > max(belief.shows_at_most_C, solid_C)
@@ -391,14 +421,18 @@ def _longest_times_s(
     if not robot.describes_heat:
         return longest, _CAUGHT_UP_S
     model, heater = segment_model(robot, air_C, segment), robot.heater
-    cold, warm = model.initial(air_C), model.initial(heater.soft_setpoint_C)
-    takes: dict[Stiffness, float] = {
-        "soft": model.time_until(cold, heater.melt_current_A, model.liquid_level),
-        "rigid": model.time_until(warm, 0.0, model.solid_level),
-    }
-    for to, took_s in takes.items():
-        if math.isfinite(took_s):
-            longest[to] = patience.late * max(took_s, patience.least_transition_s)
+    cold, solid_C = model.initial(air_C), stiffness_rule(robot, air_C, segment).solid_below_C
+
+    def freezes_s(one: SegmentModel) -> float:
+        hot = one.initial(heater.soft_setpoint_C + _RISEN_K)
+        return one.time_until(hot, 0.0, one.level_at(solid_C - _OFF_BY_K))
+
+    slowest = corners(model, robot.thermal_segment(segment).ranges, freezes_s)[1]
+    melts_s = model.time_until(cold, heater.melt_current_A, model.liquid_level)
+    if math.isfinite(melts_s):
+        longest["soft"] = patience.late * max(melts_s, patience.least_transition_s)
+    if math.isfinite(frozen_s := freezes_s(slowest)):
+        longest["rigid"] = frozen_s + _CAUGHT_UP_S
     warmer = model.level_at(air_C + _RISEN_K)
     warms_s = model.time_until(cold, heater.melt_current_A, warmer)
     return longest, max(_CAUGHT_UP_S, patience.late * warms_s)

@@ -10,7 +10,7 @@ no other for healthy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -126,3 +126,13 @@ def healthy(model: SegmentModel, within: Ranges) -> SegmentModel:
     """Return the model, each parameter that is outside its healthy range moved to its end."""
     given = vars(model)
     return replace(model, **{n: min(max(given[n], low), high) for n, (low, high) in within.items()})
+
+
+def corners(
+    nominal: SegmentModel, ranges: Ranges, of: Callable[[SegmentModel], float]
+) -> tuple[SegmentModel, SegmentModel]:
+    """Corners of the healthy ranges: each parameter at the end where this is least, and largest."""
+    least, most = dict[str, float](), dict[str, float]()
+    for name, ends in healthy_ranges(nominal, ranges).items():
+        least[name], most[name] = sorted(ends, key=lambda v: of(replace(nominal, **{name: v})))  # noqa: B023
+    return replace(nominal, **least), replace(nominal, **most)
