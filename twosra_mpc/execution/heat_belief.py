@@ -36,7 +36,7 @@ _FULL = 0.95  # of the current
 _SETTLED_S = 30.0  # heater off: sensor and metal are together
 _MEAN_S = 12.0  # over which power is averaged
 _QUIET_K = 11.0  # ahead of its sensor is metal that is kept warm, at most
-_CUTS = 4  # after which any metal is liquid: each lets in what warms liquid metal by 10 K
+_SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
 
 
@@ -84,10 +84,11 @@ class HeatBelief:
         cold: State of the cold corner.
         hot: State of the hot corner.
         shown: The slowest healthy sensor on the cold corner [C].
+        shown_C: Last reading.
         least: Least power, told by the steepest rise so far.
         most: Largest power, as it was told before this rise.
-        part: Part of the final slope that the slowest sensor shows at the steepest of this rise.
-        steepest: Power at the steepest of this rise.
+        told: The same by this rise.
+        start_C: Reading at its start; infinite if sensor and metal were not together.
         samples: Of the last `_WINDOW_S`, at full current.
         ramp: The slowest healthy sensor on a ramp of 1 K/s since full current began.
         full_s: For how long full current has flowed.
@@ -95,17 +96,20 @@ class HeatBelief:
         mean: Share of the full current's heat, averaged over `_MEAN_S`.
         slow: Whether the sensor rises less than any healthy one, far from where metal melts.
         cut: Whether the heater must be off, whatever a reading says.
-        cuts: How often it had to, since the sensor last showed that metal is solid, or liquid.
+        enough: Level of the cold corner at which all earlier melts were done.
+        whole: Whether all metal was solid when this melt began.
     """
 
     corners: Corners
     cold: State
     hot: State
     shown: Lag
+    shown_C: float
+    enough: float
     least: float
     most: float
-    part: float = 0.0
-    steepest: float = 0.0
+    told: float = math.inf
+    start_C: float = math.inf
     samples: tuple[_Sample, ...] = ()
     ramp: Lag = (0.0, 0.0)
     full_s: float = 0.0
@@ -113,7 +117,7 @@ class HeatBelief:
     mean: float = 0.0
     slow: bool = False
     cut: bool = False
-    cuts: int = 0
+    whole: bool = True
 
     @property
     def at_least_C(self) -> float:
@@ -142,9 +146,8 @@ class HeatBelief:
 
     @property
     def surely_liquid(self) -> bool:
-        """Whether the cold corner is liquid, or the heater had to go off often enough."""
-        liquid = self.corners.cold.level(self.cold) >= self.corners.cold.liquid_level
-        return liquid or self.cuts >= _CUTS
+        """Whether the cold corner has had the heat with which all earlier melts were done."""
+        return self.corners.cold.level(self.cold) >= self.enough
 
     @property
     def half_molten(self) -> bool:
@@ -157,8 +160,7 @@ class HeatBelief:
     @property
     def power(self) -> tuple[float, float]:
         """Least and largest power of the heater."""
-        told = self.steepest / self.part if self.part >= _PART else math.inf
-        return self.least, max(self.least, min(self.most, told))
+        return self.least, max(self.least, min(self.most, self.told))
 
     def advance(self, current_A: float, passed_s: float) -> HeatBelief:
         """Propagate both corners with a current."""
@@ -178,17 +180,20 @@ class HeatBelief:
             off_s=0.0 if current_A > 0 else self.off_s + passed_s,
             mean=heat + (self.mean - heat) * left,
         )
+        if full and self.full_s == 0.0 and self.off_s >= _SETTLED_S:
+            begun = replace(begun, start_C=self.shown_C)
         if full:
             ramp = follow(self.ramp, LAGS_S, self.full_s, since_s, passed_s)
             return replace(begun, full_s=since_s, ramp=ramp)
         if self.full_s == 0.0:
             return begun
-        told = replace(begun, most=self.power[1], part=0.0, steepest=0.0)
+        told = replace(begun, most=self.power[1], told=math.inf, start_C=math.inf)
         return replace(told, samples=(), ramp=(0.0, 0.0), full_s=0.0, slow=False)
 
     def take(self, shown_C: float) -> HeatBelief:
         """Take in a reading."""
-        return self._rising(shown_C)._together(shown_C)._judged()
+        read = replace(self, shown_C=shown_C)
+        return read._rising(shown_C)._together(shown_C)._judged(shown_C)
 
     def _rising(self, shown_C: float) -> HeatBelief:
         """Tell the power by the slope at full current, and whether it is a healthy sensor's."""
@@ -206,37 +211,45 @@ class HeatBelief:
         time_s, shown = np.array([each[:2] for each in samples]).T
         slope = float(np.polyfit(time_s - time_s[0], shown, 1)[0])
         reached, middle_C = self.corners.cold, float(shown.mean())
-        solid = reached.at_level(self.cold, reached.level_at(middle_C))
-        off, full = (_slope(reached, solid, share * self.corners.full_A) for share in (0.0, 1.0))
+        state = reached.at_level(self.cold, reached.level_at(middle_C))
+        off, full = (_slope(reached, state, share * self.corners.full_A) for share in (0.0, 1.0))
         gap_K = thresholds_C(reached)[0] - shown_C
         expected = off + self.least * (full - off)
         slow = part >= _PART and slope < _SLOWED * part * expected
         slow &= gap_K > _BEHIND_S * expected + SENSOR_OFF_K
         power = (slope - off) / (full - off)
-        if power <= self.steepest or gap_K < 0:
-            return replace(told, slow=slow)
-        least = max(self.least, min(power * (1 - _SLOPE), self.most))
-        return replace(told, slow=slow, steepest=power, part=part, least=least)
+        least = max(self.least, min(power * (1 - _SLOPE), self.most)) if gap_K > 0 else self.least
+        told = replace(told, slow=slow, least=least)
+        if part < _PART:
+            return told
+        reached_C = self.start_C + max(expected, slope / part) * self.full_s
+        solid = reached_C < thresholds_C(self.corners.hot)[0]
+        return replace(told, told=power / part) if solid else told
 
     def _together(self, shown_C: float) -> HeatBelief:
         """Bring metal and reading together where they must be, or where it does no harm."""
-        at = self.corners
-        cold, hot = self.cold, self.hot
-        if self.off_s >= _SETTLED_S and at.cold.level_at(shown_C) < at.cold.solid_level:
+        at, cold, hot = self.corners, self.cold, self.hot
+        liquid, told = shown_C >= at.liquid_C, self
+        if self.off_s >= _SETTLED_S and shown_C + SENSOR_OFF_K < thresholds_C(at.hot)[0]:
             cold = _within(at.cold, cold, (shown_C - SENSOR_OFF_K, shown_C))
-            if shown_C + SENSOR_OFF_K < thresholds_C(at.hot)[0]:
-                hot = _within(at.hot, hot, (shown_C, shown_C + SENSOR_OFF_K))
-        elif shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
-            cold = _within(at.cold, cold, (shown_C, math.inf))
-        evident = shown_C >= at.liquid_C or shown_C < thresholds_C(at.cold)[0] - SENSOR_OFF_K
-        if self.mean * self.least <= at.quiet and (shown_C >= at.liquid_C or self.cut):
+            hot = _within(at.hot, hot, (shown_C, shown_C + SENSOR_OFF_K))
+            told = replace(self, whole=True)
+        elif liquid and self.whole and self.may_be_liquid:
+            spare = _SPARE * (at.cold.liquid_level - at.cold.solid_level)
+            enough = min(self.enough, max(at.cold.level(cold), at.cold.solid_level) + spare)
+            told = replace(self, whole=False, enough=enough)
+        if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
+            cold = _within(at.cold, cold, (at.liquid_C, math.inf))
+        if self.mean * self.least <= at.quiet and (liquid or self.cut):
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
-        return replace(self, cold=cold, hot=hot, cuts=0 if evident else self.cuts)
+        return replace(told, cold=cold, hot=hot)
 
-    def _judged(self) -> HeatBelief:
-        """Switch off where the hot corner would be too hot, and count how often in a melt."""
-        cut = self.at_most_C >= self.corners.cut_C - _COOLED_K * self.cut
-        return replace(self, cut=cut, cuts=self.cuts + (cut and not self.cut))
+    def _judged(self, shown_C: float) -> HeatBelief:
+        """Switch off where metal may be too hot, or must be liquid and is not said to be."""
+        at, cold = self.corners, self.corners.cold
+        cut = self.at_most_C >= at.cut_C - _COOLED_K * self.cut
+        done = self.enough + cold.level_at(at.liquid_C) - cold.liquid_level
+        return replace(self, cut=cut or (shown_C < at.liquid_C and cold.level(self.cold) >= done))
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
@@ -270,7 +283,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         cut_C=heater.temperature_max_C + ABOVE_K,
     )
     states = cold.initial(start_C), hot.initial(start_C)
-    return HeatBelief(at, *states, (start_C, start_C), least=powers[0], most=powers[1])
+    return HeatBelief(at, *states, (start_C, start_C), start_C, cold.liquid_level, least=powers[0], most=powers[1])
 
 
 _HALVINGS = 40
