@@ -89,6 +89,7 @@ class HeatBelief:
         most: Largest power, as it was told before this rise.
         told: The same by this rise.
         start_C: Reading at its start; infinite if sensor and metal were not together.
+        begun: States of the corners then.
         samples: Of the last `_WINDOW_S`, at full current.
         ramp: The slowest healthy sensor on a ramp of 1 K/s since full current began.
         full_s: For how long full current has flowed.
@@ -110,6 +111,7 @@ class HeatBelief:
     most: float
     told: float = math.inf
     start_C: float = math.inf
+    begun: tuple[State, State] = ((), ())
     samples: tuple[_Sample, ...] = ()
     ramp: Lag = (0.0, 0.0)
     full_s: float = 0.0
@@ -180,8 +182,10 @@ class HeatBelief:
             off_s=0.0 if current_A > 0 else self.off_s + passed_s,
             mean=heat + (self.mean - heat) * left,
         )
-        if full and self.full_s == 0.0 and self.off_s >= _SETTLED_S:
-            begun = replace(begun, start_C=self.shown_C)
+        if full and self.full_s == 0.0:
+            together = self.off_s >= _SETTLED_S
+            start_C = self.shown_C if together else math.inf
+            begun = replace(begun, start_C=start_C, begun=(self.cold, self.hot))
         if full:
             ramp = follow(self.ramp, LAGS_S, self.full_s, since_s, passed_s)
             return replace(begun, full_s=since_s, ramp=ramp)
@@ -193,7 +197,18 @@ class HeatBelief:
     def take(self, shown_C: float) -> HeatBelief:
         """Take in a reading."""
         read = replace(self, shown_C=shown_C)
-        return read._rising(shown_C)._together(shown_C)._judged(shown_C)
+        told = read._rising(shown_C)
+        if told.power != self.power:
+            told = told._anew()
+        return told._together(shown_C)._judged(shown_C)
+
+    def _anew(self) -> HeatBelief:
+        """Propagate both corners anew since full current began, with what is now known of it."""
+        at, (least, most) = self.corners, self.power
+        cold_A, hot_A = (at.full_A * math.sqrt(p) for p in (least, most * at.hot_needs))
+        cold = at.cold.propagate(self.begun[0], cold_A, self.full_s)
+        hot = at.hot.propagate(self.begun[1], hot_A, self.full_s)
+        return replace(self, cold=cold, hot=hot)
 
     def _rising(self, shown_C: float) -> HeatBelief:
         """Tell the power by the slope at full current, and whether it is a healthy sensor's."""
@@ -219,12 +234,15 @@ class HeatBelief:
         slow &= gap_K > _BEHIND_S * expected + SENSOR_OFF_K
         power = (slope - off) / (full - off)
         least = max(self.least, min(power * (1 - _SLOPE), self.most)) if gap_K > 0 else self.least
-        told = replace(told, slow=slow, least=least)
+        cold_level = reached.level_at(reached.ambient_C)  # with more power an earlier melt took more
+        enough = cold_level + least / self.least * (self.enough - cold_level)
+        enough = min(enough, reached.liquid_level)
+        told = replace(told, slow=slow, least=least, enough=enough)
         if part < _PART:
             return told
         reached_C = self.start_C + max(expected, slope / part) * self.full_s
         solid = reached_C < thresholds_C(self.corners.hot)[0]
-        return replace(told, told=power / part) if solid else told
+        return replace(told, told=(1 + _SLOPE) * power / part) if solid else told
 
     def _together(self, shown_C: float) -> HeatBelief:
         """Bring metal and reading together where they must be, or where it does no harm."""
@@ -235,7 +253,9 @@ class HeatBelief:
             hot = _within(at.hot, hot, (shown_C, shown_C + SENSOR_OFF_K))
             told = replace(self, whole=True)
         elif liquid and self.whole and self.may_be_liquid:
-            spare = _SPARE * (at.cold.liquid_level - at.cold.solid_level)
+            (least, most), solid = self.power, at.cold.solid_level
+            spare = _SPARE * (at.cold.liquid_level - solid)
+            spare += (1 - least / most) * (solid - at.cold.level_at(at.cold.ambient_C))
             enough = min(self.enough, max(at.cold.level(cold), at.cold.solid_level) + spare)
             told = replace(self, whole=False, enough=enough)
         if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
