@@ -1,25 +1,30 @@
 """What a segment's readings say that cannot be: a dead sensor or heater, a relay that is welded.
 
 Every reading is compared with what the segment was asked to be, with its model's times and with the
-heat that was let in (`HeatAccount`), which also has the last word on the heater and on "soft". All
-that is wrong is a `SegmentError` with the name of its cause.
+heat that was let in (`HeatBelief`), which also has the last word on the heater and on "soft". All
+that is wrong is a `SegmentError` with the name of its cause. No robot within the healthy ranges,
+from which simulated ones are drawn, too, is called wrong.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
-from twosra_mpc.control.stiffness import KnownStiffness
+from twosra_mpc.control.stiffness import KnownStiffness, stiffness_rule
 from twosra_mpc.control.thermistor import NtcDivider
-from twosra_mpc.execution.heat_account import HeatAccount
+from twosra_mpc.execution.heat_belief import HeatBelief, heat_belief
 from twosra_mpc.execution.robot_interface import RobotError
 from twosra_mpc.execution.run import Ending
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.robot.modes import Stiffness
+from twosra_mpc.thermal.model import SegmentModel
+from twosra_mpc.thermal.uncertainty import corners
 
 Cause = Literal["sensor", "fault", "hot", "relay", "cooling", "heater"]
+Asked = Stiffness | Literal["warm"]
 
 ENDINGS: dict[Cause, Ending] = {
     "sensor": Ending.SENSOR_FAILED,
@@ -32,24 +37,22 @@ ENDINGS: dict[Cause, Ending] = {
 
 _COLDEST_C, _HOTTEST_C = NtcDivider().range_C
 _TWICE = 2  # readings: single ones can be far off
-_SAME_K = 0.5  # metal that freezes shows more between its set-point and its melting point
+_SAME_K = 0.3  # a smoothed reading that moves less stands still
 _WARMED_K, _SURELY_SOLID_K = 2.0, 5.0  # as the stiffness controller has it
 _CAUGHT_UP_S = 30.0  # after which the sensor shows what the heater does
 _LAGGED_S = 10.0  # what gets warmer from then on was not as warm before
 _RISEN_K = 10.0  # more than a neighbour's heat; full current takes 10 s for it
 _JUMP_K, _JUMP_K_S, _JUMPED_S = 2.5, 2.5, 2.0  # full current warms by 2 K/s
 _COLD_K = 8.0  # below the air, and what was read first
-_STUCK_K = 0.05  # a reading that moves less in `_CAUGHT_UP_S`, its heater off, is no reading
-_FELL_K = 0.5  # the heater off: it follows the metal
+_SMOOTH_S = 5.0  # over which readings are averaged, off which noise is counted
 _OFF_K = 1.0  # so far above its set-point no switch lets current flow
-_SAME_S = 10.0  # to the last digit
-_FLICKERS = 12  # times up and down: that is noise
-_TIMES_STEADY = 5.0  # as long as ever before: digits may be coarse
-_SLOW_S, _SLOW_SHARE = 50.0, 0.4  # after that it has cooled by so much of what its model says
+_OFF_S = 20.0  # after which no sensor rises any more
+_FALLS_K, _SLOW_SHARE = 1.0, 0.4  # in 30 s; so much of what its model says it cools at least
+_FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
+_MOVES, _TIMES_STEADY = 100, 5.0  # readings that learn how long it stands still; digits may be coarse
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
-_CONTRADICTED_S = 45.0  # called soft, by a sensor that is off by 2 K, of metal that begins to melt
+_CONTRADICTED_S = 5.0  # by the heat, from which on a reading is not believed
 _MORE_K = 3.0  # as much as a sensor may show too much
-_HELD_K = 0.25  # below the set-point a sensor that is off by 2 K does not show metal that melts
 
 
 class SegmentError(RobotError):
@@ -73,11 +76,33 @@ class SegmentError(RobotError):
         return ENDINGS[self.cause]
 
 
+@dataclass
+class _Stretch:
+    """Readings since the set-point was changed, or since the segment last was what it asks for.
+
+    Attributes:
+        since_s: When that was.
+        apart_s: Since when the segment is not what is asked.
+        first_C: First reading.
+        lowest_C: Lowest pair of readings since the sensor can have caught up.
+        coldest_C: Lowest reading.
+        hottest_C: Highest reading.
+    """
+
+    since_s: float = math.nan
+    apart_s: float = math.nan
+    first_C: float = math.nan
+    lowest_C: float = math.inf
+    coldest_C: float = math.inf
+    hottest_C: float = -math.inf
+
+
 class SegmentWatch:
     """Watches one segment from reading to reading.
 
     Attributes:
         doubted: Whether it did not bend although it was called soft: its sensor may show too much.
+        belief: About its heat; None of a robot that does not describe, or not report, it.
     """
 
     def __init__(
@@ -101,23 +126,20 @@ class SegmentWatch:
             start_C: Temperature at which it has rested; default: the air's.
         """
         self._segment, self._patience, self._reports = segment, patience, reports
-        self.doubted = self._molten = False
-        self._heater = robot.heater
+        self._heater, self._air_C, self.doubted = robot.heater, air_C, False
         self._longest_s, self._dead_s = _longest_times_s(robot, air_C, segment, patience)
-        self._unread_s = self._changed_s = self._apart_s = self._fault_s = math.nan
-        self._asked: Stiffness | Literal["warm"] = "rigid"
-        self._hot, self._lowest_C, self._first_C, self._last_C = 0, math.inf, math.nan, math.inf
-        self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
-        self._account: HeatAccount | None = None
+        self.belief: HeatBelief | None = None
         if robot.describes_heat and reports:
             begun_C = air_C if start_C is None else start_C
-            self._account = HeatAccount(robot, air_C, segment, begun_C)
+            self.belief = heat_belief(robot, air_C, segment, begun_C)
             self._model = segment_model(robot, air_C, segment)
-        self._called_s, self._air_C, self._coldest_C = math.nan, air_C, _COLDEST_C
-        self._taken_s = self._jumped_s = self._cut_s = self._doubtful_s = self._cold_s = math.nan
-        self._same_s, self._sound_s = math.nan, math.nan
-        self._steady_s, self._turns, self._rose, self._most_K = 0.0, 0, False, math.inf
-        self._off_s, self._off_C = math.nan, (math.inf, -math.inf)
+            self._liquid_above_C = stiffness_rule(robot, air_C, segment).liquid_above_C
+        self._asked: Asked = "rigid"
+        self._stretch, self._begun_s = _Stretch(), dict[str, tuple[float, float]]()
+        self._hot, self._last_C, self._smooth_C, self._coldest_C = 0, math.inf, math.nan, _COLDEST_C
+        self._taken_s = self._sound_s = math.nan
+        self._molten, self._before_C = False, math.inf
+        self._flicker_K, self._moves, self._steady_s = 0.0, 0, 0.0
 
     @property
     def may_be_soft(self) -> bool:
@@ -125,9 +147,9 @@ class SegmentWatch:
 
         One that was doubted: for sure, or as long as a melt may take at most.
         """
-        if self._account is None:
+        if self.belief is None:
             return True
-        return self._molten if self.doubted else self._account.may_be_liquid
+        return self._molten if self.doubted else self.belief.may_be_liquid
 
     def allowed_C(self, setpoint_C: float) -> float:
         """Set-point that may be sent where this one is asked for.
@@ -135,7 +157,7 @@ class SegmentWatch:
         A sensor that shows too much makes its controller hold metal that is still melting, with
         little current: a segment that was doubted is asked for more until it must be liquid.
         """
-        if self._account is not None and self._account.cut:
+        if self.belief is not None and self.belief.cut:
             return min(setpoint_C, self._heater.rigid_setpoint_C)
         melts = setpoint_C >= self._heater.soft_setpoint_C and self.doubted and not self._molten
         return setpoint_C + _MORE_K * melts
@@ -163,38 +185,42 @@ class SegmentWatch:
             SegmentError: If something is wrong.
         """
         asked = self._asked_by(setpoint_C)
-        if asked != self._asked or math.isnan(self._changed_s):
-            self._asked, self._changed_s, self._apart_s = asked, time_s, time_s
-            self._lowest_C, self._first_C = math.inf, math.nan
-            self._shown_C, self._cold = (math.inf, -math.inf), (math.nan, math.nan)
+        if asked != self._asked or math.isnan(self._stretch.since_s):
+            self._asked, self._stretch = asked, _Stretch(time_s, time_s)
         readable = self._readable(time_s, temperature_C, stiffness)
         sound = readable and not self._jumped(time_s, temperature_C)
         off = self._account_for(time_s, setpoint_C, temperature_C if sound else None, current_A)
         if not sound:
             return
-        since_s = time_s - self._changed_s
-        pair_C, self._last_C = (self._last_C, temperature_C), temperature_C
-        self._check_sameness(time_s, temperature_C, pair_C)
-        if since_s >= _LAGGED_S:
-            self._lowest_C = min(self._lowest_C, max(pair_C))
-        if math.isnan(self._first_C):
-            self._first_C = temperature_C
-        coldest_C, hottest_C = self._shown_C
-        self._shown_C = min(coldest_C, temperature_C), max(hottest_C, temperature_C)
-        self._check_heat(since_s, temperature_C, min(pair_C) - self._lowest_C)
+        self._check_life(time_s, temperature_C, (self._before_C, self._last_C))
+        stretch, pair_C = self._stretch, (self._last_C, temperature_C)
+        self._before_C, self._last_C = pair_C
+        if time_s - stretch.since_s >= _LAGGED_S:
+            stretch.lowest_C = min(stretch.lowest_C, max(pair_C))
+        if math.isnan(stretch.first_C):
+            stretch.first_C = temperature_C
+        stretch.coldest_C = min(stretch.coldest_C, temperature_C)
+        stretch.hottest_C = max(stretch.hottest_C, temperature_C)
+        self._check_heat(time_s - stretch.since_s, temperature_C, min(pair_C) - stretch.lowest_C)
         self._check_fault(time_s, temperature_C, stiffness, faulty)
-        self._check_fall(time_s, temperature_C, off)
-        self._check_account(time_s, temperature_C, stiffness)
-        if self.allowed_C(setpoint_C) >= setpoint_C:
-            self._check_warming(time_s, temperature_C)
-        else:
-            self._cold = (math.nan, math.nan)
-        self._check_progress(time_s, temperature_C, stiffness)
+        if self.belief is not None:
+            self._check_fall(time_s, temperature_C, off)
+            self._check_belief(time_s, temperature_C, self.belief)
+        heats = self.allowed_C(setpoint_C) >= setpoint_C
+        self._check_warming(time_s, temperature_C, heats)
+        self._check_progress(time_s, temperature_C, stiffness, heats)
 
-    def _asked_by(self, setpoint_C: float) -> Stiffness | Literal["warm"]:
+    def _asked_by(self, setpoint_C: float) -> Asked:
         if setpoint_C >= self._heater.soft_setpoint_C:
             return "soft"
         return "rigid" if setpoint_C <= self._heater.rigid_setpoint_C else "warm"
+
+    def _lasts_s(self, name: str, holds: bool, time_s: float, here_C: float = math.nan) -> float:
+        """Time for which something has held; NaN if it does not. It begins with a reading."""
+        if not holds:
+            self._begun_s.pop(name, None)
+            return math.nan
+        return time_s - self._begun_s.setdefault(name, (time_s, here_C))[0]
 
     def _account_for(
         self, time_s: float, setpoint_C: float, shown_C: float | None, current_A: float | None
@@ -202,118 +228,102 @@ class SegmentWatch:
         """Account for the heat of the time that has passed; whether the heater was off for sure."""
         passed_s = 0.0 if math.isnan(self._taken_s) else time_s - self._taken_s
         self._taken_s = time_s
-        in_force_C, last_C = self.allowed_C(setpoint_C), self._last_C
-        if self._account is not None:
-            known_C = last_C if shown_C is None else shown_C
-            if math.isinf(last_C):
-                last_C = known_C
-            if math.isfinite(known_C):
-                self._account.take(passed_s, in_force_C, current_A, min(known_C, last_C))
-            if self._asked != "soft" or not self._account.may_be_liquid:
-                self._called_s = time_s
-            self._molten = time_s - self._called_s >= self._longest_s["soft"] or (
-                time_s > self._called_s and (self._molten or self._account.surely_liquid)
-            )
-        if current_A is not None or in_force_C <= self._heater.rigid_setpoint_C:
+        heater, in_force_C = self._heater, self.allowed_C(setpoint_C)
+        known_C = self._last_C if math.isfinite(self._last_C) else shown_C
+        if shown_C is not None:
+            new, kept = math.isnan(self._smooth_C), math.exp(-passed_s / _SMOOTH_S)
+            self._smooth_C = shown_C if new else shown_C + (self._smooth_C - shown_C) * kept
+        if self.belief is not None and known_C is not None:
+            here_C = known_C if setpoint_C >= heater.soft_setpoint_C else self.belief.at_least_C
+            heats = in_force_C > heater.rigid_setpoint_C and here_C < in_force_C
+            flowed_A = heater.melt_current_A * heats if current_A is None else current_A
+            belief = self.belief.advance(flowed_A, passed_s)
+            self.belief = belief if shown_C is None else belief.take(shown_C)
+            called = self._asked == "soft" and self.belief.may_be_liquid
+            called_s = self._lasts_s("called", called, time_s)
+            sure = self._molten or self.belief.surely_liquid
+            self._molten = called and (called_s >= self._longest_s["soft"] or sure)
+        if current_A is not None or in_force_C <= heater.rigid_setpoint_C:
             return not current_A
-        return last_C >= in_force_C + _OFF_K
+        return self._last_C >= in_force_C + _OFF_K
 
     def _jumped(self, time_s: float, here_C: float) -> bool:
         """Whether metal cannot have warmed or cooled so fast; not for long."""
         if math.isinf(self._last_C):
             self._sound_s = time_s
             return False
-        if math.isnan(self._jumped_s):
-            self._most_K = _JUMP_K + _JUMP_K_S * (time_s - self._sound_s)
-        if abs(here_C - self._last_C) <= self._most_K:
-            self._sound_s, self._jumped_s = time_s, math.nan
-            return False
-        if math.isnan(self._jumped_s):
-            self._jumped_s = time_s
-        elif time_s - self._jumped_s >= _JUMPED_S:
+        most_K = _JUMP_K + _JUMP_K_S * min(time_s - self._sound_s, _JUMPED_S)
+        jumped = abs(here_C - self._last_C) > most_K
+        if not jumped:
+            self._sound_s = time_s
+        if self._lasts_s("jumped", jumped, time_s) >= _JUMPED_S:
             jump = f"from {self._last_C:z.1f} to {here_C:z.1f} C"
             self._raise("sensor", f"its sensor jumped {jump}, faster than metal warms or cools")
-        return True
+        return jumped
 
-    def _check_sameness(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
-        """A sensor that has flickered all the time, and shows the same to the last digit."""
-        since_s = 0.0 if math.isnan(self._same_s) else time_s - self._same_s
-        if pair_C[0] != here_C:
-            rises = here_C > pair_C[0]
-            alone = self._asked != "warm" and here_C < self._heater.melting_point_C + _OFF_BY_K / 2
-            self._turns += alone and rises != self._rose  # it is not regulated there
-            self._rose = rises
-            self._same_s, self._steady_s = time_s, max(self._steady_s, since_s)
-        elif self._stuck(time_s) and since_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
-            words = f"{here_C:z.2f} C for {since_s:z.0f} s"
+    def _check_life(self, time_s: float, here_C: float, pair_C: tuple[float, float]) -> None:
+        """A sensor that flickers far more than any, or not at all after it always has."""
+        if math.isfinite(pair_C[0]):
+            bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
+            self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
+        if self._flicker_K > _FLICKER_K:
+            self._raise("sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next")
+        same_s = self._lasts_s("same", here_C == pair_C[1], time_s)
+        if math.isnan(same_s):
+            self._moves += math.isfinite(pair_C[1])
+        elif self._moves < _MOVES:
+            self._steady_s = max(self._steady_s, same_s)
+        elif same_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
+            words = f"{here_C:z.2f} C for {same_s:z.0f} s"
             self._raise("sensor", f"{words}: its sensor shows the same all the time")
-
-    def _stuck(self, time_s: float) -> bool:
-        """Whether a sensor that has flickered before shows the same to the last digit."""
-        return self._turns >= _FLICKERS and time_s - self._same_s >= _SAME_S
 
     def _check_fall(self, time_s: float, here_C: float, off: bool) -> None:
-        """A reading of liquid metal that does not fall although its heater is off."""
-        if not off or self._account is None or here_C < self._account.liquid_above_C:
-            self._off_s, self._off_C = math.nan, (math.inf, -math.inf)
+        """A reading of warm metal that does not fall although its heater is off."""
+        here, heater, then_C = self._smooth_C, self._heater, -math.inf
+        if here >= self._liquid_above_C:
+            then_C = heater.melting_point_C + _OFF_BY_K
+        freezes = heater.melting_point_C - _SURELY_SOLID_K < here < self._liquid_above_C
+        off_s = self._lasts_s("off", off and not freezes, time_s)
+        since_s = self._lasts_s("lagged", off_s >= _OFF_S, time_s, here)
+        if not since_s >= _CAUGHT_UP_S:
             return
-        if math.isnan(self._off_s):
-            self._off_s = time_s
-        self._off_C = min(here_C, self._off_C[0]), max(here_C, self._off_C[1])
-        since_s, fell_K = time_s - self._off_s, self._off_C[1] - here_C
-        same = self._off_C[1] - self._off_C[0] < _STUCK_K or self._stuck(time_s)
-        if since_s >= _CAUGHT_UP_S and same:
-            words = f"{here_C:z.1f} C for {since_s:z.0f} s, its heater off"
+        hot_C = self._begun_s["lagged"][1]
+        cooled = self._model.propagate(self._model.initial(hot_C), 0.0, since_s)
+        most_K, fell_K = hot_C - max(self._model.temperature_C(cooled), then_C), hot_C - here
+        if most_K < _FALLS_K or fell_K >= _SLOW_SHARE * most_K:
+            del self._begun_s["lagged"]  # and is looked at anew
+            return
+        words = f"{here_C:z.1f} C, {fell_K:z.1f} K down in {since_s:z.0f} s, its heater off"
+        if abs(fell_K) < _SAME_K:
             self._raise("sensor", f"{words}: its sensor shows the same all the time")
-        if since_s >= _SLOW_S:
-            hot = self._model.initial(self._off_C[1])
-            then_C = self._model.temperature_C(
-                self._model.propagate(hot, 0.0, since_s - _CAUGHT_UP_S / 2)
-            )
-            then_C = max(then_C, self._heater.melting_point_C + _OFF_BY_K)
-            if 0 <= fell_K < _SLOW_SHARE * (self._off_C[1] - then_C):
-                words = f"{fell_K:z.1f} K down in {since_s:z.0f} s, its heater off"
-                if self._asked == "rigid":
-                    self._raise("cooling", f"{words}: it cools too slowly")
-                self._raise("sensor", f"{here_C:z.1f} C, {words}: its sensor shows too much")
+        if self._asked == "rigid" and fell_K > 0:
+            self._raise("cooling", f"{words}: it cools too slowly")
+        self._raise("sensor", f"{words}: its sensor shows too much")
 
-    def _check_account(
-        self, time_s: float, here_C: float, stiffness: KnownStiffness | None
-    ) -> None:
+    def _check_belief(self, time_s: float, here_C: float, belief: HeatBelief) -> None:
         """A reading that the heat that was let in contradicts."""
-        account, solid_C = self._account, self._heater.melting_point_C - _SURELY_SOLID_K
-        if account is None:
-            return
-        if here_C >= solid_C or self._shown_C[1] < solid_C or not account.half_molten:
-            self._cold_s = math.nan
-        elif math.isnan(self._cold_s):
-            self._cold_s = time_s
-        elif time_s - self._cold_s >= _LAGGED_S:
-            self._raise(
-                "sensor", f"{here_C:z.1f} C, too early for metal: its sensor shows too little"
-            )
-        if self._asked != "soft":
-            self._cut_s = self._doubtful_s = math.nan
-            return
-        limit_C = account.liquid_above_C
-        if (not account.cut and not account.must_be_liquid) or here_C >= limit_C:
-            self._cut_s = math.nan
-        elif math.isnan(self._cut_s) and account.cut:
-            self._cut_s = time_s
-        elif time_s - self._cut_s >= _CAUGHT_UP_S and here_C >= solid_C:
-            words = f"{here_C:z.1f} C after heat for {account.at_least_C:z.0f} C"
-            if self._stuck(time_s):
-                self._raise("sensor", f"{words}: its sensor shows the same all the time")
-            what = "a dead heater, a sensor that lies, or firmware that regulates"
-            self._raise("heater", f"{words}: {what} (then hold_duty = 1 in the robot file)")
-        held = here_C >= self._heater.soft_setpoint_C - _HELD_K
-        melts = account.may_be_liquid if held else account.begins_to_melt
-        if stiffness != "soft" or melts:
-            self._doubtful_s = math.nan
-        elif math.isnan(self._doubtful_s):
-            self._doubtful_s = time_s
-        elif time_s - self._doubtful_s >= _CONTRADICTED_S:
-            words = f"{here_C:z.1f} C after heat for {account.at_most_C:z.0f} C"
+        solid_C, stretch = self._heater.melting_point_C - _SURELY_SOLID_K, self._stretch
+        early = here_C < solid_C <= stretch.hottest_C and belief.half_molten
+        if self._lasts_s("early", early, time_s) >= _LAGGED_S:
+            words = f"{here_C:z.1f} C, too early for metal"
+            self._raise("sensor", f"{words}: its sensor shows too little")
+        melts = self._asked == "soft"
+        if self._lasts_s("slow", melts and belief.slow, time_s) >= _CONTRADICTED_S:
+            if here_C < stretch.coldest_C + _WARMED_K:
+                words = f"heating does not warm it, {here_C:z.1f} C"
+                self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
+            words = f"{here_C:z.1f} C, rising less than any metal at full current"
+            self._raise("sensor", f"{words}: its sensor shows too little")
+        words = f"{here_C:z.1f} C after heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
+        little = melts and here_C < belief.shows_at_least_C
+        molten = melts and here_C < self._liquid_above_C
+        molten &= belief.surely_liquid or "molten" in self._begun_s
+        little_s = self._lasts_s("little", little, time_s)
+        if little_s >= _CONTRADICTED_S or self._lasts_s("molten", molten, time_s) >= _OFF_S:
+            what = "it shows too little, or firmware regulates (then hold_duty = 1 in the robot file)"
+            self._raise("sensor", f"{words}: its sensor lies: {what}")
+        much = melts and here_C > max(belief.shows_at_most_C, solid_C)
+        if self._lasts_s("much", much, time_s) >= _CONTRADICTED_S:
             self._raise("sensor", f"{words}: its sensor shows too much")
 
     def _readable(
@@ -322,16 +332,15 @@ class SegmentWatch:
         """Whether there is a temperature that a thermistor can show; not for long without."""
         coldest, hottest = self._coldest_C, _HOTTEST_C
         if coldest <= temperature_C <= hottest and stiffness is not None:
-            self._unread_s = math.nan
+            self._begun_s.pop("unread", None)
             if math.isinf(self._last_C):
                 self._coldest_C = max(coldest, min(self._air_C, temperature_C) - _COLD_K)
             return True
         if not self._reports and stiffness is None and math.isnan(temperature_C):
             return False
-        if math.isnan(self._unread_s):
-            self._unread_s = time_s
-        if time_s - self._unread_s >= self._patience.silent_s:
-            since = f"for {time_s - self._unread_s:z.0f} s"
+        unread_s = self._lasts_s("unread", True, time_s)
+        if unread_s >= self._patience.silent_s:
+            since = f"for {unread_s:z.0f} s"
             if coldest <= temperature_C <= hottest:
                 known = f"its sensor reads {temperature_C:zg} C, but its stiffness is None {since}"
                 self._raise("sensor", f"{known}: report it as 'soft', 'rigid' or 'changing'")
@@ -345,7 +354,7 @@ class SegmentWatch:
     def _check_heat(self, since_s: float, here_C: float, risen_K: float) -> None:
         """Too hot, or warmed by a heater that is told to be off."""
         limit_C, asked_C = self._heater.temperature_max_C, self._heater.soft_setpoint_C
-        if self._asked == "soft" and here_C >= self._first_C + _RISEN_K / 2:
+        if self._asked == "soft" and here_C >= self._stretch.first_C + _RISEN_K / 2:
             limit_C = (asked_C + limit_C) / 2  # it warms on, and the sensor lags
         hot = here_C >= limit_C
         self._hot = self._hot + 1 if hot else 0
@@ -366,42 +375,37 @@ class SegmentWatch:
     ) -> None:
         """A fault that does not pass with the heater off, while nobody knows what it is."""
         latched = faulty and self._asked == "rigid" and stiffness not in ("rigid", "soft")
-        if not latched:
-            self._fault_s = math.nan
-        elif math.isnan(self._fault_s):
-            self._fault_s = time_s
-        elif time_s - self._fault_s >= self._patience.silent_s:
+        if self._lasts_s("fault", latched, time_s) >= self._patience.silent_s:
             words = "its controller keeps reporting a fault with its heater off"
             self._raise("fault", f"{words}, at {here_C:z.1f} C: heater or sensor?")
 
-    def _check_warming(self, time_s: float, here_C: float) -> None:
+    def _check_warming(self, time_s: float, here_C: float, heats: bool) -> None:
         """Heating that does not warm."""
-        if self._asked != "soft" or here_C >= self._heater.melting_point_C - _SURELY_SOLID_K:
-            self._cold = (math.nan, math.nan)
-            return
-        since_s, cold_C = self._cold
-        if math.isnan(since_s) or here_C >= cold_C + _WARMED_K:
-            self._cold = (time_s, here_C)
-        elif time_s - since_s > self._dead_s:
-            words = f"heating does not warm it, {here_C:z.1f} C after {time_s - since_s:z.0f} s"
+        solid = here_C < self._heater.melting_point_C - _SURELY_SOLID_K
+        _, cold_C = self._begun_s.get("cold", (math.nan, here_C))
+        cold = heats and self._asked == "soft" and solid and here_C < cold_C + _WARMED_K
+        since_s = self._lasts_s("cold", cold, time_s, here_C)
+        if since_s > self._dead_s:
+            words = f"heating does not warm it, {here_C:z.1f} C after {since_s:z.0f} s"
             self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
 
     def _check_progress(
-        self, time_s: float, here_C: float, stiffness: KnownStiffness | None
+        self, time_s: float, here_C: float, stiffness: KnownStiffness | None, heats: bool
     ) -> None:
         """Changes that take longer than the model's times allow, once begun."""
-        if self._asked == "warm" or stiffness == self._asked:
-            self._apart_s = time_s
+        stretch = self._stretch
+        if self._asked == "warm" or stiffness == self._asked or (self._asked == "soft" and not heats):
+            stretch.apart_s = time_s
             return
-        since_s, risen_K = time_s - self._apart_s, here_C - self._first_C
+        since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C
         if since_s <= self._longest_s[self._asked]:
             return
         known = f"{stiffness} at {here_C:z.1f} C, not {self._asked} after {since_s:z.0f} s"
         if self._asked == "soft":
             self._raise("heater", f"{known}: the heater is too weak")
-        if self._shown_C[1] - self._shown_C[0] < _SAME_K:
+        if stretch.hottest_C - stretch.coldest_C < _SAME_K:
             self._raise("sensor", f"{known}: its sensor shows the same all the time")
-        if here_C >= self._lowest_C + _WARMED_K or risen_K >= 0:
+        if here_C >= stretch.lowest_C + _WARMED_K or risen_K >= 0:
             self._raise("relay", f"{known}, and not cooling: the heater does not go off")
         self._raise("cooling", f"{known}, {-risen_K:z.1f} K down: it cools too slowly")
 
@@ -417,14 +421,18 @@ def _longest_times_s(
     if not robot.describes_heat:
         return longest, _CAUGHT_UP_S
     model, heater = segment_model(robot, air_C, segment), robot.heater
-    cold, warm = model.initial(air_C), model.initial(heater.soft_setpoint_C)
-    takes: dict[Stiffness, float] = {
-        "soft": model.time_until(cold, heater.melt_current_A, model.liquid_level),
-        "rigid": model.time_until(warm, 0.0, model.solid_level),
-    }
-    for to, took_s in takes.items():
-        if math.isfinite(took_s):
-            longest[to] = patience.late * max(took_s, patience.least_transition_s)
+    cold, solid_C = model.initial(air_C), stiffness_rule(robot, air_C, segment).solid_below_C
+
+    def freezes_s(one: SegmentModel) -> float:
+        hot = one.initial(heater.soft_setpoint_C + _RISEN_K)
+        return one.time_until(hot, 0.0, one.level_at(solid_C - _OFF_BY_K))
+
+    slowest = corners(model, robot.thermal_segment(segment).ranges, freezes_s)[1]
+    melts_s = model.time_until(cold, heater.melt_current_A, model.liquid_level)
+    if math.isfinite(melts_s):
+        longest["soft"] = patience.late * max(melts_s, patience.least_transition_s)
+    if math.isfinite(frozen_s := freezes_s(slowest)):
+        longest["rigid"] = frozen_s + _CAUGHT_UP_S
     warmer = model.level_at(air_C + _RISEN_K)
     warms_s = model.time_until(cold, heater.melt_current_A, warmer)
     return longest, max(_CAUGHT_UP_S, patience.late * warms_s)

@@ -4,12 +4,13 @@ Parameters are drawn independently, each from a two-piece normal distribution ab
 value with the 5 % and 95 % values that the robot file gives. A window at quantile p starts when a
 share 1 - p of the draws has begun to change and ends when a share p has changed completely; it is
 expressed relative to the nominal model's times, for a melt from ambient and for a freeze from the
-set-point.
+set-point. Simulated robots are drawn likewise, within `healthy_ranges`; whoever watches a robot takes
+no other for healthy.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from twosra_mpc.thermal.model import SegmentModel, reference_times
 _DRAWS = 1000
 _SEED = 0
 _NORMAL_95 = 1.6449  # 95 % value of the standard normal distribution
+FARTHEST = 1.0  # times as far from nominal as the 5 % and 95 % values is no healthy parameter
 
 Ranges = Mapping[str, tuple[float, float]]
 
@@ -108,3 +110,29 @@ def drawn(nominal: SegmentModel, ranges: Ranges, rng: np.random.Generator) -> Se
             value = middle + z * (high - middle if z > 0 else middle - low)
             changed[name] = max(value, 0.1 * middle)
     return replace(nominal, **changed)
+
+
+def healthy_ranges(nominal: SegmentModel, ranges: Ranges) -> dict[str, tuple[float, float]]:
+    """Least and largest value of each of the model's parameters in a robot that nothing ails."""
+    return {
+        name: (middle + FARTHEST * (low - middle), middle + FARTHEST * (high - middle))
+        for name, (low, high) in ranges.items()
+        for middle in (getattr(nominal, name, None),)
+        if middle is not None
+    }
+
+
+def healthy(model: SegmentModel, within: Ranges) -> SegmentModel:
+    """Return the model, each parameter that is outside its healthy range moved to its end."""
+    given = vars(model)
+    return replace(model, **{n: min(max(given[n], low), high) for n, (low, high) in within.items()})
+
+
+def corners(
+    nominal: SegmentModel, ranges: Ranges, of: Callable[[SegmentModel], float]
+) -> tuple[SegmentModel, SegmentModel]:
+    """Corners of the healthy ranges: each parameter at the end where this is least, and largest."""
+    least, most = dict[str, float](), dict[str, float]()
+    for name, ends in healthy_ranges(nominal, ranges).items():
+        least[name], most[name] = sorted(ends, key=lambda v: of(replace(nominal, **{name: v})))  # noqa: B023
+    return replace(nominal, **least), replace(nominal, **most)

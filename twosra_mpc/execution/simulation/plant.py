@@ -31,7 +31,7 @@ from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.thermal.uncertainty import Ranges, drawn
+from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
 
 if TYPE_CHECKING:  # loaded where there are objects
     from twosra_mpc.execution.simulation.object_plant import ObjectPlant
@@ -336,7 +336,7 @@ def true_model(
         for name, (low, high) in ranges.items()
         if name in parameters
     }
-    return drawn(nominal, spread, rng)
+    return healthy(drawn(nominal, spread, rng), healthy_ranges(nominal, spread))
 
 
 def true_sensor(
