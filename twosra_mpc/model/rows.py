@@ -58,9 +58,7 @@ class _Ready:
         self._writes = [np.empty((count, size)) for size in _sizes(function)]
         self._mapped = InPlace(function.map(count), self._reads, self._writes)
 
-    def evaluate(
-        self, reads: Sequence[Array | NDArray[np.int64]], writes: Sequence[Array]
-    ) -> None:
+    def evaluate(self, reads: Sequence[Array | NDArray[np.int64]], writes: Sequence[Array]) -> None:
         """Read these arrays, and write those."""
         for own, given in zip(self._reads, reads, strict=True):
             own[:] = given
