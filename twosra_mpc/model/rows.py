@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +17,20 @@ _BLOCK = 256  # rows at once: a function for so many rows weighs as much as thei
 def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
     """Values of a function of dense vectors: an array (m, k) for each argument and each result."""
     count = len(rows[0])
-    values, block = [np.empty((count, size)) for size in _sizes(function)], min(count, _BLOCK)
+    if not count:
+        return [np.empty((0, function.numel_out(i))) for i in range(function.n_out())]
+    block = min(count, _BLOCK)
+    idle = _idle(function, block)
+    ready = idle.pop() if idle else _Ready(function, block)
+    values = [np.empty((count, each.shape[1])) for each in ready.writes]
     for first in range(0, count, _BLOCK):
         at = slice(min(first, count - block), min(first, count - block) + block)  # ends with rows
-        idle = _idle(function, block)
-        ready = idle.pop() if idle else _Ready(function, block)
-        ready.evaluate([each[at] for each in rows], [each[at] for each in values])
-        idle.append(ready)
+        for own, given in zip(ready.reads, rows, strict=True):
+            own[:] = given[at]
+        ready.evaluate()
+        for asked, own in zip(values, ready.writes, strict=True):
+            asked[at] = own
+    idle.append(ready)
     return values
 
 
@@ -54,27 +59,14 @@ class _Ready:
     """A function at so many rows, with arrays of its own that it reads from and writes to."""
 
     def __init__(self, function: ca.Function, count: int) -> None:
-        self._reads = [np.empty((count, function.numel_in(i))) for i in range(function.n_in())]
-        self._writes = [np.empty((count, size)) for size in _sizes(function)]
-        self._mapped = InPlace(function.map(count), self._reads, self._writes)
-
-    def evaluate(self, reads: Sequence[Array | NDArray[np.int64]], writes: Sequence[Array]) -> None:
-        """Read these arrays, and write those."""
-        for own, given in zip(self._reads, reads, strict=True):
-            own[:] = given
-        self._mapped.evaluate()
-        for asked, own in zip(writes, self._writes, strict=True):
-            asked[:] = own
+        self.reads = [np.empty((count, function.numel_in(i))) for i in range(function.n_in())]
+        self.writes = [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
+        self._mapped = InPlace(function.map(count), self.reads, self.writes)
+        self.evaluate = self._mapped.evaluate
 
 
 @per_function(32)
 def _idle(function: ca.Function, count: int) -> list[_Ready]:
-    """Those that nobody evaluates now: in another thread somebody may."""
+    """Those of ``count`` rows that nobody evaluates now: in another thread somebody may."""
     del function, count
     return []
-
-
-@per_function()
-def _sizes(function: ca.Function) -> tuple[int, ...]:
-    """Number of values of each result."""
-    return tuple(function.numel_out(i) for i in range(function.n_out()))
