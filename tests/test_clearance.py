@@ -112,8 +112,7 @@ def sequence_of(robot: str) -> ModeSequence:
     return ((0, 0, 0), (1, 0, 1), (1, 1, 1)) if robot == "3sra" else ((1, 0), (0, 0), (1, 1))
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "robot"), list(enumerate(ROBOTS)))
 def test_least_clearance_is_that_of_dense_sampling(robot: str, seed: int) -> None:
     trajectory = among(moved(robot, seed, sequence_of(robot)), *scattered(seed))
     found = closest_approach(trajectory)

@@ -179,8 +179,9 @@ def test_nothing_is_called_impossible_that_some_sequence_bends(timing: str, heat
     """Every set of modes, with starts that are soft already and goals that stay soft."""
     possible = impossible = 0
     sets = [modes for count in range(1, 5) for modes in itertools.combinations(MODES, count)]
-    for modes, last, goal in itertools.product(sets, MODES, [(6.0, 6.0), (6.0, -3.0)]):
-        for temperatures in ((25.0, 25.0), (64.0, 25.0)):
+    goals, warm = [(6.0, 6.0), (6.0, -3.0)], [(25.0, 25.0), (64.0, 25.0)]
+    for modes, (k, last), goal in itertools.product(sets, enumerate(MODES), goals):
+        for temperatures in warm[(k + heaters) % 2 :][:1]:  # the other with the other heaters
             start = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
             case = Problem(
                 robot=ROBOT,
@@ -197,7 +198,7 @@ def test_nothing_is_called_impossible_that_some_sequence_bends(timing: str, heat
                 assert found or reason is not None, (modes, last, goal)
             impossible += reason is not None
             possible += reason is None
-    assert min(possible, impossible) > 40
+    assert min(possible, impossible) > 20
 
 
 def bending_sequences(case: Problem) -> list[ModeSequence]:

@@ -388,8 +388,7 @@ def test_an_interrupt_returns_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -
 # --- bounds of leaves, before the search cuts them at the incumbent ------------------------------
 
 
-@pytest.mark.parametrize("walls", ["post", "wall", "task"])
-@pytest.mark.parametrize("far_m", [0.45, 2.0, 3.5])
+@pytest.mark.parametrize(("walls", "far_m"), [("wall", 0.45), ("post", 2.0), ("task", 3.5)])
 def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None:
     """Also beyond the box at which slices end where there is no workspace."""
     goal = {"x_m": far_m, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [20.0, 0.0]}

@@ -271,8 +271,14 @@ def test_the_gap_is_that_between_cost_and_bound(planned: Planned) -> None:
     assert replace(made, lower_bound=201.0).gap == 0.0
 
 
-@pytest.mark.parametrize("weights", [{}, {"transition_s": 5.0}, {"energy_s_per_J": 0.1}])
-@pytest.mark.parametrize("name", ["paper-2", "shape-change", "three-shapes"])
+@pytest.mark.parametrize(
+    ("name", "weights"),
+    [
+        *[("paper-2", weights) for weights in ({}, {"transition_s": 5.0}, {"energy_s_per_J": 0.1})],
+        ("shape-change", {"energy_s_per_J": 0.1}),
+        ("three-shapes", {"transition_s": 5.0}),
+    ],
+)
 def test_what_the_search_proved_and_what_is_slow_on_purpose_are_two_numbers(
     name: str, weights: dict[str, float], tmp_path: Path
 ) -> None:

@@ -331,13 +331,17 @@ def test_resting_needs_no_mode() -> None:
     assert (result.status, result.duration_s, result.gap) == (Status.OPTIMAL, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("timing", ["nominal", "constant", "paper"])
 @pytest.mark.parametrize(
-    ("temperatures", "last"),
-    [((25.0, 25.0), SOFT_1), ((60.0, 60.0), RIGID), ((64.0, 30.0), SOFT_1), ((70.0, 64.0), RIGID)],
+    ("temperatures", "last", "timing"),
+    [
+        ((25.0, 25.0), SOFT_1, "nominal"),
+        ((60.0, 60.0), RIGID, "constant"),
+        ((64.0, 30.0), SOFT_1, "paper"),
+        ((70.0, 64.0), RIGID, "nominal"),
+    ],
 )
 def test_no_plan_costs_less_than_its_bound_with_weights_and_warm_starts(
-    timing: str, temperatures: tuple[float, float], last: tuple[int, int]
+    temperatures: tuple[float, float], last: tuple[int, int], timing: str
 ) -> None:
     base = random_problem(90)
     start = Start(**{**base.start.model_dump(), "temperature_C": temperatures})

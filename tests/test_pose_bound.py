@@ -186,12 +186,11 @@ def test_no_random_plan_costs_less_than_its_bound(robot: Robot) -> None:
         coefficients, constant = cost_coefficients(network, problem.cost_weights)
         cost = float(coefficients @ times) + constant
         assert proved(problem, sequence) <= cost + 1e-9, seed
-        for share in (1.0, 5.0, 0.1):  # boxes that hold the end of the motion somewhere
-            box = share * np.array([2e-3, 2e-3, 0.02, 1.0, 1.0])
-            off = np.random.default_rng(seed).uniform(-1, 1, 5) * box
-            boxed = problem_between(robot, start, motion.end + off, modes, box)
-            if (np.abs(boxed.goal.configuration[3:]) > robot.limits.curvature_per_m).any():
-                continue
+        share = (1.0, 5.0, 0.1)[seed % 3]  # of a box that holds the end of the motion somewhere
+        box = share * np.array([2e-3, 2e-3, 0.02, 1.0, 1.0])
+        off = np.random.default_rng(seed).uniform(-1, 1, 5) * box
+        boxed = problem_between(robot, start, motion.end + off, modes, box)
+        if not (np.abs(boxed.goal.configuration[3:]) > robot.limits.curvature_per_m).any():
             assert proved(boxed, sequence) <= cost + 1e-9, (seed, share)
         free = FREE[seed % len(FREE)]
         assert proved(with_free(problem, free), sequence) <= cost + 1e-9, (seed, free)
@@ -231,7 +230,9 @@ def test_small_boxes_are_bounded_about_as_well_as_points(robot: Robot) -> None:
         if np.isfinite(exact) and exact > 0.1:
             assert boxed >= 0.98 * exact - 1e-2, (seed, exact, boxed)
             judged += 1
-    assert judged >= 2
+        if judged == 2:
+            return
+    pytest.fail("too few motions of these robots to judge by")
 
 
 def test_units_that_move_against_each_other_are_not_faster_than_the_bound() -> None:

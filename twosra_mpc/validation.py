@@ -115,7 +115,15 @@ class Value(BaseModel):
 
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
-        return type(self)(**{**dict(self), **changes})
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self)(**{**fields, **changes})
+
+    def __copy__(self) -> Self:
+        """Copy the fields, and nothing that was worked out of them: ``model_copy`` changes some."""
+        copied = super().__copy__()
+        for derived in copied.__dict__.keys() - type(self).model_fields.keys():
+            del copied.__dict__[derived]
+        return copied
 
     @classmethod
     def parse(cls, document: dict[str, Any], source: str) -> Self:

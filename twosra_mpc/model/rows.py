@@ -17,13 +17,20 @@ _BLOCK = 256  # rows at once: a function for so many rows weighs as much as thei
 def by_rows(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Array]:
     """Values of a function of dense vectors: an array (m, k) for each argument and each result."""
     count = len(rows[0])
-    values = [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
-    given, block = [np.ascontiguousarray(each, dtype=float) for each in rows], min(count, _BLOCK)
+    if not count:
+        return [np.empty((0, function.numel_out(i))) for i in range(function.n_out())]
+    block = min(count, _BLOCK)
+    idle = _idle(function, block)
+    ready = idle.pop() if idle else _Ready(function, block)
+    values = [np.empty((count, each.shape[1])) for each in ready.writes]
     for first in range(0, count, _BLOCK):
         at = slice(min(first, count - block), min(first, count - block) + block)  # ends with rows
-        reads, writes = [each[at] for each in given], [each[at] for each in values]
-        in_block = InPlace(_mapped(function, block), reads, writes)  # must outlive its call
-        in_block.evaluate()
+        for own, given in zip(ready.reads, rows, strict=True):
+            own[:] = given[at]
+        ready.evaluate()
+        for asked, own in zip(values, ready.writes, strict=True):
+            asked[at] = own
+    idle.append(ready)
     return values
 
 
@@ -48,6 +55,18 @@ def in_mode(function: ca.Function, mode: Mode) -> ca.Function:
     return ca.Function(function.name(), given, told)
 
 
+class _Ready:
+    """A function at so many rows, with arrays of its own that it reads from and writes to."""
+
+    def __init__(self, function: ca.Function, count: int) -> None:
+        self.reads = [np.empty((count, function.numel_in(i))) for i in range(function.n_in())]
+        self.writes = [np.empty((count, function.numel_out(i))) for i in range(function.n_out())]
+        self._mapped = InPlace(function.map(count), self.reads, self.writes)
+        self.evaluate = self._mapped.evaluate
+
+
 @per_function(32)
-def _mapped(function: ca.Function, count: int) -> ca.Function:
-    return function.map(count)
+def _idle(function: ca.Function, count: int) -> list[_Ready]:
+    """Those of ``count`` rows that nobody evaluates now: in another thread somebody may."""
+    del function, count
+    return []

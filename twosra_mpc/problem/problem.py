@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -343,7 +344,7 @@ class Problem(Value):
         solid, liquid = zip(*self.segment_thresholds_C, strict=True)
         return min(solid), max(liquid)
 
-    @property
+    @cached_property
     def segment_thresholds_C(self) -> tuple[tuple[float, float], ...]:
         """Temperatures up to which each segment is solid, and from which on it is liquid [C]."""
         segments = range(self.robot.coordinates.segments)
@@ -352,7 +353,7 @@ class Problem(Value):
             return tuple(map(thresholds_C, models))
         return ((self.robot.heater.melting_point_C,) * 2,) * len(segments)
 
-    @property
+    @cached_property
     def replay_tolerance(self) -> float:
         """Share of a transition's time by which replayed heater currents may miss it."""
         segments = range(self.robot.coordinates.segments if self._thermal else 0)
@@ -396,7 +397,7 @@ class Problem(Value):
         robot = self.robot
         return self.goal.loosened(-robot.ends_within.scale(robot.coordinates))
 
-    @property
+    @cached_property
     def start_mode(self) -> Mode:
         """Stiffness at t = 0: a segment above its melting point is soft."""
         thresholds = self.segment_thresholds_C

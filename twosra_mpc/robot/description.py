@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 import warnings
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
+from weakref import WeakValueDictionary
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -32,8 +34,12 @@ from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
 _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 
 
-class Body(NamedTuple):
-    """What the motion of a robot depends on, and nothing else: the key of compiled functions."""
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What the motion of a robot depends on, and nothing else: the key of compiled functions.
+
+    All robots that move alike have one (``one_body``): to look it up, nothing is compared.
+    """
 
     geometry: Geometry
     path: PathRecord
@@ -48,6 +54,19 @@ class Body(NamedTuple):
         """Number of equal chords that stand for the arc of a segment (from 0)."""
         length, most = self.geometry.lengths_m[segment], self.limits.curvature_per_m
         return max(1, math.ceil(length * math.sqrt(most / (8 * _SAGITTA_M))))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return one_body, (self.geometry, self.path, self.limits)
+
+
+_bodies: WeakValueDictionary[tuple[Geometry, PathRecord, MotionLimits], Body] = (
+    WeakValueDictionary()
+)
+
+
+def one_body(geometry: Geometry, path: PathRecord, limits: MotionLimits) -> Body:
+    """Return the body of these values, the same object as long as any robot has it."""
+    return _bodies.setdefault((geometry, path, limits), Body(geometry, path, limits))
 
 
 class Robot(Value):
@@ -120,10 +139,10 @@ class Robot(Value):
                 raise InputError(f"{where}.liquid_above_C", known[1], allowed)
         return self
 
-    @property
+    @cached_property
     def body(self) -> Body:
         """What its motion depends on."""
-        return Body(self.geometry, self.path, self.limits)
+        return one_body(self.geometry, self.path, self.limits)
 
     @property
     def ends_within(self) -> Accuracy:
@@ -135,7 +154,7 @@ class Robot(Value):
         """Masses, stiffness and friction: ``physics``, or what is assumed without it."""
         return self.physics or Physics()
 
-    @property
+    @cached_property
     def coordinates(self) -> Coordinates:
         """Where the parts of a configuration of this robot are."""
         return Coordinates(self.geometry.segments)

@@ -149,17 +149,16 @@ def _drive_time(problem: Problem, alone: Problem | None, far_m: float) -> Callab
     return lambda _: least_s
 
 
-def _w(problem: Problem, end: Array) -> Array:
-    """W of the shape of one end of a box, clipped to the limits."""
+def _w(problem: Problem, *ends: Array) -> Array:
+    """W of the shapes of ends of boxes, clipped to the limits, (ends, n)."""
     limit = problem.robot.limits.curvature_per_m
-    return bending(problem.robot).coordinates(np.clip(end[POSE:], -limit, limit))
+    return bending(problem.robot).coordinates(np.clip(ends, -limit, limit)[:, POSE:])
 
 
 def _changes(problem: Problem, after: Box) -> Intervals:
     """Changes of W since t = 0 that lead into a box."""
-    here = _w(problem, problem.start.configuration)
-    ends = ((_w(problem, end) - here).tolist() for end in after)
-    return tuple(zip(*ends, strict=True))
+    here, low, high = _w(problem, problem.start.configuration, *after)
+    return _intervals(low - here, high - here)
 
 
 def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
@@ -173,7 +172,7 @@ def _bend(problem: Problem, before: Box, after: Box) -> BendingTask | None:
     goal = Goal(kappa_per_m=tuple(shape.tolist()), tolerance=tolerance)
     alone = problem.with_values(start=start, goal=goal, tasks=(), objects=())
     task = bending_task(alone)
-    within = np.max([abs(_w(problem, end) - task.origin) for end in before], axis=0)
+    within = np.abs(_w(problem, *before) - task.origin).max(axis=0)
     return replace(
         task,
         change=_wider(task.change, within),

@@ -81,16 +81,12 @@ def twist_vertices(speed_rows: Array) -> Array | None:
     """Vertices (u, v, r) of the polytope of body twists, (n, 3); None if it is unbounded."""
     if len(speed_rows) < 3 or np.linalg.matrix_rank(speed_rows) < 3:
         return None
-    found = []
-    for rows in itertools.combinations(range(len(speed_rows)), 3):
-        square = speed_rows[list(rows)]
-        if abs(np.linalg.det(square)) < 1e-9 * np.abs(square).max() ** 3:
-            continue
-        for signs in itertools.product((-1.0, 1.0), repeat=3):
-            twist = np.linalg.solve(square, np.array(signs))
-            if np.abs(speed_rows @ twist).max() <= 1 + 1e-9:
-                found.append(twist)
-    return np.array(found)
+    squares = speed_rows[[*itertools.combinations(range(len(speed_rows)), 3)]]
+    regular = np.abs(np.linalg.det(squares)) >= 1e-9 * np.abs(squares).max(axis=(1, 2)) ** 3
+    signs = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
+    twists = np.linalg.solve(squares[regular, None], signs[..., None]).reshape(-1, 3)
+    vertices: Array = twists[np.abs(twists @ speed_rows.T).max(axis=1) <= 1 + 1e-9]
+    return vertices
 
 
 def _bound_to(
