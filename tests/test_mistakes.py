@@ -20,7 +20,7 @@ from twosra_mpc import (
     robot_names,
     scenario_names,
 )
-from twosra_mpc.errors import UnitWarning
+from twosra_mpc.errors import InputWarning
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.files import locate
 from twosra_mpc.problem.goals import Goal
@@ -266,7 +266,7 @@ def test_a_number_in_another_unit_is_planned_with_and_doubted(
     assert out == ""
     assert err.startswith("twosra: warning: mine.toml: ")
     assert_helpful(err, (*words, "did you mean"))
-    with pytest.warns(UnitWarning, match="did you mean") as told:
+    with pytest.warns(InputWarning, match="did you mean") as told:
         problem = load_problem(tmp_path / "mine.toml")
     assert [str(each.message) for each in told] == [
         f"{tmp_path / 'mine.toml'}: {doubt}" for doubt in problem.unit_doubts

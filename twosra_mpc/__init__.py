@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         InputError,
         NoPlanError,
         TwosraError,
-        UnitWarning,
+        InputWarning,
     )
     from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
@@ -50,7 +50,7 @@ _PUBLIC = {
     "analysis.model_comparison": ("compare_models",),
     "checking.plan_file": ("PlanCheck", "check_plan"),
     "checking.resampling": ("refined",),
-    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "UnitWarning"),
+    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "InputWarning"),
     "model.kinematics": ("Kinematics", "kinematics"),
     "model.outline": ("RobotShape", "robot_shape"),
     "planning.single_goal.conclusion": ("Progress",),
@@ -107,7 +107,7 @@ __all__ = [
     "Task",
     "Tolerance",
     "TwosraError",
-    "UnitWarning",
+    "InputWarning",
     "Weights",
     "Workspace",
     "World",

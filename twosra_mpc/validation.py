@@ -250,7 +250,7 @@ def _wrong_value(model: type[BaseModel], detail: ErrorDetails, field: str) -> In
         optional = head is not None and not head.is_required()
         listed = isinstance(location[-1], int)
         hint = near_number(key, given, optional=optional, listed=listed)
-    if key in ("mode", "modes"):
+    if key in ("mode", "modes") and kind != "literal_error":
         phrase += " (1: soft, 0: rigid)"
     unit = unit_of(key)
     if unit and kind not in _CHOICE:

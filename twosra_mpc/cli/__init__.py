@@ -32,7 +32,7 @@ from twosra_mpc.errors import (
     InputError,
     NoPlanError,
     TwosraError,
-    UnitWarning,
+    InputWarning,
     printable,
 )
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
@@ -187,14 +187,18 @@ def commands() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with noted_interrupts() as interrupts, _warnings_in_words():
-        code = _run(arguments, interrupts)
+    with noted_interrupts() as interrupts, _warnings_in_words() as told:
+        code = _run(arguments, interrupts, told)
     sys.exit(code)
 
 
 @contextmanager
-def _warnings_in_words() -> Iterator[None]:
-    """Say doubts about units in a line, also with --quiet: a result may be of another problem."""
+def _warnings_in_words() -> Iterator[list[str]]:
+    """Say doubts about input in a line, also with --quiet: a result may be of another problem.
+
+    Yields the list of what was said, which ``--json`` repeats.
+    """
+    told: list[str] = []
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
@@ -206,20 +210,21 @@ def _warnings_in_words() -> Iterator[None]:
             file: TextIO | None = None,
             line: str | None = None,
         ) -> None:
-            if issubclass(category, UnitWarning):
+            if issubclass(category, InputWarning):
+                told.append(str(message))
                 click.echo(f"twosra: warning: {message}", err=True)
             else:
                 usual(message, category, filename, lineno, file, line)
 
-        warnings.simplefilter("default", UnitWarning)
+        warnings.simplefilter("default", InputWarning)
         warnings.showwarning = show
-        yield
+        yield told
 
 
-def _run(arguments: list[str] | None, interrupts: Interrupts) -> int:
+def _run(arguments: list[str] | None, interrupts: Interrupts, told: list[str]) -> int:
     """Run the command line, and say what goes wrong; returns the exit code."""
     try:
-        code = commands.main(arguments, prog_name="twosra", standalone_mode=False)
+        code = commands.main(arguments, prog_name="twosra", standalone_mode=False, obj=told)
         sys.stdout.flush()
     except (click.Abort, KeyboardInterrupt):
         return _interrupted()

@@ -56,7 +56,8 @@ class PlanDocument(BaseModel):
     ``fastest_cost_s`` and ``search_gap`` are younger, too: without them nothing is known of how
     much slower a plan is on purpose. ``certificate`` is there where one was asked for;
     ``checking.certificate`` reads it.
-    Missions are of version 3, which is version 2 with ``tasks`` and ``carried``.
+    ``warnings`` stands in what ``--json`` prints: doubts about the input, which the plan is not
+    about. Missions are of version 3, which is version 2 with ``tasks`` and ``carried``.
     """
 
     model_config = _Read
@@ -85,6 +86,7 @@ class PlanDocument(BaseModel):
     certificate: dict[str, Any] | None = None
     tasks: tuple[TaskDone, ...] = ()
     carried: tuple[CarriedObject, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def load_plan(path: str | Path) -> Result:

@@ -20,7 +20,7 @@ from pydantic import (
     model_validator,
 )
 
-from twosra_mpc.errors import MISSING, InputError, UnitWarning
+from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
@@ -458,7 +458,7 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
     to a GeoJSON file of obstacles, is taken from the scenario's folder.
 
     Warns:
-        UnitWarning: If a number is legal, and probably in another unit.
+        InputWarning: If a number is legal, and probably in another unit.
 
     Raises:
         InputError: If there is no such scenario, or it is wrong; the message names the key.
@@ -474,7 +474,7 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
     with reading(str(source), "scenario"):
         problem = Problem.parse(document, str(source))
     for doubt in problem.unit_doubts:
-        warnings.warn(f"{source}: {doubt}", UnitWarning, stacklevel=2)
+        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=2)
     return problem
 
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from twosra_mpc.errors import MISSING, InputError, UnitWarning
+from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
@@ -210,7 +210,7 @@ def load_robot(source: str | Path) -> Robot:
     """Load a built-in robot by name, or a robot TOML/JSON file by path.
 
     Warns:
-        UnitWarning: If a number is legal, and probably in another unit.
+        InputWarning: If a number is legal, and probably in another unit.
 
     Raises:
         InputError: If there is no such robot, or the file describes it wrongly.
@@ -220,7 +220,7 @@ def load_robot(source: str | Path) -> Robot:
     with reading(str(source), "robot"):
         robot = Robot.parse(document, str(source))
     for doubt in doubts(robot.model_dump(mode="json")):
-        warnings.warn(f"{source}: {doubt}", UnitWarning, stacklevel=2)
+        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=2)
     return robot
 
 
