@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from twosra_mpc.errors import (
         ContradictionError,
         InputError,
+        InputWarning,
         NoPlanError,
         TwosraError,
-        InputWarning,
     )
     from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
@@ -85,6 +85,7 @@ __all__ = [
     "GoalSet",
     "Grasp",
     "InputError",
+    "InputWarning",
     "Kinematics",
     "Mode",
     "NoPlanError",
@@ -107,7 +108,6 @@ __all__ = [
     "Task",
     "Tolerance",
     "TwosraError",
-    "InputWarning",
     "Weights",
     "Workspace",
     "World",

@@ -23,7 +23,7 @@ from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.verification import Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
-from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.document import plan_in
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
@@ -93,8 +93,8 @@ def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     Raises:
         InputError: If it is not a plan file of a known version, or does not fit together.
     """
-    result = load_plan(path)
-    document = json_document(read_text(Path(path), str(path)), str(path))
+    text = read_text(Path(path), str(path))  # once: it may be a pipe
+    result, document = plan_in(text, str(path)), json_document(text, str(path))
     if (plan := result.plan) is None:
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))

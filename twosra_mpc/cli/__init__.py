@@ -30,9 +30,9 @@ from twosra_mpc.cli.output import (
 from twosra_mpc.errors import (
     ContradictionError,
     InputError,
+    InputWarning,
     NoPlanError,
     TwosraError,
-    InputWarning,
     printable,
 )
 from twosra_mpc.interrupts import Interrupts, noted_interrupts

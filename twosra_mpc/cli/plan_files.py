@@ -29,10 +29,10 @@ from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
-from twosra_mpc.files import write_text
+from twosra_mpc.files import read_bytes, text_of, write_text
 from twosra_mpc.installation import install_command, require_flint
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.document import load_plan, plan_in
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.robot.description import load_robot
 
@@ -255,9 +255,10 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
     """
     from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
 
-    given = load_plan(plan)
+    content = read_bytes(plan, str(plan))
+    given = plan_in(text_of(content, str(plan)), str(plan))
     with output.progress("drawing the report"):
-        write_report(given, out, Origin.of(plan))
+        write_report(given, out, Origin.of(plan.name, content))
     document = {"file": str(out), "bytes": out.stat().st_size, "status": str(given.status)}
     output.record((given.problem.robot.name, "report"), document)
 

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import LARGEST, check_kind, json_document, read_document, read_text, reading
+from twosra_mpc.files import LARGEST, check_kind, json_document, read_text, reading, toml_document
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
@@ -95,10 +95,21 @@ def load_plan(path: str | Path) -> Result:
     Raises:
         InputError: If the file is not a plan of a known version, or does not fit together.
     """
-    source = str(path)
-    text = read_text(Path(path), source)
-    if Path(path).suffix == ".toml":
-        check_kind(read_document(Path(path), source), "plan", source)
+    return plan_in(read_text(Path(path), str(path)), str(path))
+
+
+def plan_in(text: str, source: str) -> Result:
+    """Read back what is in a plan file.
+
+    Args:
+        text: Its text.
+        source: The file.
+
+    Raises:
+        InputError: If it is not a plan of a known version, or does not fit together.
+    """
+    if Path(source).suffix == ".toml":
+        check_kind(toml_document(text, source), "plan", source)
     head = json_document(text, source, "a plan in JSON")
     check_kind(head, "plan", source)
     if head.get("format") != FORMAT or head.get("version") not in (

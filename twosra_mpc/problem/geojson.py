@@ -216,10 +216,8 @@ def _polygon(rings: list[Any], field: str) -> Any:
     polygon = shapely.remove_repeated_points(shapely.Polygon(shell, holes))
     if not polygon.is_valid:
         reason = shapely.is_valid_reason(polygon)
-        allowed = (
-            "an outline that does not cross itself, and holes within the outline that do not overlap"
-        )
-        raise InputError(field, reason, allowed)
+        holes_too = "and holes within the outline that do not overlap"
+        raise InputError(field, reason, f"an outline that does not cross itself, {holes_too}")
     return polygon
 
 

@@ -57,13 +57,14 @@ def batch_command(
         raise click.UsageError("--workers are processes here; a --scheduler has its own")
     require_batch("twosra batch")
     from twosra_mpc.lab.batch.problems import Problems
-    from twosra_mpc.lab.batch.spec import load_spec
+    from twosra_mpc.lab.batch.spec import spec_in
 
     given = {name: value for name, value in overrides.items() if value is not None}
-    problems = Problems(load_spec(spec, **given), spec.parent)
+    text = read_text(spec, str(spec))  # once: it may be a pipe
+    problems = Problems(spec_in(text, spec, **given), spec.parent)
     from twosra_mpc.lab.batch.folder import Folder  # CasADi takes a second
 
-    folder = Folder(out, problems, read_text(spec, str(spec)))
+    folder = Folder(out, problems, text)
     done, started = folder.done(), time.perf_counter()
     try:
         with noted_interrupts() as interrupts:
