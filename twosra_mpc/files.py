@@ -44,9 +44,6 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
     Raises:
         InputError: If neither exists; the message lists the built-in names.
     """
-    if isinstance(source, Mapping):
-        hint = "a table of keys becomes one by Problem(**table), or Robot(**table)."
-        raise InputError(field, source, "a built-in name, or the path of a file", hint=hint)
     names = built_in_names(folder)
     if str(source) in names:
         return _PACKAGE / folder / f"{source}.toml"

@@ -34,6 +34,7 @@ from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names, segment_model
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.validation import public
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 EFFORT_TOLERANCE = 1e-3  # of the effort: how a wheel's speed bends between samples
@@ -83,6 +84,7 @@ class PlanCheck:
         return not self.problems and all(check.ok for check in self.checks)
 
 
+@public
 def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     """Check a plan file without trusting what it says of itself.
 

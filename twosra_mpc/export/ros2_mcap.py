@@ -30,6 +30,7 @@ from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.validation import public
 
 WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
@@ -74,6 +75,7 @@ _TRANSIENT_LOCAL = 1  # durability of what is latched
 Send = Callable[[str, str, float, dict[str, Any]], None]  # topic, interface, time [s], message
 
 
+@public
 def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
     """Write a plan as a ROS 2 bag in MCAP, atomically.
 
@@ -157,7 +159,7 @@ def _send_motion(plan: Plan, send: Send) -> None:
 
 def _send_commands(held: Samples, send: Send) -> None:
     """Mode, wheel speeds, set-points and temperatures, each when it changes."""
-    new = _news(held.mode)
+    new = _news(held.mode.astype(float))
     for t, mode in zip(held.t_s[new].tolist(), held.mode[new].tolist(), strict=True):
         dimension = {"label": "segment", "size": len(mode), "stride": len(mode)}
         message = {"layout": {"dim": [dimension], "data_offset": 0}, "data": mode}

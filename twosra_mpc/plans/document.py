@@ -20,7 +20,7 @@ from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.timing import Transition
-from twosra_mpc.validation import named_problem
+from twosra_mpc.validation import named_problem, public
 
 
 class PhaseDocument(NamedTuple):
@@ -89,6 +89,7 @@ class PlanDocument(BaseModel):
     warnings: tuple[str, ...] = ()
 
 
+@public
 def load_plan(path: str | Path) -> Result:
     """Read a plan file back.
 

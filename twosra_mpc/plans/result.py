@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
@@ -85,6 +85,15 @@ class Result:
         if self.plan is None or not self.found:
             raise NoPlanError(self.status, self.message)
         return self.plan
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Say where to find what a plan has.
+
+        Raises:
+            AttributeError: Always; a result has no further attributes.
+        """
+        hint = f"; result.require().{name} is the plan's" if hasattr(Plan, name) else ""
+        raise AttributeError(f"a Result has no {name}{hint}", name=name, obj=self)
 
     def __repr__(self) -> str:
         return f"<Result {self.status}: {self.message}>"

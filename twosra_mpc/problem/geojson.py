@@ -21,6 +21,7 @@ from twosra_mpc.errors import InputError, InputWarning
 from twosra_mpc.files import read_document, reading
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.validation import public
 
 _FAR_M = 100.0  # no robot of this kind goes there: another unit
 _THIN_M = 1e-3  # nothing to drive round is as small: another unit
@@ -73,6 +74,7 @@ def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tup
     return tuple(_named(pieces))
 
 
+@public
 def read_obstacles(path: str | Path) -> tuple[Obstacle, ...]:
     """Obstacles in a GeoJSON file: its polygons, called by the name in their properties.
 

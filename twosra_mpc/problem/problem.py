@@ -47,6 +47,7 @@ from twosra_mpc.validation import (
     Value,
     missing,
     plain,
+    public,
 )
 
 
@@ -451,6 +452,7 @@ class Problem(Value):
         return {**found, "robot": self.robot.name}
 
 
+@public
 def load_problem(source: str | Path, **overrides: Any) -> Problem:
     """Load a built-in scenario by name, or a scenario TOML/JSON file by path.
 

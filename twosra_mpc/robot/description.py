@@ -27,7 +27,7 @@ from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
+from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain, public
 
 _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 
@@ -206,6 +206,7 @@ def segment_model(robot: Robot, ambient_C: float, segment: int) -> SegmentModel:
     return robot.thermal_segment(segment).thermal_model(length_m, robot.heater, ambient_C)
 
 
+@public
 def load_robot(source: str | Path) -> Robot:
     """Load a built-in robot by name, or a robot TOML/JSON file by path.
 
