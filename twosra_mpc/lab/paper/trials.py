@@ -14,7 +14,13 @@ from twosra_mpc.lab.identification.replay import replay
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Kept, Part, Tell, digest
 from twosra_mpc.lab.paper.section import Picture, Section, Table
-from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
+from twosra_mpc.lab.reproduction.hardware import (
+    dtw_table,
+    read_trials,
+    trial_of,
+    trial_paths,
+    waiting,
+)
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import load_robot
@@ -47,7 +53,7 @@ def part(kept: Kept, logs: Path) -> Part:
         found, compared = {}, {}
         for log in read_trials(logs, robot):
             name = Path(log.source).stem
-            found[name] = kept.get(_one(name, logs, log), tell)
+            found[name] = kept.get(_one(name, log), tell)
             if (number := trial_of(log)) is not None and number not in compared:
                 compared[number] = log
         tell("drawing the trials")
@@ -62,16 +68,17 @@ def part(kept: Kept, logs: Path) -> Part:
             figures = [TRIALS_FIGURE, DTW_FIGURE]
         return {"logs": found, "figures": figures}
 
-    return Part("trials", {"logs": digest(logs)}, compute)
+    given = {path.name: digest(path) for path in trial_paths(logs)}
+    return Part("trials", {"logs": given}, compute)
 
 
-def _one(name: str, logs: Path, log: MotionLog) -> Part:
+def _one(name: str, log: MotionLog) -> Part:
     def compute(_folder: Path, tell: Tell) -> Data:
         tell(f"comparing {name} with the simulations")
         said: Data = plain_data(_log(log) | {"bends": _bends(log)})
         return said
 
-    return Part(f"trial-{name}", {"log": digest(logs / f"{name}.csv")}, compute)
+    return Part(f"trial-{name}", {"log": digest(Path(log.source))}, compute)
 
 
 def _log(log: MotionLog) -> Data:
