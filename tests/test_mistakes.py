@@ -159,7 +159,7 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("plan folder", ("scenario = 'folder'", "this is a folder")),
     ("plan mine", ("scenario = 'mine'", "did you mean mine.toml?")),
     ("plan Doorway", ("did you mean doorway?",)),
-    ("plan picture.png", ("readable UTF-8",)),
+    ("plan picture.png", ("UTF-8 text",)),
     ("paln paper-1", ("Did you mean plan?",)),
     ("plan paper-1 --robots 3sra", ("--robot",)),
     ("plan paper-1 --path-model arcs", ("path.model = 'arcs'", "did you mean arc?")),
@@ -176,8 +176,11 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("plan paper-1 --proof --planner greedy", ("--proof", "the greedy rule has none")),
     ("plan log.csv", ("this looks like a table (CSV)",)),
     ("plan map.json", ("this is a GeoJSON file, for obstacles = of a scenario",)),
-    ("verify paper-1", ("this is a built-in scenario, for twosra plan",)),
+    ("verify paper-1", ("twosra plan paper-1 --out plan.json",)),
     ("plan paper-1 --gap 5", ("gap = 5.0", "5 % are 0.05")),
+    ("help", ("Type twosra --help, or twosra COMMAND --help.",)),
+    ("version", ("Type twosra --version.",)),
+    ("animate paper-1 film.gif", ("twosra plan paper-1 --out plan.json",)),
 ]
 
 HERE = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}

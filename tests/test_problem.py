@@ -584,8 +584,8 @@ BROKEN = [
     ("broken.toml", b'robot = "a"\nrobot = "b"\n', r"valid TOML.*line 2"),
     ("broken.json", b'{"robot": ', r"JSON in a \.json file.*line 1 column"),
     ("toml-as.json", b'robot = "2sra-v1"', r"JSON in a \.json file"),
-    ("latin.toml", 'description = "é"'.encode("latin-1"), "readable UTF-8"),
-    ("latin.json", '{"description": "é"}'.encode("latin-1"), "readable UTF-8"),
+    ("latin.toml", 'description = "é"'.encode("latin-1"), "UTF-8 text"),
+    ("latin.json", '{"description": "é"}'.encode("latin-1"), "UTF-8 text"),
     ("list.json", b"[1, 2]", "table of keys"),
     ("number.json", b"3", "table of keys"),
 ]

@@ -90,8 +90,10 @@ def read_bytes(path: Path, source: str) -> bytes:
             data = file.read(MOST_SIGNS + 1)
     except (OSError, ValueError) as error:
         named = not path.exists() and source in built_in_names("scenarios")
-        hint = "this is a built-in scenario, for twosra plan." if named else ""
-        raise InputError("file", source, f"a readable UTF-8 file ({error})", hint=hint) from error
+        hint = f'"twosra plan {source} --out plan.json" writes its plan.' if named else ""
+        reason = getattr(error, "strerror", None) or error
+        allowed = f"a file that can be read ({reason})"
+        raise InputError("file", source, allowed, hint=hint) from error
     if len(data) > MOST_SIGNS:
         raise InputError("file", source, f"at most {MOST_SIGNS} characters")
     return data
@@ -106,7 +108,7 @@ def text_of(data: bytes, source: str) -> str:
     try:
         return io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig").read()
     except ValueError as error:
-        raise InputError("file", source, f"a readable UTF-8 file ({error})") from error
+        raise InputError("file", source, f"UTF-8 text ({error})") from error
 
 
 def read_text(path: Path, source: str) -> str:
@@ -209,7 +211,7 @@ def toml_document(text: str, source: str, allowed: str = "valid TOML") -> dict[s
 
 
 _KINDS = {  # kind of file -> keys that it has, and what takes it
-    "plan": ({"phases", "samples"}, "twosra verify"),
+    "plan": ({"phases", "samples"}, "twosra verify, report, animate, resample or export"),
     "run": ({"begun", "drives"}, "load_run of twosra_mpc.execution"),
     "GeoJSON": ({"coordinates", "features", "properties"}, "obstacles = of a scenario"),
     "robot": ({"geometry", "limits"}, "twosra check-robot, or --robot"),

@@ -299,6 +299,8 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
             hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
             if isinstance(given, str) and given.startswith("["):
                 hint = f"did you mean {given}, without quotes?"
+            if isinstance(given, dict):
+                hint = f"did you mean [[{field}]], which may stand several times?"
             return InputError(field, given, f"a list of values{_described(field)}", hint=hint)
         case "too_long":
             return InputError(field, given, f"a list of {context['max_length']} values")

@@ -136,6 +136,13 @@ fish_source).
 """
 
 
+_ELSEWHERE = {  # what other programs have as a command -> what is typed here
+    "help": "type twosra --help, or twosra COMMAND --help.",
+    "version": "type twosra --version.",
+    "init": "type twosra new scenario NAME.",
+}
+
+
 class _Commands(click.Group):
     """Commands whose modules are imported only when they are asked for: some take a second."""
 
@@ -155,9 +162,9 @@ class _Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        hint = near_word(args[0], _MODULES)
+        hint = _ELSEWHERE.get(args[0]) or near_word(args[0], _MODULES)
         if args[0] not in _MODULES and hint:
-            ctx.fail(f"No such command {args[0]!r}. {hint.capitalize()}")
+            ctx.fail(f"No such command {args[0]!r}. {hint[0].upper()}{hint[1:]}")
         return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:

@@ -182,8 +182,9 @@ def choice_option(words: str, choices: Sequence[str], *names: str) -> Decorator:
 
 
 def file_option(name: str, words: str, *checks: Check) -> Decorator:
-    """Add an option for a file to write."""
-    return click.option(name, type=NewFile(*checks), help=words)
+    """Add an option for a file to write; ``--out`` is ``-o``, too."""
+    short = ("-o",) if name == "--out" else ()
+    return click.option(name, *short, type=NewFile(*checks), help=words)
 
 
 def plot_option(words: str) -> Decorator:

@@ -24,8 +24,9 @@ from twosra_mpc.execution.run import (
 )
 from twosra_mpc.execution.session import Session
 from twosra_mpc.files import check_kind, read_document, reading, write_json
-from twosra_mpc.plans.document import embedded_problem, plan_within
+from twosra_mpc.plans.document import plan_within
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import embedded_problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import public
 

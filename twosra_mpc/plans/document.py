@@ -15,10 +15,9 @@ from twosra_mpc.files import LARGEST, check_kind, json_document, read_text, read
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
-from twosra_mpc.plans.result import FORMAT, FORMAT_VERSION, MISSION_VERSION, Result, Stats
+from twosra_mpc.plans.result import FORMAT_VERSION, MISSION_VERSION, Result, Stats
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
-from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
 from twosra_mpc.timing import Transition
 from twosra_mpc.validation import named_problem, public
 
@@ -164,28 +163,6 @@ def _result(data: PlanDocument, source: str) -> Result:
         certificate=data.certificate,
         plan=None if data.samples is None else _plan(data, problem, data.samples),
     )
-
-
-def embedded_problem(robot: dict[str, Any], scenario: dict[str, Any], source: str) -> Problem:
-    """Read a problem that another file holds; unlike one of a user it may name no file.
-
-    Args:
-        robot: Its robot, as the file has it.
-        scenario: All else.
-        source: The file.
-
-    Raises:
-        InputError: If it is wrong, or naming the key and the file that it names.
-    """
-    allowed, where = "in this file itself: plan files name no other file", f"{source} (scenario)"
-    if isinstance(named := scenario.get("obstacles"), str):
-        raise InputError("obstacles", named, f"a list {allowed}", where)
-    objects = scenario.get("objects")
-    for i, item in enumerate(objects if isinstance(objects, list) else ()):
-        if isinstance(item, dict) and "outline" in item:
-            raise InputError(f"objects.{i}.outline", item["outline"], f"corners {allowed}", where)
-    known = Robot.parse(robot, f"{source} (robot)")
-    return Problem.parse({**scenario, "robot": known}, where)
 
 
 def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan:

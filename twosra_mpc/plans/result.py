@@ -10,10 +10,9 @@ from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import FORMAT, Problem
 from twosra_mpc.version import __version__
 
-FORMAT = "twosra-plan"
 FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and of missions
 
 _NO_PLAN: dict[str, Any] = {

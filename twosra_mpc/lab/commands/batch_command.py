@@ -29,7 +29,7 @@ _PLANNERS = click.Choice(["optimal", "greedy", "both"])
 
 @command("batch")
 @click.argument("spec", type=FILE)
-@click.option("--out", type=FILE, metavar="RUNS", required=True, help="Folder of the runs.")
+@click.option("--out", "-o", type=FILE, metavar="RUNS", required=True, help="Folder of the runs.")
 @click.option("--planner", type=_PLANNERS, help="Override the spec.")
 @click.option("--plans", is_flag=True, default=None, help="Write plan files, too.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes here; default: one a core.")

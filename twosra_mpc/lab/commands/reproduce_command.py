@@ -23,7 +23,7 @@ _FOLDER = click.Path(path_type=Path, file_okay=False)
 
 @command("reproduce")
 @click.option(
-    *("--out", "folder"),
+    *("--out", "-o", "folder"),
     required=True,
     type=_FOLDER,
     help="Folder for the report; parts that are there are used again.",
