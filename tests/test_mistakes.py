@@ -148,8 +148,6 @@ ROBOT_DOUBTS = [
 ]
 
 COMMANDS: list[tuple[str, tuple[str, ...]]] = [
-    ("plan plan.json", ("file = 'plan.json'", "this is a plan file, for twosra verify")),
-    ("simulate plan.json", ("this is a plan file, for twosra verify",)),
     ("plan robot.toml", ("this is a robot file, for twosra check-robot, or --robot",)),
     ("check-robot mine.toml", ("this is a scenario file, for twosra plan",)),
     ("verify mine.toml", ("this is a scenario file, for twosra plan",)),

@@ -103,7 +103,7 @@ def test_nothing_is_written_where_it_should_not(
 
 
 def test_what_can_be_copied_is_completed() -> None:
-    assert completions("new", "") == (["scenario", "robot"], False)
+    assert completions("new", "") == (["scenario", "robot", "batch"], False)
     assert completions("new", "scenario", "x", "--from", "door")[0] == ["doorway"]
     assert completions("new", "robot", "x", "--from", "2sr-")[0] == ["2sr-v2"]
 
