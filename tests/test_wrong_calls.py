@@ -95,3 +95,15 @@ def test_what_a_plan_has_is_not_looked_for_in_a_result(solved: Solved) -> None:
     with pytest.raises(AttributeError, match=r"result\.require\(\)\.phases"):
         solved("rigid-move").phases  # noqa: B018
     assert not hasattr(solved("rigid-move"), "nonsense")
+
+
+def test_values_compare_and_print_as_values(solved: Solved, tmp_path: Path) -> None:
+    result = solved("rigid-move")
+    result.save(tmp_path / "plan.json")
+    again = twosra_mpc.load_plan(tmp_path / "plan.json")
+    assert (again, again.plan) == (result, result.plan)
+    assert hash(again) == hash(result)
+    assert again.require().samples != solved("paper-2").require().samples
+    simulation = simulate(result.problem, disturbance="none", plan=result.require())
+    for value in (result, result.plan, again.require().samples, simulation, simulation.run):
+        assert len(repr(value)) < 500

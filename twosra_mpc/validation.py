@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import inspect
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -16,6 +17,7 @@ from typing import (
     Self,
     TypeAlias,
     TypeVar,
+    cast,
     get_args,
 )
 
@@ -58,6 +60,7 @@ def _at_least(least: float) -> AfterValidator:
     return AfterValidator(checked)
 
 
+_BRIEF = 80  # characters of a field that are shown
 Key = TypeVar("Key")
 Item = TypeVar("Item")
 
@@ -133,6 +136,45 @@ class Value(BaseModel):
             return cls(**document)
         except InputError as error:
             raise error.within("", source) from None
+
+
+class ArrayValue:
+    """Equality and short words of frozen dataclasses that hold arrays.
+
+    Two are equal if all their fields are, arrays entry by entry; NaN is equal to NaN.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(_equal(a, b) for a, b in zip(_held(self), _held(other), strict=True))
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(a for a in _held(self) if isinstance(a, int | float | str))))
+
+    def __repr__(self) -> str:
+        names = (item.name for item in fields(cast(Any, self)))
+        shown = (f"{name}={_brief(a)}" for name, a in zip(names, _held(self), strict=True))
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def _held(value: Any) -> Iterator[Any]:
+    """Values of the fields of a dataclass."""
+    return (getattr(value, item.name) for item in fields(value))
+
+
+def _equal(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    return bool(a == b)
+
+
+def _brief(value: Any) -> str:
+    """A value in words that fit into a line."""
+    if isinstance(value, np.ndarray):
+        return f"<array {value.shape}>"
+    shown = repr(value)
+    return shown if len(shown) <= _BRIEF else f"<{type(value).__name__}>"
 
 
 class Tagged(Value):

@@ -34,7 +34,7 @@ from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names, segment_model
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.path_choice import with_path_model
-from twosra_mpc.validation import public
+from twosra_mpc.validation import ArrayValue, public
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 EFFORT_TOLERANCE = 1e-3  # of the effort: how a wheel's speed bends between samples
@@ -64,8 +64,8 @@ class Check:
     unit: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class PlanCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanCheck(ArrayValue):
     """A plan file that was checked.
 
     Attributes:

@@ -11,6 +11,7 @@ from twosra_mpc.files import write_json
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.problem.problem import FORMAT, Problem
+from twosra_mpc.validation import ArrayValue
 from twosra_mpc.version import __version__
 
 FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and of missions
@@ -34,7 +35,7 @@ class Stats:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(ArrayValue):
     """The outcome of planning.
 
     Attributes:
