@@ -6,7 +6,7 @@ import os
 import platform
 import re
 import signal
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from rich.console import Console
@@ -18,7 +18,7 @@ from benchmarks.run_log import RunLog
 from benchmarks.study import Measured, Study
 from twosra_mpc.files import reading
 
-PACKAGES = ("casadi", "numpy", "scipy", "osqp", "pydantic", "matplotlib", "shapely")
+_OF_DEVELOPERS = re.compile(r"extra == .(dev|docs|test).")  # what takes part in no run
 _CPU_INFO = Path("/proc/cpuinfo")
 
 
@@ -82,6 +82,19 @@ def machine() -> dict[str, str]:
     return {"cpu": f"{cpu}, {os.cpu_count()} logical CPUs", "system": system}
 
 
+def packages() -> set[str]:
+    """Names of the packages that the program may use, its extras included."""
+    needed = (each for each in requires("twosra-mpc") or () if not _OF_DEVELOPERS.search(each))
+    return {re.split(r"[^\w.-]", each)[0] for each in needed}
+
+
+def _installed(name: str) -> bool:
+    try:
+        return bool(version(name))
+    except PackageNotFoundError:
+        return False
+
+
 def versions() -> dict[str, str]:
     """Return the versions of everything that takes part in a run.
 
@@ -90,5 +103,5 @@ def versions() -> dict[str, str]:
     """
     folders = (Path(twosra_mpc.__file__).parent, Path(__file__).parent)
     own = {"twosra_mpc": twosra_mpc.__version__, "source": source_digest(*folders)}
-    others = {name: version(name) for name in PACKAGES}
+    others = {name: version(name) for name in sorted(packages()) if _installed(name)}
     return {"python": platform.python_version(), **own, **others}

@@ -35,7 +35,7 @@ from benchmarks.report import (
     worst,
     write_report,
 )
-from benchmarks.run import open_log, results_of, run_study
+from benchmarks.run import open_log, results_of, run_study, versions
 from benchmarks.run_log import NAME, RunLog
 from benchmarks.scenes import LEAST_CLEARANCE_M
 from benchmarks.studies import STUDIES
@@ -657,3 +657,12 @@ def test_missions_in_closed_loop_are_counted(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "| conform-cylinder | moderate |" in done.stdout
     assert "of 1 |" in done.stdout
+
+
+def test_records_name_every_package_that_takes_part() -> None:
+    """What the program imports, by the names under which it is distributed."""
+    found = versions()
+    taking_part = ("casadi", "numpy", "osqp", "highspy", "mujoco", "scipy", "shapely")
+    for name in taking_part:
+        assert re.match(r"\d+\.\d+", found[name])
+    assert not found.keys() & {"pytest", "ruff", "mypy", "mkdocs-material"}

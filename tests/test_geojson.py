@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import shapely
 from shapely.geometry import box
 from test_problem import SCENARIO, changed
 
-from twosra_mpc import InputError, load_problem, obstacles_of, read_obstacles
+from twosra_mpc import InputError, InputWarning, load_problem, obstacles_of, read_obstacles
 from twosra_mpc.problem.geojson import feature_collection
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.world import Obstacle, World
@@ -103,14 +104,94 @@ def test_a_scenario_names_a_file_beside_it(tmp_path: Path) -> None:
     )
 
 
+def geographic(name: str) -> dict[str, Any]:
+    return {**polygon(SQUARE), "crs": {"type": "name", "properties": {"name": name}}}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["urn:ogc:def:crs:OGC:1.3:CRS84", "EPSG:4326", "urn:ogc:def:crs:EPSG::4258", "OGC:CRS83"],
+)
+def test_degrees_are_refused(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "lab.geojson"
+    path.write_text(json.dumps(geographic(name)))
+    with pytest.raises(InputError, match=r"lab\.geojson: crs = .*in metres.*these are degrees"):
+        read_obstacles(path)
+
+
+def test_frames_in_metres_are_taken_and_others_are_doubted() -> None:
+    for name in ("urn:ogc:def:crs:EPSG::25832", "EPSG:3857", "EPSG:32632"):
+        assert len(obstacles_of(geographic(name))) == 1
+    with pytest.warns(InputWarning, match="crs = 'EPSG:2230' is not known here"):
+        obstacles_of(geographic("EPSG:2230"))  # California, in feet
+
+
+def test_a_frame_of_geopandas_says_its_unit() -> None:
+    """As pyproj describes the axes of a coordinate reference system."""
+    shapes = shapely.GeometryCollection([box(0, 0, 1, 1)]).__geo_interface__
+    for unit, allowed in (("metre", True), ("degree", False), ("US survey foot", False)):
+        crs = SimpleNamespace(axis_info=[SimpleNamespace(unit_name=unit)] * 2)
+        series = SimpleNamespace(__geo_interface__=shapes, crs=crs)
+        if allowed:
+            assert len(obstacles_of(series)) == 1
+        else:
+            with pytest.raises(InputError, match=unit):
+                obstacles_of(series)
+
+
+@pytest.mark.parametrize(
+    "shape", [box(8.65, 49.87, 8.6508, 49.8705), box(0.001, 0.002, 0.0011, 0.0021)]
+)
+def test_what_is_as_small_or_as_far_away_as_degrees_is_doubted(shape: shapely.Geometry) -> None:
+    with pytest.warns(InputWarning, match="are these degrees"):
+        assert len(obstacles_of(shape)) == 1
+
+
+def test_features_without_a_place_are_left_out_and_counted(tmp_path: Path) -> None:
+    collection = {
+        "type": "FeatureCollection",
+        "features": [feature(None), feature(polygon(SQUARE), name="crate"), feature(None)],
+    }
+    (tmp_path / "lab.geojson").write_text(json.dumps(collection))
+    with pytest.warns(InputWarning, match=r"lab\.geojson: features without a geometry .*: 2$"):
+        (found,) = read_obstacles(tmp_path / "lab.geojson")
+    assert found.name == "crate"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_whatever_geos_calls_valid_is_read_and_nothing_is_lost(seed: int) -> None:
+    """Holes that touch the outline, and each other, in points; differences, in any direction."""
+    rng = np.random.default_rng(seed)
+    whole: Any = box(0, 0, 1, 1)
+    corner = rng.uniform(0.05, 0.3, (2, 2))
+    whole = whole.difference(shapely.Polygon([(0, 0), corner[0], corner[1]]))
+    middle = rng.uniform(0.45, 0.55, 2)
+    for turn in rng.permutation(4)[:3]:
+        wedge = middle + 0.2 * np.array([[np.cos(a), np.sin(a)] for a in 1.57 * turn + (0, 0.8)])
+        whole = whole.difference(shapely.Polygon([middle, *wedge]))
+    assert whole.is_valid
+    pieces = [shapely.Polygon(each.corners_m) for each in obstacles_of(whole)]
+    assert all(piece.is_valid for piece in pieces)
+    assert shapely.union_all(pieces).symmetric_difference(whole).area < 1e-12
+
+
+def test_names_differ_whatever_was_given() -> None:
+    names = ["wall", "wall 1", "wall", "", "wall 2", "", "box"]
+    found = obstacles_of([box(2 * i, 0, 2 * i + 1, 1) for i in range(7)], names)
+    given = [each.name for each in found if each.name]
+    assert len(set(given)) == len(given) == 5
+    assert {"wall 1", "wall 2", "box"} <= set(given)
+
+
 WRONG: list[tuple[Any, str, str]] = [
     ({"type": "Point", "coordinates": [0, 0]}, "type = 'Point'", "an obstacle is an area"),
     (feature({"type": "LineString", "coordinates": SQUARE}), "geometry.type", "'LineString'"),
     ({"features": []}, "type = None", "Polygon"),
     ({"type": "FeatureCollection", "features": []}, "features = []", "not empty"),
-    (feature(None), "geometry = None", "a GeoJSON object"),
+    (feature(None), "features = '1 without a geometry'", "at least one polygon"),
+    ({"type": "Feature", "properties": {}}, "geometry = None", "a GeoJSON object"),
     (polygon([[0, 0], [1, 0]]), "coordinates.0", "at least three corners"),
-    (polygon([[0, 0], [1, 1], [1, 0], [0, 1]]), "coordinates.0", "does not cross itself"),
+    (polygon([[0, 0], [1, 1], [1, 0], [0, 1]]), "coordinates", "does not cross itself"),
     (polygon([[0, 0], [1, "x"], [1, 0]]), "coordinates.0", "points [x, y]"),
     (polygon([[0, 0], [1], [1, 0]]), "coordinates.0", "points [x, y]"),
     (polygon([[0, 0], [1, float("nan")], [1, 0]]), "coordinates.0", "finite"),

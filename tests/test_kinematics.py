@@ -725,3 +725,18 @@ def test_ten_fine_intervals_bend_far_more_exactly_than_plans_are_verified(
     assert q[4] == pytest.approx(end, abs=1e-6)
     states = roll_out(robot, shape(start), (mode,), inputs).states[0]
     np.testing.assert_allclose(states, nodes, rtol=0.0, atol=tolerance)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_wheel_speeds_give_the_inputs_back(mode: Mode) -> None:
+    """By a least-squares solver of its own; inputs that the mode has not are 0."""
+    rng, known = np.random.default_rng(3), kinematics(load_robot("2sra-v1"))
+    q = np.array([0.1, 0.2, 0.3, 20.0, -35.0])
+    v = np.zeros(5)
+    used = slice(2, 5) if mode == (0, 0) else slice(0, 2)
+    v[used] = rng.normal(size=v[used].shape)
+    matrix = known.wheel_matrix(q, mode).full()
+    np.testing.assert_allclose(known.inputs(q, mode, matrix @ v), v, atol=1e-9)
+    slipping = rng.normal(size=4)
+    best = np.linalg.lstsq(matrix, slipping, rcond=None)[0]
+    np.testing.assert_allclose(known.inputs(q, mode, slipping), best, atol=1e-9)

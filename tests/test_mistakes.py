@@ -20,7 +20,7 @@ from twosra_mpc import (
     robot_names,
     scenario_names,
 )
-from twosra_mpc.errors import UnitWarning
+from twosra_mpc.errors import InputWarning
 from twosra_mpc.execution.simulation.disturbance import disturbance_level
 from twosra_mpc.files import locate
 from twosra_mpc.problem.goals import Goal
@@ -148,8 +148,6 @@ ROBOT_DOUBTS = [
 ]
 
 COMMANDS: list[tuple[str, tuple[str, ...]]] = [
-    ("plan plan.json", ("file = 'plan.json'", "this is a plan file, for twosra verify")),
-    ("simulate plan.json", ("this is a plan file, for twosra verify",)),
     ("plan robot.toml", ("this is a robot file, for twosra check-robot, or --robot",)),
     ("check-robot mine.toml", ("this is a scenario file, for twosra plan",)),
     ("verify mine.toml", ("this is a scenario file, for twosra plan",)),
@@ -159,7 +157,7 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("plan folder", ("scenario = 'folder'", "this is a folder")),
     ("plan mine", ("scenario = 'mine'", "did you mean mine.toml?")),
     ("plan Doorway", ("did you mean doorway?",)),
-    ("plan picture.png", ("readable UTF-8",)),
+    ("plan picture.png", ("UTF-8 text",)),
     ("paln paper-1", ("Did you mean plan?",)),
     ("plan paper-1 --robots 3sra", ("--robot",)),
     ("plan paper-1 --path-model arcs", ("path.model = 'arcs'", "did you mean arc?")),
@@ -176,8 +174,11 @@ COMMANDS: list[tuple[str, tuple[str, ...]]] = [
     ("plan paper-1 --proof --planner greedy", ("--proof", "the greedy rule has none")),
     ("plan log.csv", ("this looks like a table (CSV)",)),
     ("plan map.json", ("this is a GeoJSON file, for obstacles = of a scenario",)),
-    ("verify paper-1", ("this is a built-in scenario, for twosra plan",)),
+    ("verify paper-1", ("twosra plan paper-1 --out plan.json",)),
     ("plan paper-1 --gap 5", ("gap = 5.0", "5 % are 0.05")),
+    ("help", ("Type twosra --help, or twosra COMMAND --help.",)),
+    ("version", ("Type twosra --version.",)),
+    ("animate paper-1 film.gif", ("twosra plan paper-1 --out plan.json",)),
 ]
 
 HERE = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
@@ -266,7 +267,7 @@ def test_a_number_in_another_unit_is_planned_with_and_doubted(
     assert out == ""
     assert err.startswith("twosra: warning: mine.toml: ")
     assert_helpful(err, (*words, "did you mean"))
-    with pytest.warns(UnitWarning, match="did you mean") as told:
+    with pytest.warns(InputWarning, match="did you mean") as told:
         problem = load_problem(tmp_path / "mine.toml")
     assert [str(each.message) for each in told] == [
         f"{tmp_path / 'mine.toml'}: {doubt}" for doubt in problem.unit_doubts

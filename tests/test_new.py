@@ -6,13 +6,15 @@ import json
 import re
 import shlex
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
-from conftest import Run
+from conftest import Run, Solved
 from test_completion import completions
 
 from twosra_mpc import load_problem, load_robot, robot_names, scenario_names
 from twosra_mpc.files import locate
+from twosra_mpc.lab.batch.spec import load_spec
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.problem import Problem, Start, Weights
 
@@ -101,6 +103,30 @@ def test_nothing_is_written_where_it_should_not(
 
 
 def test_what_can_be_copied_is_completed() -> None:
-    assert completions("new", "") == (["scenario", "robot"], False)
+    assert completions("new", "") == (["scenario", "robot", "batch"], False)
     assert completions("new", "scenario", "x", "--from", "door")[0] == ["doorway"]
     assert completions("new", "robot", "x", "--from", "2sr-")[0] == ["2sr-v2"]
+
+
+def test_a_new_batch_plans_as_it_is_told_to(run: Run, tmp_path: Path) -> None:
+    code, out, err = run("new", "batch", "many")
+    assert code == 0, err
+    assert "twosra batch many.toml --out many-runs" in out
+    assert load_spec(tmp_path / "many.toml").size == 20
+    text = (tmp_path / "many.toml").read_text(encoding="utf-8")
+    shown = re.sub(r"^# (\[|gap|robot|goal|plans|planner)", r"\1", text, flags=re.M)
+    head, _, rest = shown.partition("[random]")
+    given = [line for line in head.splitlines() if line.startswith("pl")]
+    (tmp_path / "all.toml").write_text("\n".join([*given, f"[random]{rest}"]), encoding="utf-8")
+    assert load_spec(tmp_path / "all.toml").size == 20 * 3 * 5
+
+
+def test_a_plan_file_is_the_problem_that_it_solves(solved: Solved, tmp_path: Path) -> None:
+    solved("rigid-move").save(tmp_path / "plan.json")
+    assert load_problem(tmp_path / "plan.json") == solved("rigid-move").problem
+    assert load_problem(tmp_path / "plan.json", gap=0.5).gap == 0.5
+
+
+def test_a_robot_is_exported_as_urdf(run: Run, tmp_path: Path) -> None:
+    assert run("export", "2sra-v1", "robot.urdf").code == 0
+    assert ElementTree.parse(tmp_path / "robot.urdf").getroot().tag == "robot"

@@ -13,7 +13,7 @@ from conftest import Run
 from numpy.typing import NDArray
 from PIL import Image
 
-from twosra_mpc import InputError, read_obstacles
+from twosra_mpc import InputError, InputWarning, read_obstacles
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.space.occupancy_map import OccupancyMap, obstacles_on, read_map
 
@@ -141,10 +141,10 @@ WRONG = [
     ("0.65", "0.1", "occupied_thresh = 0.1", "from free_thresh = 0.196 to 1"),
     ("negate: 0", "mode: raw", "mode = 'raw'", "'trinary'"),
     ("negate", "negative", "negative", "did you mean negate?"),
-    ("negate: 0", "origin: [0, 0, 0]", "line 5", "each key once"),
-    ("negate: 0", "a: {b: c", "a = ", "known keys"),
-    ("negate: 0", "negate 0", "line 5 = 'negate 0'", "lines such as"),
-    ("negate: 0", "  negate: 0", "line 5", "lines such as"),
+    ("negate: 0", "origin: [0, 0, 0]", "origin", "each key once"),
+    ("negate: 0", "a: {b: c", "line 6", "valid YAML"),
+    ("negate: 0", "negate 0", "line 6", "valid YAML"),
+    ("negate: 0", "  negate: 0", "line 5", "valid YAML"),
 ]
 
 
@@ -157,6 +157,37 @@ def test_what_is_no_map_is_refused(
         read_map(path)
     assert f"map.yaml: {field}" in str(caught.value)
     assert words in str(caught.value)
+
+
+def test_colours_are_averaged_as_ros_does(tmp_path: Path) -> None:
+    """Yellow has a mean of 170 (a share of 0.333: unknown), green and red 85 (0.667: occupied)."""
+    yellow, green, red, white = (255, 255, 0), (0, 255, 0), (255, 0, 0), (255, 255, 255)
+    found = read_map(write_map(tmp_path, [[yellow, green, red, white]]), unknown_is_free=True)
+    assert found.occupied.tolist() == [[False, True, True, False]]
+    assert found.unknown.tolist() == [[True, False, False, False]]
+
+
+def test_what_map_saver_calls_unknown_is_never_free(tmp_path: Path) -> None:
+    """Its grey 205 has a share of 0.196, which is below the threshold that ROS 2 now writes."""
+    path = write_map(tmp_path, [[UNKNOWN, FREE, TAKEN]], MAP.replace("0.196", "0.25"))
+    with pytest.warns(InputWarning, match=r"1 cells of grey 205.*free_thresh = 0\.25.*unknown"):
+        found = read_map(path)
+    assert found.unknown.tolist() == [[True, False, False]]
+    assert found.occupied.tolist() == [[True, False, True]]
+
+
+def test_keys_of_other_programs_are_left_out_and_told(tmp_path: Path) -> None:
+    with pytest.warns(InputWarning, match="map_type is not known here"):
+        read_map(write_map(tmp_path, [[0, 255]], f"{MAP}map_type: occupancy\n"))
+
+
+def test_an_image_that_is_stored_turned_is_doubted(tmp_path: Path) -> None:
+    path = write_map(tmp_path, [[0, 255]])
+    turned = Image.Exif()
+    turned[0x0112] = 3
+    Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(tmp_path / "map.png", exif=turned)
+    with pytest.warns(InputWarning, match="stored turned"):
+        assert read_map(path).occupied.tolist() == [[True, False]]
 
 
 def test_images_of_more_than_8_bits_are_refused(tmp_path: Path) -> None:

@@ -862,7 +862,7 @@ def test_a_folder_is_no_file_to_write_to(tmp_path: Path) -> None:
 def test_a_plan_file_names_no_other_file(solved: Solved, tmp_path: Path) -> None:
     """The files are there and would be read, if a scenario named them."""
     obstacles, outline, path = (tmp_path / name for name in ("a.geojson", "b.csv", "plan.json"))
-    corners = [[9, 9], [9.1, 9], [9, 9.1], [9, 9]]
+    corners = [[3, 3], [3.1, 3], [3, 3.1], [3, 3]]
     obstacles.write_text(json.dumps({"type": "Polygon", "coordinates": [corners]}))
     outline.write_text("0,0\n0.02,0\n0,0.02\n")
     cup = {"name": "cup", "pose": {"x_m": 1.0, "y_m": 1.0}, "outline": str(outline)}

@@ -8,16 +8,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import Run
 from test_reproduce import CURVATURES, PHOTOGRAPHS, lab, write_simulations
 
 from twosra_mpc import InputError
+from twosra_mpc.lab.commands.reproduce_command import located
 from twosra_mpc.lab.paper import Sources, pieces, reproduce
 from twosra_mpc.lab.paper.kept import Kept
 from twosra_mpc.lab.paper.paper_report import PARTS
+from twosra_mpc.lab.paper.photographs import folders_in
 from twosra_mpc.lab.paper.pieces import random_problems
-from twosra_mpc.lab.paper.published_tasks import read_simulations
+from twosra_mpc.lab.paper.published_tasks import read_simulations, simulated
+from twosra_mpc.lab.reproduction.hardware import trial_paths
 
 __all__ = ["lab"]  # a fixture
 Change = Callable[[Path], object]
@@ -249,3 +253,34 @@ def test_numbers_of_problems_and_processes_are_checked(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="1 or more"):
             reproduce(tmp_path, Sources(), **wrong)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_clones_of_the_authors_repositories_are_read_as_they_are(data: Path) -> None:
+    """Their layouts: trials and photographs in one, a file for each simulation in the other."""
+    control, simulation = (data / f"2sr-agent-{name}" for name in ("control", "simulation"))
+    (control / "ExpData" / "TempPhotos").mkdir(parents=True)
+    (control / "Analysis").mkdir()
+    (data / LOG).rename(control / "ExpData" / "mainExperiment1_1.csv")
+    (control / "ExpData" / "unitsStabilityExp.csv").write_text("LU1 x\n0\n")
+    for series in (path for path in (data / "curvature").iterdir() if path.is_dir()):
+        named = series.name.capitalize()
+        series.rename(control / "ExpData" / "TempPhotos" / named)
+        references = data / "curvature" / f"{named.lower()}.csv"
+        references.rename(control / "ExpData" / f"exp_{named.lower()}_curvature.csv")
+    (simulation / "Data").mkdir(parents=True)
+    for number, task in enumerate(("paper-4", "paper-2"), 1):
+        run = simulated(task)
+        rows = np.column_stack([run.q, run.mode]).tolist()
+        lines = ["x,y,phi,k1,k2,s1,s2", *(",".join(map(repr, row)) for row in rows)]
+        (simulation / "Data" / f"simulation{number}.csv").write_text("\n".join(lines))
+    found = read_simulations(simulation)
+    assert set(found) == {"paper-2", "paper-4"}
+    np.testing.assert_array_equal(found["paper-4"][:, :5], simulated("paper-4").q)
+    assert [path.name for path in trial_paths(control)] == ["mainExperiment1_1.csv"]
+    assert all(references.is_file() for _, references in folders_in(control))
+    assert len(folders_in(control)) == len(list((control / "ExpData" / "TempPhotos").iterdir()))
+    for own in ("hardware", "curvature"):
+        shutil.rmtree(data / own)
+    (data / "published_simulations.csv").unlink(missing_ok=True)
+    for name, place in (("logs", control), ("photographs", control), ("simulations", simulation)):
+        assert located(data)[name] == place

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import yaml
 from conftest import Planned, Run
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -20,6 +21,7 @@ from twosra_mpc.export.ros2_mcap import TEMPERATURE_STEP_C, save_ros2_bag
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.robot.geometry import Geometry
 
+LATCHED = {"/robot_description", "/path"}
 Messages = dict[str, list[tuple[float, Any]]]
 
 
@@ -158,10 +160,33 @@ def test_nothing_is_told_while_nothing_changes(bag: tuple[Plan, Messages]) -> No
     for topic, step in (("temperature", TEMPERATURE_STEP_C), ("setpoint", 0.0)):
         for segment in (1, 2):
             told = [item.temperature for _, item in messages[f"/segment{segment}/{topic}"]]
-            assert (np.abs(np.diff(told)) > step).all()
+            assert (np.abs(np.diff(told[:-1])) > step).all()  # but for the end
     moving = [(phase.start_s - 1e-6, phase.end_s + 1e-6) for phase in plan.phases]
-    for time_s, _ in messages["/tf"][1:]:
+    for time_s, _ in messages["/tf"][1:-1]:
         assert any(start <= time_s <= end for start, end in moving)
+
+
+def test_the_bag_is_the_plan_to_its_end(bag: tuple[Plan, Messages]) -> None:
+    plan, messages = bag
+    for topic, told in messages.items():
+        assert topic in LATCHED or told[-1][0] == pytest.approx(plan.duration_s, abs=1e-9), topic
+    told = messages["/mode"]
+    times = np.array([time_s for time_s, _ in told])
+    for time_s, mode in zip(plan.samples.t_s, plan.samples.mode, strict=True):
+        (last,) = np.flatnonzero(times <= time_s + 1e-9)[-1:]
+        assert list(told[last][1].data) == mode.tolist()
+
+
+def test_who_comes_late_gets_what_is_latched(planned: Planned, tmp_path: Path) -> None:
+    """In the numbers of rmw: durability 1 is transient local, 2 volatile."""
+    save_ros2_bag(planned("paper-2"), tmp_path / "bag.mcap")
+    with (tmp_path / "bag.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    for channel in summary.channels.values():
+        (profile,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+        assert profile["durability"] == (1 if channel.topic in LATCHED else 2)
+        assert profile["reliability"] == 1
 
 
 def test_the_command_writes_a_bag(run: Run, tmp_path: Path) -> None:

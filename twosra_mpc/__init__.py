@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from twosra_mpc.errors import (
         ContradictionError,
         InputError,
+        InputWarning,
         NoPlanError,
         TwosraError,
-        UnitWarning,
     )
     from twosra_mpc.model.kinematics import Kinematics, kinematics
     from twosra_mpc.model.outline import RobotShape, robot_shape
@@ -50,7 +50,7 @@ _PUBLIC = {
     "analysis.model_comparison": ("compare_models",),
     "checking.plan_file": ("PlanCheck", "check_plan"),
     "checking.resampling": ("refined",),
-    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "UnitWarning"),
+    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "InputWarning"),
     "model.kinematics": ("Kinematics", "kinematics"),
     "model.outline": ("RobotShape", "robot_shape"),
     "planning.single_goal.conclusion": ("Progress",),
@@ -85,6 +85,7 @@ __all__ = [
     "GoalSet",
     "Grasp",
     "InputError",
+    "InputWarning",
     "Kinematics",
     "Mode",
     "NoPlanError",
@@ -107,7 +108,6 @@ __all__ = [
     "Task",
     "Tolerance",
     "TwosraError",
-    "UnitWarning",
     "Weights",
     "Workspace",
     "World",

@@ -27,8 +27,8 @@ class TwosraError(Exception):
     """Base of every error raised on purpose by this package."""
 
 
-class UnitWarning(UserWarning):
-    """A number in a file is legal, and probably in another unit."""
+class InputWarning(UserWarning):
+    """Input is legal, and probably not what was meant: another unit or frame, parts left out."""
 
 
 class Missing(str):

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import glob
+import io
 import json
 import math
 import os
 import stat
+import sys
 import tomllib
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,12 @@ from twosra_mpc.keys import near_toml, near_word
 _PACKAGE = Path(__file__).parent
 MOST_SIGNS = 200_000_000  # of a file that is read
 LARGEST = 1e12  # number in a table
+_MOST_LINKS = 40  # from one to the next, as Linux follows them
+_OUTPUTS: ContextVar[frozenset[str]] = ContextVar("outputs", default=frozenset())
+_STREAMS = {  # names of what Python's own streams lead to
+    **dict.fromkeys(("/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"), "stdout"),
+    **dict.fromkeys(("/dev/stderr", "/dev/fd/2", "/proc/self/fd/2"), "stderr"),
+}
 
 
 def built_in_names(folder: str) -> list[str]:
@@ -35,14 +44,11 @@ def locate(source: str | Path, folder: str, field: str) -> Path:
     Raises:
         InputError: If neither exists; the message lists the built-in names.
     """
-    if isinstance(source, Mapping):
-        hint = "a table of keys becomes one by Problem(**table), or Robot(**table)."
-        raise InputError(field, source, "a built-in name, or the path of a file", hint=hint)
     names = built_in_names(folder)
     if str(source) in names:
         return _PACKAGE / folder / f"{source}.toml"
     path = Path(source)
-    if os.path.isfile(path):  # which takes a name that is too long for one of no file
+    if os.path.exists(path) and not os.path.isdir(path):  # a pipe is as good as a file
         return path
     hint = (
         "this is a folder." if os.path.isdir(path) else near_word(source, [*names, *_beside(path)])
@@ -60,22 +66,54 @@ def _beside(path: Path) -> list[str]:
     return [str(each) for each in found]
 
 
-def read_text(path: Path, source: str) -> str:
-    """Read a UTF-8 text file, with or without a byte order mark.
+@contextmanager
+def outputs_are_no_inputs(outputs: Iterable[Path]) -> Iterator[None]:
+    """Refuse to read, within the block, a file that will be written: it would be lost."""
+    token = _OUTPUTS.set(frozenset(map(os.path.realpath, outputs)))
+    try:
+        yield
+    finally:
+        _OUTPUTS.reset(token)
+
+
+def read_bytes(path: Path, source: str) -> bytes:
+    """Read a file, a pipe or a device, once.
 
     Raises:
-        InputError: If the file cannot be read, or is longer than ``MOST_SIGNS``.
+        InputError: If it cannot be read, is longer than ``MOST_SIGNS`` bytes, or is one of the
+            outputs (`outputs_are_no_inputs`).
     """
+    if os.path.realpath(path) in _OUTPUTS.get():
+        raise InputError("output", source, "another file than one that is read")
     try:
-        with path.open(encoding="utf-8-sig") as file:  # maybe a device that never ends
-            text = file.read(MOST_SIGNS + 1)
+        with path.open("rb") as file:  # maybe a device that never ends
+            data = file.read(MOST_SIGNS + 1)
     except (OSError, ValueError) as error:
         named = not path.exists() and source in built_in_names("scenarios")
-        hint = "this is a built-in scenario, for twosra plan." if named else ""
-        raise InputError("file", source, f"a readable UTF-8 file ({error})", hint=hint) from error
-    if len(text) > MOST_SIGNS:
+        hint = f'"twosra plan {source} --out plan.json" writes its plan.' if named else ""
+        reason = getattr(error, "strerror", None) or error
+        allowed = f"a file that can be read ({reason})"
+        raise InputError("file", source, allowed, hint=hint) from error
+    if len(data) > MOST_SIGNS:
         raise InputError("file", source, f"at most {MOST_SIGNS} characters")
-    return text
+    return data
+
+
+def text_of(data: bytes, source: str) -> str:
+    """UTF-8 text, with or without a byte order mark; lines may end as anywhere.
+
+    Raises:
+        InputError: If it is not UTF-8.
+    """
+    try:
+        return io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig").read()
+    except ValueError as error:
+        raise InputError("file", source, f"UTF-8 text ({error})") from error
+
+
+def read_text(path: Path, source: str) -> str:
+    """Read a UTF-8 text file, as `read_bytes` and `text_of` do."""
+    return text_of(read_bytes(path, source), source)
 
 
 def number(text: str | None, field: str, source: str) -> float:
@@ -135,17 +173,36 @@ def open_image(path: Path) -> Iterator[Any]:
 
 
 def read_document(path: Path, source: str) -> dict[str, Any]:
-    """Read a TOML or (by its ending: json, geojson) JSON file into a dictionary.
+    """Read a TOML or JSON file into a dictionary.
 
     Raises:
         InputError: If the file cannot be read or parsed; the message carries line and column.
     """
-    text = read_text(path, source)
+    return document_in(read_text(path, source), path, source)
+
+
+def document_in(text: str, path: Path, source: str) -> dict[str, Any]:
+    """Read the text of a TOML or JSON file into a dictionary.
+
+    A file is JSON by its ending (json, geojson); a pipe, which has none, by its first sign.
+
+    Raises:
+        InputError: If it cannot be parsed; the message carries line and column.
+    """
     if path.suffix == ".geojson":
         return json_document(text, source)
     allowed = "valid TOML, or JSON in a .json file"
-    if path.suffix == ".json":
+    if path.suffix == ".json" or (is_device(path) and text.lstrip().startswith("{")):
         return json_document(text, source, allowed)
+    return toml_document(text, source, allowed)
+
+
+def toml_document(text: str, source: str, allowed: str = "valid TOML") -> dict[str, Any]:
+    """Read the text of a TOML file into a dictionary.
+
+    Raises:
+        InputError: If it cannot be parsed; the message carries line and column.
+    """
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -154,7 +211,7 @@ def read_document(path: Path, source: str) -> dict[str, Any]:
 
 
 _KINDS = {  # kind of file -> keys that it has, and what takes it
-    "plan": ({"phases", "samples"}, "twosra verify"),
+    "plan": ({"phases", "samples"}, "twosra verify, report, animate, resample or export"),
     "run": ({"begun", "drives"}, "load_run of twosra_mpc.execution"),
     "GeoJSON": ({"coordinates", "features", "properties"}, "obstacles = of a scenario"),
     "robot": ({"geometry", "limits"}, "twosra check-robot, or --robot"),
@@ -229,15 +286,32 @@ def check_writable(target: str | Path) -> None:
     Raises:
         InputError: If nothing can be written there.
     """
+    if _stream(target):
+        return
     real = Path(os.path.realpath(target))  # what a link points to is written
     if real.is_symlink():
         raise InputError("output", str(target), "a path whose links do not go round in a circle")
     if real.is_dir():
         raise InputError("output", str(target), "the path of a file, not of a folder")
-    special = real.exists() and not real.is_file()
-    written = real if special else real.parent
-    if not ((special or written.is_dir()) and os.access(written, os.W_OK)):
+    special = is_device(target)
+    written = target if special else real.parent
+    if not ((special or os.path.isdir(written)) and os.access(written, os.W_OK)):
         raise InputError("output", str(target), "a path in a folder that exists and can be written")
+
+
+def is_device(target: str | Path) -> bool:
+    """Whether a path is a device or a pipe, which may be written to more than once."""
+    return os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target)
+
+
+def _stream(target: str | Path) -> str:
+    """Name in ``sys`` of the stream that a path stands for, also by links; empty if none."""
+    path = str(target)
+    for _ in range(_MOST_LINKS):
+        if path in _STREAMS or not os.path.islink(path):
+            break
+        path = os.path.join(os.path.dirname(path), os.readlink(path))
+    return _STREAMS.get(path, "")
 
 
 def write_bytes(target: str | Path, data: bytes) -> None:
@@ -247,18 +321,26 @@ def write_bytes(target: str | Path, data: bytes) -> None:
 
     Raises:
         InputError: If it cannot be written, e.g. on a full disk.
+        BrokenPipeError: If nobody reads the pipe.
     """
     check_writable(target)
     real = Path(os.path.realpath(target))
     try:
-        if real.exists() and not real.is_file():
-            with real.open("wb") as file:
+        if stream := _stream(target):  # its descriptor may lead elsewhere by now
+            getattr(sys, stream).flush()
+            getattr(sys, stream).buffer.write(data)
+            getattr(sys, stream).flush()
+            return
+        if is_device(target):
+            with open(target, "wb") as file:
                 file.write(data)
             return
         umask = os.umask(0)
         os.umask(umask)
         mode = stat.S_IMODE(real.stat().st_mode) if real.exists() else 0o666 & ~umask
         _replace(real, data, mode)
+    except BrokenPipeError:
+        raise
     except OSError as error:
         allowed = f"a path with room for {len(data)} bytes ({error.strerror})"
         raise InputError("output", str(target), allowed) from error

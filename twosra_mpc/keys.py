@@ -324,7 +324,8 @@ def other_unit(field: str, value: object) -> str:
         return ""
     name = ".".join(part for part in field.split(".") if not part.isdigit())
     for slip in _SLIPS:
-        if abs(value) >= slip.least and re.search(slip.keys, name):
+        size = value if slip.ending == _SHARE else abs(value)
+        if size >= slip.least and re.search(slip.keys, name):
             return _meant(name, float(value), slip.ending)
     quick = 0 < value < _LEAST_S and _MINUTES.search(name)
     return _meant(name, float(value), "_min") if quick else ""

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
     ClassVar,
     NoReturn,
+    ParamSpec,
     Self,
     TypeAlias,
     TypeVar,
+    cast,
     get_args,
 )
 
@@ -55,6 +60,7 @@ def _at_least(least: float) -> AfterValidator:
     return AfterValidator(checked)
 
 
+_BRIEF = 80  # characters of a field that are shown
 Key = TypeVar("Key")
 Item = TypeVar("Item")
 
@@ -113,6 +119,12 @@ class Value(BaseModel):
                 problems = [named_problem(type(self), detail) for detail in details]
                 raise problems[0].among(problems[1:]) from None
 
+        def __setattr__(self, name: str, value: Any) -> None:
+            if name in type(self).model_fields:
+                own = type(self).__name__
+                raise InputError(name, value, f"another {own}: with_values({name}=...) makes one")
+            super().__setattr__(name, value)
+
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
@@ -132,6 +144,45 @@ class Value(BaseModel):
             return cls(**document)
         except InputError as error:
             raise error.within("", source) from None
+
+
+class ArrayValue:
+    """Equality and short words of frozen dataclasses that hold arrays.
+
+    Two are equal if all their fields are, arrays entry by entry; NaN is equal to NaN.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(_equal(a, b) for a, b in zip(_held(self), _held(other), strict=True))
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(a for a in _held(self) if isinstance(a, int | float | str))))
+
+    def __repr__(self) -> str:
+        names = (item.name for item in fields(cast(Any, self)))
+        shown = (f"{name}={_brief(a)}" for name, a in zip(names, _held(self), strict=True))
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def _held(value: Any) -> Iterator[Any]:
+    """Values of the fields of a dataclass."""
+    return (getattr(value, item.name) for item in fields(value))
+
+
+def _equal(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    return bool(a == b)
+
+
+def _brief(value: Any) -> str:
+    """A value in words that fit into a line."""
+    if isinstance(value, np.ndarray):
+        return f"<array {value.shape}>"
+    shown = repr(value)
+    return shown if len(shown) <= _BRIEF else f"<{type(value).__name__}>"
 
 
 class Tagged(Value):
@@ -175,6 +226,81 @@ class Tagged(Value):
             return handler(schema)
         kinds = dict.fromkeys(cls.kinds.values())
         return {"oneOf": [handler(kind.__pydantic_core_schema__) for kind in kinds]}
+
+
+_MADE_BY = {  # kind of value -> what makes one
+    "Problem": 'load_problem("paper-1"), or Problem(...)',
+    "Plan": "plan(problem).require(), or load_plan(path).require()",
+    "Result": "plan(problem), or load_plan(path)",
+    "Robot": 'load_robot("2sra-v1")',
+    "Body": 'load_robot("2sra-v1")',
+    "Geometry": 'load_robot("2sra-v1").geometry',
+    "Run": "Executor(robot).run(plan)",
+    (_PATH := "str | Path"): "a path",
+}
+_AS_GIVEN = {"Body": ("Body", "Robot"), _PATH: ("str", "PurePath")}  # one of these will do
+Parameters = ParamSpec("Parameters")
+Returned = TypeVar("Returned")
+
+
+def public(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
+    """Check the arguments of a public function by its annotations, and say what makes right ones.
+
+    Of a result where a plan is meant the plan is taken, by ``require()``.
+
+    Raises:
+        InputError: If an argument is missing, unknown, or of another kind.
+    """
+    signature = inspect.signature(function)
+    kinds = {
+        name: (kind, parameter.annotation.endswith("| None"))
+        for name, parameter in signature.parameters.items()
+        if (kind := str(parameter.annotation).removesuffix(" | None")) in _MADE_BY
+    }
+
+    @functools.wraps(function)
+    def checked(*args: Parameters.args, **named: Parameters.kwargs) -> Returned:
+        try:
+            given = signature.bind(*args, **named)
+        except TypeError as error:
+            raise _wrong_arguments(function.__name__, signature, args, named, error) from None
+        for name, (kind, optional) in kinds.items():
+            if name in given.arguments and not (optional and given.arguments[name] is None):
+                given.arguments[name] = _of_kind(kind, name, given.arguments[name])
+        return function(*given.args, **given.kwargs)
+
+    return checked
+
+
+def _of_kind(kind: str, name: str, value: Any) -> Any:
+    """A value of this kind, by the name of its class; the plan of a result."""
+    names = {each.__name__ for each in type(value).__mro__}
+    if names & {*_AS_GIVEN.get(kind, (kind,))}:
+        return value
+    if kind == "Plan" and "Result" in names:
+        return value.require()
+    if kind == _PATH:
+        table = "a table of keys becomes one by Problem(**table), or Robot(**table)."
+        raise InputError(name, value, "a path", hint=table if isinstance(value, dict) else "")
+    raise InputError(name, value, f"a {kind}: {_MADE_BY[kind]}")
+
+
+def _wrong_arguments(
+    function: str,
+    signature: inspect.Signature,
+    args: Sequence[Any],
+    named: dict[str, Any],
+    error: TypeError,
+) -> InputError:
+    """Name the argument that does not fit; keys of a value among them are changed in the value."""
+    known = ", ".join(signature.parameters)
+    for name in named.keys() - signature.parameters.keys():
+        hint = near_word(name, [*signature.parameters])
+        for owner in (each for each in args if name in getattr(type(each), "model_fields", ())):
+            kind = type(owner).__name__.lower()
+            hint = f"{kind}.with_values({name}={named[name]!r}) makes a {kind} with it."
+        return InputError(name, named[name], f"arguments of {function}: {known}", hint=hint)
+    return InputError(function, f"{len(args) + len(named)} arguments", f"{known} ({error})")
 
 
 class FrozenDict(dict[Key, Item]):
@@ -223,6 +349,8 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
             hint = f"did you mean a list, e.g. [{given}, {given}]?" if listed else ""
             if isinstance(given, str) and given.startswith("["):
                 hint = f"did you mean {given}, without quotes?"
+            if isinstance(given, dict):
+                hint = f"did you mean [[{field}]], which may stand several times?"
             return InputError(field, given, f"a list of values{_described(field)}", hint=hint)
         case "too_long":
             return InputError(field, given, f"a list of {context['max_length']} values")
@@ -258,7 +386,7 @@ def _wrong_value(model: type[BaseModel], detail: ErrorDetails, field: str) -> In
         optional = head is not None and not head.is_required()
         listed = isinstance(location[-1], int)
         hint = near_number(key, given, optional=optional, listed=listed)
-    if key in ("mode", "modes"):
+    if key in ("mode", "modes") and kind != "literal_error":
         phrase += " (1: soft, 0: rigid)"
     unit = unit_of(key)
     if unit and kind not in _CHOICE:

@@ -15,6 +15,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
+from twosra_mpc.validation import public
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,7 @@ class ModelComparison:
     end_errors: Array
 
 
+@public
 def compare_models(problem: Problem, models: Sequence[str] = PATH_MODELS) -> ModelComparison:
     """Plan ``problem`` under each path model and execute every plan under every other.
 

@@ -23,7 +23,7 @@ from twosra_mpc.checking.heating import heated_states
 from twosra_mpc.checking.verification import Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
-from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.document import plan_in
 from twosra_mpc.plans.plan import Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
@@ -34,6 +34,7 @@ from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names, segment_model
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.path_choice import with_path_model
+from twosra_mpc.validation import ArrayValue, public
 
 ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
 EFFORT_TOLERANCE = 1e-3  # of the effort: how a wheel's speed bends between samples
@@ -63,8 +64,8 @@ class Check:
     unit: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class PlanCheck:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanCheck(ArrayValue):
     """A plan file that was checked.
 
     Attributes:
@@ -83,6 +84,7 @@ class PlanCheck:
         return not self.problems and all(check.ok for check in self.checks)
 
 
+@public
 def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     """Check a plan file without trusting what it says of itself.
 
@@ -93,8 +95,8 @@ def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     Raises:
         InputError: If it is not a plan file of a known version, or does not fit together.
     """
-    result = load_plan(path)
-    document = json_document(read_text(Path(path), str(path)), str(path))
+    text = read_text(Path(path), str(path))  # once: it may be a pipe
+    result, document = plan_in(text, str(path)), json_document(text, str(path))
     if (plan := result.plan) is None:
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))

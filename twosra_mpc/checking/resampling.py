@@ -9,8 +9,10 @@ import numpy as np
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import new_times
+from twosra_mpc.validation import public
 
 
+@public
 def refined(plan: Plan, rate_Hz: float) -> Plan:
     """Add samples at a regular rate; those that the plan has stay, since its inputs change there.
 

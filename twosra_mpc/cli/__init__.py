@@ -30,9 +30,9 @@ from twosra_mpc.cli.output import (
 from twosra_mpc.errors import (
     ContradictionError,
     InputError,
+    InputWarning,
     NoPlanError,
     TwosraError,
-    UnitWarning,
     printable,
 )
 from twosra_mpc.interrupts import Interrupts, noted_interrupts
@@ -136,6 +136,13 @@ fish_source).
 """
 
 
+_ELSEWHERE = {  # what other programs have as a command -> what is typed here
+    "help": "type twosra --help, or twosra COMMAND --help.",
+    "version": "type twosra --version.",
+    "init": "type twosra new scenario NAME.",
+}
+
+
 class _Commands(click.Group):
     """Commands whose modules are imported only when they are asked for: some take a second."""
 
@@ -155,9 +162,9 @@ class _Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        hint = near_word(args[0], _MODULES)
+        hint = _ELSEWHERE.get(args[0]) or near_word(args[0], _MODULES)
         if args[0] not in _MODULES and hint:
-            ctx.fail(f"No such command {args[0]!r}. {hint.capitalize()}")
+            ctx.fail(f"No such command {args[0]!r}. {hint[0].upper()}{hint[1:]}")
         return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
@@ -187,14 +194,18 @@ def commands() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit with its code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with noted_interrupts() as interrupts, _warnings_in_words():
-        code = _run(arguments, interrupts)
+    with noted_interrupts() as interrupts, _warnings_in_words() as told:
+        code = _run(arguments, interrupts, told)
     sys.exit(code)
 
 
 @contextmanager
-def _warnings_in_words() -> Iterator[None]:
-    """Say doubts about units in a line, also with --quiet: a result may be of another problem."""
+def _warnings_in_words() -> Iterator[list[str]]:
+    """Say doubts about input in a line, also with --quiet: a result may be of another problem.
+
+    Yields the list of what was said, which ``--json`` repeats.
+    """
+    told: list[str] = []
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
@@ -206,20 +217,21 @@ def _warnings_in_words() -> Iterator[None]:
             file: TextIO | None = None,
             line: str | None = None,
         ) -> None:
-            if issubclass(category, UnitWarning):
+            if issubclass(category, InputWarning):
+                told.append(str(message))
                 click.echo(f"twosra: warning: {message}", err=True)
             else:
                 usual(message, category, filename, lineno, file, line)
 
-        warnings.simplefilter("default", UnitWarning)
+        warnings.simplefilter("default", InputWarning)
         warnings.showwarning = show
-        yield
+        yield told
 
 
-def _run(arguments: list[str] | None, interrupts: Interrupts) -> int:
+def _run(arguments: list[str] | None, interrupts: Interrupts, told: list[str]) -> int:
     """Run the command line, and say what goes wrong; returns the exit code."""
     try:
-        code = commands.main(arguments, prog_name="twosra", standalone_mode=False)
+        code = commands.main(arguments, prog_name="twosra", standalone_mode=False, obj=told)
         sys.stdout.flush()
     except (click.Abort, KeyboardInterrupt):
         return _interrupted()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import click
 from click.shell_completion import CompletionItem
@@ -15,7 +15,7 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.files import built_in_names, check_writable, locate, read_text, write_text
 from twosra_mpc.keys import near_word
 
-Kind = Literal["scenario", "robot"]
+Kind = Literal["scenario", "robot", "batch"]
 
 _FOLDERS: dict[str, str] = {"scenario": "scenarios", "robot": "robots"}
 _FIRST_ROBOT = "2sra-v1"
@@ -35,15 +35,16 @@ def _named(_ctx: click.Context, _param: click.Parameter, target: Path) -> Path:
 
 
 @command("new")
-@click.argument("kind", type=click.Choice(list(_FOLDERS)))
+@click.argument("kind", type=click.Choice(get_args(Kind)))
 @click.argument("target", metavar="NAME", type=FILE, callback=_named)
 @click.option("--from", "source", metavar="BUILT_IN", help="Copy it.", shell_complete=_built_in)
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
 def new_command(kind: Kind, target: Path, source: str | None, force: bool, output: Output) -> None:
-    """Write a scenario or a robot file to start from: NAME, with or without .toml.
+    """Write a scenario, a robot or a batch to start from: NAME, with or without .toml.
 
     A new scenario shows every key, the optional ones as comments; with --from it is a copy of a
     built-in one. A new robot is a copy of 2sra-v1 or of another built-in robot, and is called NAME.
+    A new batch shows all it can plan.
 
     \b
     A scenario to start from, and its plan:
@@ -53,9 +54,11 @@ def new_command(kind: Kind, target: Path, source: str | None, force: bool, outpu
       twosra new scenario my-doorway --from doorway
     A robot of your own:
       twosra new robot my-2sr --from 2sr-v2
+    Many problems at once:
+      twosra new batch many
     """
     path = target if target.suffix == ".toml" else target.with_name(f"{target.name}.toml")
-    text = _scenario(source) if kind == "scenario" else _robot(source or _FIRST_ROBOT, path.stem)
+    text = _text(kind, source, path.stem)
     check_writable(path)
     if path.exists() and not force:
         raise InputError("NAME", str(path), "the name of a new file, or --force to replace this")
@@ -66,10 +69,13 @@ def new_command(kind: Kind, target: Path, source: str | None, force: bool, outpu
     output.report(lambda: document, lambda: click.echo(shown))
 
 
-def _scenario(source: str | None) -> str:
+def _text(kind: Kind, source: str | None, name: str) -> str:
+    """Text of the new file."""
+    if kind == "robot":
+        return _robot(source or _FIRST_ROBOT, name)
     if source is None:
-        return Path(__file__).with_name("new_scenario.toml").read_text(encoding="utf-8")
-    _check_built_in(source, "scenario")
+        return Path(__file__).with_name(f"new_{kind}.toml").read_text(encoding="utf-8")
+    _check_built_in(source, kind)
     return read_text(locate(source, _FOLDERS["scenario"], "--from"), source)
 
 
@@ -84,7 +90,7 @@ def _robot(source: str, name: str) -> str:
 
 
 def _check_built_in(source: str, kind: Kind) -> None:
-    names = built_in_names(_FOLDERS[kind])
+    names = built_in_names(_FOLDERS[kind]) if kind in _FOLDERS else []
     if source not in names:
         allowed = f"a built-in {kind}: {', '.join(names)}"
         raise InputError("--from", source, allowed, hint=near_word(source, names))
@@ -93,6 +99,8 @@ def _check_built_in(source: str, kind: Kind) -> None:
 def _following(kind: Kind, path: Path, source: str | None) -> list[str]:
     """Commands to go on with."""
     file, plan = shlex.quote(str(path)), shlex.quote(f"{path.stem}.json")
+    if kind == "batch":
+        return [f"twosra batch {file} --out {shlex.quote(f'{path.stem}-runs')}"]
     if kind == "scenario":
         return [f"twosra plan {file} --out {plan}", f"twosra verify {plan}"]
     scenario = "three-segments" if source == "3sra" else "rigid-move"

@@ -13,7 +13,7 @@ from click.shell_completion import CompletionItem
 
 from twosra_mpc.cli.output import Output
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import built_in_names, check_writable
+from twosra_mpc.files import built_in_names, check_writable, is_device, outputs_are_no_inputs
 from twosra_mpc.problem.problem import Problem, load_problem
 from twosra_mpc.robot.paths import PATH_MODELS
 
@@ -87,7 +87,9 @@ def command(name: str, words: str | None = None) -> Callable[[Function], click.C
     def decorate(function: Function) -> click.Command:
         @functools.wraps(function)
         def run(*, as_json: bool, quiet: bool, **given: Any) -> Any:
-            return function(output=Output(as_json=as_json, quiet=quiet), **given)
+            outputs = click.get_current_context().meta.get("outputs", ())
+            with outputs_are_no_inputs(outputs):
+                return function(output=Output(as_json=as_json, quiet=quiet), **given)
 
         made = click.command(name, help=words or function.__doc__)(run)
         made.params += [_JSON, _QUIET, _DEBUG]
@@ -154,17 +156,12 @@ class NewFile(click.Path):
         target = super().convert(value, param, ctx)
         assert isinstance(target, Path)  # as asked for above
         taken = click.get_current_context().meta.setdefault("outputs", set())
-        if (real := target.resolve()) in taken and not _takes_all(real):
+        if (real := target.resolve()) in taken and not is_device(target):
             raise InputError("output", str(target), "another file for each thing that is written")
         taken.add(real)
         for check in self._checks:
             check(target)
         return target
-
-
-def _takes_all(target: Path) -> bool:
-    """Whether it is a device or a pipe, which may be written to twice."""
-    return target.exists() and not target.is_file()
 
 
 def out_argument(check: Check) -> Decorator:
@@ -176,7 +173,7 @@ def ending(*allowed: str) -> Check:
     """Return the check that a file has one of these endings."""
 
     def check(target: Path) -> None:
-        if target.suffix not in allowed and not _takes_all(target):
+        if target.suffix not in allowed and not is_device(target):
             raise InputError("output", str(target), f"a file ending in {' or '.join(allowed)}")
 
     return check
@@ -188,8 +185,9 @@ def choice_option(words: str, choices: Sequence[str], *names: str) -> Decorator:
 
 
 def file_option(name: str, words: str, *checks: Check) -> Decorator:
-    """Add an option for a file to write."""
-    return click.option(name, type=NewFile(*checks), help=words)
+    """Add an option for a file to write; ``--out`` is ``-o``, too."""
+    short = ("-o",) if name == "--out" else ()
+    return click.option(name, *short, type=NewFile(*checks), help=words)
 
 
 def plot_option(words: str) -> Decorator:

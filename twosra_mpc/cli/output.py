@@ -39,9 +39,16 @@ class Output:
     quiet: bool
 
     def report(self, document: Callable[[], Any], tables: Callable[[], None]) -> None:
-        """Print a result: as plain data with ``--json``, else as tables unless ``--quiet``."""
+        """Print a result: as plain data with ``--json``, else as tables unless ``--quiet``.
+
+        The document has what was doubted in the input as ``warnings``, if anything was.
+        """
         if self.as_json:
-            click.echo(json.dumps(plain_data(document()), allow_nan=False))
+            shown = plain_data(document())
+            told = click.get_current_context().find_object(list)
+            if told and isinstance(shown, dict):
+                shown["warnings"] = [*shown.get("warnings", ()), *told]
+            click.echo(json.dumps(shown, allow_nan=False))
         elif not self.quiet:
             tables()
 

@@ -28,11 +28,12 @@ from twosra_mpc.cli.output import EXIT_BAD_INPUT, EXIT_NO_PLAN, EXIT_PLANNED, Ou
 from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TOPICS, save_mcap
+from twosra_mpc.export.robot_chain import urdf
 from twosra_mpc.export.ros2_mcap import save_ros2_bag
-from twosra_mpc.files import write_text
+from twosra_mpc.files import read_bytes, text_of, write_text
 from twosra_mpc.installation import install_command, require_flint
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.document import load_plan, plan_in
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.robot.description import load_robot
 
@@ -169,7 +170,8 @@ def resample_command(plan: Path, out: Path, rate_Hz: float, output: Output) -> N
 
 _EXPORT_HELP = f"""Write PLAN to OUT in the format of another program: a .mcap or a .csv file.
 
-Or write ROBOT (a name or a file) to a .xml file: MJCF, which MuJoCo and its viewer open.
+Or write ROBOT (a name or a file) to a .xml file: MJCF, which MuJoCo and its viewer open; or to a
+.urdf file: a chain of short links for each segment, as RViz shows it.
 
 MCAP opens in Foxglove without ROS: the robot to scale (topic /robot, frames on /tf),
 configuration, mode, wheels, heaters and temperatures. Its clock is the plan's, from zero. CSV has
@@ -195,10 +197,13 @@ A robot with rolling wheels and a fibre of hinges, to play with:
 """
 
 
+_OF_ROBOTS = {".xml": mjcf, ".urdf": urdf}
+
+
 @command("export", _EXPORT_HELP)
 @click.argument("source", metavar="PLAN|ROBOT", **ROBOT)
 @ACCEPT_PAPER_WHEELS
-@out_argument(ending(".mcap", ".csv", ".xml"))
+@out_argument(ending(".mcap", ".csv", *_OF_ROBOTS))
 @rate_option("CSV: rows per second. MCAP: samples per second besides the plan's own.")
 @click.option("--ros2", is_flag=True, help="MCAP: standard messages of ROS 2.")
 def export_command(
@@ -210,9 +215,9 @@ def export_command(
     output: Output,
 ) -> None:
     """Export a plan or a robot; see ``_EXPORT_HELP``."""
-    if out.suffix == ".xml" and not ros2:
+    if (write := _OF_ROBOTS.get(out.suffix)) is not None and not ros2:
         described = load_robot(source)
-        write_text(out, mjcf(described))
+        write_text(out, write(described))
         output.record((described.name, "exported"), {"file": str(out), "robot": described.name})
         return
     plan = drivable_plan(Path(source), accept_paper_wheels=accept_paper_wheels)
@@ -255,9 +260,10 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
     """
     from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
 
-    given = load_plan(plan)
+    content = read_bytes(plan, str(plan))
+    given = plan_in(text_of(content, str(plan)), str(plan))
     with output.progress("drawing the report"):
-        write_report(given, out, Origin.of(plan))
+        write_report(given, out, Origin.of(plan.name, content))
     document = {"file": str(out), "bytes": out.stat().st_size, "status": str(given.status)}
     output.record((given.problem.robot.name, "report"), document)
 

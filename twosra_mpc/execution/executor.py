@@ -29,6 +29,7 @@ from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.tasks import Task
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, sequence_name
+from twosra_mpc.validation import public
 
 _MISSES = 1  # of a mode of several segments that are planned again in the same
 _LONGER = 2  # doublings: two melts of 2sra-v1, after which all of it is liquid
@@ -57,6 +58,7 @@ class Executor:
     on_command: Callable[[Session], None] = lambda session: None
     meanwhile: Meanwhile = at_once
 
+    @public
     def run(self, plan: Plan) -> Run:
         """Run a plan; the robot must be where it starts. It stands at the end, heaters off.
 

@@ -14,6 +14,7 @@ from twosra_mpc.control.stiffness import KnownStiffness
 from twosra_mpc.errors import TwosraError
 from twosra_mpc.robot.coordinates import Array, Coordinates
 from twosra_mpc.robot.description import Robot
+from twosra_mpc.validation import ArrayValue
 
 OfKind = tuple[float, float, float]
 
@@ -50,8 +51,8 @@ class Camera:
         return spread
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
+@dataclass(frozen=True, eq=False, repr=False)
+class Reading(ArrayValue):
     """What has become known since the reading before; n segments.
 
     Attributes:

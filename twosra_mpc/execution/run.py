@@ -14,6 +14,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.accuracy import Accuracy
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import Mode, Stiffness
+from twosra_mpc.validation import ArrayValue
 from twosra_mpc.version import __version__
 
 EventKind = Literal[
@@ -82,8 +83,8 @@ class Change(NamedTuple):
     to: Stiffness
 
 
-@dataclass(frozen=True, eq=False)
-class RunLog:
+@dataclass(frozen=True, eq=False, repr=False)
+class RunLog(ArrayValue):
     """Everything measured, believed and sent; arrays of one length, read-only.
 
     Attributes:
@@ -114,8 +115,8 @@ class RunLog:
             getattr(self, item.name).setflags(write=False)
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(ArrayValue):
     """A run from start to end.
 
     Attributes:

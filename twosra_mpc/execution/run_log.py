@@ -24,9 +24,11 @@ from twosra_mpc.execution.run import (
 )
 from twosra_mpc.execution.session import Session
 from twosra_mpc.files import check_kind, read_document, reading, write_json
-from twosra_mpc.plans.document import embedded_problem, plan_within
+from twosra_mpc.plans.document import plan_within
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.problem.problem import embedded_problem
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.validation import public
 
 SAVED_EVERY_S = 10.0  # of a run under way, whenever it stands: a power cut costs no more
 _SHARE = 0.02  # of the time, at most, is spent on that
@@ -69,6 +71,7 @@ class RunFile:
         write_json(self.path, run.to_dict())
 
 
+@public
 def load_run(path: str | Path) -> Run:
     """Read a run back that was saved, by `RunFile` or from ``Run.to_dict``.
 

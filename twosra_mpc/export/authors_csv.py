@@ -8,8 +8,10 @@ from pathlib import Path
 
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.validation import public
 
 
+@public
 def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
     """Write configuration, input and stiffness of a plan, one row a sample, atomically.
 

@@ -25,6 +25,7 @@ from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.validation import public
 
 SCENE, FRAMES, AROUND, OBJECTS = "/robot", "/tf", "/surroundings", "/objects"
 TABLES = {  # topic -> what it says, how the names of its columns begin
@@ -38,6 +39,7 @@ STEPS = {"temperature": 0.1, "melt": 0.01}  # by how a column's name begins; oth
 TOPICS = (SCENE, FRAMES, *TABLES)
 
 
+@public
 def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
     """Write a plan as MCAP, atomically.
 

@@ -2,20 +2,24 @@
 
 ``/robot_description`` is the robot as URDF (`robot_chain`), ``/joint_states`` its hinges and
 wheels, ``/tf`` all its frames, ``/path`` the course of b0. ``/wheel_commands`` are joint states
-whose velocities hold to the next message. ``/segmentN/temperature`` is what the metal is expected
-to be and ``/segmentN/setpoint`` what its heater regulates to, in degrees Celsius. Times are the
-plan's, from zero; what does not change is not written again.
+whose velocities hold to the next message. ``/mode`` is the stiffness mode, 1 for each soft segment;
+``/segmentN/temperature`` is what the metal is expected to be and ``/segmentN/setpoint`` what its
+heater regulates to, in degrees Celsius. Times are the plan's, from zero; what does not change is
+not written again, but for the plan's end, at which every topic has a last message. The description
+and the path are latched: who subscribes later gets them, too.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
@@ -25,7 +29,8 @@ from twosra_mpc.files import check_writable, write_bytes
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
-from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.validation import public
 
 WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far
@@ -35,6 +40,9 @@ _TYPES = {  # interface -> its fields
     "builtin_interfaces/Time": _TIME,
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     "std_msgs/String": "string data\n",
+    "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride\n",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n",
+    "std_msgs/UInt8MultiArray": "std_msgs/MultiArrayLayout layout\nuint8[] data\n",
     "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
@@ -55,9 +63,19 @@ _TYPES = {  # interface -> its fields
     "sensor_msgs/Temperature": ("std_msgs/Header header\nfloat64 temperature\nfloat64 variance\n"),
 }
 
+_LATCHED = {"/robot_description", "/path"}
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+_QOS = {  # of a publisher, in the numbers of rmw: reliable, keeps the last message
+    **{"history": 1, "depth": 1, "reliability": 1, "durability": 2, "deadline": _FOREVER},
+    **{"lifespan": _FOREVER, "liveliness": 1, "liveliness_lease_duration": _FOREVER},
+    "avoid_ros_namespace_conventions": False,
+}
+_TRANSIENT_LOCAL = 1  # durability of what is latched
+
 Send = Callable[[str, str, float, dict[str, Any]], None]  # topic, interface, time [s], message
 
 
+@public
 def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
     """Write a plan as a ROS 2 bag in MCAP, atomically.
 
@@ -84,6 +102,13 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
         }
 
         def send(topic: str, interface: str, time_s: float, message: dict[str, Any]) -> None:
+            if topic not in bag._channel_ids:  # it would register one without metadata
+                bag._channel_ids[topic] = bag._writer.register_channel(
+                    topic=topic,
+                    message_encoding="cdr",
+                    schema_id=schemas[interface].id,
+                    metadata={"offered_qos_profiles": _offered(topic)},
+                )
             at = round(time_s * 1e9)
             bag.write_message(topic, schemas[interface], message, log_time=at, publish_time=at)
 
@@ -93,11 +118,23 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
     write_bytes(path, memory.getvalue())
 
 
+def _offered(topic: str) -> str:
+    """Quality of service of a topic, as bags hold it: YAML, of which JSON is a part."""
+    return json.dumps([_QOS | ({"durability": _TRANSIENT_LOCAL} if topic in _LATCHED else {})])
+
+
+def _news(table: Array, step: float = 0.0) -> NDArray[np.bool_]:
+    """Rows that say something new, and the last one: there the plan ends."""
+    new = changed(table, step)
+    new[-1] = True
+    return new
+
+
 def _send_motion(plan: Plan, send: Send) -> None:
     """The path once; joint states and frames wherever the robot has moved."""
     geometry, samples = plan.robot.geometry, plan.samples
     turned = plan.trajectory.wheel_travel_rad(samples.t_s)
-    new = changed(np.hstack([samples.q, turned]))
+    new = _news(np.hstack([samples.q, turned]))
     poses = [
         {"header": _header(t), "pose": {"position": _xyz(x, y), "orientation": _turn(phi)}}
         for t, (x, y, phi) in zip(
@@ -121,9 +158,14 @@ def _send_motion(plan: Plan, send: Send) -> None:
 
 
 def _send_commands(held: Samples, send: Send) -> None:
-    """Wheel speeds, set-points and temperatures, each when it changes."""
+    """Mode, wheel speeds, set-points and temperatures, each when it changes."""
+    new = _news(held.mode.astype(float))
+    for t, mode in zip(held.t_s[new].tolist(), held.mode[new].tolist(), strict=True):
+        dimension = {"label": "segment", "size": len(mode), "stride": len(mode)}
+        message = {"layout": {"dim": [dimension], "data_offset": 0}, "data": mode}
+        send("/mode", "std_msgs/UInt8MultiArray", t, message)
     axles = [f"wheel{i}_axle" for i in range(1, held.wheel_rad_s.shape[1] + 1)]
-    new = changed(held.wheel_rad_s)
+    new = _news(held.wheel_rad_s)
     for t, speeds in zip(held.t_s[new].tolist(), held.wheel_rad_s[new].tolist(), strict=True):
         state = _joint_state(t, axles, [], speeds)
         send("/wheel_commands", "sensor_msgs/JointState", t, state)
@@ -131,7 +173,7 @@ def _send_commands(held: Samples, send: Send) -> None:
     series["temperature"] = held.temperature_C, TEMPERATURE_STEP_C
     for name, (values, step) in series.items():
         for segment in range(values.shape[1]):
-            new = changed(values[:, segment, None], step)
+            new = _news(values[:, segment, None], step)
             link = f"segment{segment + 1}_piece1"
             for t, value in zip(held.t_s[new].tolist(), values[new, segment].tolist(), strict=True):
                 message = {"header": _header(t, link), "temperature": value, "variance": 0.0}

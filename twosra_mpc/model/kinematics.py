@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
 
 from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.chain import wheel_pose_matrix, wheel_poses
@@ -57,6 +59,24 @@ class Kinematics:
     wheel_map: ca.Function
     shared: ca.Function
     wheel_poses: ca.Function
+
+    def inputs(self, q: ArrayLike, sigma: ArrayLike, wheel_rad_s: ArrayLike) -> Array:
+        """Inputs v = V+ omega of wheel speeds, by the Moore-Penrose inverse.
+
+        Exact for speeds V v of inputs that the mode has; else the nearest by least squares. Inputs
+        that a mode has not are 0. Paper, section Unified Jacobian Matrix.
+
+        Args:
+            q: Configuration, (3 + n,) [m, m, rad, 1/m ...].
+            sigma: Mode, (n,), 1 = soft.
+            wheel_rad_s: Speeds of the four wheels [rad/s].
+
+        Returns:
+            [v1, v2, u0, v0, r0] [m/s, m/s, m/s, m/s, rad/s].
+        """
+        matrix = self.wheel_matrix(np.asarray(q, float), np.asarray(sigma, float)).full()
+        found: Array = np.linalg.pinv(matrix) @ np.asarray(wheel_rad_s, float)
+        return found
 
 
 class InPlace:

@@ -15,6 +15,7 @@ from twosra_mpc.model.chain import composed, fibre_end_pose, fibre_poses, placed
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.robot.coordinates import POSE, WHEELS, Array, Coordinates
 from twosra_mpc.robot.geometry import Geometry
+from twosra_mpc.validation import public
 
 FEW_POINTS = 7  # along a segment
 
@@ -48,6 +49,7 @@ class RobotShape(NamedTuple):
         return middle
 
 
+@public
 def robot_shape(geometry: Geometry, q: ArrayLike, points: int = 40) -> RobotShape:
     """Place the robot at q = (x, y, phi, kappa1 ... kappan) [m, m, rad, 1/m], shape (..., 3 + n).
 

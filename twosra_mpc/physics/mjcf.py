@@ -20,6 +20,7 @@ from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.physics import Physics
 from twosra_mpc.space.convex import convex_parts
+from twosra_mpc.validation import public
 
 HINGES = 8  # of a segment
 STEP_S = 0.0015
@@ -39,6 +40,7 @@ _SLIPPERY = "0.3 0.005 0.0001"  # of objects on the ground, and of the robot alo
 _GREY, _GREEN = "0.5 0.5 0.5 1", "0.2 0.6 0.3 1"
 
 
+@public
 def mjcf(
     robot: Robot,
     physics: Physics | None = None,

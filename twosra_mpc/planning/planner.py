@@ -43,10 +43,12 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
+from twosra_mpc.validation import public
 
 _WIDTH, _LEAVES, _TRIES = 4, 30, 8  # of the first look for a plan of several stages
 
 
+@public
 def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Result:
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 

@@ -11,16 +11,15 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import LARGEST, check_kind, json_document, read_document, read_text, reading
+from twosra_mpc.files import LARGEST, check_kind, json_document, read_text, reading, toml_document
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
-from twosra_mpc.plans.result import FORMAT, FORMAT_VERSION, MISSION_VERSION, Result, Stats
+from twosra_mpc.plans.result import FORMAT_VERSION, MISSION_VERSION, Result, Stats
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
-from twosra_mpc.problem.problem import Problem
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
 from twosra_mpc.timing import Transition
-from twosra_mpc.validation import named_problem
+from twosra_mpc.validation import named_problem, public
 
 
 class PhaseDocument(NamedTuple):
@@ -56,8 +55,9 @@ class PlanDocument(BaseModel):
     ``fastest_cost_s`` and ``search_gap`` are younger, too: without them nothing is known of how
     much slower a plan is on purpose. ``certificate`` is there where one was asked for;
     ``checking.certificate`` reads it.
-    Missions are of version 3, which is version 2 with ``tasks`` and ``carried``. A robot without
-    ``unit_frame_m`` is older than that key, see `embedded_problem`.
+    ``warnings`` stands in what ``--json`` prints: doubts about the input, which the plan is not
+    about. Missions are of version 3, which is version 2 with ``tasks`` and ``carried``. A robot
+    without ``unit_frame_m`` is older than that key, see `embedded_problem`.
     """
 
     model_config = _Read
@@ -86,18 +86,31 @@ class PlanDocument(BaseModel):
     certificate: dict[str, Any] | None = None
     tasks: tuple[TaskDone, ...] = ()
     carried: tuple[CarriedObject, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
+@public
 def load_plan(path: str | Path) -> Result:
     """Read a plan file back.
 
     Raises:
         InputError: If the file is not a plan of a known version, or does not fit together.
     """
-    source = str(path)
-    text = read_text(Path(path), source)
-    if Path(path).suffix == ".toml":
-        check_kind(read_document(Path(path), source), "plan", source)
+    return plan_in(read_text(Path(path), str(path)), str(path))
+
+
+def plan_in(text: str, source: str) -> Result:
+    """Read back what is in a plan file.
+
+    Args:
+        text: Its text.
+        source: The file.
+
+    Raises:
+        InputError: If it is not a plan of a known version, or does not fit together.
+    """
+    if Path(source).suffix == ".toml":
+        check_kind(toml_document(text, source), "plan", source)
     head = json_document(text, source, "a plan in JSON")
     check_kind(head, "plan", source)
     if head.get("format") != FORMAT or head.get("version") not in (
@@ -151,33 +164,6 @@ def _result(data: PlanDocument, source: str) -> Result:
         certificate=data.certificate,
         plan=None if data.samples is None else _plan(data, problem, data.samples),
     )
-
-
-def embedded_problem(robot: dict[str, Any], scenario: dict[str, Any], source: str) -> Problem:
-    """Read a problem that another file holds; unlike one of a user it may name no file.
-
-    Where the robot's geometry has no ``unit_frame_m``, the file was written when the square that
-    wheels sit around was the outline, too; so it is here.
-
-    Args:
-        robot: Its robot, as the file has it.
-        scenario: All else.
-        source: The file.
-
-    Raises:
-        InputError: If it is wrong, or naming the key and the file that it names.
-    """
-    allowed, where = "in this file itself: plan files name no other file", f"{source} (scenario)"
-    if isinstance(named := scenario.get("obstacles"), str):
-        raise InputError("obstacles", named, f"a list {allowed}", where)
-    objects = scenario.get("objects")
-    for i, item in enumerate(objects if isinstance(objects, list) else ()):
-        if isinstance(item, dict) and "outline" in item:
-            raise InputError(f"objects.{i}.outline", item["outline"], f"corners {allowed}", where)
-    if isinstance(lengths := robot.get("geometry"), dict) and "unit_side_m" in lengths:
-        robot = {**robot, "geometry": {"unit_frame_m": lengths["unit_side_m"], **lengths}}
-    known = Robot.parse(robot, f"{source} (robot)")
-    return Problem.parse({**scenario, "robot": known}, where)
 
 
 def _plan(data: PlanDocument, problem: Problem, samples: dict[str, Any]) -> Plan:

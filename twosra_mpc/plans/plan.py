@@ -14,6 +14,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
 from twosra_mpc.timing import Transition
+from twosra_mpc.validation import ArrayValue
 
 _SAME = 1e-9  # of a cost: no more than rounding
 
@@ -72,7 +73,7 @@ class Verification:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(ArrayValue):
     """A plan: what happens at any time, what it costs, and what is proved of it.
 
     Attributes:

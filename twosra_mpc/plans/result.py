@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
-from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.problem import FORMAT, Problem
+from twosra_mpc.validation import ArrayValue
 from twosra_mpc.version import __version__
 
-FORMAT = "twosra-plan"
 FORMAT_VERSION, MISSION_VERSION = 2, 3  # of single goals, and of missions
 
 _NO_PLAN: dict[str, Any] = {
@@ -46,7 +46,7 @@ class Stats:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(ArrayValue):
     """The outcome of planning.
 
     Attributes:
@@ -96,6 +96,15 @@ class Result:
         if self.plan is None or not self.found:
             raise NoPlanError(self.status, self.message)
         return self.plan
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Say where to find what a plan has.
+
+        Raises:
+            AttributeError: Always; a result has no further attributes.
+        """
+        hint = f"; result.require().{name} is the plan's" if hasattr(Plan, name) else ""
+        raise AttributeError(f"a Result has no {name}{hint}", name=name, obj=self)
 
     def __repr__(self) -> str:
         return f"<Result {self.status}: {self.message}>"

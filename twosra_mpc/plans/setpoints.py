@@ -12,6 +12,7 @@ from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.validation import public
 
 
 def rows(samples: Samples) -> tuple[list[str], Array]:
@@ -40,6 +41,7 @@ def _numbered(name: str, values: Array | NDArray[np.int64]) -> dict[str, Array]:
     return {name.format(i): column for i, column in enumerate(values.T, start=1)}
 
 
+@public
 def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> None:
     """Write the set-points of a plan as CSV, atomically; every row holds to the next.
 

@@ -20,6 +20,7 @@ from twosra_mpc.robot.coordinates import INPUTS, POSE, WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 from twosra_mpc.timing import SegmentHeating, Transition, transition_model
+from twosra_mpc.validation import ArrayValue
 
 SAME_TIME_S = 1e-6  # events closer than this are one
 HIGHEST_RATE_HZ = 1000.0
@@ -34,7 +35,7 @@ class Phase(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Samples:
+class Samples(ArrayValue):
     """A plan at some times, for a robot of n segments; arrays are read-only.
 
     On a plan's own grid modes, heater commands and the inputs' rate of change hold to the next
@@ -90,7 +91,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(ArrayValue):
     """A plan's course from t = 0 to its end, asked at any times, which are clipped to that.
 
     Between samples the configuration follows the kinematics from the sample before, with the input

@@ -27,6 +27,7 @@ from twosra_mpc.plotting.figures import PALETTE, STYLE
 from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.plotting.playback import PLACES, Playback, plan_playback
 from twosra_mpc.plotting.scene import Scene
+from twosra_mpc.validation import public
 
 FRAMES_PER_S = 12.5  # a GIF counts in hundredths of a second
 LAST_FRAME_S = 2.5  # how long the end is shown
@@ -73,6 +74,7 @@ def check_animation_path(path: str | Path) -> None:
         raise InputError("output", str(path), allowed)
 
 
+@public
 def animate_plan(
     plan: Plan,
     path: str | Path | None = None,

@@ -26,6 +26,7 @@ from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
+from twosra_mpc.validation import public
 
 WIDTH_IN = 10.0
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment
@@ -37,6 +38,7 @@ CLOSE = 0.7  # of the robot's size, from its middle to the edges of a close look
 MOTION: dict[str, Any] = {"color": "0.3", "alpha": 0.55, "lw": 1.2}  # there; may be very short
 
 
+@public
 def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
     """Draw a plan: start, goal and every phase in the plane; stiffness and motion over time.
 
@@ -56,6 +58,7 @@ def plot_plan(plan: Plan, path: str | Path | None = None) -> Figure:
     return figure
 
 
+@public
 def plan_title(plan: Plan) -> str:
     """Mode sequence, or how many tasks, duration and status; in a second line, what is known."""
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
@@ -245,6 +248,7 @@ def plan_html(plan: Plan) -> str:
     return f'<img src="{address}" alt="{escape(plan_title(plan))}" style="max-width: 100%">'
 
 
+@public
 def plot_snapshots(
     plan: Plan, path: str | Path | None = None, times_s: Sequence[float] | None = None
 ) -> Figure:
@@ -289,6 +293,7 @@ def plot_snapshots(
     return figure
 
 
+@public
 def draw_snapshot(ax: Axes, plan: Plan, time_s: float) -> Axes:
     """Draw the robot at one moment: its target ghosted, the path of its middle link behind it.
 

@@ -17,6 +17,7 @@ from twosra_mpc.model.outline import RobotShape, robot_shape
 from twosra_mpc.plotting import figures
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.modes import Mode, rigid_mode
+from twosra_mpc.validation import public
 
 HATCH = (0.0, (0.25, 0.5))  # dashes of a changing segment, in line widths
 _COLOURS = {  # (soft, changing)
@@ -76,6 +77,7 @@ def legend_below(figure: Figure | SubFigure, entries: Mapping[str, Any], ncols: 
     figure.legend(entries.values(), entries, **style)
 
 
+@public
 def draw_robot(
     ax: Axes,
     geometry: Geometry,
@@ -137,6 +139,7 @@ def draw_ends(
     draw_robot(ax, geometry, q[-1], modes[-1], linewidth=linewidth)
 
 
+@public
 def draw_outline(ax: Axes, geometry: Geometry, q: ArrayLike) -> Axes:
     """Draw where the robot shall be, dashed; q as for ``draw_robot``."""
     shape = robot_shape(geometry, q)

@@ -26,6 +26,7 @@ from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.validation import public
 
 Record = RunLog | Truth
 
@@ -33,6 +34,7 @@ ACCURACY_COLOUR = "#12997c"
 JOINED_S = 12.0  # drives of one mode that are less than this apart are shown as one
 
 
+@public
 def plot_run(run: Run, truth: Truth | None = None, path: str | Path | None = None) -> Figure:
     """Draw a run.
 
@@ -244,6 +246,7 @@ def _draw_temperatures(ax: Axes, run: Run, record: Record) -> None:
     timeline_figures.finished(ax, "temperature\n[°C]")
 
 
+@public
 def animate_run(
     run: Run,
     path: str | Path | None = None,

@@ -20,6 +20,7 @@ from twosra_mpc.plotting.plan_figures import plan_title
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.robot.poses import composed
+from twosra_mpc.validation import public
 
 _SIZE_IN = (7.0, 6.2)
 _STEP_M = 0.006  # that some corner moves from one robot drawn to the next
@@ -27,6 +28,7 @@ _LOOKED_AT = 400  # times of a phase
 _PALE = 0.16
 
 
+@public
 def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
     """Draw all that the robot passes over: blue where it drives, red where it bends.
 
@@ -61,6 +63,7 @@ def plot_sweep(plan: Plan, path: str | Path | None = None) -> Figure:
     return figure
 
 
+@public
 def draw_sweep(ax: Axes, plan: Plan) -> Axes:
     """Draw the robot of a plan every few millimetres, pale, and where it starts and ends.
 

@@ -31,6 +31,7 @@ from twosra_mpc.plotting.figures import (
 )
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
+from twosra_mpc.validation import public
 
 Coordinate = Literal["position", "heading", "curvature"]
 
@@ -111,11 +112,13 @@ class TimeStretch(NamedTuple):
         return ax
 
 
+@public
 def plan_stretch(plan: Plan) -> TimeStretch:
     """Time axis of a plan, stretched inside its motion phases."""
     return TimeStretch.of(plan.phases, plan.trajectory.duration_s or 1.0)
 
 
+@public
 def draw_timeline(ax: Axes, plan: Plan) -> Axes:
     """Draw stiffness and heaters: a lane a segment, its heater current below, motion in grey."""
     draw_lanes(ax, plan).legend(handles=state_handles(), **BESIDE)
@@ -152,6 +155,7 @@ def intervals_of(time_s: Array, states: NDArray[Any]) -> tuple[Interval, ...]:
     return tuple(Interval(times[i], times[j], names[i]) for i, j in pairwise(edges))
 
 
+@public
 def draw_motion(ax: Axes, plan: Plan) -> Axes:
     """Shade the motion phases in grey."""
     for phase in plan.phases:
@@ -223,6 +227,7 @@ def state_handles(*without: str) -> list[Patch]:
     return [Patch(label=name, **look) for name, look in STATES.items() if name not in without]
 
 
+@public
 def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature") -> Axes:
     """Draw position, heading or the curvatures over time."""
     samples, (columns, names, label) = plan.trajectory.samples, COORDINATES[coordinate]
@@ -231,6 +236,7 @@ def draw_configuration(ax: Axes, plan: Plan, coordinate: Coordinate = "curvature
     return finished(ax, label)
 
 
+@public
 def draw_wheel_speeds(ax: Axes, plan: Plan) -> Axes:
     """Draw the speeds of the four wheels over time: ramps, and jumps where they jump."""
     samples, end = plan.trajectory.samples, plan.trajectory.wheel_rad_s_before
@@ -246,6 +252,7 @@ def wheel_speeds(ax: Axes, time_s: Array, wheel_rad_s: Array, drawstyle: str = "
     return finished(ax, "wheel speed\n[rad/s]")
 
 
+@public
 def draw_temperatures(ax: Axes, plan: Plan) -> Axes:
     """Draw expected temperatures and set-points over time, and the range in which metal melts."""
     samples = plan.trajectory.samples
@@ -265,6 +272,7 @@ def mark_melting(ax: Axes, melting_C: tuple[float, float]) -> None:
     ax.axhspan(solid, liquid, color="0.5", lw=1, ls=":", alpha=0.5, label=f"changing, {melting}")
 
 
+@public
 def draw_melt_fractions(ax: Axes, plan: Plan) -> Axes:
     """Draw expected melt fractions over time."""
     samples = plan.trajectory.samples

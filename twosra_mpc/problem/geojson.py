@@ -1,27 +1,35 @@
 """Obstacles from GeoJSON files, and from whatever describes itself so, e.g. shapely's polygons.
 
-Coordinates are metres in the plane. A polygon with holes becomes several without, cut along lines
-of constant y; nothing is lost.
+Coordinates are metres in the plane of the robot; degrees are refused where a file names its frame,
+and doubted where it does not. A polygon is proper if GEOS calls it valid. One with holes becomes
+several without, cut along lines of constant y; nothing is lost.
 """
 
 from __future__ import annotations
 
+import itertools
+import re
+import warnings
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import InputError, InputWarning
 from twosra_mpc.files import read_document, reading
-from twosra_mpc.problem.world import Obstacle, area_m2
+from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.validation import public
 
 _FAR_M = 100.0  # no robot of this kind goes there: another unit
+_THIN_M = 1e-3  # nothing to drive round is as small: another unit
+_REMOTE = 100.0  # times its size from the origin is a map of the Earth, not of a room
 _KINDS = "Polygon, MultiPolygon, GeometryCollection, Feature or FeatureCollection"
-_HOLES = "holes within the outline that cross neither it nor each other"
-
-Rings = list[Array]  # an outline counter-clockwise, holes clockwise, each (m, 2) [m]
+_DEGREES = re.compile(r"CRS:?(84|83|27)\b|WGS.?84$|EPSG:.*\b4\d{3}$", re.IGNORECASE)
+_METRES = re.compile(r"EPSG:.*\b(3857|25[89]\d\d|32[67]\d\d)$", re.IGNORECASE)  # Mercator, UTM
+_PROJECT = "coordinates in metres, near the origin (project the map, and move it there)"
 
 
 def obstacles_of(geometries: Any, names: Sequence[str] | None = None) -> tuple[Obstacle, ...]:
@@ -32,35 +40,53 @@ def obstacles_of(geometries: Any, names: Sequence[str] | None = None) -> tuple[O
         names: One for each; by default those in the properties of features. A name that several
             obstacles would have, also as pieces of one geometry, is followed by their numbers.
 
+    Warns:
+        InputWarning: If features have no geometry and are left out, or lengths may be degrees.
+
     Raises:
-        InputError: If one is no polygon, is not a proper one, or is farther than 100 m away.
+        InputError: If one is no polygon, is not a proper one, or is farther than 100 m away; if its
+            coordinate reference system is not in metres.
     """
+    return _obstacles(geometries, names, "obstacles")
+
+
+def _obstacles(geometries: Any, names: Sequence[str] | None, source: str) -> tuple[Obstacle, ...]:
     single = isinstance(geometries, Mapping) or hasattr(geometries, "__geo_interface__")
+    doubts = list(_doubts_about_frame(_frame_of(geometries)))
     several = [geometries] if single else list(geometries)
     if names is not None and len(names) != len(several):
         raise InputError("names", len(names), f"one for each of {len(several)} geometries")
-    found: list[tuple[str, Array]] = []
+    found: list[tuple[str, Any]] = []
+    left_out: list[str] = []
     for i, geometry in enumerate(several):
         given = None if names is None else names[i]
         where = "" if single else f"geometries.{i}"
-        for name, field, rings in _polygons(_mapping(geometry, where), where):
-            try:
-                pieces = list(without_holes(_checked(rings)))
-            except InputError as error:
-                raise error.within(field) from None
-            found += [(name if given is None else given, piece) for piece in pieces]
-    return tuple(_named(found))
+        for name, field, rings in _polygons(_mapping(geometry, where), where, left_out):
+            found.append((name if given is None else given, _polygon(rings, field)))
+    if left_out and not found:
+        raise InputError("features", f"{len(left_out)} without a geometry", "at least one polygon")
+    if left_out:
+        doubts.append(f"features without a geometry are left out: {len(left_out)}")
+    doubts += _doubts_about_lengths([polygon.bounds for _, polygon in found])
+    for doubt in doubts:
+        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=3)
+    pieces = [(name, piece) for name, polygon in found for piece in without_holes(polygon)]
+    return tuple(_named(pieces))
 
 
+@public
 def read_obstacles(path: str | Path) -> tuple[Obstacle, ...]:
     """Obstacles in a GeoJSON file: its polygons, called by the name in their properties.
+
+    Warns:
+        InputWarning: If features have no geometry and are left out, or lengths may be degrees.
 
     Raises:
         InputError: If the file cannot be read, or holds something else than polygons in metres.
     """
     document = read_document(Path(path), str(path))
     with reading(str(path)):
-        return obstacles_of(document)
+        return _obstacles(document, None, str(path))
 
 
 def feature_collection(obstacles: Iterable[Obstacle]) -> dict[str, Any]:
@@ -74,45 +100,86 @@ def feature_collection(obstacles: Iterable[Obstacle]) -> dict[str, Any]:
     return {"type": "FeatureCollection", "features": features}
 
 
-def without_holes(rings: Rings) -> Iterator[Array]:
-    """Outlines, counter-clockwise, of pieces that together are a polygon with holes.
+def without_holes(polygon: Any) -> Iterator[Any]:
+    """Polygons of shapely without holes that together are a polygon with holes.
 
-    Args:
-        rings: The outline, counter-clockwise, then the holes, clockwise, each (m, 2).
-
-    Raises:
-        InputError: If the holes are not within the outline.
+    Each cut goes through a hole, as far from all corners as can be.
     """
-    outline, *holes = rings
-    if not holes:
-        yield outline
+    import shapely
+
+    if not polygon.interiors:
+        yield polygon
         return
-    level = _level(rings, holes[0])
-    for side in (1.0, -1.0):
-        parts = _beyond(rings, level, side)
-        outlines = [part for part in parts if area_m2(part) > 0]
-        inside: list[Rings] = [[] for _ in outlines]
-        for part in parts:
-            if area_m2(part) < 0:
-                inside[_around(outlines, part[0])].append(part)
-        for each, own in zip(outlines, inside, strict=True):
-            yield from without_holes([each, *own])
+    left, low, right, high = polygon.bounds
+    _, bottom, _, top = polygon.interiors[0].bounds
+    heights = np.unique(shapely.get_coordinates(polygon)[:, 1])
+    heights = heights[(heights >= bottom) & (heights <= top)]
+    widest = int(np.diff(heights).argmax())
+    level = float(heights[widest : widest + 2].mean())
+    for half in (shapely.box(left, low, right, level), shapely.box(left, level, right, high)):
+        for part in shapely.get_parts(shapely.intersection(polygon, half)):
+            if part.geom_type == "Polygon":  # a corner on the line leaves a point, too
+                yield from without_holes(part)
 
 
-def _polygons(document: Any, where: str) -> Iterator[tuple[str, str, Any]]:
-    """Yield (name, field, rings as given) of every polygon."""
+def _frame_of(geometries: Any) -> Any:
+    """Coordinate reference system of a document or of GeoPandas' objects; None if not said."""
+    if isinstance(geometries, Mapping):
+        return geometries.get("crs")
+    return getattr(geometries, "crs", None)
+
+
+def _doubts_about_frame(frame: Any) -> Iterator[str]:
+    """Refuse coordinates in degrees, and doubt frames that are not known to be in metres."""
+    if frame is None:
+        return
+    axes = getattr(frame, "axis_info", None)  # of pyproj
+    if axes:
+        units = {axis.unit_name for axis in axes}
+        if units - {"metre", "meter"}:
+            raise InputError("crs", str(frame), f"{_PROJECT}, not {', '.join(sorted(units))}")
+        return
+    properties = frame.get("properties") if isinstance(frame, Mapping) else None
+    named = properties.get("name") if isinstance(properties, Mapping) else frame
+    if _DEGREES.search(str(named)):
+        raise InputError("crs", str(named), f"{_PROJECT}; these are degrees")
+    if not _METRES.search(str(named)):
+        yield f"crs = {named!r} is not known here; its coordinates are taken as metres"
+
+
+def _doubts_about_lengths(bounds: Sequence[tuple[float, float, float, float]]) -> Iterator[str]:
+    """Doubt polygons (left, low, right, high) in degrees, as the standard of GeoJSON has it."""
+    if not bounds:
+        return
+    low, high = np.split(np.array(bounds), 2, axis=1)
+    size, away = float((high - low).max()), float(np.linalg.norm(low.min(axis=0)))
+    whole = float((high.max(axis=0) - low.min(axis=0)).max())
+    if size < _THIN_M:
+        yield f"no polygon is wider than {1e3 * size:z.2g} mm (are these degrees?)"
+    elif away > _REMOTE * whole:
+        words = f"all polygons are within {whole:z.2g} m, {away:z.3g} m from the origin"
+        yield f"{words} (are these degrees?)"
+
+
+def _polygons(
+    document: Any, where: str, left_out: list[str]
+) -> Iterator[tuple[str, str, list[Any]]]:
+    """Yield (name, field, rings as given) of every polygon; notes features without a geometry."""
     kind, dot = document.get("type"), f"{where}." if where else ""
     match kind:
         case "FeatureCollection" | "GeometryCollection":
             key = "features" if kind == "FeatureCollection" else "geometries"
             for i, item in enumerate(_list(document.get(key), f"{dot}{key}")):
                 field = f"{dot}{key}.{i}"
-                yield from _polygons(_mapping(item, field), field)
+                yield from _polygons(_mapping(item, field), field, left_out)
         case "Feature":
             field = f"{dot}geometry"
-            properties = document.get("properties")
+            properties, geometry = document.get("properties"), document.get("geometry")
             name = properties.get("name") if isinstance(properties, Mapping) else None
-            for _, inner, rings in _polygons(_mapping(document.get("geometry"), field), field):
+            if geometry is None and "geometry" in document:  # unlocated, as RFC 7946 has it
+                left_out.append(field)
+                return
+            for _, inner, rings in _polygons(_mapping(geometry, field), field, left_out):
                 yield "" if name is None else str(name), inner, rings
         case "Polygon":
             field = f"{dot}coordinates"
@@ -139,98 +206,49 @@ def _list(value: Any, field: str) -> list[Any]:
     return list(value)
 
 
-def _checked(rings: list[Any]) -> Rings:
-    """Rings as arrays, open, and turning as ``without_holes`` wants them."""
-    found: Rings = []
-    for i, given in enumerate(rings):
-        try:
-            corners = np.array([tuple(point)[:2] for point in given], dtype=float)
-        except (TypeError, ValueError):
-            raise InputError(str(i), given, "a list of points [x, y] in metres") from None
-        corners = corners.reshape(-1, 2)
-        if np.abs(corners).max(initial=0.0) > _FAR_M:
-            farthest = float(corners.flat[np.abs(corners).argmax()])
-            allowed = f"metres, within {_FAR_M:zg} m of the origin (are these millimetres?)"
-            raise InputError(str(i), farthest, allowed)
-        corners = corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]  # closed, repeated
-        try:
-            right = _obstacle("", corners).corners_m
-        except InputError as error:
-            raise InputError(str(i), error.value, error.allowed) from None
-        found.append(right if i == 0 else right[::-1])
-    return found
+def _polygon(rings: list[Any], field: str) -> Any:
+    """A polygon of shapely from its rings as given.
 
-
-def _named(found: list[tuple[str, Array]]) -> Iterator[Obstacle]:
-    """Obstacles whose names, where given, differ."""
-    names, seen = [name for name, _ in found], dict[str, int]()
-    for name, corners in found:
-        seen[name] = seen.get(name, 0) + 1
-        several = name and names.count(name) > 1
-        yield _obstacle(f"{name} {seen[name]}" if several else name, corners)
-
-
-def _obstacle(name: str, corners: Array) -> Obstacle:
-    return Obstacle(name=name, polygon_m=tuple((x, y) for x, y in corners.tolist()))
-
-
-def _level(rings: Rings, hole: Array) -> float:
-    """The y at which to cut through a hole: as far from all corners as can be."""
-    heights = np.unique(np.concatenate(rings)[:, 1])
-    heights = heights[(heights >= hole[:, 1].min()) & (heights <= hole[:, 1].max())]
-    widest = int(np.diff(heights).argmax())
-    return float(heights[widest : widest + 2].mean())
-
-
-def _beyond(rings: Rings, level: float, side: float) -> Rings:
-    """The part of a polygon with y above ``level`` (side 1) or below it (-1), as rings.
-
-    What of a ring is beyond is a chain from one point on the line to another. Between the first and
-    the second of all these points, the third and the fourth and so on, the line is in the polygon;
-    there, one chain's end is joined to another's beginning.
+    Raises:
+        InputError: If a ring has no three corners in metres, or GEOS calls the polygon invalid.
     """
-    whole, chains = list[Array](), list[Array]()
-    for ring in rings:
-        out = side * (ring[:, 1] - level) > 0
-        if out.all():
-            whole.append(ring)
-        else:
-            chains += _chains(ring, out, level)
-    ends = sorted((side * chain[at, 0], at, i) for i, chain in enumerate(chains) for at in (-1, 0))
-    joined = {}
-    for (_, left, i), (_, right, j) in zip(ends[::2], ends[1::2], strict=True):
-        if (left, right) != (-1, 0):
-            raise InputError("", "holes", _HOLES)
-        joined[i] = j
-    while joined:
-        first, following = joined.popitem()
-        loop = [chains[first]]
-        while following != first:
-            loop.append(chains[following])
-            following = joined.pop(following)
-        whole.append(np.concatenate(loop))
-    return whole
+    import shapely
+
+    shell, *holes = [_corners(ring, f"{field}.{i}") for i, ring in enumerate(rings)]
+    polygon = shapely.remove_repeated_points(shapely.Polygon(shell, holes))
+    if not polygon.is_valid:
+        reason = shapely.is_valid_reason(polygon)
+        holes_too = "and holes within the outline that do not overlap"
+        raise InputError(field, reason, f"an outline that does not cross itself, {holes_too}")
+    return polygon
 
 
-def _chains(ring: Array, out: np.ndarray[Any, Any], level: float) -> Iterator[Array]:
-    """Stretches of a ring that are beyond a line, with where they cross it at both ends."""
-    before = np.roll(out, 1)
-    for start in np.flatnonzero(out & ~before):
-        turned, count = np.roll(ring, -start, axis=0), int(np.roll(~out, -start).argmax())
-        crossings = [
-            a + (level - a[1]) / (b[1] - a[1]) * (b - a)
-            for a, b in ((turned[-1], turned[0]), (turned[count - 1], turned[count]))
-        ]
-        yield np.array([(crossings[0][0], level), *turned[:count], (crossings[1][0], level)])
+def _corners(ring: Any, field: str) -> Array:
+    """Corners of a ring as given, (m, 2) [m]."""
+    try:
+        corners = np.array([tuple(point)[:2] for point in ring], dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(field, ring, "a list of points [x, y] in metres") from None
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(np.unique(corners, axis=0)) < 3:
+        raise InputError(field, ring, "at least three corners [x, y] in metres")
+    if not np.isfinite(corners).all():
+        raise InputError(field, ring, "finite numbers")
+    farthest = float(corners.flat[np.abs(corners).argmax()])
+    if abs(farthest) > _FAR_M:
+        allowed = f"metres, within {_FAR_M:zg} m of the origin (are these millimetres?)"
+        raise InputError(field, farthest, allowed)
+    return corners
 
 
-def _around(outlines: Rings, point: Array) -> int:
-    """Which of some outlines a point is in."""
-    for i, ring in enumerate(outlines):
-        a, b = ring, np.roll(ring, -1, axis=0)
-        passed = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
-        a, b = a[passed], b[passed]
-        x = a[:, 0] + (point[1] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-        if (x > point[0]).sum() % 2:
-            return i
-    raise InputError("", "holes", _HOLES)
+def _named(pieces: list[tuple[str, Any]]) -> Iterator[Obstacle]:
+    """Obstacles whose names, where given, differ from each other."""
+    count = Counter(name for name, _ in pieces)
+    taken = {name for name in count if count[name] == 1}
+    for given, piece in pieces:
+        name = given
+        if name and name not in taken:
+            numbered = (f"{name} {i}" for i in itertools.count(1))
+            name = next(each for each in numbered if each not in taken)
+            taken.add(name)
+        corners = np.array(piece.exterior.coords)[:-1]
+        yield Obstacle(name=name, polygon_m=tuple((x, y) for x, y in corners.tolist()))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import field_validator, model_validator
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.files import read_text
 from twosra_mpc.problem.goals import read_only
 from twosra_mpc.problem.world import Box, Disc, Obstacle, check_polygon
@@ -86,7 +86,7 @@ class Object(Value):
         shapes = ("disc", "box", "polygon_m")
         given = [name for name in shapes if getattr(self, name) is not None]
         if len(given) != 1:
-            raise InputError("", given or "no shape", "one of disc, box, polygon_m, outline")
+            raise InputError("", given or MISSING, "one of disc, box, polygon_m, outline")
         if self.polygon_m is not None:
             check_polygon(np.array(self.polygon_m).reshape(-1, 2))
         return self

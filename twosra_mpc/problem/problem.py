@@ -21,7 +21,7 @@ from pydantic import (
     model_validator,
 )
 
-from twosra_mpc.errors import MISSING, InputError, UnitWarning
+from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts, near_word
 from twosra_mpc.problem.geojson import read_obstacles
@@ -48,6 +48,7 @@ from twosra_mpc.validation import (
     Value,
     missing,
     plain,
+    public,
 )
 
 
@@ -68,6 +69,9 @@ class Start(Value):
 
 
 _LEAST_ENERGY_S_PER_J = 10.0  # a melt of 300 J then counts more than any plan's duration
+
+
+FORMAT = "twosra-plan"  # of plan files, which hold their problem
 
 
 class Weights(Value):
@@ -455,20 +459,52 @@ class Problem(Value):
         return {**found, "robot": self.robot.name}
 
 
+def embedded_problem(robot: dict[str, Any], scenario: dict[str, Any], source: str) -> Problem:
+    """Read a problem that another file holds; unlike one of a user it may name no file.
+
+    Where the robot's geometry has no ``unit_frame_m``, the file was written when the square that
+    wheels sit around was the outline, too; so it is here.
+
+    Args:
+        robot: Its robot, as the file has it.
+        scenario: All else.
+        source: The file.
+
+    Raises:
+        InputError: If it is wrong, or naming the key and the file that it names.
+    """
+    allowed, where = "in this file itself: plan files name no other file", f"{source} (scenario)"
+    if isinstance(named := scenario.get("obstacles"), str):
+        raise InputError("obstacles", named, f"a list {allowed}", where)
+    objects = scenario.get("objects")
+    for i, item in enumerate(objects if isinstance(objects, list) else ()):
+        if isinstance(item, dict) and "outline" in item:
+            raise InputError(f"objects.{i}.outline", item["outline"], f"corners {allowed}", where)
+    if isinstance(lengths := robot.get("geometry"), dict) and "unit_side_m" in lengths:
+        robot = {**robot, "geometry": {"unit_frame_m": lengths["unit_side_m"], **lengths}}
+    known = Robot.parse(robot, f"{source} (robot)")
+    return Problem.parse({**scenario, "robot": known}, where)
+
+
+@public
 def load_problem(source: str | Path, **overrides: Any) -> Problem:
     """Load a built-in scenario by name, or a scenario TOML/JSON file by path.
 
-    Keyword arguments replace top-level keys of the file. A relative path to a robot file, or
-    to a GeoJSON file of obstacles, is taken from the scenario's folder.
+    A plan file holds its problem, which is loaded then. Keyword arguments replace top-level keys
+    of the file. A relative path to a robot file, or to a GeoJSON file of obstacles, is taken from
+    the scenario's folder.
 
     Warns:
-        UnitWarning: If a number is legal, and probably in another unit.
+        InputWarning: If a number is legal, and probably in another unit.
 
     Raises:
         InputError: If there is no such scenario, or it is wrong; the message names the key.
     """
     path = locate(source, "scenarios", "scenario")
     document = read_document(path, str(source))
+    if document.get("format") == FORMAT and isinstance(document.get("scenario"), dict):
+        planned = embedded_problem(document.get("robot", {}), document["scenario"], str(source))
+        return planned.with_values(**overrides)
     check_kind(document, "scenario", str(source))
     document |= overrides
     for key in ("robot", "obstacles"):
@@ -478,7 +514,7 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
     with reading(str(source), "scenario"):
         problem = Problem.parse(document, str(source))
     for doubt in problem.unit_doubts:
-        warnings.warn(f"{source}: {doubt}", UnitWarning, stacklevel=2)
+        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=2)
     return problem
 
 

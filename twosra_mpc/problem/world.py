@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import MISSING, InputError
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.validation import (
@@ -76,7 +76,7 @@ class Obstacle(Value):
     def _one_shape(self) -> Obstacle:
         given = [name for name in ("polygon_m", "box", "disc") if getattr(self, name) is not None]
         if len(given) != 1:
-            raise InputError("", given or "no shape", "one of polygon_m, box, disc")
+            raise InputError("", given or MISSING, "one of polygon_m, box, disc")
         if self.polygon_m is not None:
             check_polygon(np.array(self.polygon_m).reshape(-1, 2))
         return self

@@ -31,6 +31,7 @@ from twosra_mpc.report.lanes import Thermometer, curve, lanes, setpoint_table, t
 from twosra_mpc.report.player import ARC_POINTS, film_of, filmed_box, mission, pose, surroundings
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import mode_name, sequence_name
+from twosra_mpc.validation import public
 
 _ENDINGS = (".html", ".htm")
 _FIBRE_MM = 6.0  # drawn width where the robot file does not say
@@ -46,6 +47,7 @@ def check_report_path(path: str | Path) -> None:
         raise InputError("output", str(path), f"a file ending in {' or '.join(_ENDINGS)}")
 
 
+@public
 def write_report(result: Result, path: str | Path, origin: words.Origin | None = None) -> None:
     """Write a report, atomically.
 
@@ -61,6 +63,7 @@ def write_report(result: Result, path: str | Path, origin: words.Origin | None =
     write_text(path, report_page(result, origin))
 
 
+@public
 def report_page(result: Result, origin: words.Origin | None = None) -> str:
     """Return the report as one HTML document that needs nothing else.
 

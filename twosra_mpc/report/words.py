@@ -12,7 +12,6 @@ import platform
 import shlex
 from collections.abc import Iterator
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import tomlkit
@@ -248,10 +247,9 @@ class Origin(NamedTuple):
     package: str
 
     @classmethod
-    def of(cls, path: Path) -> Origin:
-        """Describe a plan file that ``load_plan`` has accepted."""
-        content = path.read_bytes()
-        return cls(path.name, hashlib.sha256(content).hexdigest(), json.loads(content)["package"])
+    def of(cls, name: str, content: bytes) -> Origin:
+        """Describe what is in a plan file that ``plan_in`` has accepted."""
+        return cls(name, hashlib.sha256(content).hexdigest(), json.loads(content)["package"])
 
 
 def scenario_toml(problem: Problem) -> str:

@@ -16,7 +16,7 @@ from weakref import WeakValueDictionary
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from twosra_mpc.errors import MISSING, InputError, UnitWarning
+from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts
 from twosra_mpc.robot.accuracy import Accuracy
@@ -29,7 +29,7 @@ from twosra_mpc.robot.physics import Physics
 from twosra_mpc.robot.segment import AnySegment, Segment
 from twosra_mpc.robot.timing import AnyTiming
 from twosra_mpc.thermal.model import SegmentModel
-from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain
+from twosra_mpc.validation import FrozenDict, Several, Value, missing, plain, public
 
 _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvature limit
 
@@ -225,11 +225,12 @@ def segment_model(robot: Robot, ambient_C: float, segment: int) -> SegmentModel:
     return robot.thermal_segment(segment).thermal_model(length_m, robot.heater, ambient_C)
 
 
+@public
 def load_robot(source: str | Path) -> Robot:
     """Load a built-in robot by name, or a robot TOML/JSON file by path.
 
     Warns:
-        UnitWarning: If a number is legal, and probably in another unit.
+        InputWarning: If a number is legal, and probably in another unit.
 
     Raises:
         InputError: If there is no such robot, or the file describes it wrongly.
@@ -239,7 +240,7 @@ def load_robot(source: str | Path) -> Robot:
     with reading(str(source), "robot"):
         robot = Robot.parse(document, str(source))
     for doubt in doubts(robot.model_dump(mode="json")):
-        warnings.warn(f"{source}: {doubt}", UnitWarning, stacklevel=2)
+        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=2)
     return robot
 
 

@@ -9,10 +9,12 @@ from twosra_mpc.keys import near_word
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.path_fitting import CASES, fitted_path_tables
 from twosra_mpc.robot.paths import PATH_MODELS, CardioidPath, LogSpiralPath, Path
+from twosra_mpc.validation import public
 
 SPIRALS = ("log_spiral", "log_spiral_corrected")
 
 
+@public
 def with_path_model(robot: Robot, model: str) -> Robot:
     """Return ``robot`` with the path model of this name.
 

@@ -6,7 +6,7 @@ https://docs.ros.org/en/rolling/p/nav2_map_server, http://wiki.ros.org/map_serve
 from __future__ import annotations
 
 import math
-import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,16 +14,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.errors import InputError
+from twosra_mpc.errors import InputError, InputWarning
 from twosra_mpc.files import open_image, read_text, reading
+from twosra_mpc.keys import near_key
 from twosra_mpc.problem.geojson import obstacles_of
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import NonNegative, Number, Positive, Value
+from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
 
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
+_OPAQUE = 255
+_SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
+_UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
 
 
@@ -69,6 +73,10 @@ def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap
         path: The YAML file; its image is taken from the same folder.
         unknown_is_free: What to take cells for of which the map does not say it.
 
+    Warns:
+        InputWarning: If keys are left out, the image is stored turned, or free cells have the grey
+            of unknown ones, which are then unknown.
+
     Raises:
         InputError: If file or image cannot be read, or say something that is not understood; modes
             other than trinary are not.
@@ -78,14 +86,32 @@ def read_map(path: str | Path, *, unknown_is_free: bool = False) -> OccupancyMap
 
 
 def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
-    said = _MapFile.parse(_flat_yaml(read_text(path, str(path)), str(path)), str(path))
+    source = str(path)
+    document = _document(read_text(path, source), source)
+    doubts = []
+    for key in document.keys() - _MapFile.model_fields.keys():
+        value, known = document.pop(key), list(_MapFile.model_fields)
+        if hint := near_key(key, value, known):
+            raise InputError(key, value, f"known keys are {', '.join(known)}", source, hint=hint)
+        doubts.append(f"{key} is not known here, and left out")
+    said = _MapFile.parse(document, source)
     if not said.free_thresh <= said.occupied_thresh <= 1:
         allowed = f"from free_thresh = {said.free_thresh:zg} to 1"
-        raise InputError("occupied_thresh", said.occupied_thresh, allowed, str(path))
-    light, seen = _pixels(path.parent / said.image, str(path))
-    share = np.arange(256) / 255.0 if said.negate else 1.0 - np.arange(256) / 255.0
-    occupied, free = (share > said.occupied_thresh)[light], (share < said.free_thresh)[light]
-    occupied, free = occupied & seen, free & seen
+        raise InputError("occupied_thresh", said.occupied_thresh, allowed, source)
+    channels, turned = _pixels(path.parent / said.image, source)
+    if turned:
+        doubts.append("its image says (EXIF) that it is stored turned; taken as it is stored")
+    sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
+    lightness = np.arange(3 * _OPAQUE + 1) / (3 * _OPAQUE)  # the mean of the colours, as ROS has it
+    share = lightness if said.negate else 1.0 - lightness
+    occupied, free = (share > said.occupied_thresh)[sums], (share < said.free_thresh)[sums]
+    saved = (channels[..., :3] == _SAVED_UNKNOWN).all(axis=2) & free & seen & (not said.negate)
+    if count := int(saved.sum()):
+        grey = f"{count} cells of grey {_SAVED_UNKNOWN}, which map_saver writes for unknown"
+        doubts.append(f"{grey}, are free by free_thresh = {said.free_thresh:zg}; taken as unknown")
+    for doubt in doubts:
+        warnings.warn(f"{source}: {doubt}", InputWarning, stacklevel=3)
+    occupied, free = occupied & seen, free & seen & ~saved
     unknown = ~(occupied | free)
     taken = occupied if unknown_is_free else ~free
     return OccupancyMap(taken[::-1], unknown[::-1], said.resolution, said.origin)
@@ -214,51 +240,42 @@ def _unpinched(polygon: Any) -> Any:
     return polygon.buffer(_BRIDGE, join_style="mitre")
 
 
-def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """How light each pixel is, from 0 to 255, and whether it is opaque; (rows, columns)."""
+def _pixels(path: Path, source: str) -> tuple[NDArray[np.uint8], bool]:
+    """Colours and opacity of each pixel, (rows, columns, 4), and whether it is stored turned."""
     try:
         with open_image(path) as image:
             if image.mode not in _MODES:
                 raise InputError("image", str(path), "an image of 8 bits a channel", source)
-            pixels = np.asarray(image.convert("LA"))
+            turned = image.getexif().get(_ORIENTATION, _UPRIGHT) != _UPRIGHT
+            return np.asarray(image.convert("RGBA")), turned
     except InputError:
         raise
     except Exception as error:  # a spoilt image fails in many ways
         raise InputError("image", str(path), f"an image file ({error})", source) from None
-    return pixels[..., 0], pixels[..., 1] == 255
 
 
-def _flat_yaml(text: str, source: str) -> dict[str, Any]:
-    """Read ``key: value`` lines, values being numbers, words or lists of numbers.
+def _document(text: str, source: str) -> dict[str, Any]:
+    """Read a map's YAML file: a table of keys, each of them once; lists become tuples."""
+    import yaml  # maps alone need it
 
-    That is all of YAML that maps need; anything else is refused, with the number of the line.
-    """
-    found: dict[str, Any] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
-        line = re.sub(r"(^|\s)#.*", "", line).rstrip()
-        if not line or line == "---":
-            continue
-        item = re.fullmatch(r"\s*-\s+(\S+)", line)
-        if item and found and isinstance(last := found[key := list(found)[-1]], tuple):
-            found[key] = (*last, _scalar(item[1]))
-            continue
-        pair = re.fullmatch(r"(\w+):(?:\s+(.+))?", line)
-        if pair is None or pair[1] in found:
-            allowed = "lines such as resolution: 0.05 or origin: [0.0, 0.0, 0.0], each key once"
-            raise InputError(f"line {number}", line, allowed, source)
-        value = pair[2] or "[]"
-        listed = re.fullmatch(r"\[(.*)\]", value)
-        words = [word.strip() for word in listed[1].split(",") if word.strip()] if listed else []
-        found[pair[1]] = tuple(map(_scalar, words)) if listed else _scalar(value)
-    return found
+    class Loader(yaml.SafeLoader):
+        """The safe loader, refusing a key that is there twice."""
 
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+            if twice := [key for i, key in enumerate(keys) if key in keys[:i]]:
+                raise InputError(str(twice[0]), "twice", "each key once", source)
+            return super().construct_mapping(node, deep)
 
-def _scalar(word: str) -> object:
-    if re.fullmatch(r"[-+]?[\d.]+([eE][-+]?\d+)?", word):
-        try:
-            return float(word) if re.search(r"[.eE]", word) else int(word)
-        except ValueError:
-            return word
-    if word.lower() in ("true", "false"):
-        return int(word.lower() == "true")
-    return word[1:-1] if re.fullmatch(r"'.*'|\".*\"", word) else word
+    try:
+        found = yaml.load(text, Loader)  # the safe one
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"line {mark.line + 1}" if mark else "file"
+        raise InputError(where, f"{error.problem}", "valid YAML", source) from None
+    if not isinstance(found, dict):
+        raise InputError("file", source, "a map: lines such as resolution: 0.05")
+    return {
+        str(key): int(value) if isinstance(value, bool) else plain(value)
+        for key, value in found.items()
+    }

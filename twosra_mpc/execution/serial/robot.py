@@ -34,6 +34,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode, rigid_mode
+from twosra_mpc.validation import public
 
 RATE_HZ = 15.0  # of the authors' controller in their published trials, by their logs
 REPEAT_S = 1.0  # while the robot stands, a command is sent again so often
@@ -59,6 +60,7 @@ class PoseSource(Protocol):
         """New frames: when each was taken, on the clock that shows ``now_s``, and q (k, 3 + n)."""
 
 
+@public
 @contextmanager
 def connected(
     problem: Problem,

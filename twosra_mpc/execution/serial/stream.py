@@ -29,6 +29,7 @@ from twosra_mpc.execution.settings import ExecutorSettings, Patience
 from twosra_mpc.interrupts import deferred_interrupts
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.validation import public
 
 
 class Confirm(enum.StrEnum):
@@ -75,6 +76,7 @@ class SentLine(NamedTuple):
     line: str
 
 
+@public
 def stream(
     plan: Plan,
     port: Port,
@@ -118,6 +120,7 @@ def stream(
     return _Stream(plan, clock, on_state, log, executed).run(port, *chosen)
 
 
+@public
 def preview(plan: Plan, rate_Hz: float = RATE_HZ) -> list[SentLine]:
     """Return what would be sent to a robot that reports nothing; takes no time.
 

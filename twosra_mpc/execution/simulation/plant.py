@@ -32,6 +32,7 @@ from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
 from twosra_mpc.thermal.model import SegmentModel
 from twosra_mpc.thermal.uncertainty import Ranges, drawn, healthy, healthy_ranges
+from twosra_mpc.validation import ArrayValue
 
 if TYPE_CHECKING:  # loaded where there are objects
     from twosra_mpc.execution.simulation.object_plant import ObjectPlant
@@ -44,8 +45,8 @@ _INSTANT_S = 1e-6
 _SHORTEST_LAG = 0.25  # of the sensor's nominal one: 2 to 8 s in all
 
 
-@dataclass(frozen=True, eq=False)
-class Truth:
+@dataclass(frozen=True, eq=False, repr=False)
+class Truth(ArrayValue):
     """What a simulated robot really did; arrays of one length, read-only.
 
     Attributes:

@@ -23,6 +23,7 @@ from twosra_mpc.problem.objects import ACCURACY
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import POSE
+from twosra_mpc.validation import ArrayValue, public
 
 EXECUTORS = ("optimal", "greedy")
 
@@ -77,8 +78,8 @@ class Metrics(NamedTuple):
     squeezed: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(ArrayValue):
     """A simulated run.
 
     Attributes:
@@ -140,6 +141,7 @@ class Simulation:
         }
 
 
+@public
 def simulate(
     problem: Problem,
     *,

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import LARGEST, check_kind, read_document
+from twosra_mpc.files import LARGEST, check_kind, document_in, read_text
 from twosra_mpc.lab.batch.table import RESULT_COLUMNS
 from twosra_mpc.problem.random_set import RandomSet
 from twosra_mpc.validation import FrozenDict, Number, Value, plain
@@ -151,11 +151,21 @@ class Spec(Value):
 
 
 def load_spec(path: Path, **overrides: Any) -> Spec:
+    """Read the spec of a batch from a file, as `spec_in` does from its text."""
+    return spec_in(read_text(path, str(path)), path, **overrides)
+
+
+def spec_in(text: str, path: Path, **overrides: Any) -> Spec:
     """Read the spec of a batch; keyword arguments replace keys of the file.
 
+    Args:
+        text: Text of the file.
+        path: Its name.
+        overrides: Keys and their values.
+
     Raises:
-        InputError: If it cannot be read, or is wrong; the message names the key.
+        InputError: If it is wrong; the message names the key.
     """
-    document = read_document(path, str(path))
+    document = document_in(text, path, str(path))
     check_kind(document, "batch", str(path))
     return Spec.parse({**document, **overrides}, str(path))

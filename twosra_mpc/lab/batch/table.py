@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import reading, write_bytes
 from twosra_mpc.installation import require_batch
+from twosra_mpc.validation import public
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,6 +42,7 @@ GREEDY_COLUMNS = {
 }
 
 
+@public
 def read_runs(path: str | Path) -> pd.DataFrame:
     """Read the table of a batch, finished or not, in the order of its problems.
 

@@ -29,7 +29,7 @@ _PLANNERS = click.Choice(["optimal", "greedy", "both"])
 
 @command("batch")
 @click.argument("spec", type=FILE)
-@click.option("--out", type=FILE, metavar="RUNS", required=True, help="Folder of the runs.")
+@click.option("--out", "-o", type=FILE, metavar="RUNS", required=True, help="Folder of the runs.")
 @click.option("--planner", type=_PLANNERS, help="Override the spec.")
 @click.option("--plans", is_flag=True, default=None, help="Write plan files, too.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes here; default: one a core.")
@@ -57,13 +57,14 @@ def batch_command(
         raise click.UsageError("--workers are processes here; a --scheduler has its own")
     require_batch("twosra batch")
     from twosra_mpc.lab.batch.problems import Problems
-    from twosra_mpc.lab.batch.spec import load_spec
+    from twosra_mpc.lab.batch.spec import spec_in
 
     given = {name: value for name, value in overrides.items() if value is not None}
-    problems = Problems(load_spec(spec, **given), spec.parent)
+    text = read_text(spec, str(spec))  # once: it may be a pipe
+    problems = Problems(spec_in(text, spec, **given), spec.parent)
     from twosra_mpc.lab.batch.folder import Folder  # CasADi takes a second
 
-    folder = Folder(out, problems, read_text(spec, str(spec)))
+    folder = Folder(out, problems, text)
     done, started = folder.done(), time.perf_counter()
     try:
         with noted_interrupts() as interrupts:

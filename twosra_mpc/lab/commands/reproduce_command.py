@@ -17,20 +17,21 @@ if TYPE_CHECKING:
     from twosra_mpc.lab.paper import PaperReport
 
 _SEGMENT_M, _SEGMENT_PX = 0.04, 8.4  # in the paper's photographs
+_AUTHORS = "https://github.com/Louashka/2sr-agent-control and 2sr-agent-simulation"
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @command("reproduce")
 @click.option(
-    *("--out", "folder"),
+    *("--out", "-o", "folder"),
     required=True,
     type=_FOLDER,
     help="Folder for the report; parts that are there are used again.",
 )
-@click.option("--data", type=FILE, help="Folder with hardware/, curvature/, or both in it.")
+@click.option("--data", type=FILE, help="Folder with hardware/, curvature/, or clones in it.")
 @click.option("--logs", type=FILE, help="Folder of logs of trials, instead of hardware/.")
 @click.option("--photographs", type=FILE, help="Folder of photographs, instead of curvature/.")
-@click.option("--simulations", type=FILE, help="CSV file of the authors' simulations.")
+@click.option("--simulations", type=FILE, help="The authors' simulations, a CSV file or clone.")
 @click.option("--column", default="k1", help="Column of reference curvatures [1/m].")
 @click.option(
     *("--scale", "scale_m"),
@@ -71,18 +72,15 @@ def reproduce_command(
     \b
     All that needs no data:
       twosra reproduce --out paper
-    With the authors' logs in lab/hardware and photographs in lab/curvature:
+    With the authors' data, clones of their repositories 2sr-agent-control and
+    2sr-agent-simulation (https://github.com/Louashka) in the folder lab:
       twosra reproduce --out paper --data lab
     """
     camera = Camera(scale_m=scale_m, length_m=length_m, towards_px=pixel(towards))
     if data is not None:
-        logs, photographs = (
-            logs or _within(data, "hardware"),
-            photographs or _within(data, "curvature"),
-        )
-        simulations = simulations or _within(data, "published_simulations.csv")
-        if logs is photographs is simulations is None:
-            raise InputError("data", str(data), "a folder with hardware/ or curvature/ in it")
+        found = located(data)
+        logs, photographs = logs or found["logs"], photographs or found["photographs"]
+        simulations = simulations or found["simulations"]
     from twosra_mpc.lab.paper import Sources, reproduce  # matplotlib takes a second
 
     sources = Sources(logs, photographs, simulations, column, camera)
@@ -91,9 +89,28 @@ def reproduce_command(
     output.report(report.document, lambda: _print(report, folder))
 
 
-def _within(data: Path, name: str) -> Path | None:
-    """Path of what a folder may have in it; None if it has not."""
-    return data / name if (data / name).exists() else None
+_PLACES = {  # option -> folder or file of one's own, authors' repository, what shows its clone
+    "logs": ("hardware", "control", "ExpData"),
+    "photographs": ("curvature", "control", "ExpData/TempPhotos"),
+    "simulations": ("published_simulations.csv", "simulation", "Data"),
+}
+
+
+def located(data: Path) -> dict[str, Path | None]:
+    """Logs, photographs and simulations in a folder, or in clones of the authors' repositories.
+
+    Raises:
+        InputError: If there is nothing of all that.
+    """
+    found: dict[str, Path | None] = {}
+    for option, (own, repository, part) in _PLACES.items():
+        clones = (data, data / f"2sr-agent-{repository}")
+        cloned = next((clone for clone in clones if (clone / part).exists()), None)
+        found[option] = data / own if (data / own).exists() else cloned
+    if not any(found.values()):
+        allowed = f"a folder with hardware/ or curvature/ in it, or clones of {_AUTHORS}"
+        raise InputError("data", str(data), allowed)
+    return found
 
 
 def _print(report: PaperReport, folder: Path) -> None:

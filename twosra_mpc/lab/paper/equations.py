@@ -12,18 +12,19 @@ import numpy as np
 
 from twosra_mpc.analysis.singular_shapes import condition_number, singular_shapes
 from twosra_mpc.control.thermistor import LinearMap, NtcDivider
-from twosra_mpc.lab.paper.claims import Claim, Reading, equal
+from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Part, Tell
 from twosra_mpc.lab.paper.section import Section
 from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS, Simulation
 from twosra_mpc.model.flow import roll_out
+from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rolling import rolled
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import load_robot
-from twosra_mpc.robot.modes import RIGID, is_rigid, soft_segments
+from twosra_mpc.robot.modes import MODES, RIGID, is_rigid, soft_segments
 
 _ROBOT, _PAPER_ROBOT = "2sra-v1", "2sra-v1-paper"
 _LEAST_BEND_RAD = 0.2  # less is no bend to take a share of
@@ -52,9 +53,54 @@ def _compute(_folder: Path, tell: Tell) -> Data:
         "share_of_bend": [min(shares), max(shares)],
         "turn_per_bend": float(bent[2] / (bent[4] * segment_m)),
         "rate_of_spiral_3": printed / exact,
+        **_inputs(),
+        **_units_alone(),
         "start_for_now_m": [_off_by_start(each) for each in SIMULATIONS.values()],
         **_divider(),
     }
+
+
+def _inputs() -> Data:
+    """How well wheel speeds give the inputs back, and what moves with a held unit."""
+    known, lost, dragged = kinematics(load_robot(_ROBOT)), [], []
+    for simulation in SIMULATIONS.values():
+        for mode in MODES:
+            used = [2, 3, 4] if is_rigid(mode) else [0, 1]
+            matrix = known.wheel_matrix(simulation.start, mode).full()
+            v = np.zeros(5)
+            v[used] = (0.01, -0.02, 0.3)[: len(used)]
+            lost.append(np.abs(known.inputs(simulation.start, mode, matrix @ v) - v).max())
+            if sum(mode) == 1:
+                dragged += [_held(matrix, 0, slice(2, 4)), _held(matrix, 1, slice(0, 2))]
+    both = known.jacobian(np.zeros(POSE + 2), (1, 1)).full()
+    return {
+        "inputs_lost": float(max(lost)),
+        "held_wheels": float(max(dragged)),
+        "independent_bends": int(np.linalg.matrix_rank(both[POSE:, :2])),
+    }
+
+
+def _held(matrix: Array, unit: int, wheels: slice) -> float:
+    """Fastest wheel of the unit that is held, as a share of the fastest of all."""
+    return float(np.abs(matrix[wheels, unit]).max() / np.abs(matrix[:, unit]).max())
+
+
+def _units_alone() -> Data:
+    """Signs with which the wheels of a unit turn it on the spot, and drive it along its diagonal.
+
+    The middle of a unit is where the lines through its wheels meet, across their drive directions.
+    """
+    poses = kinematics(load_robot(_ROBOT)).wheel_poses(np.zeros(POSE + 2)).full()
+    turning, driving = [], []
+    for own in (poses[:, :2], poses[:, 2:]):
+        along = np.array([np.cos(own[2]), np.sin(own[2])]).T
+        middle = np.linalg.solve(along, (along * own[:2].T).sum(axis=1))
+        out = own[:2].T - middle
+        turning.append(np.prod(out[:, 0] * along[:, 1] - out[:, 1] * along[:, 0]) > 0)
+        driving.append(
+            np.prod(along @ (out[0] / np.hypot(*out[0]) + out[1] / np.hypot(*out[1]))) < 0
+        )
+    return {"turning_alike": float(np.mean(turning)), "driving_opposed": float(np.mean(driving))}
 
 
 def _shares_of_bend(task: str) -> list[float]:
@@ -119,6 +165,9 @@ def section(data: Data) -> Section:
             _start(data),
             _third_spiral(data),
             _sensor(data),
+            _inverse(data),
+            _independent(data),
+            _unit_wheels(data),
         ),
     )
 
@@ -205,4 +254,45 @@ def _sensor(data: Data) -> Claim:
         ),
         "For a 10 k thermistor (B 3950 K) in series with a resistor; a straight line is our reading"
         " of the sentence.",
+    )
+
+
+def _inverse(data: Data) -> Claim:
+    words = "largest difference of V+ V v from v, in all modes [m/s, rad/s]"
+    return Claim(
+        "The Moore-Penrose inverse of the configuration matrix gives the inputs of wheel speeds",
+        "section Unified Jacobian Matrix",
+        (Reading(words, 0.0, data["inputs_lost"], "", 1e-9, 1e-6, "at most"),),
+        "With the exact wheel map, by Kinematics.inputs.",
+    )
+
+
+def _independent(data: Data) -> Claim:
+    return Claim(
+        "The motion of the units in the soft state is independent of each other",
+        "section Kinematics",
+        (
+            Reading(
+                "speed of the held unit's wheels by that of the moving unit's, one segment soft",
+                0.0,
+                data["held_wheels"],
+                "",
+                1e-9,
+                0.1,
+                "at most",
+            ),
+            equal("bends that two units choose, both soft", 2, data["independent_bends"], caveat=0),
+        ),
+        "With two soft segments both curvatures follow from the sum of the units' speeds.",
+    )
+
+
+def _unit_wheels(data: Data) -> Claim:
+    return Claim(
+        "Wheels of a unit that turn alike turn it, and opposed they drive it along its diagonal",
+        "section Design",
+        (
+            every("units that turn on the spot with both wheels alike", data["turning_alike"]),
+            every("units driven along the diagonal, wheels opposed", data["driving_opposed"]),
+        ),
     )

@@ -63,19 +63,30 @@ def part(photographs: Path, column: str, camera: Camera) -> Part:
 def folders_in(photographs: Path) -> list[tuple[Path, Path]]:
     """List folders of pictures with their CSV files of references, by name.
 
+    A clone of the authors' repository 2sr-agent-control has them in ``ExpData/TempPhotos``, and the
+    references of its folder ``Negative`` in ``ExpData/exp_negative_curvature.csv``.
+
     Raises:
         InputError: If there is none, or one has no references.
     """
-    folders = sorted(path for path in photographs.glob("*") if path.is_dir())
+    cloned = photographs / "ExpData" / "TempPhotos"
+    place = cloned if cloned.is_dir() else photographs
+    folders = sorted(path for path in place.glob("*") if path.is_dir())
     if not folders:
         allowed = "a folder with folders of photographs in it, e.g. negative and positive"
         raise InputError("photographs", str(photographs), allowed)
-    pairs = [(path, path.with_name(f"{path.name}.csv")) for path in folders]
-    for path, references in pairs:
-        if not references.is_file():
-            allowed = f"a CSV file of references beside the folder {path.name}"
-            raise InputError("references", str(references), allowed)
-    return pairs
+    return [(path, _references(path)) for path in folders]
+
+
+def _references(pictures: Path) -> Path:
+    """The CSV file of the references of a folder of pictures."""
+    beside = pictures.with_name(f"{pictures.name}.csv")
+    cloned = pictures.parent.with_name(f"exp_{pictures.name.lower()}_curvature.csv")
+    for path in (beside, cloned):
+        if path.is_file():
+            return path
+    allowed = f"a CSV file of references beside the folder {pictures.name}"
+    raise InputError("references", str(beside), allowed)
 
 
 def _numbers(found: Sequence[Sequence[Estimate]], camera: Camera) -> dict[str, Any]:

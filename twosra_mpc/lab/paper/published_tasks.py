@@ -40,6 +40,7 @@ PUBLISHED: dict[str, tuple[tuple[Mode, ...], int]] = {
     "paper-5": (((0, 1), (1, 0), (0, 0)), 62),
 }
 _COLUMNS = ("case", "x_m", "y_m", "phi_rad", "kappa1_per_m", "kappa2_per_m", "sigma1", "sigma2")
+_CLONED, _CLONED_COLUMNS = "Data/simulation*.csv", ("x", "y", "phi", "k1", "k2", "s1", "s2")
 _LEFT = (0.05, 0.001)  # shares of what is missing at the start
 
 
@@ -71,6 +72,8 @@ def simulated(task: str) -> PublishedTrajectory:
 def read_simulations(path: Path) -> dict[str, Array]:
     """Read recorded trajectories: a row a step, cases told apart by their column ``case``.
 
+    A clone of the authors' repository 2sr-agent-simulation has a file for each case.
+
     Returns:
         Configurations and modes [m, m, rad, 1/m, 1/m, 1, 1], (rows, 7), of each published task
         that a case starts as; other cases are left out.
@@ -79,26 +82,13 @@ def read_simulations(path: Path) -> dict[str, Array]:
         InputError: If the file cannot be read, a column is missing or given twice, or a cell is no
             finite number.
     """
-    source = str(path)
-    with reading(source, "simulations"):
-        table = [row for row in csv.reader(read_text(path, source).splitlines()) if row]
-        names = [name.strip() for name in table[0]] if table else []
-        for name in _COLUMNS:
-            if names.count(name) != 1:
-                given = "missing" if name not in names else "given twice"
-                allowed = f"one each of the columns {', '.join(_COLUMNS)}"
-                raise InputError(f"column {name}", given, allowed, source)
-        places = [names.index(name) for name in _COLUMNS]
-        values = np.array(
-            [
-                [
-                    number(row[at] if at < len(row) else "", f"{names[at]}, row {index}", source)
-                    for at in places
-                ]
-                for index, row in enumerate(table[1:], 1)
-            ]
-        ).reshape(-1, len(_COLUMNS))
-    cases = [values[values[:, 0] == case, 1:] for case in np.unique(values[:, 0])]
+    if path.is_dir():
+        cases = [_table(each, _CLONED_COLUMNS) for each in sorted(path.glob(_CLONED))]
+        if not cases:
+            raise InputError("simulations", str(path), f"a file, or a folder with {_CLONED}")
+    else:
+        values = _table(path, _COLUMNS)
+        cases = [values[values[:, 0] == case, 1:] for case in np.unique(values[:, 0])]
     starts = {task: load_problem(task).start.configuration for task in TASKS}
     return {
         task: case
@@ -106,6 +96,28 @@ def read_simulations(path: Path) -> dict[str, Array]:
         for task, start in starts.items()
         if np.allclose(case[0, :5], start, rtol=0.0, atol=1e-9)
     }
+
+
+def _table(path: Path, columns: tuple[str, ...]) -> Array:
+    """Columns of a CSV file, (rows, columns)."""
+    source = str(path)
+    with reading(source, "simulations"):
+        table = [row for row in csv.reader(read_text(path, source).splitlines()) if row]
+        names = [name.strip() for name in table[0]] if table else []
+        for name in columns:
+            if names.count(name) != 1:
+                given = "missing" if name not in names else "given twice"
+                allowed = f"one each of the columns {', '.join(columns)}"
+                raise InputError(f"column {name}", given, allowed, source)
+        places = [names.index(name) for name in columns]
+        values = [
+            [
+                number(row[at] if at < len(row) else "", f"{names[at]}, row {index}", source)
+                for at in places
+            ]
+            for index, row in enumerate(table[1:], 1)
+        ]
+        return np.array(values).reshape(-1, len(columns))
 
 
 def _compare(task: str, recorded: Array | None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,7 +15,13 @@ from twosra_mpc.lab.identification.replay import replay
 from twosra_mpc.lab.paper.claims import Claim, Reading, equal, every
 from twosra_mpc.lab.paper.kept import Data, Kept, Part, Tell, digest
 from twosra_mpc.lab.paper.section import Picture, Section, Table
-from twosra_mpc.lab.reproduction.hardware import dtw_table, read_trials, trial_of, waiting
+from twosra_mpc.lab.reproduction.hardware import (
+    dtw_table,
+    read_trials,
+    trial_of,
+    trial_paths,
+    waiting,
+)
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.description import load_robot
@@ -47,7 +54,7 @@ def part(kept: Kept, logs: Path) -> Part:
         found, compared = {}, {}
         for log in read_trials(logs, robot):
             name = Path(log.source).stem
-            found[name] = kept.get(_one(name, logs, log), tell)
+            found[name] = kept.get(_one(name, log), tell)
             if (number := trial_of(log)) is not None and number not in compared:
                 compared[number] = log
         tell("drawing the trials")
@@ -62,16 +69,17 @@ def part(kept: Kept, logs: Path) -> Part:
             figures = [TRIALS_FIGURE, DTW_FIGURE]
         return {"logs": found, "figures": figures}
 
-    return Part("trials", {"logs": digest(logs)}, compute)
+    given = {path.name: digest(path) for path in trial_paths(logs)}
+    return Part("trials", {"logs": given}, compute)
 
 
-def _one(name: str, logs: Path, log: MotionLog) -> Part:
+def _one(name: str, log: MotionLog) -> Part:
     def compute(_folder: Path, tell: Tell) -> Data:
         tell(f"comparing {name} with the simulations")
         said: Data = plain_data(_log(log) | {"bends": _bends(log)})
         return said
 
-    return Part(f"trial-{name}", {"log": digest(logs / f"{name}.csv")}, compute)
+    return Part(f"trial-{name}", {"log": digest(Path(log.source))}, compute)
 
 
 def _log(log: MotionLog) -> Data:
@@ -93,7 +101,13 @@ def _log(log: MotionLog) -> Data:
 def _bends(log: MotionLog) -> list[Data]:
     """Where soft phases end by the model, given the history of curvatures that was measured."""
     return [
-        {"mode": one.mode, "bend_rad": one.bend_rad[-1], "error": error, "moved": one.moved}
+        {
+            "mode": one.mode,
+            "bend_rad": one.bend_rad[-1],
+            "error": error,
+            "moved": one.moved,
+            "split": one.split,
+        }
         for one in replay(log, load_robot("2sra-v1"))
         if (error := one.error_as_bent) is not None
     ]
@@ -105,6 +119,7 @@ def section(data: Data | None) -> Section:
     trials = _trials(logs)
     claims = [_distances(number, trials.get(number)) for number in DTW]
     claims += [judge(trials) for judge in _JUDGEMENTS]
+    claims += [_equal_bends(logs), _middle_link(logs)]
     absent = [str(number) for number in DTW if number not in trials]
     missing = f"No log of trial{'s' * (len(absent) > 1)} {', '.join(absent)}. " if absent else ""
     return Section(
@@ -248,6 +263,36 @@ def _axes(trials: Trials) -> Claim:
         "Fig. 7(a, c)",
         tuple(equal(name, 0.0, one, "%", holds=5.0, caveat=20.0) for name, one in found.items()),
         "The logs have no rows while metal melts or freezes, and the figures count rows.",
+    )
+
+
+def _equal_bends(logs: Data) -> Claim:
+    splits = [one["split"] for log in logs.values() for one in log["bends"] if sum(one["mode"]) > 1]
+    worst = 100 * max(splits) if splits else None
+    words = "largest deviation of a segment's bend from the mean of both"
+    return Claim(
+        "Two soft segments bend equally",
+        "section LU Paths Estimation, spiral III",
+        (Reading(words, 0.0, worst, "%", 5.0, 20.0, "at most"),),
+        "Measured where both are bent together by 0.2 rad at least, from start to end of the phase."
+        " Rigid bodies on a fibre of hinges bend unequally, too: which unit pushes matters.",
+    )
+
+
+def _middle_link(logs: Data) -> Claim:
+    off = [
+        1e3 * math.hypot(*one["error"][:2])
+        for log in logs.values()
+        for one in log["bends"]
+        if sum(one["mode"]) == 1
+    ]
+    words = "largest distance of the middle link from where it should be after such a phase"
+    return Claim(
+        "While one segment is soft the rest of the fibre stays, or moves, as the arcs have it",
+        "section Unified Jacobian Matrix, cases I and II",
+        (Reading(words, 0.0, max(off, default=None), "mm", 5.0, 20.0, "at most"),),
+        "By exact arcs, along the measured history of curvatures: in case I the link should not"
+        " move at all.",
     )
 
 

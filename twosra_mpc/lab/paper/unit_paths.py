@@ -35,12 +35,18 @@ def _compute(folder: Path, tell: Tell) -> Data:
     robot = load_robot(_ROBOT)
     plot_paths(robot, folder / FIGURE)
     rows = {case: _row(fit) for case, fit in zip(CASES, fit_spirals(robot.geometry), strict=True)}
-    short, long = (
-        _row(fit_spirals(robot.geometry.with_values(segment_length_m=length))[0])
-        for length in _LENGTHS_M
+    ends = (
+        fit_spirals(robot.geometry.with_values(segment_length_m=length)) for length in _LENGTHS_M
     )
-    changes = [abs(b / a - 1.0) for a, b in zip(short, long, strict=True)]
-    return {"spirals": rows, "change_of_spiral_1_with_length": max(changes)}
+    changes = [
+        [abs(b / a - 1.0) for a, b in zip(_row(short), _row(long), strict=True)]
+        for short, long in zip(*ends, strict=True)
+    ]
+    return {
+        "spirals": rows,
+        "change_of_spiral_1_with_length": max(changes[0]),
+        "change_of_b_of_spiral_2": changes[1][1],
+    }
 
 
 def _row(fit: Any) -> list[float]:
@@ -68,6 +74,17 @@ def section(data: Data) -> Section:
     )
     words = "b, a / l and the centre of spiral I do not depend on the segment's length"
     claims.append(Claim(words, "section LU Paths Estimation", (change,)))
+    sensitive = Reading(
+        "relative change of b of spiral II from l = 1 cm to 1 m, the link's length kept",
+        10.0,
+        100.0 * data["change_of_b_of_spiral_2"],
+        "%",
+        holds=0.0,
+        caveat=9.0,
+        sense="at least",
+    )
+    words = "b of spiral II depends on the ratio of soft and rigid lengths"
+    claims.append(Claim(words, "section LU Paths Estimation", (sensitive,)))
     return Section(
         name="paths",
         title="Paths of the locomotion units",

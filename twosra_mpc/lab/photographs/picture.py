@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ImageOps
 from scipy import ndimage
 
 from twosra_mpc.errors import InputError
@@ -93,7 +94,8 @@ def read_photograph(path: str | Path) -> Photograph:
         if image.mode not in ("1", "L", "LA", "P", "RGB", "RGBA", "YCbCr"):
             allowed = "an image of 8 bits a colour (scale temperatures to 0 to 255 first)"
             raise InputError("picture", f"mode {image.mode}", allowed, str(path))
-        grey = np.asarray(image.convert("L"), dtype=float)
+        upright = ImageOps.exif_transpose(image)  # cameras store how they were held
+        grey = np.asarray(upright.convert("L"), dtype=float)
     return Photograph(Path(path), grey)
 
 

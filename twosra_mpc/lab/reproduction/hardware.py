@@ -35,6 +35,9 @@ WINDOW = 15  # rows, of the trailing mean
 # How far from its simulation a trial may start: it was placed by hand [m, m, rad, 1/m, 1/m].
 PLACED = np.array([0.02, 0.02, 0.15, 5.0, 5.0])
 
+# Where a clone of the authors' repository 2sr-agent-control has its trials.
+_CLONED = ("ExpData/mainExperiment*.csv", "Analysis/*.csv")
+
 Q = tuple[float, ...]  # of [x, y, phi, kappa_1, kappa_2]
 
 
@@ -120,16 +123,26 @@ class WaitingShares:
         return self.first_heating_s + self.waits_s + self.motion_s
 
 
+def trial_paths(folder: str | Path) -> list[Path]:
+    """CSV files of trials, by name: of a folder, or of a clone of the authors' 2sr-agent-control.
+
+    Raises:
+        InputError: If there is none.
+    """
+    cloned = [path for pattern in _CLONED for path in Path(folder).glob(pattern)]
+    paths = sorted(cloned or Path(folder).glob("*.csv"), key=lambda path: path.name)
+    if not paths:
+        raise InputError("folder", str(folder), "a folder with logs of trials (.csv)")
+    return paths
+
+
 def read_trials(folder: str | Path, robot: Robot) -> Iterator[MotionLog]:
-    """Yield the log in each CSV file of a folder, by name.
+    """Yield the log in each CSV file of trials, by name (`trial_paths`).
 
     Raises:
         InputError: If there is none, or one is no log of motion with inputs of two segments.
     """
-    paths = sorted(Path(folder).glob("*.csv"))
-    if not paths:
-        raise InputError("folder", str(folder), "a folder with logs of trials (.csv)")
-    for path in paths:
+    for path in trial_paths(folder):
         yield _checked(read_motion_log(path, robot))
 
 
