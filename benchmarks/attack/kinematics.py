@@ -217,12 +217,13 @@ class Reference:
         return np.array(rows) / self._radius_m
 
     def room_m(self, kappa: Array) -> float:
-        """Least distance between the square units along any of their sides; negative: overlap."""
-        geometry, half = self.robot.geometry, self.robot.geometry.unit_side_m / 2
+        """Least distance between the units' frames along any of their sides; negative: overlap."""
+        geometry, half = self.robot.geometry, self.robot.geometry.unit_frame_m / 2
         corners, sides = [], []
         for side, end in zip((-1, 1), self.ends(kappa), strict=True):
             heading = cmath.exp(1j * end.theta)
-            outward = complex(side * (geometry.end_link_m + half), geometry.unit_offset_m)
+            middle = side * (geometry.end_link_m + geometry.unit_side_m / 2)
+            outward = complex(middle, geometry.unit_offset_m)
             around = [complex(x, y) * half for x in (-1, 1) for y in (-1, 1)]
             corners.append(np.array([end.z + heading * (outward + c) for c in around]))
             sides += [heading, 1j * heading]
