@@ -478,8 +478,8 @@ def test_the_command_says_why_there_is_no_plan(run: Run, monkeypatch: pytest.Mon
     assert "proved infeasible" in out
 
 
-def test_a_time_limit_without_a_plan_is_no_plan(run: Run) -> None:
-    code, out, _ = run("explain", "paper-1", "--time-limit", "1e-9")
+def test_a_limit_without_a_plan_is_no_plan(run: Run) -> None:
+    code, out, _ = run("explain", "paper-1", "--work-limit", "1e-9")
     assert code == 4
     assert "raise work_limit" in out
 

@@ -258,8 +258,8 @@ def test_a_pose_without_driving_asks_for_mode_00() -> None:
 def test_a_limit_is_told_with_the_effort() -> None:
     result = plan(problem((0, 0), (10, 20), work_limit=1e-9))
     assert result.message == (
-        "no plan found (a limit was reached): raise time_limit_s (0 mode sequences tried, "
-        "time_limit_s is 1e-09)"
+        "no plan found (a limit was reached): raise work_limit (0 mode sequences tried, "
+        "work_limit is 1e-09)"
     )
 
 

@@ -435,7 +435,7 @@ def test_a_mission_whose_ways_are_not_all_known_in_time_has_no_bound() -> None:
     result = plan(mission(*goals, order="free", work_limit=1e-9))
     assert result.status is Status.FAILED
     assert result.lower_bound is None
-    assert "before all ways were known): raise time_limit_s" in result.message
+    assert "before all ways were known): raise work_limit" in result.message
 
 
 @pytest.mark.parametrize("off", [(9e-7, 0.0), (0.0, 1.5e-6)])

@@ -46,6 +46,7 @@ class Cost:
     NEWTON_STEP = 15  # a row or column in a step of the interior point method
     NLP_STEP = 750  # a variable in an iteration of IPOPT
     GREEDY_STEP = 2000  # a mode that proposes a step
+    STAGE = 5000  # a stage of a way to do a mission
     # Of plans: paths, speeds, checks.
     INTERVAL = 600  # an interval of a path that is rolled out
     PROFILE = 600  # an interval of a path that is travelled as fast as can be

@@ -20,7 +20,7 @@ def part() -> Part:
     """Return plans of both, with figures."""
 
     def compute(folder: Path, tell: Tell) -> Data:
-        data = {}
+        data: Data = {}
         for name in SCENARIOS:
             tell(f"planning {name}")
             found = plan(load_problem(name))

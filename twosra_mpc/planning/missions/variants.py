@@ -16,7 +16,7 @@ import numpy as np
 from twosra_mpc.contact.cage import caged
 from twosra_mpc.contact.pushing import pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
-from twosra_mpc.effort import out_of_effort
+from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.ends import HEADINGS, Ends, placed, spread
 from twosra_mpc.planning.missions.stages import Stage, Variant
@@ -167,6 +167,7 @@ class Ways:
 
     def _after(self, state: State, stage: Stage) -> State:
         """What comes after a stage; boxes to pass belonged to it, and what was held moved."""
+        charge(Cost.STAGE)
         stage, poses = replace(stage, passes=state.passes), list(state.poses)
         if (hold := state.hold) is not None:
             stage = self._holding(stage, hold)
