@@ -178,12 +178,16 @@ def _searched(
 
         solver = Placer(variants, checked)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
+    aimed = tree
+    if tree.only is None:
+        several = [variant.aimed() for variant in variants]
+        aimed = stage_tree(problem, several, solver, excluded, solver.in_the_way)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
         out_of_time=out_of_time,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        first_look=lambda: _first_look(tree, guesses=solver.guesses),
+        first_look=lambda: _first_look(aimed, guesses=solver.guesses),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations

@@ -212,7 +212,9 @@ class Ways:
             if not len(ends.poses):
                 continue
             stage = self._touching(at, task.object, _shape(touch.kappa), ends)
-            stage = replace(stage, reshapes=task.hold == "caged")  # it gets in no more than out
+            if task.hold == "caged":  # it gets in no more than out
+                entries = tuple(self._opened(touch.kappa, share) for share in _OPEN)
+                stage = replace(stage, reshapes=True, entries=entries)
             apart = thing.disc is not None and self._turned_as_asked(task.object)
             for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
                 after = self._after(at, replace(stage, ends=some))
@@ -307,7 +309,7 @@ class Ways:
         )
         yield self._after(free, stage)
 
-    def _opened(self, kappa: Array, share: float) -> GoalSet:
+    def _opened(self, kappa: Array, share: float) -> Goal:
         """Shapes in which bent segments have no more than a share of their curvature."""
         limit = self.problem.robot.limits.curvature_per_m
         middle, width = list[float | None]([None] * len(kappa)), [0.0] * len(kappa)
