@@ -53,7 +53,7 @@ Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
-_AT_ONCE = 36  # headings, to look at the clock in between
+_SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
 _GRID_M, _LOST_M2 = 1e-9, 1e-9
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
@@ -205,9 +205,10 @@ def _slices(
     free[some] = shapely.box(*low[some].T, *high[some].T)
     if pieces and obstacles:
         high, centres = np.where(some[:, None], high, -np.inf), _centres(headings)
-        for first in range(0, headings, _AT_ONCE):
+        several = max(1, _SUMS // (len(pieces) * len(obstacles)))
+        for first in range(0, headings, several):
             check_time()
-            k = slice(first, first + _AT_ONCE)
+            k = slice(first, first + several)
             free[k] = _left_of(free[k], _blocked(pieces, obstacles, centres[k], low[k], high[k]))
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0
