@@ -18,6 +18,7 @@ from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint
 
 FAR_M = 0.25  # distances beyond this are not told apart
+_NEAR_M = 0.03  # pieces whose disc is nearer to the box around a part are looked at more closely
 _BATCH = 64  # poses: of a robot of 50 pieces, some MiB on the way
 
 
@@ -51,23 +52,22 @@ class Surroundings:
 
     def to_parts(self, corners: Array) -> Array:
         """Distance of sets of pieces (m, p, k, 2) to each convex part of obstacles, (m, parts)."""
-        middle = corners.mean(axis=(1, 2))
-        radius = np.linalg.norm(corners - middle[:, None, None], axis=-1).max(axis=(1, 2))
         # Minima and maxima over leading axes, which are short, are three times as fast.
-        points = np.ascontiguousarray(corners.transpose(2, 3, 0, 1))
-        normals, reach = _normals(points)
+        points = _flat(np.ascontiguousarray(corners.transpose(2, 3, 0, 1)))
+        middle = points.mean(axis=0)
+        radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max(axis=0))
         found = np.full((len(corners), len(self._parts)), FAR_M)
         for k, part in enumerate(self._parts):
-            away = np.linalg.norm(middle - part.middle, axis=1) - radius - part.radius_m
-            near = np.flatnonzero(away < FAR_M)
+            off = np.maximum(np.maximum(part.low - middle, middle - part.high), 0.0)
+            apart = np.hypot(off[0], off[1]) - radius
+            near = np.flatnonzero(apart < _NEAR_M)
             if len(near):
-                own, sides, reached = (
-                    _flat(each[..., near, :]) for each in (points, normals, reach)
-                )
+                own = points[..., near]
+                normals, reach = _normals(own)
                 by_part = ((part.normals @ own).min(axis=0) - part.reach[:, None]).max(axis=0)
-                by_piece = ((part.corners @ sides).min(axis=1) - reached).max(axis=0)
-                apart = np.maximum(by_part, by_piece).reshape(len(near), -1)
-                found[near, k] = apart.min(axis=1)
+                by_piece = ((part.corners @ normals).min(axis=1) - reach).max(axis=0)
+                apart[near] = np.maximum(by_part, by_piece)
+            found[:, k] = apart.reshape(len(corners), -1).min(axis=1)
         least: Array = np.minimum(found, FAR_M)
         return least
 
@@ -134,8 +134,7 @@ class _Part:
     def __init__(self, corners: Array) -> None:
         self.corners = corners
         self.normals, self.reach = _normals(corners)
-        self.middle = corners.mean(axis=0)
-        self.radius_m = float(np.linalg.norm(corners - self.middle, axis=1).max())
+        self.low, self.high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
 
 
 def _normals(corners: Array) -> tuple[Array, Array]:
