@@ -183,13 +183,13 @@ def component_around(
         Parts of the component, and whether it is at the edge; None where the position is not free.
     """
     box, made = box_around(pieces, obstacles), dict[int, Geometries]()
-    low, high = box[:, None]
+    (low, high), moving, still = box[:, None], stacked(pieces), stacked(obstacles)
 
     def parts_of(k: int) -> Geometries:
         if k not in made:
             check_time()
             whole = np.array([shapely.box(*box.ravel())], dtype=object)
-            blocked = _blocked(pieces, obstacles, _centres(headings)[k : k + 1], low, high)
+            blocked = _blocked(moving, still, _centres(headings)[k : k + 1], low, high)
             made[k] = shapely.get_parts(_left_of(whole, blocked))
         return made[k]
 
@@ -241,10 +241,11 @@ def _slices(
     if pieces and obstacles:
         high, centres = np.where(some[:, None], high, -np.inf), _centres(headings)
         several = max(1, _SUMS // (len(pieces) * len(obstacles)))
+        moving, still = stacked(pieces), stacked(obstacles)
         for first in range(0, headings, several):
             check_time()
             k = slice(first, first + several)
-            free[k] = _left_of(free[k], _blocked(pieces, obstacles, centres[k], low[k], high[k]))
+            free[k] = _left_of(free[k], _blocked(moving, still, centres[k], low[k], high[k]))
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0
     beyond = np.where(np.isfinite(edges), [[-np.inf], [np.inf]], box)
@@ -252,11 +253,10 @@ def _slices(
 
 
 def _blocked(
-    pieces: list[Array], obstacles: list[Array], headings: Array, low: Array, high: Array
+    pieces: Array, obstacles: Array, headings: Array, low: Array, high: Array
 ) -> Geometries:
     """Positions that obstacles block at headings (n,), of those in the boxes low to high, (n,)."""
-    turning = turned(stacked(pieces), headings)
-    sums = minkowski_sums(-turning, stacked(obstacles))
+    sums = minkowski_sums(-turned(pieces, headings), obstacles)
     met = (sums.min(axis=-2) < high[:, None, None]).all(axis=-1)
     met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
     blocked = np.full(met.shape, None, dtype=object)

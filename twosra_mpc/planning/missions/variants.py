@@ -48,6 +48,7 @@ _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
+_ALIKE = 6  # decimals of m and 1/m
 
 
 class Hold(NamedTuple):
@@ -250,11 +251,16 @@ class Ways:
         touches = list(found.touches)
         if task.hold == "caged":
             geometry = self.problem.robot.geometry
-            touches = []
+            touches, known = [], dict[object, bool]()
             for number, each in enumerate(found.touches):
                 if touches and number >= _MOST_TESTED:
                     break
-                if caged(geometry, each.kappa, thing, each.pose_in_b0).proved:
+                corners = thing.at(each.pose_in_b0).corners_m  # the same for things that look alike
+                alike = tuple(each.kappa.round(_ALIKE)), frozenset(map(tuple, corners.round(_ALIKE)))
+                if alike not in known:
+                    cage = caged(geometry, each.kappa, thing, each.pose_in_b0)
+                    known[alike] = cage.proved
+                if known[alike]:
                     touches.append(each)
         if not touches:
             self.refused.append(_no_grasp(task, found))
