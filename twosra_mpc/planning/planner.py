@@ -17,6 +17,7 @@ from twosra_mpc.planning.missions.relaxed import stage_tree
 from twosra_mpc.planning.missions.stages import Variant, only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import timed
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
+from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.single_goal.conclusion import (
     ADVICE,
@@ -44,7 +45,8 @@ from twosra_mpc.problem.tolerances import forgiven
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
 
-_WIDTH, _LEAVES, _TRIES = 4, 30, 8  # of the first look for a plan of several stages
+# Of the first look for a plan of several stages; stages of as many phases are looked at later.
+_WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
 
 
 def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = None) -> Result:
@@ -197,7 +199,13 @@ def _first_look(tree: Tree[Solved], *, guesses: bool) -> tuple[float, Solved] | 
     """The best of a few promising leaves; of a single goal in free space only to drive."""
     if tree.only is None:
         few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
-        return dive(tree, tree.leaps, **few, out_of_time=out_of_time)
+
+        def short(node: Node) -> list[Node]:
+            leaps = tree.leaps(node)
+            return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
+
+        found = dive(tree, short, **few, out_of_time=out_of_time)
+        return found or dive(tree, tree.leaps, **few, out_of_time=out_of_time)
     node = tree.root()
     if guesses and tree.leaf_bound(node) < math.inf:
         first = itertools.islice(tree.solve(node), 2)
