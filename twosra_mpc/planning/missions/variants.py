@@ -255,11 +255,10 @@ class Ways:
             for number, each in enumerate(found.touches):
                 if touches and number >= _MOST_TESTED:
                     break
-                corners = thing.at(each.pose_in_b0).corners_m  # the same for things that look alike
-                alike = tuple(each.kappa.round(_ALIKE)), frozenset(map(tuple, corners.round(_ALIKE)))
+                corners = thing.at(each.pose_in_b0).corners_m.round(_ALIKE)
+                alike = tuple(each.kappa.round(_ALIKE)), frozenset(map(tuple, corners))
                 if alike not in known:
-                    cage = caged(geometry, each.kappa, thing, each.pose_in_b0)
-                    known[alike] = cage.proved
+                    known[alike] = caged(geometry, each.kappa, thing, each.pose_in_b0).proved
                 if known[alike]:
                     touches.append(each)
         if not touches:
