@@ -10,6 +10,8 @@ most as much as P is moved, as the distance itself does.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from twosra_mpc.problem.world import World
@@ -18,7 +20,7 @@ from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint
 
 FAR_M = 0.25  # distances beyond this are not told apart
-_NEAR_M = 0.03  # pieces whose disc is nearer to the box around a part are looked at more closely
+_NEAR_M = 0.03  # pieces whose disc is nearer to the box around an obstacle are looked at closely
 _BATCH = 64  # poses: of a robot of 50 pieces, some MiB on the way
 
 
@@ -39,6 +41,14 @@ class Surroundings:
         ]
         self.obstacle_of_part = np.array([i for i, _ in parts], dtype=int)
         self._parts = [part for _, part in parts]
+        firsts = np.searchsorted(
+            self.obstacle_of_part, np.arange(len(world.obstacles) + 1)
+        ).tolist()
+        corners = (item.corners_m[..., None] for item in world.obstacles)
+        self._boxes = [
+            (each.min(axis=0), each.max(axis=0), slice(*ends))
+            for each, ends in zip(corners, itertools.pairwise(firsts), strict=True)
+        ]
         self._workspace = None if world.workspace is None else world.workspace.corners_m
 
     def distances(self, corners: Array, lent_m: Array | float = 0.0) -> Array:
@@ -56,18 +66,22 @@ class Surroundings:
         points = _flat(np.ascontiguousarray(corners.transpose(2, 3, 0, 1)))
         middle = points.mean(axis=0)
         radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max(axis=0))
-        found = np.full((len(corners), len(self._parts)), FAR_M)
-        for k, part in enumerate(self._parts):
-            off = np.maximum(np.maximum(part.low - middle, middle - part.high), 0.0)
+        found = np.empty((len(corners), len(self._parts)))
+        for low, high, of in self._boxes:
+            off = np.maximum(np.maximum(low - middle, middle - high), 0.0)
             apart = np.hypot(off[0], off[1]) - radius
             near = np.flatnonzero(apart < _NEAR_M)
-            if len(near):
-                own = points[..., near]
-                normals, reach = _normals(own)
+            apart[near] = FAR_M
+            found[:, of] = apart.reshape(len(corners), -1).min(axis=1)[:, None]
+            if not len(near):
+                continue
+            own, row = points[..., near], near // corners.shape[1]
+            normals, reach = _normals(own)
+            for k in range(of.start, of.stop):
+                part = self._parts[k]
                 by_part = ((part.normals @ own).min(axis=0) - part.reach[:, None]).max(axis=0)
                 by_piece = ((part.corners @ normals).min(axis=1) - reach).max(axis=0)
-                apart[near] = np.maximum(by_part, by_piece)
-            found[:, k] = apart.reshape(len(corners), -1).min(axis=1)
+                np.minimum.at(found[:, k], row, np.maximum(by_part, by_piece))
         least: Array = np.minimum(found, FAR_M)
         return least
 
@@ -134,7 +148,6 @@ class _Part:
     def __init__(self, corners: Array) -> None:
         self.corners = corners
         self.normals, self.reach = _normals(corners)
-        self.low, self.high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
 
 
 def _normals(corners: Array) -> tuple[Array, Array]:

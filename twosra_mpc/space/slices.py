@@ -42,6 +42,7 @@ from twosra_mpc.space.minkowski import (
     merged,
     minkowski_sums,
     obstacle_parts,
+    parts_around,
     reach,
     stacked,
     swept,
@@ -52,6 +53,7 @@ Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6
+_SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
 _SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
 _GRID_M, _LOST_M2 = 1e-9, 1e-9
@@ -154,7 +156,8 @@ def certified_slices(
     half_turn, pieces = np.pi / headings, _rectangles(footprint.outer)
     grown = list(swept(pieces, half_turn, kept_m + _ROUNDING_M))
     extent = _extents(footprint.outer, half_turn, headings) + _ROUNDING_M
-    return _slices(world, grown, obstacle_parts(world.obstacles), extent, headings)
+    around = parts_around(world.obstacles, _SMOOTH * half_turn * footprint.radius_m)
+    return _slices(world, grown, around, extent, headings)
 
 
 def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
