@@ -89,8 +89,9 @@ class Surroundings:
         least: Array = (self.to_parts(corners) + lent_m).min(axis=1, initial=FAR_M)
         if self._workspace is not None:
             low, high = self._workspace
-            inside = np.minimum(corners - low, high - corners).min(axis=(1, 2, 3))
-            least = np.minimum(least, inside + self.kept_m)
+            ends = np.ascontiguousarray(corners.reshape(len(corners), -1, 2).transpose(1, 2, 0))
+            inside = np.minimum(ends.min(axis=0) - low[:, None], high[:, None] - ends.max(axis=0))
+            least = np.minimum(least, inside.min(axis=0) + self.kept_m)
         return least
 
 
