@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import fields
 
-import casadi as ca
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from twosra_mpc.model.rows import in_mode
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, Array
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 
 _MOST_CUTS = 2_000_000  # of all intervals
@@ -50,7 +50,7 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             rows[:] = reached[first]
             continue
         if mode not in known:
-            known[mode] = _Steps(in_mode(step_of_order_8(problem.robot), mode))
+            known[mode] = _Steps(problem.robot, mode)
         if not _follow(
             known[mode], reached[first], direction, np.cumsum(lengths).tolist(), beyond, rows
         ):
@@ -96,7 +96,8 @@ def _follow(
 class _Steps:
     """Steps in one mode."""
 
-    def __init__(self, step: ca.Function) -> None:
+    def __init__(self, robot: Robot, mode: Mode) -> None:
+        step = in_mode(step_of_order_8(robot), mode)
         size, self._made = step.numel_out(0), list[tuple[list[Array], InPlace]]()
         for count in (1, _DEGREE):
             arrays = [np.zeros((count, k)) for k in (size, INPUTS, size, 2)]
