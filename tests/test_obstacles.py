@@ -24,7 +24,7 @@ from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
 from twosra_mpc.planning.obstacles.placement import Placer
-from twosra_mpc.planning.obstacles.stations import Stations, shortest_chain
+from twosra_mpc.planning.obstacles.stations import Stations, chains
 from twosra_mpc.planning.single_goal.sequence_solver import checked
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.ends import check_shapes, check_workspace
@@ -344,9 +344,11 @@ def test_the_lazy_search_finds_the_best_of_all_combinations(seed: int) -> None:
         return np.tile(goal, (len(ends), 1))
 
     least = cheapest(start, goal, layers, clear, drivers, hidden)
-    found = shortest_chain(start, goals, layers, clear, drivers, hidden, 5000, 500)
-    assert (found is None) == math.isinf(least)
-    if found is not None:
+    shorter = list(chains(start, goals, layers, clear, drivers, hidden, 5000, 500))
+    costs = [chain.cost_s for chain in shorter]
+    assert costs == sorted(costs, reverse=True)
+    assert (not shorter) == math.isinf(least)
+    for found in shorter[-1:]:
         assert len(found.begins) == depth
         assert len(found.routes) == depth + 1
         longer = sum(

@@ -17,6 +17,7 @@ from twosra_mpc.space.minkowski import (
     merged,
     minkowski_sums,
     obstacle_parts,
+    parts_around,
     swept,
     turned,
 )
@@ -175,3 +176,19 @@ def test_the_distance_that_shapes_leave_between_them_is_that_of_their_components
     ]
     assert ahead.apart_m(behind) == pytest.approx(reached[1][0] - reached[0][2], abs=0.01)
     assert ahead.apart_m(Region.of(other, frozenset())) == np.inf
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_smoother_obstacles_hold_the_rough_ones_and_are_as_near_as_is_said(seed: int) -> None:
+    rng, within_m = np.random.default_rng(seed), 4e-4 * (1 + seed)
+    angles = (np.arange(30) + rng.uniform(-0.3, 0.3, 30)) * 2 * np.pi / 30
+    radius = rng.uniform(0.03, [0.05, 0.031][seed % 2], 30)[:, None]
+    rough = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    obstacle = Obstacle(polygon_m=tuple(map(tuple, rough.tolist())))
+    own, parts = shapely.Polygon(rough), parts_around([obstacle], within_m)
+    whole = shapely.union_all([shapely.Polygon(part) for part in parts])
+    assert own.difference(whole).area < 1e-12
+    assert whole.difference(own.buffer(within_m)).area < 1e-12
+    for part in map(shapely.Polygon, parts):
+        assert part.convex_hull.area == pytest.approx(part.area)
+    assert len(parts) <= len(obstacle_parts([obstacle]))

@@ -18,7 +18,7 @@ from problems import at_once
 from scipy.integrate import solve_ivp
 
 from twosra_mpc import Plan, Problem, Robot, load_problem, load_robot, plan
-from twosra_mpc.checking.reintegration import paths, reintegrate
+from twosra_mpc.checking.reintegration import between, paths, reintegrate
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.plan import Verification
@@ -155,6 +155,14 @@ def test_reintegration_agrees_with_scipy(any_plan: Plan) -> None:
                 args=(samples.mode[first], direction),
             ).y[:, -1]
         assert reached[last] == pytest.approx(q, abs=5e-9)
+
+
+def test_many_samples_within_a_step_are_where_few_are(any_plan: Plan) -> None:
+    problem, samples = any_plan.problem, any_plan.samples
+    fine, at = between(samples, 1e-4, least=1)
+    first = np.searchsorted(at, np.arange(len(samples)))
+    reached = reintegrate(problem, samples)
+    assert reintegrate(problem, fine)[first] == pytest.approx(reached, abs=1e-9)
 
 
 def test_margins_are_the_distance_to_each_limit(any_plan: Plan) -> None:

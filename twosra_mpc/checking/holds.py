@@ -29,7 +29,7 @@ from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.poses import composed, inverse
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
-_LEVELS = ((2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
+_LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))
 _TURN = 0.18  # [m]: boxes of a side s are 2 pi s / _TURN high
 _WITHIN_M = 1e-5  # rounding of drawings
 _ALONG = 60  # points at which discs within an object may have their centres, along its longer side

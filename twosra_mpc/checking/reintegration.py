@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.dormand_prince import step_of_order_8
@@ -18,11 +20,17 @@ from twosra_mpc.model.rows import in_mode
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, Array
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import Mode
 
 _MOST_CUTS = 2_000_000  # of all intervals
 _SAME_DIRECTION = 1e-13  # rounding of a unit vector
 _SAFE, _LEAST_GROWTH, _MOST_GROWTH = 0.9, 0.2, 10.0  # of the next step
+# Shares of a step through which the polynomial of that degree is laid, and its coefficients.
+_DEGREE, _MANY = 12, 8
+_NODES = (1 - np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)) / 2
+_SHARES = _NODES[1:, None]
+_FIT = np.linalg.inv(chebvander(2 * _NODES - 1, _DEGREE))
 _LEAST_STEP = 1e-12  # m or rad: where that is too long, a curvature runs away
 
 
@@ -33,41 +41,77 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
     input or the mode changes; in between only the speed does, which does not change the path.
     Rows are NaN from where a curvature runs away beyond twice its limit.
     """
-    beyond, size = 2 * problem.robot.limits.curvature_per_m, problem.robot.coordinates.size
-    q, s = problem.start.configuration.copy(), np.empty(INPUTS)
-    after, told, integrators = np.empty(size), np.empty(2), dict[Mode, InPlace]()
-    reached = np.full((len(samples), size), np.nan)
+    beyond, q = 2 * problem.robot.limits.curvature_per_m, problem.start.configuration
+    reached, known = np.full((len(samples), len(q)), np.nan), dict[Mode, _Steps]()
     reached[0] = q
     for first, last, direction, lengths in paths(samples):
+        rows, mode = reached[first + 1 : last + 1], tuple(samples.mode[first].tolist())
         if not direction.any():
-            reached[first + 1 : last + 1] = q
+            rows[:] = reached[first]
             continue
-        mode, longest = tuple(samples.mode[first].tolist()), math.inf
-        if mode not in integrators:
-            step_in_mode = in_mode(step_of_order_8(problem.robot), mode)
-            integrators[mode] = InPlace(step_in_mode, [q, s], [after, told])
-        evaluate = integrators[mode].evaluate
-        charge(Cost.REINTEGRATION, len(lengths))
-        for row, left in enumerate(lengths.tolist(), start=first + 1):
-            while left > 0:
-                step = min(longest, left)
-                np.multiply(direction, step, out=s)
-                evaluate()
-                error, curvature = told.tolist()
-                growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
-                if not error <= 1:  # nor where it is no number
-                    charge(Cost.REINTEGRATION)
-                    longest = step * (max(_LEAST_GROWTH, growth) if error > 1 else _LEAST_GROWTH)
-                    if longest < _LEAST_STEP:
-                        return reached
-                    continue
-                if curvature > beyond:
-                    return reached
-                q[:] = after
-                left -= step
-                longest = max(longest, step * min(_MOST_GROWTH, growth))
-            reached[row] = q
+        if mode not in known:
+            known[mode] = _Steps(problem.robot, mode)
+        if not _follow(
+            known[mode], reached[first], direction, np.cumsum(lengths).tolist(), beyond, rows
+        ):
+            break
     return reached
+
+
+def _follow(
+    steps: _Steps, q: Array, direction: Array, ends: list[float], beyond: float, rows: Array
+) -> bool:
+    """Fill in configurations after lengths of one direction; False where a curvature runs away.
+
+    Where many are within a step, they are read off the polynomial through steps of shares of it,
+    whose order is higher than that of the method.
+    """
+    row, done, longest = 0, 0.0, math.inf
+    while row < len(ends):
+        charge(Cost.REINTEGRATION)
+        many = row + _MANY < len(ends) and ends[row + _MANY] < done + longest
+        to = bisect.bisect_right(ends, done + longest) if many else row + 1
+        left = ends[to - 1] - done
+        step = min(longest, left)
+        after, error, curvature = steps(q, step * direction, many)
+        growth = _SAFE * error**-0.125 if error > 0 else _MOST_GROWTH
+        if not error <= 1:  # nor where it is no number
+            longest = step * (max(_LEAST_GROWTH, growth) if error > 1 else _LEAST_GROWTH)
+            if longest < _LEAST_STEP:
+                return False
+            continue
+        if curvature > beyond:
+            return False
+        if step < left:
+            done += step
+        else:
+            if many:
+                places = chebvander(2 * (np.array(ends[row:to]) - done) / step - 1, _DEGREE)
+                rows[row:to] = places @ (_FIT @ np.vstack([q, after]))
+            rows[to - 1], done, row = after[-1], ends[to - 1], to
+        q, longest = after[-1].copy(), max(longest, step * min(_MOST_GROWTH, growth))
+    return True
+
+
+class _Steps:
+    """Steps in one mode."""
+
+    def __init__(self, robot: Robot, mode: Mode) -> None:
+        step = in_mode(step_of_order_8(robot), mode)
+        size, self._made = step.numel_out(0), list[tuple[list[Array], InPlace]]()
+        for count in (1, _DEGREE):
+            arrays = [np.zeros((count, k)) for k in (size, INPUTS, size, 2)]
+            function = step if count == 1 else step.map(count)
+            self._made.append((arrays, InPlace(function, arrays[:2], arrays[2:])))
+
+    def __call__(self, q: Array, s: Array, many: bool) -> tuple[Array, float, float]:
+        """Step by s, or by shares of it: configurations (m, 3 + n), worst error and curvature."""
+        (at, moved, after, told), in_place = self._made[many]
+        at[:] = q
+        np.multiply(_SHARES, s, out=moved) if many else np.copyto(moved, s)
+        in_place.evaluate()
+        error, curvature = (told.max(axis=0) if many else told[0]).tolist()
+        return after, error, curvature
 
 
 def paths(samples: Samples) -> Iterator[tuple[int, int, Array, Array]]:

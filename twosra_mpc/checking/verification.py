@@ -16,6 +16,7 @@ import numpy as np
 from twosra_mpc.checking.heating import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
+from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m
 from twosra_mpc.checking.transitions import transition_problems
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import outline_points
@@ -26,13 +27,14 @@ from twosra_mpc.problem.driven import Driven, driven, margins
 from twosra_mpc.problem.limits import WHEEL_SPEED, WORKSPACE, settled, workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE, TIME_TOLERANCE_S
-from twosra_mpc.robot.coordinates import Array, Coordinates
+from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import own_transitions
 
 WHEEL_TOLERANCE_RAD_S = 1e-6
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
-_AT_ONCE = 20_000  # of these places, to spare memory
+_AT_ONCE = 256  # of these places
+_OFF_M = 1e-3  # more than paths are bent between these places
 _JUMP = 1e-6  # of the largest wheel speed: what all jumps of a plan may add up to
 _ROUNDING = 1e-9  # of a product of two inputs
 
@@ -212,24 +214,41 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
 
     Intervals are cut where a unit has moved half a millimetre, and integrated anew. Within a cut, a
     point strays from its chord by an eighth of its second difference there; a quarter is taken off.
+    Runs of cuts in which nothing can get as near to the edge as is known are passed over.
     """
     fine, at = between(samples, _CUT, least=1)
     q = reintegrate(problem, fine)
     if not np.isfinite(q).all():
         return -1.0  # it is anywhere
-    margins, bent = np.empty(len(q)), np.zeros(max(len(q) - 2, 0))
-    for first in range(0, len(q), _AT_ONCE):
-        charge(Cost.OUTLINE, min(_AT_ONCE, len(q) - first))
-        part = q[first : first + _AT_ONCE + 2]
-        margins[first : first + len(part)] = workspace_margins(problem, part)
-        points = by_rows(outline_points(problem.robot.geometry), part)[0]
-        second = np.abs(np.diff(points.reshape(len(part), -1, 2), 2, axis=0))
-        bent[first : first + len(second)] = second.max(axis=(1, 2), initial=0.0)
-    off = np.zeros(len(q))
-    off[1:-1] = np.where(at[2:] == at[:-2], bent, 0.0)  # corners of a path lie between intervals
-    off[:-1] = np.maximum(off[:-1], off[1:])
-    off[1:] = np.maximum(off[1:], off[:-1])
-    return float((margins - off / 4).min())
+    first = np.arange(0, len(q), _AT_ONCE)
+    known = workspace_margins(problem, q[first])
+    least, travelled = float(known.min()), _travelled_m(problem, q)
+    for k, begin in enumerate(first.tolist()):
+        part = slice(max(begin - 1, 0), begin + _AT_ONCE + 2)
+        travel = travelled[part][-1] - travelled[part][0]
+        if known[k] - travel > least + _OFF_M:
+            continue
+        charge(Cost.OUTLINE, len(q[part]))
+        margins, same = workspace_margins(problem, q[part]), at[part][2:] == at[part][:-2]
+        points = by_rows(outline_points(problem.robot.geometry), q[part])[0]
+        second = np.abs(np.diff(points.reshape(len(margins), -1, 2), 2, axis=0))
+        off = np.zeros(len(margins))
+        bent = second.max(axis=(1, 2), initial=0.0)
+        off[1:-1] = np.where(same, bent, 0.0)  # corners of a path lie between intervals
+        off[:-1] = np.maximum(off[:-1], off[1:])
+        off[1:] = np.maximum(off[1:], off[:-1])
+        least = min(least, float((margins - off / 4).min()))
+    return least
+
+
+def _travelled_m(problem: Problem, q: Array) -> Array:
+    """How far any point of the robot has come, in a straight line from row to row, (m,) [m]."""
+    geometry, moved = problem.robot.geometry, np.abs(np.diff(q, axis=0))
+    bent = moved[:, POSE:] @ bending_reach_m2(geometry)
+    beyond = [float(part.sum()) for part in np.array_split(bent, max(1, len(q) // _AT_ONCE))]
+    rho = float(outermost_m(geometry, q[::_AT_ONCE]).max()) + 2 * max(beyond)
+    travel = np.hypot(moved[:, 0], moved[:, 1]) + rho * moved[:, 2] + bent
+    return np.append(0.0, np.cumsum(travel))
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:

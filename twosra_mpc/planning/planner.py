@@ -17,6 +17,7 @@ from twosra_mpc.planning.missions.relaxed import stage_tree
 from twosra_mpc.planning.missions.stages import Variant, only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import timed
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
+from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.planning.single_goal.conclusion import (
     STOPPED,
@@ -45,7 +46,8 @@ from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
 from twosra_mpc.validation import public
 
-_WIDTH, _LEAVES, _TRIES = 4, 30, 8  # of the first look for a plan of several stages
+# Of the first look for a plan of several stages; stages of as many phases are looked at later.
+_WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
 
 
 @public
@@ -183,12 +185,16 @@ def _searched(
 
         solver = Placer(variants, checked)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
+    aimed = tree
+    if tree.only is None:
+        several = [variant.aimed() for variant in variants]
+        aimed = stage_tree(problem, several, solver, excluded, solver.in_the_way)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        first_look=lambda: _first_look(tree, guesses=solver.guesses),
+        first_look=lambda: _first_look(aimed, guesses=solver.guesses),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations
@@ -198,7 +204,13 @@ def _first_look(tree: Tree[Solved], *, guesses: bool) -> tuple[float, Solved] | 
     """The best of a few promising leaves; of a single goal in free space only to drive."""
     if tree.only is None:
         few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
-        return dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
+
+        def short(node: Node) -> list[Node]:
+            leaps = tree.leaps(node)
+            return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
+
+        found = dive(tree, short, **few, out_of_time=out_of_effort)
+        return found or dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
     node = tree.root()
     if guesses and tree.leaf_bound(node) < math.inf:
         first = itertools.islice(tree.solve(node), 2)

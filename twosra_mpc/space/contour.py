@@ -11,7 +11,7 @@ import shapely
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.problem.world import Obstacle
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.poses import wrapped
 
@@ -128,14 +128,29 @@ class Parts:
 def parts(geometry: Geometry, q: Array, segment: int | None) -> Parts:
     """Parts of configurations (m, 3 + n) that a segment moves; None: those that b0 is on."""
     charge(Cost.TOUCH, len(q))
-    shape, inner = robot_shape(geometry, q, _POINTS), geometry.inner_link_of_b0
+    shape, inner = robot_shape(geometry, q, 2), geometry.inner_link_of_b0
     link = inner if segment is None else segment + (segment >= inner)
     none = segment is None and geometry.half_link_m == 0 and inner > 0
     solids = [_strips(shape.links[:, [] if none else [link]], geometry.fibre_radius_m)]
     for unit in {0: [0], geometry.segments: [1]}.get(link, []):
         solids += [shape.units[:, [unit]], shape.wheels[:, 2 * unit : 2 * unit + 2]]
-    arcs = shape.segments[:, [] if segment is None else [segment]]
+    arcs = np.zeros((len(q), 0, _POINTS, 2))
+    if segment is not None:
+        bend = q[:, POSE + segment] * geometry.lengths_m[segment]
+        arcs = _arcs(shape.segments[:, segment], bend)[:, None]
     return Parts(np.concatenate(solids, axis=1), arcs)
+
+
+def _arcs(ends: Array, bend_rad: Array) -> Array:
+    """Points along arcs between ends (m, 2, 2) that turn so far (m,), (m, points, 2)."""
+    chord, share = ends[:, 1] - ends[:, 0], np.linspace(0.0, 1.0, _POINTS)
+    half = bend_rad[:, None] / 2
+    length = share * np.sinc(half * share / np.pi) / np.sinc(half / np.pi)  # of chords to points
+    turn = half * (share - 1)  # from the chord of all to these
+    c, s = length * np.cos(turn), length * np.sin(turn)
+    x, y = chord[:, :1], chord[:, 1:]
+    found: Array = ends[:, :1] + np.stack([c * x - s * y, s * x + c * y], axis=-1)
+    return found
 
 
 def apart_m(geometry: Geometry, contour: Contour, of: Parts) -> tuple[Array, Array]:

@@ -15,12 +15,11 @@ import shapely
 from twosra_mpc.problem.world import UNSEEN_M
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
-from twosra_mpc.space.slices import free_slices
+from twosra_mpc.space.slices import AT_EDGE_M, box_around, component_around
 
 HEADINGS = (72, 180, 360)
 _QUADRANT = 32  # corners in a quarter of a disc
 _AROUND_M = 0.1
-_AT_EDGE_M = 1e-6
 
 
 class Enclosure(NamedTuple):
@@ -46,7 +45,8 @@ def disc_enclosed(around: Array, radius_m: float, at: Array) -> Enclosure | None
         return Enclosure(False, 0, np.inf)
     parts: Any = shapely.get_parts(shapely.difference(shapely.box(*box[0], *box[1]), blocked))
     held = parts[shapely.intersects(parts, shapely.Point(at))]
-    return _enclosure(held, box, 0, at) if len(held) else None
+    at_edge = bool((np.abs(shapely.bounds(held).reshape(-1, 2, 2) - box) <= AT_EDGE_M).any())
+    return _enclosure(held, at_edge, 0, at) if len(held) else None
 
 
 def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | None:
@@ -57,17 +57,15 @@ def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | No
         corners: Of the polygon, counter-clockwise, from its reference point, (k, 2) [m].
         at: Where that is, (2,).
     """
-    pieces, pose = convex_parts(corners), np.array([*at, 0.0])
+    pieces = convex_parts(corners)
     for headings in (1, *HEADINGS):  # with one it does not turn
         thinner = _kept(pieces, 0.0 if headings == 1 else np.pi / headings)
-        free = free_slices(thinner, list(around), headings)
-        if _outside(at, free.box_m):
+        if _outside(at, box_around(thinner, list(around))):
             return Enclosure(False, headings, np.inf)
-        component = free.component(pose)
+        component = component_around(thinner, list(around), headings, at)
         if component is None:
             return None
-        parts = free.parts[free.component_of == component]
-        found = _enclosure(parts, free.box_m, headings, at)
+        found = _enclosure(*component, headings, at)
         if found.proved != (headings == 1):
             return found
     return found
@@ -78,9 +76,8 @@ def _outside(at: Array, box_m: Array) -> bool:
     return bool((at <= box_m[0]).any() or (at >= box_m[1]).any())
 
 
-def _enclosure(parts: Any, box_m: Array, headings: int, at: Array) -> Enclosure:
-    ends = shapely.bounds(parts).reshape(-1, 2, 2)
-    if (np.abs(ends - box_m) <= _AT_EDGE_M).any():
+def _enclosure(parts: Any, at_edge: bool, headings: int, at: Array) -> Enclosure:
+    if at_edge:
         return Enclosure(False, headings, np.inf)
     away = np.linalg.norm(shapely.get_coordinates(parts) - at, axis=1)
     return Enclosure(True, headings, float(away.max()))

@@ -12,6 +12,7 @@ from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
 
 _SIDES = 8  # of polygons around pieces; with theirs among them
+_FEW = 16  # corners of a convex polygon that is simple enough
 _OFF_M2 = 1e-12  # by which a union may miss its hull and still count as convex
 
 
@@ -22,6 +23,32 @@ def obstacle_parts(obstacles: Iterable[Obstacle], inner: bool = False) -> list[A
     """
     outlines = (item.inner_corners_m if inner else item.corners_m for item in obstacles)
     return [part for outline in outlines for part in merged(convex_parts(outline))]
+
+
+def parts_around(obstacles: Iterable[Obstacle], within_m: float) -> list[Array]:
+    """Fewer convex polygons that hold obstacles, no farther from them than a distance."""
+    found = list[Array]()
+    for item in obstacles:
+        exact = convex_parts(item.corners_m)
+        few = len(exact) == 1 and len(exact[0]) <= _FEW
+        found += exact if few else merged(convex_parts(_smoother(item.corners_m, within_m)))
+    return found
+
+
+def _smoother(corners: Array, within_m: float) -> Array:
+    """A polygon (m, 2) around a polygon, no farther from it than a distance, of fewer corners.
+
+    About its hull if that is as near, else about it; itself where that is no simpler.
+    """
+    own = shapely.Polygon(corners)
+    for inner in (own.convex_hull, own):
+        wider = shapely.buffer(inner, within_m / 2, join_style="mitre", mitre_limit=1.5)
+        around = shapely.simplify(wider, within_m / 3)
+        fewer = shapely.get_num_coordinates(around) - 1 < len(corners)
+        one = around.geom_type == "Polygon" and not around.interiors
+        if fewer and one and around.covers(own) and own.buffer(within_m).covers(around):
+            return _corners([around])[0]
+    return corners
 
 
 def merged(pieces: Sequence[Array]) -> list[Array]:

@@ -10,6 +10,8 @@ most as much as P is moved, as the distance itself does.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from twosra_mpc.effort import Cost, charge
@@ -19,6 +21,7 @@ from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint
 
 FAR_M = 0.25  # distances beyond this are not told apart
+_NEAR_M = 0.03  # pieces whose disc is nearer to the box around an obstacle are looked at closely
 _BATCH = 64  # poses: of a robot of 50 pieces, some MiB on the way
 
 
@@ -39,6 +42,14 @@ class Surroundings:
         ]
         self.obstacle_of_part = np.array([i for i, _ in parts], dtype=int)
         self._parts = [part for _, part in parts]
+        firsts = np.searchsorted(
+            self.obstacle_of_part, np.arange(len(world.obstacles) + 1)
+        ).tolist()
+        corners = (item.corners_m[..., None] for item in world.obstacles)
+        self._boxes = [
+            (each.min(axis=0), each.max(axis=0), slice(*ends))
+            for each, ends in zip(corners, itertools.pairwise(firsts), strict=True)
+        ]
         self._workspace = None if world.workspace is None else world.workspace.corners_m
 
     def distances(self, corners: Array, lent_m: Array | float = 0.0) -> Array:
@@ -52,25 +63,28 @@ class Surroundings:
 
     def to_parts(self, corners: Array) -> Array:
         """Distance of sets of pieces (m, p, k, 2) to each convex part of obstacles, (m, parts)."""
-        middle = corners.mean(axis=(1, 2))
-        radius = np.linalg.norm(corners - middle[:, None, None], axis=-1).max(axis=(1, 2))
         # Minima and maxima over leading axes, which are short, are three times as fast.
-        points = np.ascontiguousarray(corners.transpose(2, 3, 0, 1))
-        normals, reach = _normals(points)
-        found = np.full((len(corners), len(self._parts)), FAR_M)
-        charge(Cost.DISTANCE, found.size)
-        for k, part in enumerate(self._parts):
-            away = np.linalg.norm(middle - part.middle, axis=1) - radius - part.radius_m
-            near = np.flatnonzero(away < FAR_M)
-            if len(near):
-                charge(Cost.DISTANCE, len(near) * corners.shape[1])
-                own, sides, reached = (
-                    _flat(each[..., near, :]) for each in (points, normals, reach)
-                )
+        points = _flat(np.ascontiguousarray(corners.transpose(2, 3, 0, 1)))
+        middle = points.mean(axis=0)
+        radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max(axis=0))
+        found = np.empty((len(corners), len(self._parts)))
+        charge(Cost.DISTANCE, len(corners) * len(self._boxes))
+        for low, high, of in self._boxes:
+            off = np.maximum(np.maximum(low - middle, middle - high), 0.0)
+            apart = np.hypot(off[0], off[1]) - radius
+            near = np.flatnonzero(apart < _NEAR_M)
+            apart[near] = FAR_M
+            found[:, of] = apart.reshape(len(corners), -1).min(axis=1)[:, None]
+            if not len(near):
+                continue
+            charge(Cost.DISTANCE, len(near) * (of.stop - of.start))
+            own, row = points[..., near], near // corners.shape[1]
+            normals, reach = _normals(own)
+            for k in range(of.start, of.stop):
+                part = self._parts[k]
                 by_part = ((part.normals @ own).min(axis=0) - part.reach[:, None]).max(axis=0)
-                by_piece = ((part.corners @ sides).min(axis=1) - reached).max(axis=0)
-                apart = np.maximum(by_part, by_piece).reshape(len(near), -1)
-                found[near, k] = apart.min(axis=1)
+                by_piece = ((part.corners @ normals).min(axis=1) - reach).max(axis=0)
+                np.minimum.at(found[:, k], row, np.maximum(by_part, by_piece))
         least: Array = np.minimum(found, FAR_M)
         return least
 
@@ -78,8 +92,9 @@ class Surroundings:
         least: Array = (self.to_parts(corners) + lent_m).min(axis=1, initial=FAR_M)
         if self._workspace is not None:
             low, high = self._workspace
-            inside = np.minimum(corners - low, high - corners).min(axis=(1, 2, 3))
-            least = np.minimum(least, inside + self.kept_m)
+            ends = np.ascontiguousarray(corners.reshape(len(corners), -1, 2).transpose(1, 2, 0))
+            inside = np.minimum(ends.min(axis=0) - low[:, None], high[:, None] - ends.max(axis=0))
+            least = np.minimum(least, inside.min(axis=0) + self.kept_m)
         return least
 
 
@@ -137,8 +152,6 @@ class _Part:
     def __init__(self, corners: Array) -> None:
         self.corners = corners
         self.normals, self.reach = _normals(corners)
-        self.middle = corners.mean(axis=0)
-        self.radius_m = float(np.linalg.norm(corners - self.middle, axis=1).max())
 
 
 def _normals(corners: Array) -> tuple[Array, Array]:

@@ -42,6 +42,7 @@ from twosra_mpc.space.minkowski import (
     merged,
     minkowski_sums,
     obstacle_parts,
+    parts_around,
     reach,
     stacked,
     swept,
@@ -52,9 +53,11 @@ Geometries = NDArray[np.object_]
 Indices = NDArray[np.int64]
 
 _ROUNDING_M = 1e-6
+_SMOOTH = 0.25  # of what turning moves a robot in a slice: by so much obstacles may be larger
 # GEOS may lose whole polygons in floating point; where it has, it is asked again on a grid.
-_AT_ONCE = 36  # headings, to look at the clock in between
+_SUMS = 4_000  # made and united at once, 1 MiB of corners: of as many headings as that is
 _GRID_M, _LOST_M2 = 1e-9, 1e-9
+AT_EDGE_M = 1e-6  # of a box
 _AROUND_M = 0.1  # beyond what obstacles can block
 _AXES = np.array([np.pi, 1.5 * np.pi, 0.0, 0.5 * np.pi])  # towards low x, low y, high x, high y
 
@@ -154,7 +157,8 @@ def certified_slices(
     half_turn, pieces = np.pi / headings, _rectangles(footprint.outer)
     grown = list(swept(pieces, half_turn, kept_m + _ROUNDING_M))
     extent = _extents(footprint.outer, half_turn, headings) + _ROUNDING_M
-    return _slices(world, grown, obstacle_parts(world.obstacles), extent, headings)
+    around = parts_around(world.obstacles, _SMOOTH * half_turn * footprint.radius_m)
+    return _slices(world, grown, around, extent, headings)
 
 
 def possible_slices(footprint: Footprint, world: World, kept_m: float, headings: int) -> FreeSlices:
@@ -166,15 +170,50 @@ def possible_slices(footprint: Footprint, world: World, kept_m: float, headings:
     return _slices(world, shrunk, obstacles, extent, headings)
 
 
-def free_slices(pieces: list[Array], obstacles: list[Array], headings: int) -> FreeSlices:
-    """Positions at which convex pieces, turned to the middle of each slice, meet no obstacle.
+def component_around(
+    pieces: list[Array], obstacles: list[Array], headings: int, at: Array
+) -> tuple[Geometries, bool] | None:
+    """Positions that convex pieces, turned to the middles of slices, get to from one at heading 0.
+
+    Slices are made as they are come to, and no more once a position is at the edge of `box_around`.
 
     Args:
         pieces: Of what moves, counter-clockwise, (corners, 2) each [m].
         obstacles: Convex parts of what is around, the same.
         headings: Slices.
+        at: The position, (2,).
+
+    Returns:
+        Parts of the component, and whether it is at the edge; None where the position is not free.
     """
-    return _slices(World(), pieces, obstacles, np.zeros((headings, 4)), headings)
+    box, made = box_around(pieces, obstacles), dict[int, Geometries]()
+    (low, high), moving, still = box[:, None], stacked(pieces), stacked(obstacles)
+
+    def parts_of(k: int) -> Geometries:
+        if k not in made:
+            charge(Cost.SLICE)
+            charge(Cost.SUM, len(pieces) * len(obstacles))
+            whole = np.array([shapely.box(*box.ravel())], dtype=object)
+            blocked = _blocked(moving, still, _centres(headings)[k : k + 1], low, high)
+            made[k] = shapely.get_parts(_left_of(whole, blocked))
+        return made[k]
+
+    first = np.flatnonzero(shapely.intersects(parts_of(0), shapely.Point(at)))
+    if not len(first):
+        return None
+    found = dict.fromkeys([(0, int(first[0]))])
+    todo = list(found)
+    while todo:
+        k, i = todo.pop(0)
+        part = parts_of(k)[i]
+        if (np.abs(np.reshape(part.bounds, (2, 2)) - box) <= AT_EDGE_M).any():
+            return np.array([part]), True
+        for beside in {(k - 1) % headings, (k + 1) % headings} - {k}:
+            meet = np.flatnonzero(shapely.intersects(parts_of(beside), part)).tolist()
+            new = [(beside, j) for j in meet if (beside, j) not in found]
+            found |= dict.fromkeys(new)
+            todo += new
+    return np.array([made[k][i] for k, i in found]), False
 
 
 def _rectangles(pieces: Array) -> Array:
@@ -198,7 +237,7 @@ def _slices(
     world: World, pieces: list[Array], obstacles: list[Array], extent: Array, headings: int
 ) -> FreeSlices:
     edges = world.workspace.corners_m if world.workspace else np.array([[-np.inf], [np.inf]])
-    edges, box = np.broadcast_to(edges, (2, 2)), _box(pieces, obstacles)
+    edges, box = np.broadcast_to(edges, (2, 2)), box_around(pieces, obstacles)
     low = np.where(np.isfinite(edges[0]), edges[0] + extent[:, :2], box[0])
     high = np.where(np.isfinite(edges[1]), edges[1] - extent[:, 2:], box[1])
     some = (low < high).all(axis=1)
@@ -206,11 +245,13 @@ def _slices(
     free[some] = shapely.box(*low[some].T, *high[some].T)
     if pieces and obstacles:
         high, centres = np.where(some[:, None], high, -np.inf), _centres(headings)
-        for first in range(0, headings, _AT_ONCE):
-            k = slice(first, first + _AT_ONCE)
+        several = max(1, _SUMS // (len(pieces) * len(obstacles)))
+        moving, still = stacked(pieces), stacked(obstacles)
+        for first in range(0, headings, several):
+            k = slice(first, first + several)
             charge(Cost.SLICE, len(centres[k]))
             charge(Cost.SUM, len(centres[k]) * len(pieces) * len(obstacles))
-            free[k] = _left_of(free[k], _blocked(pieces, obstacles, centres[k], low[k], high[k]))
+            free[k] = _left_of(free[k], _blocked(moving, still, centres[k], low[k], high[k]))
     parts, slice_of = shapely.get_parts(free, return_index=True)
     kept = shapely.area(parts) > 0
     beyond = np.where(np.isfinite(edges), [[-np.inf], [np.inf]], box)
@@ -218,11 +259,10 @@ def _slices(
 
 
 def _blocked(
-    pieces: list[Array], obstacles: list[Array], headings: Array, low: Array, high: Array
+    pieces: Array, obstacles: Array, headings: Array, low: Array, high: Array
 ) -> Geometries:
     """Positions that obstacles block at headings (n,), of those in the boxes low to high, (n,)."""
-    turning = turned(stacked(pieces), headings)
-    sums = minkowski_sums(-turning, stacked(obstacles))
+    sums = minkowski_sums(-turned(pieces, headings), obstacles)
     met = (sums.min(axis=-2) < high[:, None, None]).all(axis=-1)
     met &= (sums.max(axis=-2) > low[:, None, None]).all(axis=-1)
     blocked = np.full(met.shape, None, dtype=object)
@@ -246,7 +286,7 @@ def _left_of(free: Geometries, blocked: Geometries) -> Geometries:
     return left
 
 
-def _box(pieces: list[Array], obstacles: list[Array]) -> Array:
+def box_around(pieces: list[Array], obstacles: list[Array]) -> Array:
     """A box that holds all that obstacles can block, with room around, (2, 2)."""
     far = max((float(np.linalg.norm(piece, axis=1).max()) for piece in pieces), default=0.0)
     corners = np.concatenate(obstacles or [np.zeros((1, 2))])

@@ -5,13 +5,13 @@ A single goal is one stage.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.problem.goals import GoalSet
+from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import World
@@ -39,6 +39,7 @@ class Stage:
         drives_last: Whether it may drive once it has its last shape.
         reshapes: Whether it must reshape, as is proved.
         openings: Goals that may do instead, as this one does not say how far to bend.
+        entries: Shapes from which it gets around what it grasps, as far open as ``openings``.
         away: What is around the robot at its end; as in all of it where None.
         may: Twists (m, 3) -> which of them drives may have, where not all.
         touches: Whether something in its world may be touched.
@@ -56,6 +57,7 @@ class Stage:
     drives_last: bool = True
     reshapes: bool = False
     openings: tuple[GoalSet, ...] = ()
+    entries: tuple[Goal, ...] = ()
     away: World | None = None
     may: Callable[[Array], NDArray[np.bool_]] | None = None
     touches: bool = False
@@ -104,9 +106,49 @@ class Variant:
             obstacles=stage.world.obstacles,
         )
 
+    def aimed(self) -> Variant:
+        """The same with the goals that plans are looked for in first, narrower than all of them."""
+        members = tuple(
+            tuple(
+                replace(stage, goal=goal)
+                for stage, goal in zip(stages, next(goals_of(stages)), strict=True)
+            )
+            for stages in self.members
+        )
+        return replace(self, members=members)
+
 
 def only_goal(problem: Problem) -> Variant:
     """The one stage of a problem without tasks but boxes to pass."""
     goal = problem.goal
     stage = Stage(goal, goal.mode, problem.modes, problem.world, passes=problem.passes)
     return Variant(problem, ((stage,),))
+
+
+def goals_of(stages: Sequence[Stage]) -> Iterator[tuple[GoalSet, ...]]:
+    """Goals of the stages; those that do not say how far to bend ask for more and more.
+
+    What is opened just before something is grasped is opened for that, too.
+    """
+    count = max((len(stage.openings) + 1 for stage in stages if stage.openings), default=1)
+    for k in range(count):
+        found = list[GoalSet]()
+        for stage, then in zip(stages, [*stages[1:], None], strict=True):
+            opened = [stage.goal, *stage.openings][min(k, len(stage.openings))]
+            if stage.openings and then is not None and then.entries:
+                opened = _in_both(opened, then.entries[min(k, len(then.entries) - 1)])
+            found.append(opened)
+        yield tuple(found)
+
+
+def _in_both(opened: GoalSet, entry: GoalSet) -> GoalSet:
+    """The shapes of two sets; those of the first, where there are none."""
+    nothing = np.zeros(POSE + len(opened.mode))
+    (low, high), (least, most) = opened.box(nothing), entry.box(nothing)
+    low, high = np.maximum(low, least)[POSE:], np.minimum(high, most)[POSE:]
+    if (low > high).any():
+        return opened
+    free = ~np.isfinite(high - low)
+    middle = [None if f else m for f, m in zip(free, ((low + high) / 2).tolist(), strict=True)]
+    width = np.where(free, 0.0, (high - low) / 2)
+    return Goal(kappa_per_m=tuple(middle), tolerance=Tolerance(kappa_per_m=tuple(width.tolist())))

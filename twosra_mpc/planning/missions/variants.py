@@ -48,6 +48,7 @@ _PUT_HEADINGS = 8  # of an object that is put down at any
 _MOST_TOUCHES, _MOST_TESTED = 6, 16  # of a shape, and of an object
 _OPEN = (0.7, 0.4, 0.0)  # of their curvatures segments have at most when they have let go
 _STRAIGHT_PER_M = 1.0
+_ALIKE = 6  # decimals of m and 1/m
 
 
 class Hold(NamedTuple):
@@ -213,7 +214,9 @@ class Ways:
             if not len(ends.poses):
                 continue
             stage = self._touching(at, task.object, _shape(touch.kappa), ends)
-            stage = replace(stage, reshapes=task.hold == "caged")  # it gets in no more than out
+            if task.hold == "caged":  # it gets in no more than out
+                entries = tuple(self._opened(touch.kappa, share) for share in _OPEN)
+                stage = replace(stage, reshapes=True, entries=entries)
             apart = thing.disc is not None and self._turned_as_asked(task.object)
             for some in [end[None] for end in ends.poses] if apart else [ends.poses]:
                 after = self._after(at, replace(stage, ends=some))
@@ -249,11 +252,15 @@ class Ways:
         touches = list(found.touches)
         if task.hold == "caged":
             geometry = self.problem.robot.geometry
-            touches = []
+            touches, known = [], dict[object, bool]()
             for number, each in enumerate(found.touches):
                 if touches and number >= _MOST_TESTED:
                     break
-                if caged(geometry, each.kappa, thing, each.pose_in_b0).proved:
+                corners = thing.at(each.pose_in_b0).corners_m.round(_ALIKE)
+                alike = tuple(each.kappa.round(_ALIKE)), frozenset(map(tuple, corners))
+                if alike not in known:
+                    known[alike] = caged(geometry, each.kappa, thing, each.pose_in_b0).proved
+                if known[alike]:
                     touches.append(each)
         if not touches:
             self.refused.append(_no_grasp(task, found))
@@ -308,7 +315,7 @@ class Ways:
         )
         yield self._after(free, stage)
 
-    def _opened(self, kappa: Array, share: float) -> GoalSet:
+    def _opened(self, kappa: Array, share: float) -> Goal:
         """Shapes in which bent segments have no more than a share of their curvature."""
         limit = self.problem.robot.limits.curvature_per_m
         middle, width = list[float | None]([None] * len(kappa)), [0.0] * len(kappa)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, soft_runs
-from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
+from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, chains
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
@@ -128,24 +129,23 @@ class Itinerary:
             for j, i in enumerate(run)
         }
 
-    def chain(self, hidden_s: Sequence[float]) -> tuple[float, dict[int, Array]] | None:
-        """The best chain found: what its drives add [s], and the via poses of each drive's phase.
+    def chains(self, hidden_s: Sequence[float]) -> Iterator[tuple[float, dict[int, Array]]]:
+        """Yield what drives add [s], and the via poses of each drive's phase; then less and less.
 
         Boxes are passed in any of a stage's drives, in their order.
 
         Args:
             hidden_s: What the drive of each phase may take without making the plan longer [s].
         """
-        best: tuple[float, dict[int, Array]] | None = None
+        least = math.inf
         for passed_in in itertools.islice(self._orders(), _MOST_ORDERS):
             legs = _Stops(self, passed_in).legs
-            if (found := self._best(legs, hidden_s)) is None:
-                continue
-            if best is None or found.cost_s < best[0]:
-                best = found.cost_s, _by_phase(found, legs)
-            if best[0] == 0.0:
-                break
-        return best
+            for found in self._shorter(legs, hidden_s):
+                if found.cost_s < least:
+                    least = found.cost_s
+                    yield least, _by_phase(found, legs)
+            if least == 0.0:
+                return
 
     def _orders(self) -> Iterator[tuple[tuple[int, ...], ...]]:
         """In which drives of its stage each box is passed."""
@@ -155,39 +155,40 @@ class Itinerary:
             choices.append(itertools.combinations_with_replacement(usable, len(stage.passes)))
         yield from itertools.product(*choices)
 
-    def _best(self, legs: Legs, hidden_s: Sequence[float]) -> Chain | None:
+    def _shorter(self, legs: Legs, hidden_s: Sequence[float]) -> Iterator[Chain]:
         """First by stations all around; where drives cost time, then by others near those found.
 
         Of several stages only the first: nearer stations cost more time than they save.
         """
-        stops = legs.stops
-        found = self._shortest(legs, [stop.first for stop in stops], hidden_s)
-        if found is None and stops:
-            found = self._shortest(legs, [stop.everywhere() for stop in stops], hidden_s)
-        if found is None or not stops or found.cost_s == 0.0 or len(self.stages) > 1:
-            return found
+        stops, best = legs.stops, None
+        for best in self._chains(legs, [stop.first for stop in stops], hidden_s):
+            yield best
+        if best is None and stops:
+            for best in self._chains(legs, [stop.everywhere() for stop in stops], hidden_s):
+                yield best
+        if best is None or not stops or best.cost_s == 0.0 or len(self.stages) > 1:
+            return
         nearer = [
             stop.moved(around(begin, self._candidates, _NEAR_M))
-            for stop, begin in zip(stops, found.begins, strict=True)
+            for stop, begin in zip(stops, best.begins, strict=True)
         ]
         if self.stages[-1].reaches:
-            end = composed(found.begins[-1], stops[-1].displacement)
+            end = composed(best.begins[-1], stops[-1].displacement)
             ends = between(self._goals(end[None])[0], end, self._candidates)
             back = composed(ends, inverse(stops[-1].displacement))
             nearer[-1] = np.vstack([nearer[-1], stops[-1].moved(back)])
-        better = self._shortest(legs, nearer, hidden_s)
-        return min(found, better or found, key=lambda each: each.cost_s)
+        yield from self._chains(legs, nearer, hidden_s)
 
-    def _shortest(
+    def _chains(
         self, legs: Legs, begins: Sequence[Array], hidden_s: Sequence[float]
-    ) -> Chain | None:
+    ) -> Iterator[Chain]:
         layers = []
         for stop, begin in zip(legs.stops, begins, strict=True):
             clear = begin[stop.may_be_clear(begin)]
             layers.append(Stations(clear, composed(clear, stop.displacement)))
         phases = legs.phases
-        chains = _CHAINS if sum(map(len, self.blocks)) < 2 else _CHAINS_OF_BLOCKS
-        return shortest_chain(
+        most = _CHAINS if sum(map(len, self.blocks)) < 2 else _CHAINS_OF_BLOCKS
+        return chains(
             self._start,
             self._goals if self.stages[-1].reaches else lambda poses: poses,
             layers,
@@ -195,7 +196,7 @@ class Itinerary:
             legs.drives,
             [hidden_s[p] / phases.count(p) if p is not None else 0.0 for p in phases],
             _LOOKS * (1 if len(self.stages) == 1 else len(layers)),
-            chains if len(self.stages) == 1 else _CHAINS_OF_STAGES,
+            most if len(self.stages) == 1 else _CHAINS_OF_STAGES,
         )
 
     def _goals(self, poses: Array) -> Array:

@@ -13,7 +13,7 @@ from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
-from twosra_mpc.planning.missions.stages import Stage, Variant
+from twosra_mpc.planning.missions.stages import Stage, Variant, goals_of
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, timed
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.obstacles.block import blocks_of, soft_runs
@@ -44,6 +44,7 @@ _ENOUGH, _ENOUGH_OF_ALL = 2, 8  # plans of several blocks in a stage: of a seque
 _MOST_MEMBERS = 8  # of a variant, that are tried
 _SAME_PER_M, _ASKED_PER_M = 1.0, 1e-3
 _STILL = 1e-9  # m, rad or change of W
+_LEAST_BEND = 1e-3  # change of W that is more than rounding
 _LONG_S = 1e5
 
 
@@ -62,7 +63,8 @@ class Placer(Generic[Solution]):
     guesses, iterations = False, 0
 
     def __init__(self, variants: Sequence[Variant], checked: Check[Solution]) -> None:
-        self.variants, self._checked, self._several = variants, checked, 0
+        self.variants, self._checked = variants, checked
+        self._several, self._planned = 0, False  # plans of several blocks, any plan
         self.in_the_way = [necessities(each) for each in variants]
         self._drives: dict[tuple[int, bytes, bytes], Drives] = {}
 
@@ -77,7 +79,7 @@ class Placer(Generic[Solution]):
             if placed and len(blocks) > 1:  # of several stages the fastest travel that has a plan
                 return
             for stages in variant.members[:_MOST_MEMBERS]:
-                for goals in _goals(stages):
+                for goals in goals_of(stages):
                     found = 0
                     for bends in self._ways(variant.problem, stages, goals, whole, bound):
                         enough = several and (found == _ENOUGH or self._several == _ENOUGH_OF_ALL)
@@ -86,24 +88,36 @@ class Placer(Generic[Solution]):
                         itinerary = Itinerary(
                             variant.problem, stages, whole.sequences, bends, shares, self._drives_of
                         )
-                        made = self._attempt(itinerary, network, hidden_s)
-                        impossible = made is None and self._proved_impossible(whole)
-                        yield made
-                        if impossible:
-                            return
-                        found += made is not None
-                        placed |= made is not None
-                        self._several += several and made is not None
+                        some = False
+                        for made in self._attempts(itinerary, network, hidden_s):
+                            some |= made is not None
+                            impossible = not some and self._proved_impossible(whole)
+                            yield made
+                            if impossible:
+                                return
+                        found += some
+                        placed |= some
+                        self._several += several and some
                     if found:
                         break
 
-    def _attempt(
+    def _attempts(
         self, itinerary: Itinerary, network: TemporalNetwork, hidden_s: Sequence[float]
+    ) -> Iterator[tuple[float, Solution] | None]:
+        """The plan of the best chain; where no plan is known yet, first that of the first one."""
+        best: dict[int, Array] | None = None
+        first: tuple[float, Solution] | None = None
+        for _, best in itinerary.chains(hidden_s) if itinerary.possible else ():
+            if not self._planned and (first := self._made(itinerary, best, network)):
+                self._planned, best = True, None
+                yield first
+        if best is not None or first is None:
+            yield None if best is None else self._made(itinerary, best, network)
+
+    def _made(
+        self, itinerary: Itinerary, routes: dict[int, Array], network: TemporalNetwork
     ) -> tuple[float, Solution] | None:
-        chain = itinerary.chain(hidden_s) if itinerary.possible else None
-        if chain is None:
-            return None
-        candidate = _candidate(itinerary, chain[1], network)
+        candidate = _candidate(itinerary, routes, network)
         return self._checked(itinerary.problem, candidate, network)
 
     def _proved_impossible(self, whole: Whole) -> bool:
@@ -215,17 +229,6 @@ def _inputs(sequence: ModeSequence, itinerary: Itinerary, routes: dict[int, Arra
     return inputs
 
 
-def _goals(stages: Sequence[Stage]) -> Iterator[tuple[GoalSet, ...]]:
-    """Goals of the stages; those that do not say how far to bend ask for more and more."""
-    yield tuple(stage.goal for stage in stages)
-    openings = [len(stage.openings) for stage in stages if stage.openings]
-    for k in range(max(openings, default=0)):
-        yield tuple(
-            stage.openings[min(k, len(stage.openings) - 1)] if stage.openings else stage.goal
-            for stage in stages
-        )
-
-
 def _as_asked(
     problem: Problem,
     stages: Sequence[Stage],
@@ -237,7 +240,7 @@ def _as_asked(
     for stage, goal, bend, shape in zip(stages, goals, bends, found, strict=True):
         low, high = goal.box(problem.start.configuration)
         off = np.maximum(low[POSE:] - shape, shape - high[POSE:])
-        rests = np.abs(bend).max(initial=0.0) < _STILL
+        rests = np.abs(bend).max(initial=0.0) < _LEAST_BEND
         if off.max() > _ASKED_PER_M or (stage.reshapes and rests):
             return False
     return True

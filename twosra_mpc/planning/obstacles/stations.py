@@ -9,7 +9,8 @@ to be better than the best one, or a few are known.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -90,7 +91,7 @@ def between(goal: Array, end: Array, count: int) -> Array:
     return np.vstack([along + spread, end])
 
 
-def shortest_chain(
+def chains(
     start: Array,
     goals: Callable[[Array], Array],
     layers: Sequence[Stations],
@@ -99,10 +100,8 @@ def shortest_chain(
     hidden_s: Sequence[float],
     most_looks: int,
     most_chains: int,
-) -> Chain | None:
-    """The chain of least time through one station of every layer; None if none is found.
-
-    When time is up, it is the best so far.
+) -> Iterator[Chain]:
+    """Yield a chain through one station of every layer, then shorter ones, until time is up.
 
     Args:
         start: Pose at the start, (3,).
@@ -115,15 +114,14 @@ def shortest_chain(
         most_chains: Chains to compare.
     """
     if not all(len(layer.begin) for layer in layers):
-        return None
+        return
     legs = _Legs(start, goals, layers, drivers, np.asarray(hidden_s))
     looked: set[tuple[int, int]] = set()
-    best: Chain | None = None
-    chains = 0
+    least, count = math.inf, 0
     for _ in range(most_looks):
         path = None if out_of_effort() else legs.shortest()
-        if path is None or chains == most_chains or (best and legs.cost_s(path) >= best.cost_s):
-            break
+        if path is None or count == most_chains or legs.cost_s(path) >= least:
+            return
         unseen = next(((b, i) for b, i in enumerate(path) if (b, i) not in looked), None)
         if unseen is not None:
             b, i = unseen
@@ -131,11 +129,12 @@ def shortest_chain(
             if not clear(b, layers[b].begin[i]):
                 legs.strike(b, i)
         elif legs.look(path):
-            chains += 1
+            count += 1
             begins = tuple(layers[b].begin[i] for b, i in enumerate(path))
             found = Chain(begins, legs.routes(path), legs.cost_s(path))
-            best = min(best or found, found, key=lambda chain: chain.cost_s)
-    return best
+            if found.cost_s < least:
+                least = found.cost_s
+                yield found
 
 
 def _direct_s(driver: Driver | None, here: Array, there: Array, hidden_s: float) -> Array:
