@@ -55,6 +55,8 @@ class ShapeLimit:
         rounding: Margins that count as zero.
         scale: Unit of its rows in the NLP; None: it has rows of its own, or is a box about zero.
         driving: Whether only rigid driving is forbidden.
+        steep: Body -> how much the margin changes per curvature of each segment, at most, (n,);
+            for those that forbid more than driving.
     """
 
     name: str
@@ -65,6 +67,7 @@ class ShapeLimit:
     scale: float | None
     driving: bool = False
     nearer: Callable[[Body, Array], Array] | None = None
+    steep: Callable[[Body], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,7 @@ CURVATURE = ShapeLimit(
     words=lambda limits: f"curvature is beyond curvature_per_m = {limits.curvature_per_m:zg} 1/m",
     rounding=CURVATURE_TOLERANCE_PER_M,
     scale=None,
+    steep=lambda body: np.ones(body.geometry.segments),
 )
 UNIT_GAP = ShapeLimit(
     name="unit_gap_m",
@@ -119,6 +123,7 @@ UNIT_GAP = ShapeLimit(
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
     rounding=TOUCHING_M,
     scale=0.1,
+    steep=lambda body: parts_moved_m(body, np.eye(body.geometry.segments)),
 )
 BODY_GAP = ShapeLimit(
     name="body_gap_m",
@@ -128,6 +133,7 @@ BODY_GAP = ShapeLimit(
     words=lambda _: "parts overlap: units, wheels, links or fibre",
     rounding=TOUCHING_M,
     scale=None,
+    steep=UNIT_GAP.steep,
 )
 WHEEL_INDEPENDENCE = ShapeLimit(
     name="wheel_independence",
@@ -220,10 +226,15 @@ def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
 
 
 def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None:
-    """A limit that one of these shapes (m, n) breaks whether the robot drives in it or not."""
-    margins = shape_margins(robot, kappa)
-    broken = (limit for limit in SHAPE_LIMITS if not limit.driving)
-    return next((limit for limit in broken if (margins[limit.name] < 0).any()), None)
+    """The limit that these shapes (m, n) break most, whether the robot drives in them or not."""
+    margins, found, most_per_m = shape_margins(robot, kappa), None, 0.0
+    for limit in SHAPE_LIMITS:
+        least = float(margins[limit.name].min())
+        if limit.steep is not None and least < 0:
+            lacking_per_m = -least / float(limit.steep(robot.body).max())
+            if lacking_per_m > most_per_m:
+                found, most_per_m = limit, lacking_per_m
+    return found
 
 
 def overlap_in_words(robot: Robot | Body, kappa: ArrayLike) -> str:
