@@ -26,13 +26,13 @@ from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
     CURVATURE_TOLERANCE_PER_M,
     RATE_TOLERANCE,
+    ROUNDING_M,
 )
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
 from twosra_mpc.robot.modes import is_rigid
 
-TOUCHING_M = 1e-9  # rounding allowed in a gap
 _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
@@ -121,7 +121,7 @@ UNIT_GAP = ShapeLimit(
     unit="m",
     margin=lambda body, kappa: self_collision(body).units(kappa) - body.limits.unit_gap_m,
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
-    rounding=TOUCHING_M,
+    rounding=ROUNDING_M,
     scale=0.1,
     steep=lambda body: parts_moved_m(body, np.eye(body.geometry.segments)),
 )
@@ -131,7 +131,7 @@ BODY_GAP = ShapeLimit(
     margin=lambda body, kappa: self_collision(body).bound(kappa),
     nearer=lambda body, kappa: self_collision(body).separations(kappa).min(axis=1),
     words=lambda _: "parts overlap: units, wheels, links or fibre",
-    rounding=TOUCHING_M,
+    rounding=ROUNDING_M,
     scale=None,
     steep=UNIT_GAP.steep,
 )
@@ -307,7 +307,7 @@ def workspace_margins(problem: Problem, q: Array) -> Array:
     within = workspace.margin_m(points) - outline_radii_m(geometry)
     within[:, -own:] -= arc[:, None]
     margins: Array = within.min(axis=1)
-    return np.where(np.abs(margins) <= TOUCHING_M, 0.0, margins)
+    return np.where(np.abs(margins) <= ROUNDING_M, 0.0, margins)
 
 
 # Motions.

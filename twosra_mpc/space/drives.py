@@ -34,7 +34,6 @@ _SPACING_M = 0.04
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _NOTHING = np.zeros((0, 4, 2))
-_TOUCHING_M = 1e-4  # less than it has now may a start keep that is nearer than it should be
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,8 @@ class Drives:
 
         It keeps the clearance, or from each obstacle that is nearer to the pose what that does.
         """
-        lacking = self.separation.lacking_m(start)
-        return np.where(lacking > 0, np.minimum(lacking + _TOUCHING_M, self.kept_m), 0.0)
+        own_m = self.separation.to_obstacles(start)
+        return self.kept_m - np.clip(own_m, 0.0, self.kept_m)
 
     def certified(self, poses: Array) -> bool:
         """Whether all legs of a drive (m, 3) are proved clear."""

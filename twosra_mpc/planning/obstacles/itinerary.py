@@ -16,6 +16,7 @@ from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, betw
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.problem.tolerances import ROUNDING_M
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.robot.poses import composed, inverse
@@ -208,7 +209,7 @@ class Itinerary:
         if goal.is_box and drives(stage, sequence, len(soft_runs(sequence))):
             last = self._drives_of(stage, shape)
             several, of = np.unique(found, axis=0, return_inverse=True)
-            for i in np.flatnonzero(last.clear(several) < last.kept_m):
+            for i in np.flatnonzero(last.clear(several) < last.kept_m - ROUNDING_M):
                 low, high = (end[:POSE] for end in goal.box(np.append(several[i], shape)))
                 half = np.where(np.isfinite(high - low), _WITHIN * (high - low) / 2, 0.0)
                 members = several[i] + half * _AROUND
