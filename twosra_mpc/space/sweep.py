@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.problem.tolerances import ROUNDING_M
+from twosra_mpc.problem.tolerances import ROUNDING_M, UNSEEN_M
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.screws import moved
 
 Clear = Callable[[Array], Array]  # poses (m, 3) -> lower bounds of what they keep, (m,) [m]
 
-_LOOKED_AT_M = 2.5e-5  # of travel to the next pose that is looked at: less is far from `UNSEEN_M`
+_LOOKED_AT_M = UNSEEN_M / 4  # of travel to the next pose that is looked at
 
 
 def clear_legs(
