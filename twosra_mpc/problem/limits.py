@@ -413,6 +413,21 @@ def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
     return limited
 
 
+def drive_rows(robot: Robot, kappa: ArrayLike) -> tuple[Array, Array]:
+    """Rows M (m, 3) and V (4, 3) of what a rigid drive takes in a plan, for a body twist xi.
+
+    At full speed it takes max(abs(M xi)) [s], and the wheels turn by V xi [rad].
+
+    Args:
+        robot: The robot.
+        kappa: The shape it drives in, (n,) [1/m].
+    """
+    q = np.tile(np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)]), (3, 1))
+    signed = by_rows(speed_function(robot), q, np.eye(INPUTS)[2:], np.zeros_like(q[:, POSE:]))
+    wheels = signed[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
+    return np.hstack(signed).T, wheels.T
+
+
 def rigid_rows_between(robot: Robot, least: ArrayLike, most: ArrayLike) -> tuple[Array, Array]:
     """Rows as of ``rigid_rows`` in the middle of a box of shapes, and how far off they are in it.
 
