@@ -252,7 +252,9 @@ class Drives:
         if field is None or back is None or path is None:
             return None
         other = field.other_path(back, path, self.footprint.radius_m, _DETOUR)
-        ways = [continued(np.array([start, *way, goal])) for way in (path, other) if way is not None]
+        ways = [
+            continued(np.array([start, *way, goal])) for way in (path, other) if way is not None
+        ]
         times, proof = self.leg_times_s, self._proof(start)
         poses = min((shortest(way, times, proof) for way in ways), key=self.time_s)
         return shortest(improved(poses, times, proof), times, proof)

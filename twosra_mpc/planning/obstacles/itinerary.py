@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, soft_runs
-from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, shortest_chain
+from twosra_mpc.planning.obstacles.stations import (
+    HIDDEN_S,
+    Chain,
+    Stations,
+    around,
+    between,
+    shortest_chain,
+)
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
@@ -144,7 +151,7 @@ class Itinerary:
                 continue
             if best is None or found.cost_s < best[0]:
                 best = found.cost_s, _by_phase(found, legs)
-            if best[0] == 0.0:
+            if best[0] <= HIDDEN_S:
                 break
         return best
 
@@ -165,7 +172,7 @@ class Itinerary:
         found = self._shortest(legs, [stop.first for stop in stops], hidden_s)
         if found is None and stops:
             found = self._shortest(legs, [stop.everywhere() for stop in stops], hidden_s)
-        if found is None or not stops or found.cost_s == 0.0 or len(self.stages) > 1:
+        if found is None or not stops or found.cost_s <= HIDDEN_S or len(self.stages) > 1:
             return found
         nearer = [
             stop.moved(around(begin, self._candidates, _NEAR_M))
