@@ -24,6 +24,7 @@ from twosra_mpc.validation import NonNegative, Number, Positive, Value
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
+_LEVELS, _DIGITS = 255, 6  # of a pixel; thresholds that are a level but for rounding are it
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
 
 
@@ -83,8 +84,9 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
         allowed = f"from free_thresh = {said.free_thresh:zg} to 1"
         raise InputError("occupied_thresh", said.occupied_thresh, allowed, str(path))
     light, seen = _pixels(path.parent / said.image, str(path))
-    share = np.arange(256) / 255.0 if said.negate else 1.0 - np.arange(256) / 255.0
-    occupied, free = (share > said.occupied_thresh)[light], (share < said.free_thresh)[light]
+    darkness = np.arange(256) if said.negate else np.arange(256)[::-1]
+    levels = np.round(_LEVELS * np.array([said.occupied_thresh, said.free_thresh]), _DIGITS)
+    occupied, free = (darkness > levels[0])[light], (darkness < levels[1])[light]
     occupied, free = occupied & seen, free & seen
     unknown = ~(occupied | free)
     taken = occupied if unknown_is_free else ~free
