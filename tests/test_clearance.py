@@ -22,7 +22,8 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.tasks import Pass
-from twosra_mpc.problem.world import UNSEEN_M, Obstacle, World
+from twosra_mpc.problem.tolerances import UNSEEN_M
+from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.space.footprint import footprint

@@ -11,10 +11,12 @@ import shapely
 from scipy.sparse.csgraph import connected_components
 from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
 
-from twosra_mpc.model.bending import from_rest_to_rest
-from twosra_mpc.problem.limits import rigid_ramp_s, rigid_rows
+from twosra_mpc.model.flow import roll_out
+from twosra_mpc.plans.speed_profile import fastest
+from twosra_mpc.problem.limits import rigid_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.modes import RIGID
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint, kept_m
 from twosra_mpc.space.lattice import lattice
@@ -62,13 +64,16 @@ def test_a_world_without_free_slices_has_no_roads_to_offer() -> None:
 
 
 def test_times_of_legs_are_those_of_the_limits() -> None:
+    """As a plan drives them, to the last digit: none seems to be hidden that is not."""
     drives = Drives(ARC_ROBOT, World(), BENT)
-    rows, ramp = rigid_rows(ARC_ROBOT, BENT), rigid_ramp_s(ARC_ROBOT, BENT)
-    end = np.array([[0.001, 0.0, 0.0], [0.3, 0.2, 1.0]])
+    rng = np.random.default_rng(3)
+    end = np.vstack([[0.001, 0.0, 0.0], [0.3, 0.2, 1.0], rng.uniform(-0.5, 0.5, (20, 3))])
     for time, twist in zip(
-        drives.leg_times_s(np.zeros((2, 3)), end), twists(np.zeros(3), end), strict=True
+        drives.leg_times_s(np.zeros_like(end), end), twists(np.zeros(3), end), strict=True
     ):
-        assert time == pytest.approx(from_rest_to_rest(float(np.abs(rows @ twist).max()), ramp))
+        inputs = np.concatenate([[0.0, 0.0], twist]).reshape(1, 1, -1)
+        motion = roll_out(ARC_ROBOT, np.array([0.0, 0.0, 0.0, *BENT]), (RIGID,), inputs)
+        assert time == pytest.approx(fastest(motion)[0].duration_s, rel=1e-6)
 
 
 def test_legs_are_clear_exactly_where_their_least_distance_allows_it() -> None:
@@ -155,7 +160,7 @@ def test_a_start_nearer_than_the_clearance_is_left_and_one_that_overlaps_is_not(
     drives = Drives(ARC_ROBOT, world, STRAIGHT)
     goal = np.array([0.4, 0.0, 1.0])
     near, inside = np.array([-0.145 - 0.004, 0.0, 0.0]), np.array([-0.1, 0.0, 0.0])
-    assert drives.kept_m - drives.lent_m(near) == pytest.approx(0.0039)
+    assert drives.kept_m - drives.lent_m(near) == pytest.approx(0.004)
     drive = drives.best(near, goal)
     assert drive is not None
     margins = true_margins(world, STRAIGHT, along(drive)) + world.clearance_m

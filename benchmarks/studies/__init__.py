@@ -12,6 +12,7 @@ from benchmarks.studies.comparison import Comparison
 from benchmarks.studies.departure import Departure
 from benchmarks.studies.faults import Faults
 from benchmarks.studies.forgery import ForgeryStudy
+from benchmarks.studies.goals import Goals
 from benchmarks.studies.greedy import Greedy
 from benchmarks.studies.growth import Growth
 from benchmarks.studies.missions import Missions
@@ -29,6 +30,7 @@ from benchmarks.study import Study
 _FREEZE_S = (*(300, 253.4, 150, 100, 60, 40, 25.34, 15, 10, 6, 4, 2.5, 1.5, 1, 0.5),)
 
 STUDIES: dict[str, Study] = {
+    "goals": Goals(),
     "greedy": Greedy(),
     "greedy-exactly": Greedy(exact=True),
     "published": Comparison(problems=("published",), repeats=21),

@@ -122,14 +122,13 @@ def decide_between(drives: Drives, start: Box, goal: Box) -> Verdict:
 
 
 def _kept_by_the_first_leg(drives: Drives, low: Array, high: Array) -> float:
-    """What drives that start in a box of headings must keep; nothing where some may be near."""
+    """What drives that start in a box of headings must keep."""
     if low[2] == high[2]:
         return drives.separation.kept_from_m(low[None])
     turned = np.linspace(0.0, 2 * np.pi, drives.headings[-1])
     poses = np.column_stack([np.tile(low[:2], (len(turned), 1)), turned])
     between = drives.footprint.radius_m * float(turned[1])
-    sure = float(drives.clear(poses).min()) >= drives.kept_m + between
-    return drives.kept_m if sure else 0.0
+    return drives.separation.kept_from_m(poses, between)
 
 
 def _boxes(problem: Problem, headings: Headings) -> tuple[Box, Box]:

@@ -25,9 +25,9 @@ from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.ends import ends_to_check
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import OVERLAP_M
+from twosra_mpc.problem.tolerances import DRAWN_M, OVERLAP_M, kept_from_m
 from twosra_mpc.problem.workspace import Workspace
-from twosra_mpc.problem.world import UNSEEN_M, Obstacle, World
+from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.robot.poses import composed
@@ -39,7 +39,6 @@ _LOOKED_AT_M = 1e-3  # between points of an overlap
 _OVERLAPS = 60  # configurations of which it is asked how deep they overlap, at most
 _NO_LINE_M = 1e-7
 _NO_AREA_M2 = 1e-8
-_ROUNDING_M = 1e-6
 _GRID_M = 1e-9  # to which corners of unions are rounded: without, GEOS 3.14 may lose whole parts
 
 
@@ -293,7 +292,7 @@ def kept(trajectory: Trajectory, sweep: Sweep, of: Sequence[Stage]) -> tuple[flo
         for obstacles, first, end, asked in spans:
             found = _closest(obstacles, sweep, first, end, carried)
             margin = found.least_m - asked
-            if abs(margin) <= _ROUNDING_M:
+            if abs(margin) <= DRAWN_M:
                 margin = 0.0
             if margin < worst:
                 worst, words = margin, _too_near(problem, found, asked, asked < needed)
@@ -311,8 +310,9 @@ def _leaving(
     problem, begin, last = trajectory.problem, stage.first, stage.last
     needed = problem.clearance_m + uncertain_m(problem)
     own = around.each_m(sweep.q[begin], carried)
-    near = own < needed
-    if not near.any() or own.min() < -_ROUNDING_M:
+    kept = kept_from_m(own, needed)
+    near = kept < needed
+    if not near.any() or own.min() < -DRAWN_M:
         return [(around, begin, last, needed)]
     samples, now = trajectory.samples, sweep.t_s[begin]
     ways = (samples.t_s[end] for _, end, way, _ in paths(samples) if way.any())
@@ -321,7 +321,7 @@ def _leaving(
     spans = [(around.only(~near), begin, away, needed)] if not near.all() else []
     for i in np.flatnonzero(near).tolist():
         one = around.only(np.arange(len(own)) == i)
-        spans.append((one, begin, away, max(float(own[i]) - UNSEEN_M, 0.0)))
+        spans.append((one, begin, away, float(kept[i])))
     return [*spans, (around, away, last, needed)] if away < last else spans
 
 
@@ -338,7 +338,7 @@ def within_m(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[float
             return found
 
         found = least(margins, sweep.carried_m(carried.radius_m), stage.first, stage.last)
-        margin = 0.0 if abs(found.distance_m) <= _ROUNDING_M else found.distance_m
+        margin = 0.0 if abs(found.distance_m) <= DRAWN_M else found.distance_m
         if margin < worst:
             when = f"at {sweep.t_s[found.at]:z.1f} s"
             worst = margin
@@ -358,7 +358,7 @@ def overlap_left(problem: Problem, sweep: Sweep, of: Sequence[Stage]) -> tuple[f
 
             found = least(signed, sweep.travelled_m, stage.first, stage.last, -OVERLAP_M)
             left = OVERLAP_M + min(found.distance_m, 0.0)
-            left = 0.0 if abs(left) <= _ROUNDING_M else left
+            left = 0.0 if abs(left) <= DRAWN_M else left
             if left < worst:
                 deep, when = 1e3 * (OVERLAP_M - left), f"at {sweep.t_s[found.at]:z.1f} s"
                 words = f"overlaps {item.name} by {deep:z.3g} mm {when}"
@@ -401,13 +401,11 @@ def check_obstacles(problem: Problem) -> None:
     asked = problem.clearance_m + uncertain_m(problem)
     found = []
     for name, q in ends_to_check(problem):
-        needed = (
-            np.zeros_like(at_start) if name == "start" else np.minimum(asked, at_start - UNSEEN_M)
-        )
+        needed = np.zeros_like(at_start) if name == "start" else kept_from_m(at_start, asked)
         if (around.distances_m(q) > needed.max()).any():
             continue
         each = np.array([around.each_m(one) for one in q])
-        if (each < needed - _ROUNDING_M).any(axis=1).all():
+        if (each < needed - DRAWN_M).any(axis=1).all():
             allowed = _what_lacks(around, each[0], needed, asked)
             found.append(InputError(name, tuple(q[0].tolist()), allowed))
     if found:
@@ -417,7 +415,7 @@ def check_obstacles(problem: Problem) -> None:
 def _what_lacks(around: Surroundings, apart: Array, needed: Array, asked: float) -> str:
     """What an end of a problem would have to be, and is not: overlaps, else what is too near."""
     named = [*zip(around.names, apart.tolist(), needed.tolist(), strict=True)]
-    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, _ in named if m < -_ROUNDING_M]
+    hit = [f"{name} by {-1e3 * m:z.1f} mm" for name, m, _ in named if m < -DRAWN_M]
     if hit:
         return f"a robot that overlaps no obstacle; here it overlaps {', '.join(hit)}"
     near = [
@@ -445,5 +443,5 @@ def check_apart(field: str, thing: Obstacle, world: World) -> None:
             allowed = f"a place where {thing.name} overlaps nothing; here it overlaps {name}"
             raise InputError(field, middle, allowed)
     edge = world.workspace
-    if edge is not None and edge.margin_m(thing.inner_corners_m).min() < -_ROUNDING_M:
+    if edge is not None and edge.margin_m(thing.inner_corners_m).min() < -DRAWN_M:
         raise InputError(field, middle, f"a place where {thing.name} is within the workspace")

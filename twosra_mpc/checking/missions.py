@@ -15,8 +15,8 @@ from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release
-from twosra_mpc.problem.tolerances import OVERLAP_M, TIME_TOLERANCE_S, TOUCHING_M
-from twosra_mpc.problem.world import UNSEEN_M, Obstacle
+from twosra_mpc.problem.tolerances import OVERLAP_M, TIME_TOLERANCE_S, TOUCHING_M, UNSEEN_M
+from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing.transitions import own_transitions

@@ -26,7 +26,12 @@ from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.driven import Driven, driven, margins
 from twosra_mpc.problem.limits import WHEEL_SPEED, WORKSPACE, settled, workspace_margins
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE, TIME_TOLERANCE_S
+from twosra_mpc.problem.tolerances import (
+    DEFECT_TOLERANCE,
+    GOAL_TOLERANCE,
+    ROUNDING_M,
+    TIME_TOLERANCE_S,
+)
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import own_transitions
@@ -213,8 +218,9 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
     """Least distance of the robot to the edge of its workspace, also between samples [m].
 
     Intervals are cut where a unit has moved half a millimetre, and integrated anew. Within a cut, a
-    point strays from its chord by an eighth of its second difference there; a quarter is taken off.
-    Runs of cuts in which nothing can get as near to the edge as is known are passed over.
+    point strays from its chord by an eighth of its second difference across it; a quarter is taken
+    off. What gets faster or slower along its chord stays on it. Runs of cuts in which nothing can
+    get as near to the edge as is known are passed over.
     """
     fine, at = between(samples, _CUT, least=1)
     q = reintegrate(problem, fine)
@@ -231,14 +237,13 @@ def _workspace_margin(problem: Problem, samples: Samples) -> float:
         charge(Cost.OUTLINE, len(q[part]))
         margins, same = workspace_margins(problem, q[part]), at[part][2:] == at[part][:-2]
         points = by_rows(outline_points(problem.robot.geometry), q[part])[0]
-        second = np.abs(np.diff(points.reshape(len(margins), -1, 2), 2, axis=0))
-        off = np.zeros(len(margins))
-        bent = second.max(axis=(1, 2), initial=0.0)
+        aside = _aside(np.diff(points.reshape(len(margins), -1, 2), axis=0))
+        off, bent = np.zeros(len(margins)), aside.max(axis=1, initial=0.0)
         off[1:-1] = np.where(same, bent, 0.0)  # corners of a path lie between intervals
         off[:-1] = np.maximum(off[:-1], off[1:])
         off[1:] = np.maximum(off[1:], off[:-1])
         least = min(least, float((margins - off / 4).min()))
-    return least
+    return 0.0 if abs(least) <= ROUNDING_M else least
 
 
 def _travelled_m(problem: Problem, q: Array) -> Array:
@@ -249,6 +254,19 @@ def _travelled_m(problem: Problem, q: Array) -> Array:
     rho = float(outermost_m(geometry, q[::_AT_ONCE]).max()) + 2 * max(beyond)
     travel = np.hypot(moved[:, 0], moved[:, 1]) + rho * moved[:, 2] + bent
     return np.append(0.0, np.cumsum(travel))
+
+
+def _aside(steps: Array) -> Array:
+    """Second differences of points across their way, or whole if they turn back, (m - 1, points).
+
+    ``steps`` are their first differences, (m, points, 2).
+    """
+    second, chord = np.diff(steps, axis=0), steps[1:] + steps[:-1]
+    long = np.maximum(np.linalg.norm(chord, axis=-1), 1e-300)
+    across = np.abs(second[..., 0] * chord[..., 1] - second[..., 1] * chord[..., 0]) / long
+    ahead = (steps[1:] * steps[:-1]).sum(axis=-1) >= 0
+    found: Array = np.where(ahead, across, np.linalg.norm(second, axis=-1))
+    return found
 
 
 def _stiffness_problems(trajectory: Trajectory) -> Iterator[str]:

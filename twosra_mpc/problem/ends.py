@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from twosra_mpc.errors import InputError
+from twosra_mpc.problem.free_shapes import look_for_shape
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.limits import (
     BODY_GAP,
@@ -19,6 +21,7 @@ from twosra_mpc.problem.limits import (
 )
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 
 # Half-widths: boxes as small are as good as their corners.
@@ -31,25 +34,35 @@ def exact(goal: GoalSet) -> bool:
 
 
 def check_shapes(problem: Problem) -> None:
-    """Refuse a start or goal shape that a limit forbids, and goals with nothing else near it.
+    """Refuse a start or goal all of whose shapes are forbidden by one limit or another.
 
     Raises:
-        InputError: Naming the curvatures, the limit and what is missing.
+        InputError: Naming the curvatures, a limit and what is missing.
     """
-    robot = problem.robot
-    for name, q in (("start", problem.start.configuration), ("goal", problem.goal.configuration)):
-        width = problem.goal.half_width[POSE:] if name == "goal" else np.zeros_like(q[POSE:])
-        if np.isnan(q[POSE:]).any() or width.max() > _NARROW_PER_M:
-            continue
-        corners = q[POSE:] + width * _corners(width)
-        limit = broken_by_shapes(robot, q[POSE:])
-        if limit is not None and (shape_margins(robot, corners)[limit.name] < 0).all():
-            short = -float(shape_margins(robot, q[POSE:])[limit.name][0])
-            amount = f"{1e3 * short:z.1f} mm" if limit.unit == "m" else f"{short:z.3g} {limit.unit}"
-            allowed = f"another shape; this one is {amount} short: {limit.words(robot.limits)}"
-            if limit is BODY_GAP:
-                allowed = f"another shape; in this one {overlap_in_words(robot, q[POSE:])}"
-            raise InputError(f"{name}.kappa_per_m", tuple(q[POSE:].tolist()), allowed)
+    robot, start = problem.robot, problem.start.configuration
+    for name, q, box in (
+        ("start", start, (start, start)),
+        ("goal", problem.goal.configuration, problem.goal.box(start)),
+    ):
+        looked = look_for_shape(robot, *(end[POSE:] for end in box))
+        if looked.forbidden:
+            given = tuple(None if math.isnan(k) else k for k in q[POSE:].tolist())
+            shape, which = q[POSE:], "this one"
+            if None in given:
+                shape = looked.shape
+                which = f"({', '.join(f'{k:zg}' for k in shape)}), which lacks least,"
+            raise InputError(f"{name}.kappa_per_m", given, _what_lacks(robot, shape, which))
+
+
+def _what_lacks(robot: Robot, shape: Array, which: str) -> str:
+    """What a shape (n,) would have to be, and is not."""
+    limit = broken_by_shapes(robot, shape)
+    assert limit is not None, "it is forbidden"
+    if limit is BODY_GAP:
+        return f"another shape; in {which} {overlap_in_words(robot, shape)}"
+    short = -float(shape_margins(robot, shape)[limit.name][0])
+    amount = f"{1e3 * short:z.1f} mm" if limit.unit == "m" else f"{short:z.3g} {limit.unit}"
+    return f"another shape; {which} is {amount} short: {limit.words(robot.limits)}"
 
 
 def _corners(width: Array) -> Array:

@@ -26,13 +26,13 @@ from twosra_mpc.problem.tolerances import (
     BODY_TOLERANCE_M,
     CURVATURE_TOLERANCE_PER_M,
     RATE_TOLERANCE,
+    ROUNDING_M,
 )
 from twosra_mpc.robot.coordinates import INPUTS, POSE, Array
 from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.geometry import MotionLimits
 from twosra_mpc.robot.modes import is_rigid
 
-TOUCHING_M = 1e-9  # rounding allowed in a gap
 _ANGLES = np.arange(8) * np.pi / 8
 # Speed is measured along 8 axes, so that it stays linear; a 16-gon within the circle is allowed.
 _WITHIN = float(np.cos(np.pi / 16))
@@ -55,6 +55,8 @@ class ShapeLimit:
         rounding: Margins that count as zero.
         scale: Unit of its rows in the NLP; None: it has rows of its own, or is a box about zero.
         driving: Whether only rigid driving is forbidden.
+        steep: Body -> how much the margin changes per curvature of each segment, at most, (n,);
+            for those that forbid more than driving.
     """
 
     name: str
@@ -65,6 +67,7 @@ class ShapeLimit:
     scale: float | None
     driving: bool = False
     nearer: Callable[[Body, Array], Array] | None = None
+    steep: Callable[[Body], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -111,14 +114,16 @@ CURVATURE = ShapeLimit(
     words=lambda limits: f"curvature is beyond curvature_per_m = {limits.curvature_per_m:zg} 1/m",
     rounding=CURVATURE_TOLERANCE_PER_M,
     scale=None,
+    steep=lambda body: np.ones(body.geometry.segments),
 )
 UNIT_GAP = ShapeLimit(
     name="unit_gap_m",
     unit="m",
     margin=lambda body, kappa: self_collision(body).units(kappa) - body.limits.unit_gap_m,
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
-    rounding=TOUCHING_M,
+    rounding=ROUNDING_M,
     scale=0.1,
+    steep=lambda body: parts_moved_m(body, np.eye(body.geometry.segments)),
 )
 BODY_GAP = ShapeLimit(
     name="body_gap_m",
@@ -126,8 +131,9 @@ BODY_GAP = ShapeLimit(
     margin=lambda body, kappa: self_collision(body).bound(kappa),
     nearer=lambda body, kappa: self_collision(body).separations(kappa).min(axis=1),
     words=lambda _: "parts overlap: units, wheels, links or fibre",
-    rounding=TOUCHING_M,
+    rounding=ROUNDING_M,
     scale=None,
+    steep=UNIT_GAP.steep,
 )
 WHEEL_INDEPENDENCE = ShapeLimit(
     name="wheel_independence",
@@ -220,10 +226,15 @@ def shape_margins(robot: Robot | Body, kappa: ArrayLike) -> dict[str, Array]:
 
 
 def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None:
-    """A limit that one of these shapes (m, n) breaks whether the robot drives in it or not."""
-    margins = shape_margins(robot, kappa)
-    broken = (limit for limit in SHAPE_LIMITS if not limit.driving)
-    return next((limit for limit in broken if (margins[limit.name] < 0).any()), None)
+    """The limit that these shapes (m, n) break most, whether the robot drives in them or not."""
+    margins, found, most_per_m = shape_margins(robot, kappa), None, 0.0
+    for limit in SHAPE_LIMITS:
+        least = float(margins[limit.name].min())
+        if limit.steep is not None and least < 0:
+            lacking_per_m = -least / float(limit.steep(robot.body).max())
+            if lacking_per_m > most_per_m:
+                found, most_per_m = limit, lacking_per_m
+    return found
 
 
 def overlap_in_words(robot: Robot | Body, kappa: ArrayLike) -> str:
@@ -296,7 +307,7 @@ def workspace_margins(problem: Problem, q: Array) -> Array:
     within = workspace.margin_m(points) - outline_radii_m(geometry)
     within[:, -own:] -= arc[:, None]
     margins: Array = within.min(axis=1)
-    return np.where(np.abs(margins) <= TOUCHING_M, 0.0, margins)
+    return np.where(np.abs(margins) <= ROUNDING_M, 0.0, margins)
 
 
 # Motions.
@@ -400,6 +411,21 @@ def rigid_rows(robot: Robot, kappa: ArrayLike) -> Array:
     rows = _rigid_rows(robot)(q).full()
     limited: Array = rows[np.abs(rows).max(axis=1) > 0]
     return limited
+
+
+def drive_rows(robot: Robot, kappa: ArrayLike) -> tuple[Array, Array]:
+    """Rows M (m, 3) and V (4, 3) of what a rigid drive takes in a plan, for a body twist xi.
+
+    At full speed it takes max(abs(M xi)) [s], and the wheels turn by V xi [rad].
+
+    Args:
+        robot: The robot.
+        kappa: The shape it drives in, (n,) [1/m].
+    """
+    q = np.tile(np.concatenate([np.zeros(POSE), np.asarray(kappa, dtype=float)]), (3, 1))
+    signed = by_rows(speed_function(robot), q, np.eye(INPUTS)[2:], np.zeros_like(q[:, POSE:]))
+    wheels = signed[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
+    return np.hstack(signed).T, wheels.T
 
 
 def rigid_rows_between(robot: Robot, least: ArrayLike, most: ArrayLike) -> tuple[Array, Array]:

@@ -28,6 +28,7 @@ from twosra_mpc.problem.geojson import read_obstacles
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, read_only
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.tasks import Pass, Task, passes, task_problems
+from twosra_mpc.problem.tolerances import CURVATURE_TOLERANCE_PER_M
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.problem.world import Obstacles, World, names_twice
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -266,7 +267,7 @@ class Problem(Value):
         ends += [(where, goal.configuration) for where, goal in on_the_way if goal is not None]
         for j in range(robot.coordinates.segments):
             for where, q in ends:
-                if abs(q[3 + j]) > limit:
+                if abs(q[3 + j]) > limit + CURVATURE_TOLERANCE_PER_M:
                     allowed = f"from {-limit:zg} to {limit:zg} 1/m (robot {robot.name})"
                     yield InputError(f"{where}.kappa_per_m.{j}", float(q[3 + j]), allowed)
         yield from self._tasks_outside()

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from twosra_mpc.robot.coordinates import Array
+
 GOAL_TOLERANCE = 1e-6
 """What is this near to a goal is in it, in m, rad and 1/m."""
 DEFECT_TOLERANCE = 1e-6
@@ -20,6 +24,12 @@ TIME_TOLERANCE_S = 2e-6
 """By so much transitions and phases may be shorter than they must be, or overlap."""
 RATE_TOLERANCE = 1e-7
 """Share of a limit of speed, acceleration or heating by which it may be exceeded, at all times."""
+ROUNDING_M = 1e-9
+"""Rounding in distances of what the model places."""
+DRAWN_M = 1e-6
+"""Rounding in distances of what is drawn as polygons."""
+UNSEEN_M = 2e-4
+"""By so much a plan may miss a clearance unseen: verification proves to within it."""
 OVERLAP_M = 5e-4
 """Overlap allowed with what may be touched."""
 TOUCHING_M = 1e-3
@@ -28,6 +38,14 @@ BODY_TOLERANCE_M = 5e-4
 """Overlap of the robot with itself that is allowed between the samples of a plan."""
 COST_TOLERANCE_S, COST_TOLERANCE = 1e-4, 1e-6
 """What a plan can save by all its tolerances: absolute (ten changes of mode), and as a share."""
+
+
+def kept_from_m(own_m: Array, kept_m: float) -> Array:
+    """What a motion keeps from things that are ``own_m`` away where it begins, (m,) [m].
+
+    As much as it has there, less what is not seen, and no more than the clearance ``kept_m``.
+    """
+    return np.clip(own_m - UNSEEN_M, 0.0, kept_m)
 
 
 def forgiven(bound_s: float, replay_tolerance: float = 0.0) -> float:

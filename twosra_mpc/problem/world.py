@@ -21,7 +21,6 @@ from twosra_mpc.validation import (
     Value,
 )
 
-UNSEEN_M = 2e-4  # by which a plan may miss a clearance unseen: verification proves to within it
 _SIDES = 16  # of the polygons that stand for a disc
 _FLAT_M = 1e-6
 

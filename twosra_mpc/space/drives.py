@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.problem.limits import rigid_ramp_s, rigid_rows
+from twosra_mpc.problem.limits import drive_rows
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
@@ -34,7 +34,6 @@ _SPACING_M = 0.04
 _DETOUR = 1.25  # times the straight leg: as long a drive by one pose is taken without further ado
 _ENTRIES = 24  # nodes tried from a pose that no slice holds
 _NOTHING = np.zeros((0, 4, 2))
-_TOUCHING_M = 1e-4  # less than it has now may a start keep that is nearer than it should be
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,8 @@ class Drives:
         self.kappa, self._held, self._may = np.asarray(kappa, dtype=float), held, may
         self.footprint = footprint(self.geometry, self.kappa, sagitta_m).holding(held)
         self.kept_m = kept_m(world, self.geometry)
-        self.rows, self.ramp_s = rigid_rows(robot, self.kappa), rigid_ramp_s(robot, self.kappa)
+        self.rows, self._wheels = drive_rows(robot, self.kappa)
+        self._most_rad_s2 = robot.limits.wheel_acceleration_rad_s2 or np.inf
         self.separation = Separation(self.footprint, world, self.kept_m)
         self.clear = self.separation.distances
         self._certified: dict[int, FreeSlices] = {}
@@ -90,8 +90,8 @@ class Drives:
         """Times of legs between poses (..., 3) from rest to rest, (...,) [s]."""
         twist = twists(start, end)
         charge(Cost.LEG, 1 + twist.size)
-        at_speed = times_at_speed_s(self.rows, twist)
-        return times_from_rest_s(at_speed, self.ramp_s)
+        turned = np.abs(twist @ self._wheels.T).max(axis=-1)
+        return times_from_rest_s(times_at_speed_s(self.rows, twist), turned / self._most_rad_s2)
 
     def time_s(self, poses: Array) -> float:
         """Time of a drive through poses (m, 3) [s]."""
@@ -112,8 +112,8 @@ class Drives:
 
         It keeps the clearance, or from each obstacle that is nearer to the pose what that does.
         """
-        lacking = self.separation.lacking_m(start)
-        return np.where(lacking > 0, np.minimum(lacking + _TOUCHING_M, self.kept_m), 0.0)
+        own_m = self.separation.to_obstacles(start)
+        return self.kept_m - np.clip(own_m, 0.0, self.kept_m)
 
     def certified(self, poses: Array) -> bool:
         """Whether all legs of a drive (m, 3) are proved clear."""
@@ -242,18 +242,21 @@ class Drives:
         return None
 
     def _roads(self, headings: int, start: Array, goal: Array) -> Array | None:
-        """A drive along the roads of slices, made shorter."""
+        """A drive along the roads of slices, made shorter, or one that goes round elsewhere."""
         ends = self._ends(headings, start, goal)
         if ends is None:
             return None
-        field = self.roadmap(headings).field(ends[0])
+        field, back = (self.roadmap(headings).field(end) for end in ends)
         path = None if field is None else field.path(ends[1])
-        if path is None:
+        if field is None or back is None or path is None:
             return None
-        poses = continued(np.array([start, *path, goal]))
-        proof = self._proof(start)
-        poses = shortest(poses, self.leg_times_s, proof)
-        return shortest(improved(poses, self.leg_times_s, proof), self.leg_times_s, proof)
+        other = field.other_path(back, path, self.footprint.radius_m, _DETOUR)
+        ways = [
+            continued(np.array([start, *way, goal])) for way in (path, other) if way is not None
+        ]
+        times, proof = self.leg_times_s, self._proof(start)
+        poses = min((shortest(way, times, proof) for way in ways), key=self.time_s)
+        return shortest(improved(poses, times, proof), times, proof)
 
     def _ends(self, headings: int, start: Array, goal: Array) -> tuple[Array, Array] | None:
         """Poses in one component of F- that straight legs join to start and goal."""

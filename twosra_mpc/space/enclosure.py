@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-from twosra_mpc.problem.world import UNSEEN_M
+from twosra_mpc.problem.tolerances import UNSEEN_M
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.slices import AT_EDGE_M, box_around, component_around

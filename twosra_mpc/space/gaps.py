@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
+from twosra_mpc.problem.tolerances import DRAWN_M
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import Array
 
 _EDGE = "the edge of the workspace"
-_TOUCHING_M = 1e-6
 _THICK_M = 1e-3  # of what closes a gap
 _FAR_M = 1e3
 
@@ -53,7 +53,7 @@ def gaps_through(world: World, path_m: Array) -> list[Gap]:
     path, found = shapely.LineString(path_m), []
     for (name, shape), (other, far) in pairs:
         line = shapely.shortest_line(shape, far)
-        if line.length > _TOUCHING_M and shapely.intersects(line, path):
+        if line.length > DRAWN_M and shapely.intersects(line, path):
             ends = shapely.get_coordinates(line)
             found.append(Gap(float(line.length), (name, other), ends))
     return sorted(found, key=lambda gap: gap.width_m)

@@ -25,7 +25,7 @@ from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
-_OPAQUE = 255
+_OPAQUE, _DIGITS = 255, 6  # of a pixel; thresholds that are a level but for rounding are it
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
@@ -102,9 +102,11 @@ def _map(path: Path, unknown_is_free: bool) -> OccupancyMap:
     if turned:
         doubts.append("its image says (EXIF) that it is stored turned; taken as it is stored")
     sums, seen = channels[..., :3].sum(axis=2, dtype=np.int32), channels[..., 3] == _OPAQUE
-    lightness = np.arange(3 * _OPAQUE + 1) / (3 * _OPAQUE)  # the mean of the colours, as ROS has it
-    share = lightness if said.negate else 1.0 - lightness
-    occupied, free = (share > said.occupied_thresh)[sums], (share < said.free_thresh)[sums]
+    lightness = np.arange(3 * _OPAQUE + 1)  # three times the mean of the colours, as ROS has it
+    darkness = lightness if said.negate else lightness[::-1]
+    thresholds = np.array([said.occupied_thresh, said.free_thresh])
+    most, least = np.round(3 * _OPAQUE * thresholds, _DIGITS).tolist()
+    occupied, free = (darkness > most)[sums], (darkness < least)[sums]
     saved = (channels[..., :3] == _SAVED_UNKNOWN).all(axis=2) & free & seen & (not said.negate)
     if count := int(saved.sum()):
         grey = f"{count} cells of grey {_SAVED_UNKNOWN}, which map_saver writes for unknown"

@@ -9,7 +9,8 @@ import numpy as np
 import shapely
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.problem.world import UNSEEN_M, World
+from twosra_mpc.problem.tolerances import UNSEEN_M
+from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.slices import FreeSlices

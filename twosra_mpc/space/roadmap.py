@@ -156,13 +156,32 @@ class Field:
         if not len(nodes) or not np.isfinite(total.min()):
             return None
         best = int(total.argmin())
-        poses = [pose, via[best]]
-        node = int(nodes[best])
+        return continued(np.array([*self._way(int(nodes[best])), via[best], pose]))
+
+    def other_path(self, back: Field, path: Array, apart_m: float, longer: float) -> Array | None:
+        """The fastest way to where another field is from that goes elsewhere for a while.
+
+        Args:
+            back: Times to where it leads.
+            path: The fastest way of all, (m, 3).
+            apart_m: How far from that it gets, at least.
+            longer: How many times longer it may take.
+        """
+        poses, total = self.roadmap.poses, self.times_s + back.times_s
+        away, _ = cKDTree(path[:, :2]).query(poses[:, :2])
+        total = np.where(away > apart_m, total, np.inf)
+        node = int(total.argmin())
+        if not total[node] <= longer * float((self.times_s + back.times_s).min()):
+            return None
+        return continued(np.array([*self._way(node), *back._way(node)[::-1]]))
+
+    def _way(self, node: int) -> list[Array]:
+        """Poses from this one to a node."""
+        poses, last = [], node
         while node < len(self.times_s):
             poses.append(self.roadmap.poses[node])
             last, node = node, int(self.before[node])
-        poses += [self.via[last], self.pose]
-        return continued(np.array(poses[::-1]))
+        return [self.pose, self.via[last], *poses[::-1]]
 
     def estimates_s(self, poses: Array) -> Array:
         """About how long roads to other poses (m, 3) take, (m,) [s]; zero where that is not known.

@@ -38,15 +38,18 @@ def moved(start: Array, twist: Array, share: Array) -> Array:
 
 
 def times_at_speed_s(rows: Array, twist: Array) -> Array:
-    """Least times of displacements (..., 3) at full speed, (...,) [s], by `rigid_rows` (m, 3)."""
+    """Least times of displacements (..., 3) at full speed, (...,) [s], by `drive_rows` (m, 3)."""
     found: Array = np.abs(twist @ rows.T).max(axis=-1)
     return found
 
 
-def times_from_rest_s(at_speed_s: Array, ramp_s: float) -> Array:
-    """The same from rest to rest (`from_rest_to_rest`), zero for what does not move, (...,) [s]."""
-    ramped = np.where(at_speed_s >= ramp_s, at_speed_s + ramp_s, 2 * np.sqrt(at_speed_s * ramp_s))
-    found: Array = ramped
+def times_from_rest_s(at_speed_s: Array, gained_s2: Array) -> Array:
+    """The same from rest to rest, zero for what does not move, (...,) [s].
+
+    ``gained_s2`` is what they travel divided by the largest acceleration, in any unit of length.
+    """
+    ramp_s = gained_s2 / np.maximum(at_speed_s, 1e-300)
+    found: Array = np.where(at_speed_s >= ramp_s, at_speed_s + ramp_s, 2 * np.sqrt(gained_s2))
     return found
 
 

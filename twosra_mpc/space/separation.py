@@ -15,6 +15,7 @@ import itertools
 import numpy as np
 
 from twosra_mpc.effort import Cost, charge
+from twosra_mpc.problem.tolerances import kept_from_m
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.convex import convex_parts
@@ -120,18 +121,18 @@ class Separation:
         found = (self.surroundings.distances(each, lent_m) for each in batches)
         return np.concatenate([np.zeros(0), *found])
 
-    def lacking_m(self, pose: Array) -> Array:
-        """What a pose (3,) lacks of ``kept_m`` to the obstacle that each part is of, (parts,)."""
+    def to_obstacles(self, pose: Array) -> Array:
+        """Distance of a pose (3,) to the obstacle that each part is of, (parts,) [m]."""
         of_part, apart = self.surroundings.obstacle_of_part, self.to_parts(pose[None])[0]
-        nearest = np.full(of_part.max(initial=-1) + 1, self.kept_m)
+        nearest = np.full(of_part.max(initial=-1) + 1, FAR_M)
         np.minimum.at(nearest, of_part, apart)
-        lacking: Array = self.kept_m - np.maximum(nearest, 0.0)[of_part]
-        return lacking
+        found: Array = nearest[of_part]
+        return found
 
-    def kept_from_m(self, poses: Array) -> float:
-        """What drives that start at one of these poses (m, 3) must keep: no more than all do."""
-        own = float(self.distances(poses).min())
-        return self.kept_m if own >= self.kept_m else max(own, 0.0)
+    def kept_from_m(self, poses: Array, off_m: float = 0.0) -> float:
+        """What drives that start at one of these poses (m, 3), or ``off_m`` from it, must keep."""
+        own_m = self.to_parts(poses) - off_m
+        return float(kept_from_m(own_m, self.kept_m).min(initial=self.kept_m))
 
     def to_parts(self, poses: Array) -> Array:
         """Distance at each pose (m, 3) to each convex part of an obstacle, (m, parts) [m]."""

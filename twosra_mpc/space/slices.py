@@ -33,7 +33,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from twosra_mpc.effort import Cost, charge
-from twosra_mpc.problem.world import UNSEEN_M, World
+from twosra_mpc.problem.tolerances import UNSEEN_M
+from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.poses import wrapped
 from twosra_mpc.space.footprint import Footprint

@@ -7,12 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.problem.tolerances import ROUNDING_M, UNSEEN_M
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.space.screws import moved
 
 Clear = Callable[[Array], Array]  # poses (m, 3) -> lower bounds of what they keep, (m,) [m]
 
-_LEAST_M = 2.5e-5  # of travel that a distance has to prove: what is nearer is given up
+_LOOKED_AT_M = UNSEEN_M / 4  # of travel to the next pose that is looked at
 
 
 def clear_legs(
@@ -21,7 +22,8 @@ def clear_legs(
     """Which legs are proved to keep a distance all the way, (m,).
 
     On a share w of a leg no point of the robot travels more than (|(s_u, s_v)| + radius |s_r|) w.
-    So a pose that keeps d proves what is within (d - needed) / travel of it.
+    So a pose that keeps d proves what is within (d - needed) / travel of it; one that just keeps
+    what is needed, what is so near that nothing else can be seen there.
 
     Args:
         clear: Lower bounds of what poses keep.
@@ -37,9 +39,9 @@ def clear_legs(
     while len(leg):
         middle = (low + high) / 2
         kept = clear(moved(start[leg], twist[leg], middle)) - needed[leg]
-        proved = kept / travel[leg]
+        proved = np.maximum(kept, _LOOKED_AT_M) / travel[leg]
         rest = low + proved < middle
-        good[leg[(kept < 0) | (rest & (kept < _LEAST_M))]] = False
+        good[leg[kept < -ROUNDING_M]] = False
         open_ = rest & good[leg]
         leg, low, high = (
             np.tile(leg[open_], 2),

@@ -22,6 +22,7 @@ from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
 from twosra_mpc.planning.search.stage_task import InTheWay, StageTask
 from twosra_mpc.planning.search.tree import Solver, Tree
+from twosra_mpc.problem.free_shapes import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
     CURVATURE,
@@ -221,6 +222,11 @@ def bending_task(problem: Problem) -> BendingTask:
             begin, end = begin + max(least - 1, 0) * step, begin + min(least + 1, last) * step
         return None
 
+    def shapeless(within: Intervals) -> bool:
+        least, most = map(facts.curvatures, zip(*within, strict=True))
+        box = np.subtract(least, BEYOND_PER_M), np.add(most, BEYOND_PER_M)
+        return look_for_shape(problem.robot, *box).forbidden
+
     return BendingTask(
         change=_intervals(least_w - origin, most_w - origin),
         within=tuple(np.maximum(least_w - under, over - most_w).tolist()),
@@ -233,6 +239,7 @@ def bending_task(problem: Problem) -> BendingTask:
         least_time_of_more=facts.least_time_of_more,
         least_effort=facts.least_effort_s2,
         forbidden=forbidden,
+        shapeless=shapeless,
         beyond=f"beyond {CURVATURE.name} = {limit:zg} {CURVATURE.unit}",
         shape=", ".join(_asked(f"kappa{j}", *numbers) for j, numbers in asked),
         conserved=Conserved(*path_model(problem.robot).conserved),

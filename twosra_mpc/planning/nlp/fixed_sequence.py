@@ -17,8 +17,8 @@ from twosra_mpc.plans.speed_profile import SpeedProfile, fastest
 from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.limits import (
     BODY_GAP,
-    broken_by_shapes,
     interval_durations,
+    shape_margins,
     shapes_allowed,
 )
 from twosra_mpc.problem.problem import Problem
@@ -151,14 +151,15 @@ def solve(guess: Motion, network: TemporalNetwork, problem: Problem) -> Candidat
     for the separations of the robot's parts.
     """
     motion, iterations = _solved(guess, network, problem, apart=False)
-    if motion is not None and broken_by_shapes(motion.robot, _visited(motion)) is BODY_GAP:
+    if motion is not None and _overlaps(motion):
         motion, more = _solved(motion, network, problem, apart=True)
         iterations += more
     return None if motion is None else scheduled(motion, network, problem, iterations)
 
 
-def _visited(motion: Motion) -> Array:
-    return motion.states[:, :, POSE:].reshape(-1, motion.robot.geometry.segments)
+def _overlaps(motion: Motion) -> bool:
+    shapes = motion.states[:, :, POSE:].reshape(-1, motion.robot.geometry.segments)
+    return bool((shape_margins(motion.robot, shapes)[BODY_GAP.name] < 0).any())
 
 
 def _solved(

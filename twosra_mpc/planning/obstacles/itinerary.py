@@ -13,10 +13,18 @@ from numpy.typing import NDArray
 
 from twosra_mpc.planning.missions.stages import Stage
 from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, soft_runs
-from twosra_mpc.planning.obstacles.stations import Chain, Stations, around, between, chains
+from twosra_mpc.planning.obstacles.stations import (
+    HIDDEN_S,
+    Chain,
+    Stations,
+    around,
+    between,
+    chains,
+)
 from twosra_mpc.problem.limits import broken_by_shapes
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import Pass
+from twosra_mpc.problem.tolerances import ROUNDING_M
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid
 from twosra_mpc.robot.poses import composed, inverse
@@ -144,7 +152,7 @@ class Itinerary:
                 if found.cost_s < least:
                     least = found.cost_s
                     yield least, _by_phase(found, legs)
-            if least == 0.0:
+            if least <= HIDDEN_S:
                 return
 
     def _orders(self) -> Iterator[tuple[tuple[int, ...], ...]]:
@@ -166,7 +174,7 @@ class Itinerary:
         if best is None and stops:
             for best in self._chains(legs, [stop.everywhere() for stop in stops], hidden_s):
                 yield best
-        if best is None or not stops or best.cost_s == 0.0 or len(self.stages) > 1:
+        if best is None or not stops or best.cost_s <= HIDDEN_S or len(self.stages) > 1:
             return
         nearer = [
             stop.moved(around(begin, self._candidates, _NEAR_M))
@@ -209,7 +217,7 @@ class Itinerary:
         if goal.is_box and drives(stage, sequence, len(soft_runs(sequence))):
             last = self._drives_of(stage, shape)
             several, of = np.unique(found, axis=0, return_inverse=True)
-            for i in np.flatnonzero(last.clear(several) < last.kept_m):
+            for i in np.flatnonzero(last.clear(several) < last.kept_m - ROUNDING_M):
                 low, high = (end[:POSE] for end in goal.box(np.append(several[i], shape)))
                 half = np.where(np.isfinite(high - low), _WITHIN * (high - low) / 2, 0.0)
                 members = several[i] + half * _AROUND

@@ -25,6 +25,8 @@ from twosra_mpc.space.screws import twists
 _EVENLY = 1 / 1.2207440846057596 ** np.arange(1, 4)
 
 _AT_ONCE = 1000  # legs that are compared in about the time that a chain takes
+HIDDEN_S = 1e-4  # less costs nothing; of chains that cost the same the shortest is taken
+_TIE = 1e-7  # of the time of drives, added to what they cost: less than `HIDDEN_S` in all
 _SAME = 1e-9  # m or rad
 _DETOUR_S = 1.0  # longer than direct: others are estimated by roads then
 
@@ -120,7 +122,7 @@ def chains(
     least, count = math.inf, 0
     for _ in range(most_looks):
         path = None if out_of_effort() else legs.shortest()
-        if path is None or count == most_chains or legs.cost_s(path) >= least:
+        if path is None or count == most_chains or legs.cost_s(path) >= least - HIDDEN_S:
             return
         unseen = next(((b, i) for b, i in enumerate(path) if (b, i) not in looked), None)
         if unseen is not None:
@@ -141,7 +143,12 @@ def _direct_s(driver: Driver | None, here: Array, there: Array, hidden_s: float)
     """What direct drives between poses (..., 3) add to the plan [s]; without a driver none may."""
     if driver is None:
         return np.where(np.abs(twists(here, there)).max(axis=-1) < _SAME, 0.0, np.inf)
-    return np.maximum(0.0, driver.leg_times_s(here, there) - hidden_s)
+    return _cost_s(driver.leg_times_s(here, there), hidden_s)
+
+
+def _cost_s(drive_s: Array, hidden_s: float) -> Array:
+    """What drives cost of which some is hidden; those that cost nothing by how long they are."""
+    return np.maximum(0.0, drive_s - hidden_s) + _TIE * drive_s
 
 
 class _Legs:
@@ -205,9 +212,9 @@ class _Legs:
                 return False
             self._found[k, i, j] = route
             place = self._place(k, i, j)
-            true = driver.time_s(route) - float(self._hidden[k])
+            true = float(_cost_s(np.array(driver.time_s(route)), float(self._hidden[k])))
             longer = true - self._cost[k][place] > _DETOUR_S
-            self._cost[k][place] = max(0.0, true)
+            self._cost[k][place] = true
             if longer:
                 self._survey(k, driver)
         return True
@@ -219,7 +226,8 @@ class _Legs:
         if drive in self._surveyed or first == last or np.ptp(one[drive], axis=0).any():
             return
         self._surveyed.add(drive)
-        longer = driver.estimates_s(one[drive][0], others[drive]) - float(self._hidden[drive])
+        about_s = driver.estimates_s(one[drive][0], others[drive])
+        longer = _cost_s(about_s, float(self._hidden[drive]))
         cost = self._cost[drive]
         known = np.zeros(cost.shape, dtype=bool)
         for place in (self._place(*found) for found in self._found if found[0] == drive):

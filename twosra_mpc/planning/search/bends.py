@@ -50,6 +50,7 @@ class BendingTask:
         least_effort: As least_time -> lower bound on effort times duration [s2].
         forbidden: (mode, bounds of W before, change of W) -> what is wrong with a shape that every
             such bend passes, in words; None if nothing is.
+        shapeless: Bounds of the W of every segment -> whether no shape within them is allowed.
         beyond: Where ``room`` ends, in words.
         shape: The required curvature changes in words, for messages.
         conserved: What bending together cannot change, for messages.
@@ -69,6 +70,7 @@ class BendingTask:
     least_time_of_more: Callable[[Mode, Intervals, float, float], tuple[float, float]]
     least_effort: Callable[[Mode, Intervals, float], float]
     forbidden: Callable[[Mode, Intervals, float], str | None]
+    shapeless: Callable[[Intervals], bool]
     beyond: str
     shape: str
     conserved: Conserved
@@ -234,7 +236,7 @@ class BendStep(NamedTuple):
         before: Bounds of the W of each segment where it begins.
         least: Least change of W of its soft segments, with its sign.
         most: Largest change of W.
-        possible: Whether limits and goal leave any W where it ends.
+        possible: Whether limits and goal leave any shape where it ends.
         beyond: A segment (from 0) that it bends beyond the curvature limits, whatever it bends.
     """
 
@@ -271,15 +273,17 @@ def bend_steps(
             for j in task.segments
         ]
         beyond = (j for j in task.segments if _misses(reached[j], task, task.room[j], j))
-        possible = not any(_misses(reached[j], task, outermost[j], j) for j in task.segments)
-        steps.append(BendStep(mode, here, least, most, possible, next(beyond, None)))
-        here = tuple(
+        misses = any(_misses(reached[j], task, outermost[j], j) for j in task.segments)
+        after = tuple(
             (
                 _clipped(low, w + change[0], w + change[1]),
                 _clipped(high, w + change[0], w + change[1]),
             )
             for (low, high), w, change in zip(reached, task.origin, outermost, strict=True)
         )
+        possible = not misses and not (any(mode) and task.shapeless(after))
+        steps.append(BendStep(mode, here, least, most, possible, next(beyond, None)))
+        here = after
     return tuple(steps)
 
 

@@ -1,0 +1,142 @@
+"""Nothing near a threshold jumps: rounding in an input changes no verdict and no cost."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from twosra_mpc import InputError, Problem, load_problem, plan
+from twosra_mpc.problem.limits import body_gaps_m, workspace_margins
+from twosra_mpc.problem.tolerances import UNSEEN_M, kept_from_m
+from twosra_mpc.space.occupancy_map import read_map
+
+ROBOT = load_problem("paper-1").robot
+LIMITED = ROBOT.with_values(limits=ROBOT.limits.with_values(curvature_per_m=40.0))
+AT_REST = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": (0.0, 0.0)}
+CURLED = np.array([-0.65, -0.76])  # units meet if it bends far enough like this
+SAME_S = 0.01  # the way to the edge of a goal instead of to its middle
+
+
+def nearly(x: float) -> list[float]:
+    """A number, and what rounding makes of it."""
+    return [x, math.nextafter(x, math.inf), x - 1e-12, x + 1e-9]
+
+
+def touching() -> float:
+    """How far the robot must curl up for its parts to touch, between both edges of rounding."""
+    edges = []
+    for free in (np.greater, np.greater_equal):
+        low, high = 0.0, 100.0
+        for _ in range(80):
+            middle = (low + high) / 2
+            apart = free(body_gaps_m(ROBOT, [CURLED * middle])[0], 0.0)
+            low, high = (middle, high) if apart else (low, middle)
+        edges.append(low)
+    return sum(edges) / 2
+
+
+def past_a_wall(y_m: float, clearance_m: float, tolerance: object = None) -> Problem:
+    """A drive of 0.3 m along a wall."""
+    wall = {"polygon_m": [[0.1, y_m], [0.6, y_m], [0.6, 0.2], [0.1, 0.2]]}
+    goal = {**AT_REST, "x_m": 0.3} | ({} if tolerance is None else {"tolerance": tolerance})
+    given = {"obstacles": [wall], "clearance_m": clearance_m}
+    return Problem(robot=ROBOT, start=AT_REST, goal=goal, **given)
+
+
+def bent(kappa: tuple[float, ...], half_width_per_m: float = 0.0) -> Problem:
+    """A change of shape alone."""
+    tolerance = {"kappa_per_m": (half_width_per_m,) * 2}
+    goal = {"kappa_per_m": kappa, "tolerance": tolerance}
+    return Problem(robot=ROBOT, start=AT_REST, goal=goal)
+
+
+def driven(kappa: tuple[float, ...]) -> Problem:
+    """A drive in a shape."""
+    start = {**AT_REST, "kappa_per_m": kappa}
+    return Problem(robot=ROBOT, start=start, goal={"x_m": 0.1, "y_m": 0.0})
+
+
+def limited(start: float, goal: float) -> Problem:
+    """A change of shape of a robot that bends little."""
+    here = {**AT_REST, "kappa_per_m": (start, 0.0)}
+    there = {"kappa_per_m": (goal, 0.0), "tolerance": "exact"}
+    return Problem(robot=LIMITED, start=here, goal=there)
+
+
+def inside(x_m: float) -> Problem:
+    """A drive from the edge of a workspace to its middle."""
+    workspace = {"x_m": (x_m, 1.0), "y_m": (-1.0, 1.0)}
+    return Problem(robot=ROBOT, start=AT_REST, goal={**AT_REST, "x_m": 0.2}, workspace=workspace)
+
+
+def edge_m() -> float:
+    """Where the edge of the workspace touches the robot."""
+    far = inside(-0.2)
+    return -0.2 + float(workspace_margins(far, far.start.configuration[None])[0])
+
+
+TOUCHING, MOST = touching(), LIMITED.limits.curvature_per_m
+THRESHOLDS: dict[str, tuple[float, Callable[[float], Problem]]] = {
+    "wall": (0.021 + 0.015 + 0.002, lambda x: past_a_wall(x, 0.002)),
+    "wall beside an exact goal": (0.021 + 0.015 + 0.002, lambda x: past_a_wall(x, 0.002, "exact")),
+    "clearance": (0.002, lambda x: past_a_wall(0.038, x)),
+    "goal that touches": (TOUCHING, lambda x: bent(tuple(CURLED * x))),
+    "goal whose corner touches": (0.5, lambda x: bent(tuple(CURLED * TOUCHING - 0.5), x)),
+    "start that touches": (TOUCHING, lambda x: driven(tuple(CURLED * x))),
+    "goal at the limit": (MOST, lambda x: limited(0.0, x)),
+    "start at the limit": (MOST, lambda x: limited(x, 0.0)),
+    "edge of the workspace": (edge_m(), inside),
+}
+
+
+def outcome(problem: Callable[[], Problem]) -> tuple[str, float]:
+    """The verdict, and the cost if there is a plan."""
+    try:
+        made = plan(problem())
+    except InputError as error:
+        return str(error), 0.0
+    return made.status.value, made.plan.cost.total if made.plan else 0.0
+
+
+@pytest.mark.parametrize("name", THRESHOLDS)
+def test_rounding_changes_neither_verdict_nor_cost(name: str) -> None:
+    at, problem = THRESHOLDS[name]
+    verdicts, costs = zip(*(outcome(lambda x=x: problem(x)) for x in nearly(at)), strict=True)
+    assert set(verdicts) <= {"optimal", "feasible"}, verdicts
+    assert len(set(verdicts)) == 1
+    assert np.ptp(costs) <= SAME_S
+
+
+def test_what_a_start_keeps_grows_steadily_with_what_it_has() -> None:
+    """As much as it has, less what is not seen, up to the clearance: nowhere faster than it has."""
+    own_m = np.linspace(-0.001, 0.006, 3001)
+    kept_m = kept_from_m(own_m, 0.002)
+    assert (np.diff(kept_m) >= 0).all()
+    assert (np.diff(kept_m) <= np.diff(own_m) * (1 + 1e-9)).all()
+    assert kept_m[0] == 0.0
+    assert kept_m[-1] == 0.002
+    assert (kept_m >= np.clip(own_m - UNSEEN_M, 0.0, 0.002)).all()
+
+
+@pytest.mark.parametrize("level", [50, 127, 166, 205])
+@pytest.mark.parametrize("name", ["occupied_thresh", "free_thresh"])
+def test_a_threshold_of_a_map_that_is_a_level_of_grey_is_it(
+    level: int, name: str, tmp_path: Path
+) -> None:
+    """Neither occupied nor free is what is exactly as dark, whatever rounding makes of it."""
+    Image.fromarray(np.arange(256, dtype=np.uint8)[None]).save(tmp_path / "map.png")
+    others = {"occupied_thresh": 1.0, "free_thresh": 0.0}
+    seen = set()
+    for threshold in nearly(level / 255):
+        said = others | {name: threshold}
+        lines = "\n".join(f"{key}: {value!r}" for key, value in said.items())
+        text = f"image: map.png\nresolution: 0.05\norigin: [0, 0, 0]\n{lines}\n"
+        (tmp_path / "map.yaml").write_text(text)
+        known = ~read_map(tmp_path / "map.yaml").unknown
+        seen.add((int(known.sum()), bool(known[0, 255 - level])))
+    assert seen == {(255 - level if name == "occupied_thresh" else level, False)}
