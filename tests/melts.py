@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +57,12 @@ def course(
 
 
 def made_up() -> tuple[Rows, Rows]:
+    """Rows of both files, to be changed at will."""
+    return deepcopy(_made_up())
+
+
+@cache
+def _made_up() -> tuple[Rows, Rows]:
     """Rows of both files: one segment melts and freezes, or both, the slower one telling when."""
     transitions: Rows = []
     readings: Rows = []

@@ -33,7 +33,7 @@ from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import Thermal
 
-MANY = range(36)
+MANY = range(24)
 
 attacked = cache(attack)
 

@@ -46,7 +46,7 @@ def drawn() -> tuple[Array, list[Arc]]:
     """Curvatures drawn at random, in pictures of three blurs and two noises, and arcs fitted."""
     rng = np.random.default_rng(11)
     truth, found = [], []
-    for number in range(150):
+    for number in range(60):
         kappa = float(rng.uniform(-MOST, MOST))
         grey, end = draw(
             rng,

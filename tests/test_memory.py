@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import copy
 import gc
+import pickle
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
@@ -13,7 +16,7 @@ import pytest
 
 import twosra_mpc
 from tests.problems import ROBOT
-from twosra_mpc import load_problem, plan
+from twosra_mpc import load_problem, load_robot, plan
 from twosra_mpc.model.cache import BODIES, per_body, per_function
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.rows import by_rows
@@ -83,6 +86,27 @@ def test_what_is_made_of_a_body_goes_with_it() -> None:
     assert made == [1, 2, 3, 1, 1, 1]
 
 
+def test_robots_that_move_alike_have_one_body_as_long_as_any_of_them_lives() -> None:
+    again = load_robot(ROBOT.name).with_values(name="another")
+    assert again.body is ROBOT.body
+    assert pickle.loads(pickle.dumps(ROBOT)).body is copy.deepcopy(ROBOT).body is ROBOT.body
+    limits = ROBOT.limits.with_values(unit_speed_m_s=0.0123)  # for which nothing was compiled
+    other = ROBOT.with_values(limits=limits)
+    kept = weakref.ref(other.body)
+    assert kept() is not ROBOT.body
+    del other
+    gc.collect()
+    assert kept() is None
+
+
+def test_a_copy_with_other_values_keeps_nothing_that_was_worked_out_of_the_old_ones() -> None:
+    problem = load_problem("paper-1")
+    assert problem.start_mode == (0, 0)
+    changes = {"start": problem.start.with_values(temperature_C=(64.0, 64.0))}
+    for warm in (problem.model_copy(update=changes), problem.with_values(**changes)):
+        assert warm.start_mode == (1, 1)
+
+
 def test_what_is_made_of_a_function_goes_with_it() -> None:
     x = ca.SX.sym("x")
 
@@ -106,6 +130,15 @@ def test_rows_are_evaluated_in_blocks_as_one_by_one(count: int) -> None:
     first, second = by_rows(function, a, b)
     np.testing.assert_array_equal(first, np.column_stack([a * b, np.sin(a[:, :1])]))
     np.testing.assert_array_equal(second, a[:, 1:] - b)
+
+
+def test_threads_evaluate_rows_of_one_function_at_once() -> None:
+    x = ca.SX.sym("x", 3)
+    function = ca.Function("f", [x], [ca.sin(x) @ x.T])
+    given = np.random.default_rng(0).normal(size=(40, 200, 3))
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda rows: by_rows(function, rows)[0], given))
+    np.testing.assert_array_equal(found, [by_rows(function, rows)[0] for rows in given])
 
 
 def test_long_arrays_of_any_length_share_one_function() -> None:

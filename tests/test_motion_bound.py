@@ -23,7 +23,7 @@ FAST = V1.with_values(timing=faster_robot(50.0).timing)
 @pytest.mark.parametrize("robot", [V1, load_robot("2sr-v2")], ids=["2sra-v1", "2sr-v2"])
 def test_no_random_plan_moves_for_less_time(robot: Robot) -> None:
     shares = []
-    for seed in range(6):
+    for seed in range(3):
         motion = random_motion(robot, np.random.default_rng(seed))
         if motion is None:
             continue

@@ -41,7 +41,7 @@ QUICK: dict[str, tuple[str, int]] = {
     "reproduce": ("--out plan.json", 2),  # likewise
     "stream": ("plan.json --dry-run", 0),
     "jog": ("--robot 2sra-v1 --forward 0.01 --for 2 --cold --dry-run", 0),
-    "simulate": ("shape-change", 0),
+    "simulate": ("rigid-move --seed 1", 0),
     "replay": ("exp1.csv --robot 2sra-v1", 0),
     "simulate-heater": ("--profile soft:90", 0),
     "scenarios": ("", 0),

@@ -19,6 +19,7 @@ from benchmarks.studies.missions import Missions
 from benchmarks.studies.passages import Passages
 from benchmarks.studies.peers import Peers
 from benchmarks.studies.pick_and_place import PickAndPlace
+from benchmarks.studies.revision import Revision
 from benchmarks.studies.scenes import Scenes
 from benchmarks.studies.soak import Soak
 from benchmarks.studies.tracker_step import TrackerSteps
@@ -71,6 +72,7 @@ STUDIES: dict[str, Study] = {
     "missions": Missions(),
     "passages": Passages(),
     "pick-and-place": PickAndPlace(scenarios=("pick-and-place",)),
+    "revision": Revision(problems=("published", "random-100")),
     "scenes": Scenes(problems=("scenes-6", "scenes-14"), repeats=1, time_limit_s=60.0),
     "soak": Soak(),
     "tracker-step": TrackerSteps(),

@@ -54,6 +54,9 @@ class NodeBounds(Nodes):
     _known: dict[tuple[Hashable, ModeSequence], list[float]] = field(default_factory=dict)
     _bending: dict[tuple[int, tuple[ModeSequence, ...]], bool] = field(default_factory=dict)
     _further: dict[tuple[Hashable, Mode], float] = field(default_factory=dict)
+    _onwards: dict[tuple[StageTask, Mode, frozenset[int]], float | None] = field(
+        default_factory=dict
+    )
     _passed: dict[Whole, SoFar] = field(default_factory=dict)
     _motion_s: float | None = None  # least time in which every plan moves, once it is asked for
 
@@ -105,10 +108,14 @@ class NodeBounds(Nodes):
 
     def _onward(self, stage: StageTask, mode: Mode, missing: frozenset[int]) -> float | None:
         """Least cost of the melts and freezes on to the end of a stage, if it can be told."""
-        rigid, timing = stage.rigid, self.timing
-        usable = tuple(m for m in stage.modes if timing.refusal((m,), rigid) is None)
-        found = [timing.onward(mode, missing, usable, last) for last in stage.endings]
-        return min((each for each in found if each is not None), default=None)
+        key = (stage, mode, missing)
+        if key not in self._onwards:
+            rigid, timing = stage.rigid, self.timing
+            usable = tuple(m for m in stage.modes if timing.refusal((m,), rigid) is None)
+            found = [timing.onward(mode, missing, usable, last) for last in stage.endings]
+            known = (each for each in found if each is not None)
+            self._onwards[key] = min(known, default=None)
+        return self._onwards[key]
 
     def _must_still_soften(self, stage: StageTask, whole: ModeSequence, segment: int) -> bool:
         """Whether every completion melts a segment that was solid all the time."""
