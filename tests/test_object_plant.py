@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grasps import disc
 from numpy.typing import NDArray
 
 from twosra_mpc import Problem, load_problem, load_robot
+from twosra_mpc.contact.touch import grasp_touches
 from twosra_mpc.execution.simulation.object_plant import SQUEEZED_M, ObjectPlant
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.poses import composed, inverse
@@ -20,9 +22,9 @@ from twosra_mpc.space.separation import placed
 Array = NDArray[np.float64]
 
 ROBOT = load_robot("2sra-v1")
-CAGE = (39.0, 39.0)
 IN_CAGE = np.array([0.0, 0.0342, 0.0])
 DISC = {"disc": {"radius_m": 0.03}}
+CAGE = tuple(0.975 * grasp_touches(load_robot("2sra-v1"), disc(0.03)).touches[0].kappa)  # looser
 BOX = {"box": {"x_m": [-0.02, 0.02], "y_m": [-0.02, 0.02]}}
 
 
