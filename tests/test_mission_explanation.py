@@ -179,3 +179,19 @@ def test_the_command_prints_it_and_writes_json(run: Run) -> None:
     assert code == 0
     assert "in the shape of reach dock" in out
     assert "goal by goal, with temperatures carried on" in out
+
+
+def test_a_cheaper_order_becomes_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the order is free, a dear order is given away for the cheap one among the others."""
+    monkeypatch.setattr(module, "_goals", lambda _: iter(()))  # nothing else is planned
+    dear = load_problem("three-shapes", motion="fastest")
+    tasks = dear.tasks[::-1]
+    found = plan(dear.with_values(tasks=tasks)).require()
+    asked = found.problem.with_values(order="free")
+    given = replace(found, trajectory=replace(found.trajectory, problem=asked))
+    told = explain_mission(replace(plan(dear), problem=asked, plan=given))
+    made = told.result.require()
+    assert made.cost.total < found.cost.total
+    assert made.problem.tasks == dear.tasks
+    assert made.verification.ok
+    assert all((other.difference_s or 0.0) >= 0.0 for other in told.orders)

@@ -211,10 +211,9 @@ def _beside_others(
         if made is None or not (made.phases or made.transitions):
             break
         complete = _collect(_alternatives(made, tell), others)
-        if (better := _better(made, others)) is None or not complete:
+        if not complete or (better := with_better(result, others)) is None:
             break
-        message = f"{better}; {_BETTER}"
-        result = replace(result, plan=better, status=better.status, message=message)
+        result = better
     return result, complete
 
 
@@ -276,20 +275,25 @@ def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternati
             yield Alternative(change, f"no such problem: {error}", original, None)
 
 
-def _better(made: Plan, others: Sequence[Alternative]) -> Plan | None:
-    """The cheapest of the other plans that solves the same problem for less; None: none does."""
-    found = [
-        replace(
-            other.plan,
-            trajectory=(same := replace(other.plan.trajectory, problem=made.problem)),
-            verification=verify(same),
-            lower_bound=made.lower_bound,
-        )
-        for other in others
-        if other.plan is not None and (other.difference_s or 0.0) < -_SAME_S
-    ]
-    solving = [each for each in found if each.verification.ok]
-    return min(solving, key=lambda each: each.cost.total, default=None)
+def with_better(result: Result, others: Sequence[Alternative]) -> Result | None:
+    """The result with the cheapest other plan that solves its problem for less; None: none does.
+
+    Tasks may be done in the other plan's order.
+    """
+    made, solving = result.require(), list[Plan]()
+    for other in others:
+        if other.plan is not None and (other.difference_s or 0.0) < -_SAME_S:
+            asked = made.problem.with_values(tasks=other.plan.problem.tasks)
+            same = replace(other.plan.trajectory, problem=asked)
+            if (checked := verify(same)).ok:
+                bound = made.lower_bound
+                solving.append(
+                    replace(other.plan, trajectory=same, verification=checked, lower_bound=bound)
+                )
+    better = min(solving, key=lambda each: each.cost.total, default=None)
+    if better is None:
+        return None
+    return replace(result, plan=better, status=better.status, message=f"{better}; {_BETTER}")
 
 
 def at_full_speed(made: Plan, problem: Problem, tell: Callable[[str], None]) -> Plan:

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from twosra_mpc.analysis.critical_path import Activity, critical_path, in_words
-from twosra_mpc.analysis.explanation import Alternative, at_full_speed, price_words
+from twosra_mpc.analysis.explanation import (
+    Alternative,
+    at_full_speed,
+    price_words,
+    with_better,
+)
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.planner import plan
 from twosra_mpc.plans.carried import object_poses
@@ -215,6 +220,10 @@ def explain_mission(
                 orders.append(_in_order(quick, tasks, tell))
         except KeyboardInterrupt:
             complete = False
+        else:
+            better = with_better(result, orders) if problem.order == "free" else None
+            if better is not None:
+                return explain_mission(better, on_progress=on_progress, most_orders=most_orders)
     return MissionExplanation(
         result=result,
         quick=quick,
