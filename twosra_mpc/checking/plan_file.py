@@ -21,7 +21,7 @@ from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
-from twosra_mpc.plans.document import load_plan
+from twosra_mpc.plans.document import read_plan
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory
@@ -75,6 +75,31 @@ class PlanCheck:
         return not self.problems and all(check.ok for check in self.checks)
 
 
+def load_plan(path: str | Path, robot: Robot | None = None) -> Result:
+    """Read a plan file back, and check it: no other way leads from a file to a plan.
+
+    What a file claims without truth is no plan to drive: the result has failed then, its message
+    says why, and ``require()`` raises. Its plan is left to be looked at.
+
+    Args:
+        path: The file.
+        robot: What its robot must be; left out, the built-in one of its name, if there is one.
+
+    Raises:
+        InputError: If the file is not a plan of a known version, or does not fit together.
+    """
+    found = check_plan(path, robot)
+    result = found.result
+    if found.ok or (plan := result.plan) is None:
+        return result
+    told = replace(plan.verification, ok=False, problems=found.problems)
+    message = result.message
+    if result.status is not Status.FAILED:
+        message = f"{path} does not verify: {'; '.join(found.problems[:3])}"
+    refused = replace(plan, verification=told)
+    return replace(result, status=Status.FAILED, message=message, plan=refused)
+
+
 def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     """Check a plan file without trusting what it says of itself.
 
@@ -85,7 +110,7 @@ def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     Raises:
         InputError: If it is not a plan file of a known version, or does not fit together.
     """
-    result = load_plan(path)
+    result = read_plan(path)
     document = json_document(read_text(Path(path), str(path)), str(path))
     if (plan := result.plan) is None:
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twosra_mpc.checking.plan_file import Check, PlanCheck, check_plan
+from twosra_mpc.checking.plan_file import Check, PlanCheck, check_plan, load_plan
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import (
     ACCEPT_PAPER_WHEELS,
@@ -32,7 +32,6 @@ from twosra_mpc.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.files import write_text
 from twosra_mpc.installation import install_command, require_flint
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.robot.description import load_robot
 
@@ -282,9 +281,10 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
       twosra animate plan.json short.gif --seconds 4
     """
     loaded = load_plan(plan)
-    if (made := loaded.plan) is None:
+    if not loaded.found:
         click.echo(f"twosra: there is nothing to animate: {loaded.message}", err=True)
         return EXIT_NO_PLAN
+    made = loaded.require()
     from twosra_mpc.plotting import animate_plan  # matplotlib takes a second
 
     with output.progress("animating") as tell:

@@ -87,8 +87,8 @@ class PlanDocument(BaseModel):
     carried: tuple[CarriedObject, ...] = ()
 
 
-def load_plan(path: str | Path) -> Result:
-    """Read a plan file back.
+def read_plan(path: str | Path) -> Result:
+    """Read a plan file as it is; ``checking.plan_file.load_plan`` believes nothing of it.
 
     Raises:
         InputError: If the file is not a plan of a known version, or does not fit together.
