@@ -19,11 +19,11 @@ import click
 import pytest
 from conftest import Run, Solved
 from test_seams import MODULES, imports
-from twosra_mpc.execution.simulation.plant import SimulatedRobot
 
 from twosra_mpc import NoPlanError, Plan, load_plan
 from twosra_mpc.cli import _MODULES as MODULES_OF_COMMANDS
 from twosra_mpc.execution.executor import Executor
+from twosra_mpc.execution.simulation.plant import SimulatedRobot
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.execution.tracking.tracker import Tracker
 

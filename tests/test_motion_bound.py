@@ -11,7 +11,9 @@ from test_pose_bound import problem_between, random_motion
 
 from twosra_mpc import Goal, Robot, load_robot
 from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.search import motion_bound
 from twosra_mpc.planning.search.motion_bound import least_motion_s
+from twosra_mpc.planning.search.pose_bound import PoseConstraint, PoseProgram
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import earliest_times, resting_s
@@ -78,3 +80,50 @@ def test_rest_never_lasts_longer_than_the_plan_nor_less_with_more_phases() -> No
             assert times is not None
             assert resting_s(network) <= times[network.layout.finish] + 1e-9 < math.inf
             assert resting_s(network_of(problem, head[:-1])) <= resting_s(network) + 1e-9
+
+
+class _Told(PoseProgram):
+    """A program that keeps what was read of it."""
+
+    last: PoseProgram
+    read_of: list[tuple[np.ndarray, float, float]]
+
+    def read(self, x: np.ndarray) -> tuple[PoseConstraint, bool]:
+        found, violated = super().read(x)
+        type(self).last = self
+        self.read_of.append((x, found.need, float(found.rates[0])))
+        return found, violated
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_finer_look_at_the_shapes_finds_no_quicker_growth(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bound is what S gains by its growth: on boxes that are smaller by far, too."""
+    motion = random_motion(V1, np.random.default_rng(seed))
+    if motion is None:
+        return
+    _Told.read_of = []
+    monkeypatch.setattr(motion_bound, "PoseProgram", _Told)
+    problem = problem_between(V1, motion.states[0, 0], motion.end)
+    task = bending_task(problem)
+    assert task.pose is not None
+    least_s = least_motion_s(task, problem.modes)
+    if not least_s:
+        return
+    x, need, _ = max(_Told.read_of, key=lambda read: read[1] / read[2] if read[2] else 0.0)
+    boxes, empty = motion_bound._pieces(task)
+    p, slopes = x[:2] * _Told.last.given, _Told.last.slopes(x, 0)
+    surely = 0.0
+    for mode in problem.modes:
+        smaller = boxes
+        for halving in range(4):
+            phase = motion_bound._motions(task.pose, mode, task, smaller, empty)
+            assert phase is not None
+            growth, loose = _Told.last.growth(phase, p, *slopes)
+            surely = max(surely, float((growth.max(axis=2) - loose).max()))
+            if not any(mode) or halving == 3:
+                break
+            each = (growth.max(axis=2) + loose).max(axis=1).reshape(-1, smaller.low.shape[1])
+            smaller = smaller.some(each.max(axis=0) >= np.quantile(each.max(axis=0), 0.95)).halved()
+    assert least_s * surely <= need * (1 + 1e-9)
