@@ -15,6 +15,7 @@ from benchmarks.studies.forgery import ForgeryStudy
 from benchmarks.studies.greedy import Greedy
 from benchmarks.studies.growth import Growth
 from benchmarks.studies.missions import Missions
+from benchmarks.studies.mutants import Mutants
 from benchmarks.studies.passages import Passages
 from benchmarks.studies.peers import Peers
 from benchmarks.studies.pick_and_place import PickAndPlace
@@ -67,6 +68,7 @@ STUDIES: dict[str, Study] = {
     "faults": Faults(),
     "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
     "missions": Missions(),
+    "mutants": Mutants(),
     "passages": Passages(),
     "pick-and-place": PickAndPlace(scenarios=("pick-and-place",)),
     "scenes": Scenes(problems=("scenes-6", "scenes-14"), repeats=1, time_limit_s=60.0),
