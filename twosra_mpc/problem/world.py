@@ -26,7 +26,7 @@ from twosra_mpc.validation import (
 UNSEEN_M = 2e-4  # by which a plan may miss a clearance unseen: verification proves to within it
 _SIDES = 16  # of the polygons that stand for a disc
 _FLAT_M = 1e-6
-MOST_CORNERS, MOST_OBSTACLES = 2_000, 1_000  # more take minutes to plan around, and gigabytes
+MOST_CORNERS, MOST_OBSTACLES = 20_000, 1_000  # more take minutes to plan around, and gigabytes
 _AT_ONCE = 200_000  # pairs of sides, to spare memory
 
 
