@@ -22,10 +22,10 @@ from twosra_mpc.checking.body import nearest
 from twosra_mpc.checking.certificate import Bounded, Checker, Proof, check
 from twosra_mpc.checking.fibre import Fibre, between, low
 from twosra_mpc.checking.melts import heat
+from twosra_mpc.checking.plan_file import load_plan
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.planning.proof import Prover
-from twosra_mpc.plans.document import load_plan
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.problem.tolerances import BODY_TOLERANCE_M, COST_TOLERANCE, COST_TOLERANCE_S
 from twosra_mpc.robot.coordinates import POSE

@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_robot, plan
 from twosra_mpc.planning.missions.relaxed import rigid_time
-from twosra_mpc.planning.search.drive_bound import _slices, least_drive_time
+from twosra_mpc.planning.search.drive_bound import _Drive, _slices, least_drive_time
 from twosra_mpc.planning.search.rigid_motion import least_time, twist_vertices
 from twosra_mpc.problem.limits import rigid_rows
 
@@ -130,3 +130,34 @@ def test_a_box_around_the_start_and_free_positions_prove_nothing() -> None:
     assert least_drive_time(STRAIGHT, near, np.full(2, 0.1), (-1, 1), False, 2.0) == 0.0
     assert least_drive_time(STRAIGHT, free, np.zeros(2), (1, 1), False, 2.0) == 0.0
     assert least_time(STRAIGHT, free, np.zeros(2), (1, 1), False, 2.0) > 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_step_gains_more_than_between_the_headings_of_a_coarse_grid(seed: int) -> None:
+    """From headings between those of the grid, by one twist or two: what a finer grid would see."""
+    rng = np.random.default_rng(seed)
+    rows = random_rows(rng) if seed else STRAIGHT
+    vertices = twist_vertices(rows)
+    assert vertices is not None
+    along = rng.uniform(-0.2, 0.2, 2)
+    asked, goal = np.ones(2, dtype=bool), (-0.5, 0.5)
+    made = _Drive(rows, vertices, along, np.zeros(2), asked, goal, until_s=3.0)
+    grid, _ = made._grid(16)
+    h, m = float(grid[1] - grid[0]), len(made.slices) // 2
+    step_s, excess = m * h / made.fastest_turn, []
+    shares = rng.dirichlet(np.ones(len(vertices)), 20)
+    twists = [*vertices, *(shares @ vertices)]
+    for angle in rng.uniform(-math.pi, math.pi, 8):
+        p, steep = np.array([math.cos(angle), math.sin(angle)]), rng.uniform(-0.1, 0.1)
+        gains = made._gains(p, grid, h, step_s)
+        inner = slice(m, len(grid) - m)
+        ends = [steep * np.roll(grid, m - k) for k in range(2 * m + 1)]
+        bound = np.max([a + b for a, b in zip(ends, gains, strict=True)], axis=0)[inner]
+        for heading in rng.uniform(grid[inner][0], grid[inner][-1], 10):
+            most = np.interp(heading, grid[inner], bound)
+            for twist in twists:
+                end = drive(np.array([0.0, 0.0, heading]), twist, step_s)
+                excess.append(p @ end[:2] + steep * end[2] - most)
+    assert max(excess) <= 1e-9
+    loss = (m + 2) / 4 * h * made.fastest * step_s
+    assert max(excess) > -loss  # what is added for the grid is needed in part

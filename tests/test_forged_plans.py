@@ -28,7 +28,11 @@ from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.result import Stats
 from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
-from twosra_mpc.problem.tolerances import RATE_TOLERANCE
+from twosra_mpc.problem.tolerances import (
+    JUMP_TOLERANCE,
+    RATE_TOLERANCE,
+    WHEEL_TOLERANCE_RAD_S,
+)
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
 from twosra_mpc.robot.timing import SequentialTiming
@@ -513,3 +517,18 @@ def test_what_speeds_may_gain_between_samples_is_added_to_their_shares(
         monkeypatch.setattr(between_samples, "share_rates", known)
         found = [text for text in between_problems(trajectory) if "unit_speed_m_s" in text]
         assert bool(found) == told
+
+
+@pytest.mark.parametrize(("count", "kept"), [(4, True), (20, False)])
+def test_small_jumps_of_wheels_add_up(planned: Planned, count: int, kept: bool) -> None:
+    """Each is less than a wheel may turn otherwise than its inputs ask; all together are told."""
+    made = planned("paper-1")
+    by = 0.9 * WHEEL_TOLERANCE_RAD_S
+    most = JUMP_TOLERANCE * made.robot.limits.wheel_speed_rad_s
+    assert by < most
+    wheels = made.samples.wheel_rad_s.copy()
+    inside = np.flatnonzero(made.samples.moves[:-1] & made.samples.moves[1:])[1::2][:count] + 1
+    assert len(inside) == count
+    wheels[inside, 0] += by
+    assert (count * by <= most) == kept
+    assert ("a wheel's speed jumps" in told(with_samples(made, wheel_rad_s=wheels))) != kept

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -124,3 +125,22 @@ def test_sparse_rows_are_those_of_the_matrix() -> None:
     stacked, whole = Rows.stacked(parts), Rows.of(np.vstack([matrix, np.eye(5)[:2]]))
     for mine, theirs in zip(stacked, whole, strict=True):
         np.testing.assert_array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_proved_is_below_the_exact_sum(seed: int) -> None:
+    """Sums of doubles err either way; what weak duality proves is rounded down all the same."""
+    rng, count = np.random.default_rng(seed), 40
+    rows, limits = rng.normal(size=(count, 3)), -rng.uniform(size=count)
+    y = rng.uniform(size=count)
+    objective = -(y @ rows)  # so that nothing but the rows' limits is left
+    made = Optimum(0.0, np.zeros(3), -y)
+    bounds: Any = [(0.0, None)] * 3
+    proved, _ = linear_program._weak_duality(
+        objective, rows, limits, bounds, np.full(3, math.inf), made
+    )
+    exact = -sum(
+        Fraction(a) * Fraction(b) for a, b in zip(y.tolist(), limits.tolist(), strict=True)
+    )
+    assert Fraction(proved) <= exact
+    assert proved == pytest.approx(float(exact), rel=1e-12)

@@ -11,7 +11,9 @@ from test_pose_bound import problem_between, random_motion
 
 from twosra_mpc import Goal, Robot, load_robot
 from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.search import motion_bound
 from twosra_mpc.planning.search.motion_bound import least_motion_s
+from twosra_mpc.planning.search.pose_bound import PoseConstraint, PoseProgram
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import earliest_times, resting_s
@@ -78,3 +80,84 @@ def test_rest_never_lasts_longer_than_the_plan_nor_less_with_more_phases() -> No
             assert times is not None
             assert resting_s(network) <= times[network.layout.finish] + 1e-9 < math.inf
             assert resting_s(network_of(problem, head[:-1])) <= resting_s(network) + 1e-9
+
+
+class _Told(PoseProgram):
+    """A program that keeps what was read of it."""
+
+    last: PoseProgram
+    read_of: list[tuple[np.ndarray, float, float]]
+
+    def read(self, x: np.ndarray) -> tuple[PoseConstraint, bool]:
+        found, violated = super().read(x)
+        type(self).last = self
+        self.read_of.append((x, found.need, float(found.rates[0])))
+        return found, violated
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("robot", [V1, load_robot("2sr-v2")], ids=["2sra-v1", "2sr-v2"])
+def test_a_finer_look_at_the_shapes_finds_no_quicker_growth(
+    robot: Robot, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bound is what S gains by its growth: on boxes that are smaller by far, too."""
+    motion = random_motion(robot, np.random.default_rng(seed))
+    assert motion is not None
+    _Told.read_of = []
+    monkeypatch.setattr(motion_bound, "PoseProgram", _Told)
+    problem = problem_between(robot, motion.states[0, 0], motion.end)
+    task = bending_task(problem)
+    assert task.pose is not None
+    least_s = least_motion_s(task, problem.modes)
+    x, need, _ = max(_Told.read_of, key=lambda read: read[1] / read[2] if read[2] else 0.0)
+    boxes, empty = motion_bound._pieces(task)
+    p, slopes = x[:2] * _Told.last.given, _Told.last.slopes(x, 0)
+    surely = 0.0
+    for mode in problem.modes:
+        smaller = boxes
+        for halving in range(4):
+            phase = motion_bound._motions(task.pose, mode, task, smaller, empty)
+            assert phase is not None
+            growth, loose = _Told.last.growth(phase, p, *slopes)
+            surely = max(surely, float((growth.max(axis=2) - loose).max()))
+            if not any(mode) or halving == 3:
+                break
+            each = (growth.max(axis=2) + loose).max(axis=1).reshape(-1, smaller.low.shape[1])
+            smaller = smaller.some(each.max(axis=0) >= np.quantile(each.max(axis=0), 0.95)).halved()
+    assert least_s * surely <= need * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("loosely", [False, True])
+def test_growth_is_proved_at_all_headings_of_a_panel_and_for_all_motions_of_a_box(
+    loosely: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Headings within panels, and motions anywhere in their boxes, let nothing grow faster."""
+    _Told.read_of = []
+    monkeypatch.setattr(motion_bound, "PoseProgram", _Told)
+    robot, rng = load_robot("2sr-v2"), np.random.default_rng(0)
+    start = np.array([0.1, -0.1, 0.4, 5.0, -8.0])
+    end = start + np.array([0.2, 0.1, 0.5, 3.0, 4.0])
+    task = bending_task(problem_between(robot, start, end))
+    assert task.pose is not None
+    least_motion_s(task, robot_modes := (RIGID, SOFT_1, SOFT_2, SOFT_BOTH))
+    program, most_used = _Told.last, 0.0
+    for mode in robot_modes:
+        phase = motion_bound._motions(task.pose, mode, task, *motion_bound._pieces(task))
+        assert phase is not None
+        phase = phase if loosely else phase._replace(slack=0 * phase.slack)
+        for _ in range(30):
+            slopes, steep = rng.normal(size=program.panels), rng.normal(size=len(phase.bends))
+            n, panel = rng.integers(len(phase.motions)), rng.integers(program.panels, size=50)
+            signs = rng.choice([-1.0, 1.0], size=4) * np.array([0.7, 0.7, 1.0, 1.0])
+            u, v, r, bending = phase.motions[n] + signs * phase.slack[n]
+            share = rng.uniform(0.3, 0.7, 50)
+            heading = task.pose.heading + program.edges[panel] + share * program.widths[panel]
+            c, s = np.cos(heading), np.sin(heading)
+            moved = np.array([c * u - s * v, s * u + c * v])
+            p = 10 * moved[:, 0]  # along which one of them drives
+            growth, loose = program.growth(phase, p, slopes, steep)
+            most = growth[n].max(axis=1) + loose[n]
+            grows = p @ moved + slopes[panel] * r + bending * steep[phase.piece[n]].sum()
+            assert (grows <= most[panel] + 1e-9).all()
+            most_used = max(most_used, float((grows - growth[n].max(axis=1)[panel]).max()))
+    assert (most_used > 0) == loosely  # what is added for the size of boxes is needed

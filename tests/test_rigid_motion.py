@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -191,3 +192,17 @@ def test_rounding_is_taken_off_a_bound(turn_rad: float) -> None:
     rows, least_s = np.diag([20.0, 20.0, 1 / 0.3]), turn_rad / 0.3
     bound = least_time(rows, np.zeros(2), np.zeros(2), (turn_rad, turn_rad), False, least_s)
     assert (1 - 1e-8) * least_s < bound < least_s
+
+
+@pytest.mark.parametrize("turn_rad_s", [3.0, 40.0])
+def test_a_turn_and_a_drive_are_bounded_exactly_wherever_the_panels_lie(turn_rad_s: float) -> None:
+    """A robot that drives ahead or turns, not both, turns on the way to where it must head."""
+    signs = itertools.product((-1.0, 1.0), repeat=2)
+    rows = np.array([[1.0, aside / 0.02, turn / turn_rad_s] for aside, turn in signs])
+    takes_s, shares = 1.0 + 0.6 / turn_rad_s, []
+    for angle in np.linspace(0.25, 0.35, 17):
+        shift = np.array([math.cos(angle), math.sin(angle)])
+        bound = least_time(rows, shift, np.zeros(2), (0.6, 0.6), False, 1.2 * takes_s)
+        shares.append(bound / takes_s)
+    assert max(shares) <= 1.0
+    assert min(shares) > 0.999

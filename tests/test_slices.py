@@ -11,6 +11,7 @@ from worlds import ARC_ROBOT, STRAIGHT, corridor, random_world, true_margins
 
 from twosra_mpc.problem.world import Obstacle, World
 from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.space.convex import convex_parts
 from twosra_mpc.space.footprint import Footprint, footprint, kept_m
 from twosra_mpc.space.minkowski import (
     kept_by_all,
@@ -74,6 +75,14 @@ def test_sweeps_hold_every_turned_piece_and_every_turned_piece_what_all_keep(
             assert outer.buffer(1e-9).covers(around)
             assert all(at.buffer(1e-9).covers(part) for part in inner)
             assert all(around.buffer(1e-6).covers(part) for part in grown)
+
+
+@pytest.mark.parametrize("corners", [3, 60, 20_000])
+def test_a_convex_outline_is_one_part_however_short_its_sides_are(corners: int) -> None:
+    angles = np.linspace(0.0, 2 * np.pi, corners, endpoint=False)
+    outline = 0.01 * np.column_stack([np.cos(angles), np.sin(angles)])
+    (part,) = convex_parts(outline)
+    np.testing.assert_array_equal(part, outline)
 
 
 def test_convex_parts_fill_their_obstacles_and_are_convex() -> None:

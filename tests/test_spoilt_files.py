@@ -13,13 +13,13 @@ from attack.spoilt_files import KINDS, attacked
 from PIL import Image
 
 from twosra_mpc import InputError, files, load_problem, load_robot
+from twosra_mpc.checking.plan_file import load_plan
 from twosra_mpc.cli import main, planning
 from twosra_mpc.errors import printable
 from twosra_mpc.files import write_text
 from twosra_mpc.lab.batch.problems import Problems
 from twosra_mpc.lab.batch.spec import Spec
 from twosra_mpc.lab.photographs.picture import read_photograph
-from twosra_mpc.plans.document import load_plan
 from twosra_mpc.problem.random_set import RandomSet
 
 

@@ -111,6 +111,10 @@ def scale(document: Document, name: str, by: float) -> None:
     document["samples"][name] = [[by * x for x in row] for row in samples(document, name)]
 
 
+def lower(numbers: Document, name: str) -> None:
+    numbers[name] *= 1 - 1e-7
+
+
 def lower_wheel_limit(document: Document) -> None:
     limits, margins = document["robot"]["limits"], document["verification"]["limits"]
     limits["wheel_speed_rad_s"] -= 1.1 * margins["wheel_speed_rad_s"]
@@ -148,9 +152,21 @@ TAMPERINGS: dict[str, tuple[Tamper, str]] = {
         "heater currents: at least -0.8 A",
     ),
     "another set-point": (lambda d: add(d, "heater_setpoint_C", -9.0), "heater 1 does not do"),
-    "another cost": (lambda d: d["cost"].update(total=300.0), "cost.total: 300.000 s"),
-    "another duration": (lambda d: d["cost"].update(time_s=300.0), "cost.time_s: 300.000 s"),
-    "less energy": (lambda d: d["cost"].update(energy_J=600.0), "cost.energy_J: 600.0 J"),
+    "another cost": (lambda d: d["cost"].update(total=300.0), "cost.total: 300; the samples give"),
+    "another duration": (lambda d: d["cost"].update(time_s=300.0), "cost.time_s: 300;"),
+    "less energy": (lambda d: d["cost"].update(energy_J=600.0), "cost.energy_J: 600;"),
+    "a little less energy": (lambda d: lower(d["cost"], "energy_J"), "cost.energy_J: "),
+    "a little less effort": (lambda d: lower(d["cost"], "effort_s"), "cost.effort_s: "),
+    "a little less cost": (lambda d: lower(d["cost"], "total"), "cost.total: "),
+    "a little less time": (lambda d: lower(d["cost"], "time_s"), "cost.time_s: "),
+    "a bound a little above the cost": (
+        lambda d: d.update(lower_bound_s=d["cost"]["total"] * (1 + 1e-7), gap=0.0),
+        "lower bound: above the cost it bounds",
+    ),
+    "currents a little weaker": (
+        lambda d: scale(d, "heater_current_A", 1 - 1e-7),
+        "A of the heating policy",
+    ),
     "fewer transitions": (lambda d: d["cost"].update(transitions=2), "cost.transitions: 2"),
     "a duration that is told otherwise": (lambda d: d.update(duration_s=300.0), "duration_s: 300"),
     "another gap": (lambda d: d.update(gap=0.0), "gap: 0; it should be"),

@@ -12,8 +12,9 @@ import pytest
 import shapely
 
 from twosra_mpc import InputError, Problem, load_problem, plan
+from twosra_mpc.problem import world
 from twosra_mpc.problem.tasks import Pass
-from twosra_mpc.problem.world import Obstacle, World
+from twosra_mpc.problem.world import MOST_CORNERS, MOST_OBSTACLES, Obstacle, World
 
 START = {"x_m": -0.3, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}
 GOAL = {**START, "x_m": 0.3}
@@ -176,3 +177,57 @@ def test_an_end_outside_of_the_workspace_is_refused_by_how_much(end: str) -> Non
     with pytest.raises(InputError, match=r"it is \d+\.\d mm outside") as caught:
         plan(scene(POST, workspace={"x_m": [low, high], "y_m": [-1, 1]}))
     assert caught.value.field == end
+
+
+def ring(corners: int, inner: float = 1.0) -> list[tuple[float, float]]:
+    """Corners on a circle, every other one at a share of its radius."""
+    angles = np.linspace(0.0, math.tau, corners, endpoint=False)
+    radius = np.where(np.arange(corners) % 2, inner, 1.0)
+    return list(zip(radius * np.cos(angles), radius * np.sin(angles), strict=True))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_an_outline_is_refused_exactly_if_it_is_no_ring(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As GEOS says; sides are compared in parts, here of few pairs."""
+    monkeypatch.setattr(world, "_AT_ONCE", 1 + 7 * (seed % 3))
+    rng = np.random.default_rng(seed)
+    corners = rng.permutation(64)[: rng.integers(3, 9)]
+    outline = [(float(each // 8), float(each % 8)) for each in corners]
+    if abs(shapely.LinearRing(outline).convex_hull.area) < 1e-9:
+        return
+    try:
+        Obstacle(polygon_m=tuple(outline))
+    except InputError:
+        assert not shapely.LinearRing(outline).is_simple
+    else:
+        assert shapely.LinearRing(outline).is_simple
+
+
+@pytest.mark.parametrize("inner", [1.0, 0.5])
+def test_as_many_corners_as_are_allowed_are_compared_in_little_memory(
+    inner: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pairs at once are few, even of a star, whose sides all overlap half of the others."""
+    sizes, pairs = list[int](), world._pairs
+
+    def told(low: Any, high: Any) -> Any:
+        for pair in pairs(low, high):
+            sizes.append(len(pair[0]))
+            yield pair
+
+    monkeypatch.setattr(world, "_pairs", told)
+    corners = MOST_CORNERS if inner == 1.0 else 2_000
+    Obstacle(polygon_m=tuple(ring(corners, inner)))
+    assert max(sizes) <= world._AT_ONCE + corners
+    if inner == 1.0:
+        assert sum(sizes) <= 4 * corners
+
+
+def test_too_many_corners_or_obstacles_are_refused_with_a_way_out() -> None:
+    with pytest.raises(InputError, match=r"60000.*at most 20,000 corners.*simplify\(0.001\)"):
+        Obstacle(polygon_m=tuple(ring(60_000)))
+    posts = tuple(Obstacle(disc={"x_m": 0.1 * i, "y_m": 5.0, "radius_m": 0.01}) for i in range(10))
+    with pytest.raises(InputError, match=r"4000.*at most 1,000 obstacles.*union_all"):
+        World(obstacles=posts * (4 * MOST_OBSTACLES // len(posts)))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from twosra_mpc.analysis.explanation import Explanation, explain
     from twosra_mpc.analysis.model_comparison import compare_models
-    from twosra_mpc.checking.plan_file import PlanCheck, check_plan
+    from twosra_mpc.checking.plan_file import PlanCheck, check_plan, load_plan
     from twosra_mpc.checking.resampling import refined
     from twosra_mpc.errors import (
         ContradictionError,
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from twosra_mpc.model.outline import RobotShape, robot_shape
     from twosra_mpc.planning.planner import plan
     from twosra_mpc.planning.single_goal.conclusion import Progress
-    from twosra_mpc.plans.document import load_plan
     from twosra_mpc.plans.plan import Plan, Status
     from twosra_mpc.plans.result import Result
     from twosra_mpc.plans.setpoints import save_setpoints
@@ -48,14 +47,13 @@ if TYPE_CHECKING:
 _PUBLIC = {
     "analysis.explanation": ("Explanation", "explain"),
     "analysis.model_comparison": ("compare_models",),
-    "checking.plan_file": ("PlanCheck", "check_plan"),
+    "checking.plan_file": ("PlanCheck", "check_plan", "load_plan"),
     "checking.resampling": ("refined",),
     "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "InputWarning"),
     "model.kinematics": ("Kinematics", "kinematics"),
     "model.outline": ("RobotShape", "robot_shape"),
     "planning.single_goal.conclusion": ("Progress",),
     "planning.planner": ("plan",),
-    "plans.document": ("load_plan",),
     "plans.plan": ("Plan", "Status"),
     "plans.result": ("Result",),
     "plans.setpoints": ("save_setpoints",),

@@ -16,6 +16,7 @@ from benchmarks.studies.goals import Goals
 from benchmarks.studies.greedy import Greedy
 from benchmarks.studies.growth import Growth
 from benchmarks.studies.missions import Missions
+from benchmarks.studies.mutants import Mutants
 from benchmarks.studies.passages import Passages
 from benchmarks.studies.peers import Peers
 from benchmarks.studies.pick_and_place import PickAndPlace
@@ -70,6 +71,7 @@ STUDIES: dict[str, Study] = {
     "faults": Faults(),
     "peers": Peers(problems=("published:5", "random-100:10"), repeat_budget_s=60.0),
     "missions": Missions(),
+    "mutants": Mutants(),
     "passages": Passages(),
     "pick-and-place": PickAndPlace(scenarios=("pick-and-place",)),
     "revision": Revision(problems=("published", "random-100")),

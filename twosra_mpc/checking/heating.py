@@ -16,7 +16,14 @@ import numpy as np
 
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import TIME_TOLERANCE_S
+from twosra_mpc.problem.tolerances import (
+    COMMAND_TOLERANCE,
+    FRACTION_TOLERANCE,
+    HOLD_TOLERANCE_C,
+    LEVEL_TOLERANCE,
+    TEMPERATURE_TOLERANCE_C,
+    TIME_TOLERANCE_S,
+)
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import segment_model
 from twosra_mpc.thermal.model import SegmentModel, State, replayed
@@ -24,11 +31,6 @@ from twosra_mpc.thermal.uncertainty import windows
 from twosra_mpc.timing import Transition, transition_model
 from twosra_mpc.timing.thermal import KEEP_WARM_BELOW_C
 from twosra_mpc.timing.transitions import own_transitions
-
-_COMMAND_TOLERANCE = 1e-6  # C or A
-_TEMPERATURE_TOLERANCE_C = 0.02
-_FRACTION_TOLERANCE = 2e-3  # of what files say is molten
-_LEVEL_TOLERANCE = 1e-7  # of the way from solid to liquid, besides a model's replay tolerance
 
 Commands = Callable[
     [Array], tuple[Array, Array]
@@ -103,11 +105,11 @@ def _metal_problems(
     """The samples have the temperatures and melt fractions that follow from the heating."""
     name = f"segment {segment + 1}"
     apart = np.abs(temperature - samples.temperature_C[:, segment])
-    if apart.max() > _TEMPERATURE_TOLERANCE_C:
+    if apart.max() > TEMPERATURE_TOLERANCE_C:
         when = samples.t_s[int(np.argmax(apart))]
         yield f"{name}: its currents make it {apart.max():z.3g} C warmer or colder at {when:z.3f} s"
     apart = np.abs(fraction - samples.melt_fraction[:, segment])
-    if apart.max() > _FRACTION_TOLERANCE:
+    if apart.max() > FRACTION_TOLERANCE:
         when = samples.t_s[int(np.argmax(apart))]
         yield f"{name}: its currents melt {apart.max():z.3g} more or less of it at {when:z.3f} s"
 
@@ -122,7 +124,7 @@ def _command_problems(
     sides = [commands(held - off_s), commands(held + off_s)]
     setpoint, current = (
         np.min([np.abs(np.nan_to_num(side[i] - given[i])) for side in sides], axis=0)
-        > _COMMAND_TOLERANCE
+        > COMMAND_TOLERANCE
         for i in range(2)
     )
     if setpoint.any():
@@ -160,7 +162,8 @@ def _policy_problems(
     yield from _command_problems(samples, segment, commands, TIME_TOLERANCE_S)
     asked, holds = commands(samples.t_s - TIME_TOLERANCE_S)
     held = np.isnan(holds) & np.isnan(commands(samples.t_s + TIME_TOLERANCE_S)[1])
-    wrong = held & (np.abs(model.temperature_C(states) - asked) > _TEMPERATURE_TOLERANCE_C)
+    off_C = HOLD_TOLERANCE_C + model.replay_tolerance * np.abs(asked - trajectory.problem.ambient)
+    wrong = held & (np.abs(model.temperature_C(states) - asked) > off_C)
     if wrong.any():
         held_C = f"hold the {asked[wrong][0]:zg} C of the heating policy"
         yield f"at {samples.t_s[wrong][0]:z.3f} s heater {segment + 1} does not {held_C}"
@@ -215,7 +218,7 @@ def _unreached(
 
 def _missed(model: SegmentModel) -> float:
     """By how much replayed currents may miss a level."""
-    share = _LEVEL_TOLERANCE + model.replay_tolerance
+    share = LEVEL_TOLERANCE + model.replay_tolerance
     return share * (model.liquid_level - model.solid_level)
 
 

@@ -15,14 +15,20 @@ from twosra_mpc.plans.carried import Carried, carried, object_poses
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Trajectory
 from twosra_mpc.problem.goals import GoalSet
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Release
-from twosra_mpc.problem.tolerances import OVERLAP_M, TIME_TOLERANCE_S, TOUCHING_M, UNSEEN_M
+from twosra_mpc.problem.tolerances import (
+    GOAL_TOLERANCE,
+    OVERLAP_M,
+    ROUNDING,
+    TIME_TOLERANCE_S,
+    TOUCHING_M,
+    UNSEEN_M,
+)
 from twosra_mpc.problem.world import Obstacle
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import Mode, mode_name
 from twosra_mpc.timing.transitions import own_transitions
 from twosra_mpc.validation import Pair
 
-ROUNDING = 1e-6  # m, rad or 1/m by which a task may be missed
 _POINTS = 201  # along a segment that lies along something
 _COARSE_M = 2e-3  # to see whether a robot that has let go is free to leave
 
@@ -118,15 +124,15 @@ def rounded(task: Pass) -> Pass:
     """The box, wider by rounding."""
 
     def wider(pair: Pair | None) -> Pair | None:
-        return None if pair is None else (pair[0] - 1e-9, pair[1] + 1e-9)
+        return None if pair is None else (pair[0] - ROUNDING, pair[1] + ROUNDING)
 
     return Pass(x_m=wider(task.x_m), y_m=wider(task.y_m), phi_rad=wider(task.phi_rad))
 
 
 def _heading(asked: Pair, done: Done) -> Iterator[str]:
     """B0 heads into an interval, full turns aside."""
-    beyond = np.mod(done.q[2] - asked[0] + ROUNDING, math.tau)
-    if beyond > asked[1] - asked[0] + 2 * ROUNDING:
+    beyond = np.mod(done.q[2] - asked[0] + GOAL_TOLERANCE, math.tau)
+    if beyond > asked[1] - asked[0] + 2 * GOAL_TOLERANCE:
         heading = round(float(done.q[2]), 3)
         yield f"b0 heads to {heading:zg} rad, not within {asked[0]:zg} to {asked[1]:zg} rad"
 
@@ -142,11 +148,11 @@ def _held_at_start(done: Done) -> Iterator[str]:
     number = [item.name for item in problem.objects].index(problem.start.holding)
     thing, apart = problem.objects[number], done.apart_m(problem.start.holding)
     named = f"start.holding: {thing.name} is not held"
-    if apart < -OVERLAP_M - ROUNDING:
+    if apart < -OVERLAP_M - GOAL_TOLERANCE:
         yield f"{named}: the robot overlaps it by {-1e3 * apart:z.3g} mm"
     elif _caged(number, done, apart):
         return
-    elif apart > TOUCHING_M + ROUNDING:
+    elif apart > TOUCHING_M + GOAL_TOLERANCE:
         yield f"{named}: it is {1e3 * apart:z.3g} mm from touching, and no cage is proved"
     elif thing.friction is None:
         yield f"{named}: no cage is proved, and it has no friction to be pushed by"
@@ -193,7 +199,7 @@ class _NotDone:
         coordinates = at.trajectory.problem.robot.coordinates
         errors = goal.error(at.q.copy())
         for name, unit, error in zip(coordinates.names, coordinates.units, errors, strict=True):
-            if not abs(error) <= ROUNDING:
+            if not abs(error) <= GOAL_TOLERANCE:
                 yield f"its goal's {name} is missed by {error:z.3g} {unit}"
         now = stiffness(at.trajectory, at.at_s)
         if mode is not None and now != mode:
@@ -209,10 +215,10 @@ class _NotDone:
         for number in task.segments:
             gaps = -depths_m(at.thing(task.object), lines[number - 1]) - geometry.fibre_radius_m
             least, most = 1e3 * gaps.min(), 1e3 * gaps.max()
-            if most > 1e3 * (task.gap_m + ROUNDING):
+            if most > 1e3 * (task.gap_m + GOAL_TOLERANCE):
                 asked = f"more than gap_m = {1e3 * task.gap_m:zg} mm"
                 yield f"segment {number} is up to {most:z.3g} mm away from {task.object}, {asked}"
-            if least < -1e3 * (OVERLAP_M + ROUNDING):
+            if least < -1e3 * (OVERLAP_M + GOAL_TOLERANCE):
                 yield f"segment {number} overlaps {task.object} by {-least:z.3g} mm"
 
     def grasped(self, task: Grasp, at: Done) -> Iterator[str]:
@@ -221,7 +227,7 @@ class _NotDone:
         if any(stiffness(at.trajectory, at.at_s)):
             yield "the robot is not rigid"
         apart = at.apart_m(task.object)
-        if not -OVERLAP_M - ROUNDING <= apart <= TOUCHING_M + ROUNDING:
+        if not -OVERLAP_M - GOAL_TOLERANCE <= apart <= TOUCHING_M + GOAL_TOLERANCE:
             state = (
                 f"{1e3 * apart:z.3g} mm away from"
                 if apart > 0
@@ -240,12 +246,12 @@ class _NotDone:
         names = [item.name for item in at.trajectory.problem.objects]
         x, y, phi = at.objects[names.index(task.object)].tolist()
         away = math.hypot(x - task.x_m, y - task.y_m)
-        if away > task.position_tolerance_m + ROUNDING:
+        if away > task.position_tolerance_m + GOAL_TOLERANCE:
             yield f"{task.object} is {1e3 * away:z.3g} mm from where it should be"
         if task.phi_rad is None:
             return
         turned = abs(math.remainder(phi - task.phi_rad, math.tau))
-        if turned > task.heading_tolerance_rad + ROUNDING:
+        if turned > task.heading_tolerance_rad + GOAL_TOLERANCE:
             yield f"{task.object} is turned by {turned:z.3g} rad from where it should be"
 
     def released(self, task: Release, at: Done) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 The verification and the numbers stored in the file are not trusted: the samples are re-integrated
 and every rule is tested anew for the robot and the scenario in the file, limits also between
-samples; the energy is counted from the heater currents, and cost and gap are worked out again. The
+samples; the cost is worked out from the samples, and it alone is compared with bound and gap. The
 robot in the file must be the one that its name stands for. That the lower bound is one cannot be
 seen from a plan; it takes planning the scenario again.
 """
@@ -12,35 +12,27 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from twosra_mpc.checking.between_samples import between_problems
-from twosra_mpc.checking.heating import heated_states
+from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import Findings, examine
 from twosra_mpc.files import json_document, read_text, reading
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.document import plan_in
-from twosra_mpc.plans.plan import Plan, Status, Verification
+from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
-from twosra_mpc.plans.trajectory import Samples, Trajectory, wheel_speeds
+from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.problem.limits import UNITS
-from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, GOAL_TOLERANCE
+from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, FIT_TOLERANCE, GOAL_TOLERANCE, ROUNDING
 from twosra_mpc.robot.coordinates import Coordinates
-from twosra_mpc.robot.description import Robot, load_robot, robot_names, segment_model
+from twosra_mpc.robot.description import Robot, load_robot, robot_names
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.validation import ArrayValue, public
 
-ENERGY_TOLERANCE = 1e-4  # of the energy: events closer than a microsecond are one sample
-EFFORT_TOLERANCE = 1e-3  # of the effort: how a wheel's speed bends between samples
-TOLERANCE = 1e-9  # relative, of numbers that follow from others by arithmetic
-FIT_TOLERANCE = 1e-5  # relative, of a path model's fitted parameters, by versions of SciPy
-BOUND_TOLERANCE = 1e-6  # relative: a bound comes from a solver
 _YOUNGER = {"body_gap_m"}  # limits that plan files of before do not state
 _UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
 
@@ -83,6 +75,39 @@ class PlanCheck(ArrayValue):
         """Whether everything holds."""
         return not self.problems and all(check.ok for check in self.checks)
 
+    def believed(self, source: str) -> Result:
+        """The result as far as it holds: failed where anything does not, its plan to be looked at.
+
+        Args:
+            source: The file, for the message.
+        """
+        result = self.result
+        if self.ok or (plan := result.plan) is None:
+            return result
+        told = replace(plan.verification, ok=False, problems=self.problems)
+        message = result.message
+        if result.status is not Status.FAILED:
+            message = f"{source} does not verify: {'; '.join(self.problems[:3])}"
+        refused = replace(plan, verification=told)
+        return replace(result, status=Status.FAILED, message=message, plan=refused)
+
+
+@public
+def load_plan(path: str | Path, robot: Robot | None = None) -> Result:
+    """Read a plan file back, and check it: no other way leads from a file to a plan.
+
+    What a file claims without truth is no plan to drive: the result has failed then, its message
+    says why, and ``require()`` raises. Its plan is left to be looked at.
+
+    Args:
+        path: The file.
+        robot: What its robot must be; left out, the built-in one of its name, if there is one.
+
+    Raises:
+        InputError: If the file is not a plan of a known version, or does not fit together.
+    """
+    return check_plan(path, robot).believed(str(path))
+
 
 @public
 def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
@@ -95,27 +120,32 @@ def check_plan(path: str | Path, robot: Robot | None = None) -> PlanCheck:
     Raises:
         InputError: If it is not a plan file of a known version, or does not fit together.
     """
-    text = read_text(Path(path), str(path))  # once: it may be a pipe
-    result, document = plan_in(text, str(path)), json_document(text, str(path))
+    return checked_text(read_text(Path(path), str(path)), str(path), robot)
+
+
+def checked_text(text: str, source: str, robot: Robot | None = None) -> PlanCheck:
+    """Check what is in a plan file, as `check_plan` does, from its text."""
+    result, document = plan_in(text, source), json_document(text, source)
     if (plan := result.plan) is None:
         nothing = Check("plan", f"none in this file: {result.message}", ok=False)
         return PlanCheck(result, (nothing,), (f"there is no plan: {result.message}",))
-    with reading(str(path), "plan"):
+    with reading(source, "plan"):
         return _checked(result, plan, document, robot)
 
 
 def _checked(
     result: Result, plan: Plan, document: dict[str, Any], robot: Robot | None
 ) -> PlanCheck:
-    found = examine(plan.trajectory)
+    found, cost = examine(plan.trajectory), cost_of(plan.trajectory)
+    costed = replace(plan, cost=cost)  # what is compared follows from the samples
     claims = (
         _robot(plan.robot, robot),
         _allowed_modes(plan),
         _currents(plan.samples),
         _between_samples(plan.trajectory),
-        *_cost(plan),
-        *_proof(plan, result.status),
-        *_copies(result, plan, document),
+        *_cost(plan, cost),
+        *_proof(costed, result.status),
+        *_copies(result, costed, document),
         _stored(plan.verification, found.verification),
     )
     false = (f"{claim.name}: {claim.found}" for claim in claims if not claim.ok)
@@ -188,56 +218,17 @@ def _currents(samples: Samples) -> Check:
     return Check("heater currents", f"at least {least:zg} A", least >= 0, least, "A")
 
 
-def _cost(plan: Plan) -> Iterator[Check]:
-    cost, samples = plan.cost, plan.samples
-    first, last = float(samples.t_s[0]), float(samples.t_s[-1])
-    same = first == 0.0 and math.isclose(cost.time_s, last, rel_tol=TOLERANCE)
-    span = f"{cost.time_s:z.3f} s; the samples last from {first:zg} s to {last:z.3f} s"
-    yield Check("cost.time_s", span, same)
-    energy = energy_J(plan.problem, samples)
-    same = math.isclose(cost.energy_J, energy, rel_tol=ENERGY_TOLERANCE, abs_tol=1e-6)
-    text = f"{cost.energy_J:z.1f} J; the currents give {energy:z.1f} J"
-    yield Check("cost.energy_J", text, same)
-    count = len(plan.transitions)
-    text = f"{cost.transitions}; there are {count}"
-    yield Check("cost.transitions", text, cost.transitions == count)
-    weights = plan.problem.cost_weights
-    total = cost.time_s + weights.energy_s_per_J * cost.energy_J
-    total += weights.transition_s * cost.transitions
-    if cost.effort_s is not None or weights.effort:
-        effort, stated = effort_s(plan.problem, samples), cost.effort_s or 0.0
-        same = math.isclose(stated, effort, rel_tol=EFFORT_TOLERANCE, abs_tol=1e-6)
-        yield Check("cost.effort_s", f"{stated:z.4f} s; the wheels take {effort:z.4f} s", same)
-        total += weights.effort * stated
-    text = f"{cost.total:z.3f} s; time, energy, transitions and effort weigh {total:z.3f} s"
-    yield Check("cost.total", text, math.isclose(cost.total, total, rel_tol=TOLERANCE))
-
-
-def effort_s(problem: Problem, samples: Samples) -> float:
-    """Integral of the sum of (wheel speed / largest wheel speed)^2 over the samples, by Simpson."""
-    robot, at = problem.robot, np.flatnonzero(samples.moves[:-1])
-    dt, q, q_end = np.diff(samples.t_s)[at], samples.q[at], samples.q[at + 1]
-    v, gained, mode = samples.v[at], samples.a[at] * dt[:, None], samples.mode[at]
-    places = ((1, q, v), (4, (q + q_end) / 2, v + gained / 2), (1, q_end, v + gained))
-    squares = [
-        weight * (wheel_speeds(robot, shape, inputs, mode) ** 2).sum(axis=1)
-        for weight, shape, inputs in places
-    ]
-    return float(np.sum(squares, axis=0) @ dt) / 6 / robot.limits.wheel_speed_rad_s**2
-
-
-def energy_J(problem: Problem, samples: Samples) -> float:
-    """Heat that the sampled currents give off in all coils."""
-    held_s = np.diff(samples.t_s)
-    currents = samples.heater_current_A[:-1]
-    if not problem.transition_times.needs_segment:
-        return float((held_s @ (problem.robot.heater.resistance_ohm * currents**2)).sum())
-    total = 0.0
-    for j, own in enumerate(currents.T.tolist()):
-        model = segment_model(problem.robot, problem.ambient, j)
-        values = (each[:-1].tolist() for each in heated_states(problem, samples, j, model))
-        total += sum(map(model.energy_J, zip(*values, strict=True), own, held_s.tolist()))
-    return total
+def _cost(plan: Plan, found: Cost) -> Iterator[Check]:
+    """What the plan says it costs, against what its samples cost; old files say no effort."""
+    first, stated = float(plan.samples.t_s[0]), plan.cost._asdict()
+    yield Check("begin", f"the samples begin at {first:zg} s", first == 0.0)
+    for name, value in found._asdict().items():
+        said, unsaid = stated[name], name == "effort_s" and not plan.problem.cost_weights.effort
+        if said is None and unsaid:
+            continue
+        same = said is not None and math.isclose(said, value, rel_tol=ROUNDING, abs_tol=ROUNDING)
+        text = f"{_number(said)}; the samples give {_number(value)}"
+        yield Check(f"cost.{name}", text, same)
 
 
 def _proof(plan: Plan, status: Status) -> Iterator[Check]:
@@ -249,13 +240,13 @@ def _proof(plan: Plan, status: Status) -> Iterator[Check]:
         yield Check("status", f"{status}: {text}", status is Status.FEASIBLE)
         return
     margin = plan.cost.total - bound
-    within = bound >= 0 and margin >= -BOUND_TOLERANCE * plan.cost.total
+    within = bound >= 0 and margin >= -ROUNDING * plan.cost.total
     text = f"{bound:z.3f} s, not above the cost"
     if not within:
         text = "below zero" if bound < 0 else "above the cost it bounds"
     yield Check("lower bound", text, within, max(margin, 0.0) if within else -abs(margin), "s")
     if (quickest := plan.fastest_cost) is not None:
-        slack = BOUND_TOLERANCE * plan.cost.total
+        slack = ROUNDING * plan.cost.total
         between = bound - slack <= quickest <= plan.cost.total + slack
         text = f"{quickest:z.3f} s, {'' if between else 'not '}between the bound and the cost"
         yield Check("fastest_cost_s", text, between)
@@ -280,7 +271,7 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
         if stored is None or expected is None:
             same = stored is expected
         else:
-            same = math.isclose(stored, expected, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+            same = math.isclose(stored, expected, rel_tol=ROUNDING, abs_tol=ROUNDING)
         yield Check(name, f"{_number(stored)}; it should be {_number(expected)}", same)
     if mission:
         for name, expected in mission_document(plan.trajectory).items():
@@ -291,7 +282,7 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
     yield Check("scenario.robot", f"{name!r}; the robot in the file is {used!r}", name == used)
 
 
-def _alike(stored: object, expected: object, within: float = TOLERANCE) -> bool:
+def _alike(stored: object, expected: object, within: float = ROUNDING) -> bool:
     """Whether plain data are the same but for rounding, ``within`` relative and absolute."""
     if isinstance(expected, dict) and isinstance(stored, dict):
         pairs = [(stored[key], expected[key]) for key in expected if key in stored]

@@ -149,7 +149,7 @@ def between(samples: Samples, cut: float | Array, least: int) -> tuple[Samples, 
     if not (moved / cut).sum() <= _MOST_CUTS:
         allowed = "inputs that move the robot by no more than metres"
         raise InputError("samples.v", float(moved.max()), allowed)
-    cuts = np.where(moved > 0, np.ceil(moved / cut) + least, 1).astype(int)
+    cuts = np.maximum(np.ceil(moved / cut) + least, 1).astype(int)
     at = np.repeat(np.arange(len(cuts)), cuts)
     share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]
     t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])

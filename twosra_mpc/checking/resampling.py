@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import new_times
@@ -26,4 +27,5 @@ def refined(plan: Plan, rate_Hz: float) -> Plan:
     further = new_times(given.regular_times(rate_Hz), known)
     samples = given.at(np.sort(np.concatenate([known, further])))
     trajectory = replace(given, samples=samples)
-    return replace(plan, trajectory=trajectory, verification=verify(trajectory))
+    cost, verification = cost_of(trajectory), verify(trajectory)
+    return replace(plan, trajectory=trajectory, cost=cost, verification=verification)

@@ -13,8 +13,7 @@ from twosra_mpc.checking.stages import stages
 from twosra_mpc.checking.sweep import Clearance, Sweep, swept
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.limits import CLEARANCE, CONTACT, SOFT_TRAVEL, WORKSPACE
-
-_ROUNDING = 1e-9  # m or rad by which a box may be missed
+from twosra_mpc.problem.tolerances import ROUNDING
 
 
 class Around(NamedTuple):
@@ -95,7 +94,7 @@ def _soft_travel(trajectory: Trajectory, sweep: Sweep) -> tuple[float, str]:
             words = (
                 f"soft, the middle link moves {moved:z.3g} m {when} (soft_travel_m = {most:zg} m)"
             )
-    return 0.0 if abs(left) <= _ROUNDING else left, words
+    return 0.0 if abs(left) <= ROUNDING else left, words
 
 
 def _tasks_not_done(trajectory: Trajectory, sweep: Sweep) -> Iterator[str]:

@@ -29,19 +29,19 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import (
     DEFECT_TOLERANCE,
     GOAL_TOLERANCE,
+    JUMP_TOLERANCE,
+    ROUNDING,
     ROUNDING_M,
     TIME_TOLERANCE_S,
+    WHEEL_TOLERANCE_RAD_S,
 )
 from twosra_mpc.robot.coordinates import POSE, Array, Coordinates
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.timing.transitions import own_transitions
 
-WHEEL_TOLERANCE_RAD_S = 1e-6
 _CUT = 5e-4  # m or rad: displacement between the places where the outline is looked at
 _AT_ONCE = 256  # of these places
 _OFF_M = 1e-3  # more than paths are bent between these places
-_JUMP = 1e-6  # of the largest wheel speed: what all jumps of a plan may add up to
-_ROUNDING = 1e-9  # of a product of two inputs
 
 
 class Findings(NamedTuple):
@@ -165,8 +165,8 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
         np.abs(samples.v[:-1, i] * end[:, j] - samples.v[:-1, j] * end[:, i])
         for i, j in itertools.combinations(range(samples.v.shape[1]), 2)
     ]
-    back = (samples.v[:-1] * end).sum(axis=1) < -_ROUNDING * size**2
-    wrong = back | (np.max(aside, axis=0) > _ROUNDING * size**2)
+    back = (samples.v[:-1] * end).sum(axis=1) < -ROUNDING * size**2
+    wrong = back | (np.max(aside, axis=0) > ROUNDING * size**2)
     if wrong.any():
         yield f"at {samples.t_s[:-1][wrong][0]:z.3f} s the input changes its direction on the way"
     most = problem.robot.limits.wheel_acceleration_rad_s2
@@ -176,7 +176,7 @@ def _speed_problems(trajectory: Trajectory, moving: Driven) -> Iterator[str]:
     before[moving.rows] = moving.wheel_rad_s[2]  # before the next sample
     before = before[:-1]
     jump = np.abs(after[1:] - before).max(axis=1)
-    if jump.sum() > _JUMP * problem.robot.limits.wheel_speed_rad_s:  # many small ones, too
+    if jump.sum() > JUMP_TOLERANCE * problem.robot.limits.wheel_speed_rad_s:  # many small ones, too
         when, by = samples.t_s[1:][int(jump.argmax())], jump.max()
         yield f"at {when:z.3f} s a wheel's speed jumps by {by:z.3g} rad/s"
     for phase in trajectory.phases:

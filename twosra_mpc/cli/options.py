@@ -234,8 +234,8 @@ def drivable_plan(source: Path, *, accept_paper_wheels: bool) -> Plan:
     Raises:
         InputError: If its wheel speeds are the paper's, unless these are accepted.
     """
+    from twosra_mpc.checking.plan_file import load_plan
     from twosra_mpc.model.path_models import path_model  # CasADi takes a second
-    from twosra_mpc.plans.document import load_plan
 
     made = load_plan(source).require()
     if path_model(made.robot).wheel_map == "paper" and not accept_paper_wheels:

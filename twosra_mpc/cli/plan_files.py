@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twosra_mpc.checking.plan_file import Check, PlanCheck, check_plan
+from twosra_mpc.checking.plan_file import (
+    Check,
+    PlanCheck,
+    check_plan,
+    checked_text,
+    load_plan,
+)
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import (
     ACCEPT_PAPER_WHEELS,
@@ -33,7 +39,6 @@ from twosra_mpc.export.ros2_mcap import save_ros2_bag
 from twosra_mpc.files import read_bytes, text_of, write_text
 from twosra_mpc.installation import install_command, require_flint
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.plans.document import load_plan, plan_in
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.robot.description import load_robot
 
@@ -261,7 +266,7 @@ def report_command(plan: Path, out: Path, output: Output) -> None:
     from twosra_mpc.report import Origin, write_report  # matplotlib takes a second
 
     content = read_bytes(plan, str(plan))
-    given = plan_in(text_of(content, str(plan)), str(plan))
+    given = checked_text(text_of(content, str(plan)), str(plan)).believed(str(plan))
     with output.progress("drawing the report"):
         write_report(given, out, Origin.of(plan.name, content))
     document = {"file": str(out), "bytes": out.stat().st_size, "status": str(given.status)}
@@ -288,9 +293,10 @@ def animate_command(plan: Path, out: Path, seconds: float, output: Output) -> in
       twosra animate plan.json short.gif --seconds 4
     """
     loaded = load_plan(plan)
-    if (made := loaded.plan) is None:
+    if not loaded.found:
         click.echo(f"twosra: there is nothing to animate: {loaded.message}", err=True)
         return EXIT_NO_PLAN
+    made = loaded.require()
     from twosra_mpc.plotting import animate_plan  # matplotlib takes a second
 
     with output.progress("animating") as tell:

@@ -66,9 +66,10 @@ class Executor:
 
         Raises:
             InputError: If the plan is for another robot.
+            NoPlanError: If the plan is not verified.
             RobotError: If the robot cannot be driven any more.
         """
-        if plan.robot != self.robot.robot:
+        if plan.require().robot != self.robot.robot:
             allowed = f"a plan for this very robot, {self.robot.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
 

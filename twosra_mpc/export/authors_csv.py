@@ -24,9 +24,10 @@ def save_authors_csv(plan: Plan, path: str | Path, rate_Hz: float | None = None)
             own grid.
 
     Raises:
+        NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
-    samples = plan.trajectory.held(rate_Hz)
+    samples = plan.require().trajectory.held(rate_Hz)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     numbers = range(1, plan.robot.geometry.segments + 1)

@@ -53,6 +53,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         rate_Hz: Samples per second that are added to the plan's own; default: none.
 
     Raises:
+        NoPlanError: If the plan is not verified.
         InputError: If foxglove-sdk is not installed, or the rate or the path is not acceptable.
     """
     try:
@@ -70,7 +71,7 @@ def save_mcap(plan: Plan, path: str | Path, rate_Hz: float | None = None) -> Non
         install = install_command("mcap")
         allowed = f"a .csv file, or any once foxglove-sdk is installed: {install}"
         raise InputError("output", str(path), allowed) from error
-    shown = plan if rate_Hz is None else refined(plan, rate_Hz)
+    shown = plan.require() if rate_Hz is None else refined(plan, rate_Hz).require()
     held = shown.trajectory.held()
     context, memory = foxglove.Context(), io.BytesIO()  # a full disk is then an error like any
     robots = SceneUpdateChannel(SCENE, context=context)

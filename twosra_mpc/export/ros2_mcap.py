@@ -85,6 +85,7 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
         rate_Hz: Samples per second that are added to the plan's own; default: none.
 
     Raises:
+        NoPlanError: If the plan is not verified.
         InputError: If mcap-ros2-support is not installed, or rate or path are not acceptable.
     """
     try:
@@ -92,7 +93,7 @@ def save_ros2_bag(plan: Plan, path: str | Path, rate_Hz: float | None = None) ->
     except ImportError as error:
         allowed = f"any file once mcap-ros2-support is installed: {install_command('ros')}"
         raise InputError("output", str(path), allowed) from error
-    shown = plan if rate_Hz is None else refined(plan, rate_Hz)
+    shown = plan.require() if rate_Hz is None else refined(plan, rate_Hz).require()
     check_writable(path)
     memory = io.BytesIO()
     with Writer(memory) as bag:

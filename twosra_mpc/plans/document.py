@@ -89,18 +89,8 @@ class PlanDocument(BaseModel):
     warnings: tuple[str, ...] = ()
 
 
-@public
-def load_plan(path: str | Path) -> Result:
-    """Read a plan file back.
-
-    Raises:
-        InputError: If the file is not a plan of a known version, or does not fit together.
-    """
-    return plan_in(read_text(Path(path), str(path)), str(path))
-
-
 def plan_in(text: str, source: str) -> Result:
-    """Read back what is in a plan file.
+    """Read back what is in a plan file; ``checking.plan_file.load_plan`` believes nothing of it.
 
     Args:
         text: Its text.

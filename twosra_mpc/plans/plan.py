@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from twosra_mpc.errors import NoPlanError
 from twosra_mpc.plans.carried import mission_document
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
@@ -159,6 +160,16 @@ class Plan(ArrayValue):
             return Status.FAILED
         proved = self.gap is not None and self.gap <= self.problem.gap
         return Status.OPTIMAL if proved else Status.FEASIBLE
+
+    def require(self) -> Plan:
+        """Return the plan, which is verified: what sends or writes set-points asks here first.
+
+        Raises:
+            NoPlanError: If verification found something wrong.
+        """
+        if not self.verification.ok:
+            raise NoPlanError(Status.FAILED, f"it does not verify: {self.verification.problems[0]}")
+        return self
 
     def __str__(self) -> str:
         from twosra_mpc.plans.headline import headline  # which is about plans

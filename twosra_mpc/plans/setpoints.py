@@ -48,10 +48,10 @@ def save_setpoints(plan: Plan, path: str | Path, rate_Hz: float | None = None) -
     Wheels turn as far as in the plan: their speeds are means from row to row.
 
     Raises:
-        NoPlanError: If the plan has no samples.
+        NoPlanError: If the plan is not verified.
         InputError: If the rate or the path is not acceptable.
     """
-    names, table = rows(plan.trajectory.held(rate_Hz))
+    names, table = rows(plan.require().trajectory.held(rate_Hz))
     text, formats = io.StringIO(), ["%d" if name.startswith("mode") else "%s" for name in names]
     np.savetxt(text, table + 0.0, formats, delimiter=",", header=",".join(names), comments="")
     write_text(path, text.getvalue())

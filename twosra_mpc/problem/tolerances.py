@@ -36,6 +36,24 @@ TOUCHING_M = 1e-3
 """What is grasped or pushed is no further from the robot."""
 BODY_TOLERANCE_M = 5e-4
 """Overlap of the robot with itself that is allowed between the samples of a plan."""
+WHEEL_TOLERANCE_RAD_S = 1e-6
+"""By so much a wheel may turn otherwise than its inputs ask, or not rest where a phase ends."""
+JUMP_TOLERANCE = 1e-6
+"""Share of the largest wheel speed that all jumps of a plan may add up to."""
+COMMAND_TOLERANCE = 1e-9
+"""By so much a heater's current and set-point may be others than the policy's, in A and C."""
+HOLD_TOLERANCE_C = 1e-6
+"""By so much metal may be warmer or colder than it is held, besides a model's replay tolerance."""
+LEVEL_TOLERANCE = 1e-7
+"""Share of the heat of melting that may lack, besides a model's replay tolerance."""
+TEMPERATURE_TOLERANCE_C, FRACTION_TOLERANCE = 0.02, 2e-3
+"""By so much stated temperatures and melt fractions may be others than the currents lead to."""
+ROUNDING = 1e-9
+"""Share by which two numbers may differ that are worked out alike: a sum of n doubles is exact to
+n 2^-53 of their sizes, and a plan has less than 10^6 samples. It also is what a product of two
+inputs may miss, and an allowance in m, rad and 1/m for positions that are added up."""
+FIT_TOLERANCE = 1e-5
+"""Share by which fitted parameters of a path model may differ, by versions of the solver."""
 COST_TOLERANCE_S, COST_TOLERANCE = 1e-4, 1e-6
 """What a plan can save by all its tolerances: absolute (ten changes of mode), and as a share."""
 

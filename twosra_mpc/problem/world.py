@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import model_validator
 
 from twosra_mpc.errors import MISSING, InputError
@@ -23,6 +25,8 @@ from twosra_mpc.validation import (
 
 _SIDES = 16  # of the polygons that stand for a disc
 _FLAT_M = 1e-6
+MOST_CORNERS, MOST_OBSTACLES = 20_000, 1_000  # more take minutes to plan around, and gigabytes
+_AT_ONCE = 200_000  # pairs of sides, to spare memory
 
 
 class Box(Value):
@@ -116,6 +120,16 @@ class World(Value):
     curvature_uncertainty_per_m: NonNegative = 0.0
 
     @model_validator(mode="after")
+    def _not_too_many(self) -> Self:
+        if len(self.obstacles) > MOST_OBSTACLES:
+            allowed = (
+                f"at most {MOST_OBSTACLES:,} obstacles: join those that touch, for example by"
+                " shapely's union_all, or leave out what is out of reach"
+            )
+            raise InputError("obstacles", len(self.obstacles), allowed)
+        return self
+
+    @model_validator(mode="after")
     def _each_name_once(self) -> Self:
         found = list(names_twice([item.name for item in self.obstacles]))
         if found:
@@ -141,8 +155,14 @@ def check_polygon(corners: Array) -> None:
     """Check the corners of a polygon, (m, 2).
 
     Raises:
-        InputError: If it crosses itself, is flat, or has less than three corners.
+        InputError: If it crosses itself, is flat, or has less than three corners, or too many.
     """
+    if len(corners) > MOST_CORNERS:
+        allowed = (
+            f"at most {MOST_CORNERS:,} corners: simplify the outline, for example by shapely's"
+            " simplify(0.001), which moves it by no more than a millimetre"
+        )
+        raise InputError("polygon_m", len(corners), allowed)
     if len(corners) < 3:
         raise InputError("polygon_m", len(corners), "at least three corners")
     if np.linalg.matrix_rank(corners - corners[0], tol=_FLAT_M) < 2:
@@ -169,26 +189,41 @@ def area_m2(corners: Array) -> float:
 def _crossing(corners: Array) -> tuple[int, int] | None:
     """Two sides that meet although they are no neighbours, or fold back on each other."""
     a, b = corners, np.roll(corners, -1, axis=0)
-    count = len(corners)
-
-    def side(p: Array, q: Array, r: Array) -> Array:
-        along, to = q - p, r - p
-        return np.sign(along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0])
-
-    first, second = np.triu_indices(count, k=1)
-    apart = (second - first > 1) & (second - first < count - 1)
-    p, q, r, s = a[first], b[first], a[second], b[second]
-    d1, d2, d3, d4 = side(p, q, r), side(p, q, s), side(r, s, p), side(r, s, q)
-    overlap = (np.minimum(p, q) <= np.maximum(r, s)).all(axis=1)
-    overlap &= (np.maximum(p, q) >= np.minimum(r, s)).all(axis=1)
-    meet = apart & overlap & (d1 * d2 <= 0) & (d3 * d4 <= 0)
     ahead = b - a
     turn = ahead[:, 0] * np.roll(ahead[:, 1], -1) - ahead[:, 1] * np.roll(ahead[:, 0], -1)
     back = (turn == 0) & ((ahead * np.roll(ahead, -1, axis=0)).sum(axis=1) <= 0)
     if back.any():
         k = int(np.flatnonzero(back)[0])
-        return k, (k + 1) % count
-    if meet.any():
-        k = int(np.flatnonzero(meet)[0])
-        return int(first[k]), int(second[k])
-    return None
+        return k, (k + 1) % len(corners)
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        along, to = q - p, r - p
+        return np.sign(along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0])
+
+    found = list[tuple[int, int]]()
+    for first, second in _pairs(np.minimum(a, b), np.maximum(a, b)):
+        apart = (second - first > 1) & (second - first < len(corners) - 1)
+        p, q, r, s = a[first], b[first], a[second], b[second]
+        meet = apart & (side(p, q, r) * side(p, q, s) <= 0) & (side(r, s, p) * side(r, s, q) <= 0)
+        found += zip(first[meet].tolist(), second[meet].tolist(), strict=True)
+    return min(found, default=None)
+
+
+def _pairs(low: Array, high: Array) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Numbers of boxes that overlap, the lesser one first: by a sweep along one axis, in parts."""
+    sweeps = []
+    for axis in (0, 1):
+        order = np.argsort(low[:, axis], kind="stable")
+        until = np.searchsorted(low[order, axis], high[order, axis], side="right")
+        sweeps.append((order, until - np.arange(1, len(low) + 1)))
+    order, counts = min(sweeps, key=lambda sweep: int(sweep[1].sum()))
+    ends = np.cumsum(counts)
+    parts = np.unique(np.searchsorted(ends, np.arange(0, ends[-1], _AT_ONCE), side="right"))
+    for begin, end in itertools.pairwise([*parts.tolist(), len(low)]):
+        rows = np.repeat(np.arange(begin, end), counts[begin:end])
+        passed = ends[begin:end] - counts[begin:end]
+        nth = passed[0] + np.arange(len(rows)) - np.repeat(passed, counts[begin:end])
+        one, two = order[rows], order[rows + 1 + nth]
+        overlap = ((low[one] <= high[two]) & (low[two] <= high[one])).all(axis=1)
+        one, two = one[overlap], two[overlap]
+        yield np.minimum(one, two), np.maximum(one, two)

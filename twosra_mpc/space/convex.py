@@ -6,7 +6,7 @@ import numpy as np
 
 from twosra_mpc.robot.coordinates import Array
 
-_ROUNDING = 1e-12  # m2
+_ROUNDING = 1e-9  # rad
 
 
 def convex_parts(corners: Array) -> list[Array]:
@@ -16,6 +16,8 @@ def convex_parts(corners: Array) -> list[Array]:
     """
     ahead = np.roll(corners, -1, axis=0) - corners
     turn = ahead[:, 0] * np.roll(ahead[:, 1], -1) - ahead[:, 1] * np.roll(ahead[:, 0], -1)
+    lengths = np.hypot(*ahead.T)
+    turn /= lengths * np.roll(lengths, -1)  # its sine: sides may be as short as can be
     if (turn >= -_ROUNDING).all():
         return [corners[np.roll(turn, 1) > _ROUNDING]]
     import shapely  # a convex one needs none

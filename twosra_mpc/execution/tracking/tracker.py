@@ -182,8 +182,9 @@ class Tracker:
 
         Raises:
             InputError: If the plan is for another robot, or its samples are not finite.
+            NoPlanError: If the plan is not verified.
         """
-        if plan.robot != self.robot:
+        if plan.require().robot != self.robot:
             allowed = f"a plan for this very robot, {self.robot.name}, with all its values"
             raise InputError("plan.robot", plan.robot.name, allowed)
         samples = plan.samples

@@ -12,13 +12,14 @@ from twosra_mpc.effort import OutOfEffortError, limit_reached
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.single_goal.gentle import ROUNDING, gentle
+from twosra_mpc.planning.single_goal.gentle import gentle
 from twosra_mpc.planning.single_goal.sequence_solver import Solved
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
+from twosra_mpc.problem.tolerances import ROUNDING
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
@@ -98,7 +99,9 @@ def conclude(
     lower = search.lower_bound if math.isfinite(search.lower_bound) else None
     ending, made = search.ending, None
     if search.solution is not None:
-        made = replace(search.solution.plan, lower_bound=lower)
+        made = search.solution.plan
+        lower = lower and min(lower, made.cost.total)  # which the search knows but for quadrature
+        made = replace(made, lower_bound=lower)
         problem, status, message = (
             made.problem,
             made.status,

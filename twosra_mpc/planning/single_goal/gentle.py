@@ -30,12 +30,12 @@ from twosra_mpc.planning.search.schedule import cost_coefficients
 from twosra_mpc.planning.single_goal.interior_point import minimum
 from twosra_mpc.plans.speed_profile import SpeedProfile
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.tolerances import ROUNDING
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.timing import TemporalNetwork
 
 Schedule = tuple[Array, TemporalNetwork]  # event times, and the network they fulfil
 
-ROUNDING = 1e-9  # of a cost
 _SHARES = (1.0, 0.9, 0.7, 0.4, 0.1)  # of the way to what is wanted, until it fits
 _SPARED = 0.4  # part of its time to spare that a phase uses
 _STEP_S = 1e-3  # of durations, and more than the solver leaves of its constraints

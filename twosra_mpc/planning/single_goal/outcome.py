@@ -7,15 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
-from twosra_mpc.plans.plan import Cost, Plan
+from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.sampling import sample
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import passes
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.timing import TemporalNetwork, Transition, transition_model
+from twosra_mpc.timing import TemporalNetwork, transition_model
 
 _LOOK_S = 0.02  # between looks whether a box is entered
 
@@ -47,7 +48,7 @@ def verified(
     ends_s = [starts[end - 1] + profiles[end - 1].duration_s for end in ends]
     done_s = _done_s(problem, ends_s, samples)
     trajectory = Trajectory(problem, samples, phases, transitions, done_s)
-    cost = _cost(problem, float(samples.t_s[-1]), transitions, candidate.effort_s)
+    cost = cost_of(trajectory)
     fastest_cost = min(fastest_cost, cost.total)
     return Plan(planner, trajectory, cost, verify(trajectory), None, fastest_cost)
 
@@ -69,18 +70,11 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
     return tuple(done[1:])
 
 
-def cost_of(problem: Problem, candidate: Candidate, network: TemporalNetwork) -> Cost:
-    """Cost of the plan that a candidate makes."""
-    times = candidate.times.tolist()
-    transitions = transition_model(problem).transitions(network, times)
-    return _cost(problem, times[network.layout.finish], transitions, candidate.effort_s)
-
-
-def _cost(
-    problem: Problem, seconds: float, transitions: Sequence[Transition], effort_s: float
-) -> Cost:
-    count, heating = len(transitions), transition_model(problem).heating(transitions)
-    energy = sum(item.energy_J(seconds) for item in heating)
+def cost_s(problem: Problem, candidate: Candidate, network: TemporalNetwork) -> float:
+    """Cost of the plan that a candidate makes, by its schedule [s]."""
+    model, seconds = transition_model(problem), float(candidate.times[network.layout.finish])
+    transitions = model.transitions(network, candidate.times.tolist())
+    energy = sum(item.energy_J(seconds) for item in model.heating(transitions))
     weights = problem.cost_weights
-    total = seconds + weights.energy_s_per_J * energy + weights.transition_s * count
-    return Cost(total + weights.effort * effort_s, seconds, energy, count, effort_s)
+    total = seconds + weights.energy_s_per_J * energy + weights.transition_s * len(transitions)
+    return total + weights.effort * candidate.effort_s

@@ -30,7 +30,7 @@ from twosra_mpc.planning.search.bounds import SequenceBound
 from twosra_mpc.planning.search.nodes import Whole
 from twosra_mpc.planning.search.stage_task import InTheWay
 from twosra_mpc.planning.single_goal.gentle import cheapest
-from twosra_mpc.planning.single_goal.outcome import cost_of, verified
+from twosra_mpc.planning.single_goal.outcome import cost_s, verified
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.problem.ends import may_drive
 from twosra_mpc.problem.goals import GoalSet
@@ -64,7 +64,7 @@ class Solved:
     @cached_property
     def cost(self) -> float:
         """What it costs [s]."""
-        return cost_of(self.problem, self.candidate, self.network).total
+        return cost_s(self.problem, self.candidate, self.network)
 
 
 Guessed = tuple[Motion, tuple[float, Solved] | None]  # a guess, and the plan that it is
