@@ -207,12 +207,15 @@ class _Host:
         """Ask for the next state once this one is believed and has lasted."""
         soft = self.asked_C >= _SET_C
         done = self.watch.may_be_soft and told == "soft" if soft else told == "rigid"
-        if not done or now_s < self.since_s and not math.isinf(self.since_s):
+        if not done or (now_s < self.since_s and not math.isinf(self.since_s)):
             return
         if math.isinf(self._next_s):
             self._next_s = now_s + float(self._rng.exponential(_KEPT_S))
             if soft:
-                self.melts, self.slowest_s = self.melts + 1, max(self.slowest_s, now_s - self.since_s)
+                self.melts, self.slowest_s = (
+                    self.melts + 1,
+                    max(self.slowest_s, now_s - self.since_s),
+                )
         if now_s >= self._next_s:
             self.asked_C, self._next_s, self.since_s = _OFF_C if soft else _SET_C, math.inf, now_s
 

@@ -234,7 +234,9 @@ class HeatBelief:
         slow &= gap_K > _BEHIND_S * expected + SENSOR_OFF_K
         power = (slope - off) / (full - off)
         least = max(self.least, min(power * (1 - _SLOPE), self.most)) if gap_K > 0 else self.least
-        cold_level = reached.level_at(reached.ambient_C)  # with more power an earlier melt took more
+        cold_level = reached.level_at(
+            reached.ambient_C
+        )  # with more power an earlier melt took more
         enough = cold_level + least / self.least * (self.enough - cold_level)
         enough = min(enough, reached.liquid_level)
         told = replace(told, slow=slow, least=least, enough=enough)
@@ -303,7 +305,9 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         cut_C=heater.temperature_max_C + ABOVE_K,
     )
     states = cold.initial(start_C), hot.initial(start_C)
-    return HeatBelief(at, *states, (start_C, start_C), start_C, cold.liquid_level, least=powers[0], most=powers[1])
+    return HeatBelief(
+        at, *states, (start_C, start_C), start_C, cold.liquid_level, least=powers[0], most=powers[1]
+    )
 
 
 _HALVINGS = 40

@@ -49,7 +49,10 @@ _OFF_K = 1.0  # so far above its set-point no switch lets current flow
 _OFF_S = 20.0  # after which no sensor rises any more
 _FALLS_K, _SLOW_SHARE = 1.0, 0.4  # in 30 s; so much of what its model says it cools at least
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
-_MOVES, _TIMES_STEADY = 100, 5.0  # readings that learn how long it stands still; digits may be coarse
+_MOVES, _TIMES_STEADY = (
+    100,
+    5.0,
+)  # readings that learn how long it stands still; digits may be coarse
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _CONTRADICTED_S = 5.0  # by the heat, from which on a reading is not believed
 _MORE_K = 3.0  # as much as a sensor may show too much
@@ -267,7 +270,9 @@ class SegmentWatch:
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
             self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
         if self._flicker_K > _FLICKER_K:
-            self._raise("sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next")
+            self._raise(
+                "sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
+            )
         same_s = self._lasts_s("same", here_C == pair_C[1], time_s)
         if math.isnan(same_s):
             self._moves += math.isfinite(pair_C[1])
@@ -314,13 +319,17 @@ class SegmentWatch:
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
             words = f"{here_C:z.1f} C, rising less than any metal at full current"
             self._raise("sensor", f"{words}: its sensor shows too little")
-        words = f"{here_C:z.1f} C after heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
+        words = (
+            f"{here_C:z.1f} C after heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
+        )
         little = melts and here_C < belief.shows_at_least_C
         molten = melts and here_C < self._liquid_above_C
         molten &= belief.surely_liquid or "molten" in self._begun_s
         little_s = self._lasts_s("little", little, time_s)
         if little_s >= _CONTRADICTED_S or self._lasts_s("molten", molten, time_s) >= _OFF_S:
-            what = "it shows too little, or firmware regulates (then hold_duty = 1 in the robot file)"
+            what = (
+                "it shows too little, or firmware regulates (then hold_duty = 1 in the robot file)"
+            )
             self._raise("sensor", f"{words}: its sensor lies: {what}")
         much = melts and here_C > max(belief.shows_at_most_C, solid_C)
         if self._lasts_s("much", much, time_s) >= _CONTRADICTED_S:
@@ -394,7 +403,11 @@ class SegmentWatch:
     ) -> None:
         """Changes that take longer than the model's times allow, once begun."""
         stretch = self._stretch
-        if self._asked == "warm" or stiffness == self._asked or (self._asked == "soft" and not heats):
+        if (
+            self._asked == "warm"
+            or stiffness == self._asked
+            or (self._asked == "soft" and not heats)
+        ):
             stretch.apart_s = time_s
             return
         since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from twosra_mpc.errors import InputError
-from twosra_mpc.files import LARGEST, check_kind, json_document, read_text, reading, toml_document
+from twosra_mpc.files import LARGEST, check_kind, json_document, reading, toml_document
 from twosra_mpc.plans.carried import CarriedObject, TaskDone
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
@@ -19,7 +19,7 @@ from twosra_mpc.plans.result import FORMAT_VERSION, MISSION_VERSION, Result, Sta
 from twosra_mpc.plans.trajectory import Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import FORMAT, Problem, embedded_problem
 from twosra_mpc.timing import Transition
-from twosra_mpc.validation import named_problem, public
+from twosra_mpc.validation import named_problem
 
 
 class PhaseDocument(NamedTuple):

@@ -134,5 +134,5 @@ def corners(
     """Corners of the healthy ranges: each parameter at the end where this is least, and largest."""
     least, most = dict[str, float](), dict[str, float]()
     for name, ends in healthy_ranges(nominal, ranges).items():
-        least[name], most[name] = sorted(ends, key=lambda v: of(replace(nominal, **{name: v})))  # noqa: B023
+        least[name], most[name] = sorted(ends, key=lambda v: of(replace(nominal, **{name: v})))
     return replace(nominal, **least), replace(nominal, **most)
