@@ -657,3 +657,10 @@ def test_missions_in_closed_loop_are_counted(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "| conform-cylinder | moderate |" in done.stdout
     assert "of 1 |" in done.stdout
+
+
+def test_goals_are_planned_or_refused_as_a_grid_of_them_says(tmp_path: Path) -> None:
+    done = benchmark(tmp_path, "goals", "count=40")
+    assert done.exit_code == 0, done.output
+    assert "| refused |" in done.stdout
+    assert "- Goal" not in done.stdout
