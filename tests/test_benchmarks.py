@@ -666,3 +666,10 @@ def test_records_name_every_package_that_takes_part() -> None:
     for name in taking_part:
         assert re.match(r"\d+\.\d+", found[name])
     assert not found.keys() & {"pytest", "ruff", "mypy", "mkdocs-material"}
+
+
+def test_goals_are_planned_or_refused_as_a_grid_of_them_says(tmp_path: Path) -> None:
+    done = benchmark(tmp_path, "goals", "count=40")
+    assert done.exit_code == 0, done.output
+    assert "| refused |" in done.stdout
+    assert "- Goal" not in done.stdout

@@ -9,6 +9,7 @@ import pytest
 
 from twosra_mpc import Goal, InputError, Problem, Start, load_problem, plan
 from twosra_mpc.problem.free_shapes import look_for_shape
+from twosra_mpc.problem.goals import Tolerance
 from twosra_mpc.problem.limits import broken_by_shapes, shape_margins
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
@@ -81,8 +82,8 @@ def test_goals_fail_only_where_some_shape_of_theirs_is_allowed(seed: int) -> Non
     """Refused exactly where a grid has nothing; never left unfound where it has nothing."""
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=(0.0, 0.0))
     for middle, half in boxes(seed + 10, 10):
-        tolerance = {"kappa_per_m": tuple(half)}
-        goal = Goal(kappa_per_m=tuple(middle), tolerance=tolerance)
+        tolerance = Tolerance(kappa_per_m=tuple(half.tolist()))
+        goal = Goal(kappa_per_m=tuple(middle.tolist()), tolerance=tolerance)
         asked = Problem(robot=ROBOT, start=start, goal=goal, gap=0.05, time_limit_s=60.0)
         free = some_free(ROBOT, middle, half)
         try:
