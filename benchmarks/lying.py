@@ -212,7 +212,10 @@ class _Host:
         if math.isinf(self._next_s):
             self._next_s = now_s + float(self._rng.exponential(_KEPT_S))
             if soft:
-                self.melts, self.slowest_s = self.melts + 1, max(self.slowest_s, now_s - self.since_s)
+                self.melts, self.slowest_s = (
+                    self.melts + 1,
+                    max(self.slowest_s, now_s - self.since_s),
+                )
         if now_s >= self._next_s:
             self.asked_C, self._next_s, self.since_s = _OFF_C if soft else _SET_C, math.inf, now_s
 

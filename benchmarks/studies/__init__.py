@@ -14,6 +14,7 @@ from benchmarks.studies.faults import Faults
 from benchmarks.studies.forgery import ForgeryStudy
 from benchmarks.studies.greedy import Greedy
 from benchmarks.studies.growth import Growth
+from benchmarks.studies.lying import Lying
 from benchmarks.studies.missions import Missions
 from benchmarks.studies.passages import Passages
 from benchmarks.studies.peers import Peers
@@ -41,6 +42,7 @@ STUDIES: dict[str, Study] = {
         repeat_budget_s=10.0,
         time_limit_s=20.0,
     ),
+    "lying": Lying(),
     "forgeries": ForgeryStudy(),
     "growth": Growth(
         problems=("published:5", "random-100:3"),

@@ -25,14 +25,13 @@ from twosra_mpc.thermal.uncertainty import corners
 
 SENSOR_OFF_K = 3.0  # thermistor of 1 % parts 1.1, melting point 1, model 1
 LAGS_S = (4.0, 4.0)  # slowest healthy sensor; none is faster than no lag
-ABOVE_K = 2.0  # over the highest temperature, of the hot corner: what is likely is 10 K below
 _COOLED_K = 3.0  # below that the heater may be on again
 _FULL = 0.95  # of the current
 _SETTLED_S = 30.0  # heater off: sensor and metal are together
 _MEAN_S = 12.0  # over which power is averaged
 _QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
 _RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
-_EVIDENT_K = 2.0  # of liquid metal, above its lowest reading
+_EVIDENT_K = 1.0  # of liquid metal, above its lowest reading
 _SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
 
@@ -143,8 +142,8 @@ class HeatBelief:
 
     @property
     def overdue(self) -> bool:
-        """Whether the sensor should show liquid metal soon, and has not."""
-        return not self.melted and self.surely_liquid
+        """Whether a healthy sensor would have begun to show liquid metal."""
+        return not self.melted and self.corners.cold.level(self.cold) >= self.done
 
     @property
     def half_molten(self) -> bool:
@@ -172,7 +171,10 @@ class HeatBelief:
         if passed_s == 0.0:
             return self
         at, (least, most) = self.corners, self.power
-        cold_A, hot_A = current_A[0] * math.sqrt(least), current_A[1] * math.sqrt(most * at.hot_needs)
+        cold_A, hot_A = (
+            current_A[0] * math.sqrt(least),
+            current_A[1] * math.sqrt(most * at.hot_needs),
+        )
         cold = at.cold.propagate(self.cold, cold_A, passed_s)
         hot = at.hot.propagate(self.hot, hot_A, passed_s)
         cold_C = self.at_least_C, at.cold.temperature_C(cold)
@@ -246,7 +248,7 @@ class HeatBelief:
             told = replace(self, whole=False, enough=enough)
         if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
             cold = _within(at.cold, cold, (at.liquid_C, math.inf))
-        if self.mean * self.least <= at.quiet and (liquid or self.cut):
+        if self.mean * self.least <= at.quiet and (liquid or (self.cut and not self.melted)):
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
         melted = liquid or (self.melted and self.off_s < _SETTLED_S)
         return replace(told, cold=cold, hot=hot, melted=melted)
@@ -286,10 +288,12 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         full_A=full_A,
         soft_C=heater.soft_setpoint_C,
         liquid_C=stiffness_rule(robot, air_C, segment).liquid_above_C,
-        cut_C=heater.temperature_max_C + ABOVE_K,
+        cut_C=heater.temperature_max_C,
     )
     states = cold.initial(start_C), hot.initial(start_C)
-    return HeatBelief(at, *states, (start_C, start_C), start_C, cold.liquid_level, least=powers[0], most=powers[1])
+    return HeatBelief(
+        at, *states, (start_C, start_C), start_C, cold.liquid_level, least=powers[0], most=powers[1]
+    )
 
 
 _HALVINGS = 40

@@ -49,7 +49,10 @@ _OFF_K = 1.0  # so far above its set-point no switch lets current flow
 _OFF_S = 20.0  # after which no sensor rises any more
 _FALLS_K, _SLOW_SHARE = 1.0, 0.4  # in 30 s; so much of what its model says it cools at least
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
-_MOVES, _TIMES_STEADY = 100, 5.0  # readings that learn how long it stands still; digits may be coarse
+_MOVES, _TIMES_STEADY = (
+    100,
+    5.0,
+)  # readings that learn how long it stands still; digits may be coarse
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _CONTRADICTED_S = 5.0  # by the heat, from which on a reading is not believed
 _MORE_K = 3.0  # as much as a sensor may show too much
@@ -237,7 +240,8 @@ class SegmentWatch:
             here_C = known_C if setpoint_C >= heater.soft_setpoint_C else self.belief.at_least_C
             heats = in_force_C > heater.rigid_setpoint_C and here_C < in_force_C
             flowed_A = heater.melt_current_A * heats if current_A is None else current_A
-            held = current_A is None and self.belief.melted  # who knows by what law
+            held = self.belief.melted and known_C >= self._liquid_above_C
+            held &= current_A is None  # who knows by what law
             belief = self.belief.advance((0.0 if held else flowed_A, flowed_A), passed_s)
             self.belief = belief if shown_C is None else belief.take(shown_C)
             called = self._asked == "soft" and self.belief.may_be_liquid
@@ -268,7 +272,9 @@ class SegmentWatch:
             bend_K = abs(here_C - 2 * pair_C[1] + pair_C[0])
             self._flicker_K += (bend_K - self._flicker_K) / _FLICKERS
         if self._flicker_K > _FLICKER_K:
-            self._raise("sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next")
+            self._raise(
+                "sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
+            )
         same_s = self._lasts_s("same", here_C == pair_C[1], time_s)
         if same_s < 0.0:
             self._moves += math.isfinite(pair_C[1])
@@ -314,7 +320,10 @@ class SegmentWatch:
         due = melts and (belief.overdue or ("due" in self._begun_s and not belief.melted))
         heat = f"heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
         words = f"{here_C:z.1f} C after {heat}"
-        if max(unlike_s, little_s) >= _CONTRADICTED_S or self._lasts_s("due", due, time_s) >= _OFF_S:
+        if (
+            max(unlike_s, little_s) >= _CONTRADICTED_S
+            or self._lasts_s("due", due, time_s) >= _OFF_S
+        ):
             if here_C < stretch.coldest_C + _WARMED_K:
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
@@ -393,7 +402,11 @@ class SegmentWatch:
     ) -> None:
         """Changes that take longer than the model's times allow, once begun."""
         stretch = self._stretch
-        if self._asked == "warm" or stiffness == self._asked or (self._asked == "soft" and not heats):
+        if (
+            self._asked == "warm"
+            or stiffness == self._asked
+            or (self._asked == "soft" and not heats)
+        ):
             stretch.apart_s = time_s
             return
         since_s, risen_K = time_s - stretch.apart_s, here_C - stretch.first_C
