@@ -207,7 +207,7 @@ class _Host:
         """Ask for the next state once this one is believed and has lasted."""
         soft = self.asked_C >= _SET_C
         done = self.watch.may_be_soft and told == "soft" if soft else told == "rigid"
-        if not done or now_s < self.since_s and not math.isinf(self.since_s):
+        if not done or (now_s < self.since_s and not math.isinf(self.since_s)):
             return
         if math.isinf(self._next_s):
             self._next_s = now_s + float(self._rng.exponential(_KEPT_S))

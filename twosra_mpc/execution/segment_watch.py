@@ -327,7 +327,9 @@ class SegmentWatch:
             if here_C < stretch.coldest_C + _WARMED_K:
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-            what = "a sensor that lies, or firmware that regulates (then hold_duty = 1 in the robot file)"
+            what = (
+                "its sensor lies, or its firmware regulates (then hold_duty = 1 in the robot file)"
+            )
             self._raise("sensor", f"{words}: {what}")
         much_s = self._lasts_s("much", melts and here_C > belief.shows_at_most_C, time_s)
         early = melts and here_C >= self._liquid_above_C and not belief.may_be_liquid
