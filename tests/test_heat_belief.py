@@ -1,4 +1,4 @@
-"""Bounds of a segment's heat hold for every healthy robot, and no sensor talks its heater too hot."""
+"""Bounds of a segment's heat hold for every healthy robot; no sensor makes its metal too hot."""
 
 from __future__ import annotations
 

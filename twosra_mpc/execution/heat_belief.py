@@ -32,6 +32,7 @@ _MEAN_S = 12.0  # over which power is averaged
 _QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
 _RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
 _EVIDENT_K = 1.0  # of liquid metal, above its lowest reading
+_WEAK = 1.3  # times weaker than the weakest healthy heater may one be that still melts
 _SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
 
@@ -276,7 +277,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
 
     hot, cold = corners(model, ranges, melts)
     quick_s, slow_s = map(warms_s, corners(model, ranges, warms_s))
-    powers = _power(cold, full_A, slow_s), _power(cold, full_A, quick_s)
+    powers = _power(cold, full_A, slow_s) / _WEAK, _power(cold, full_A, quick_s)
     hottest = model.initial(heater.temperature_max_C)
     kept = model.holding_current_A(hottest, _LONG_S) / full_A
     at = Corners(
