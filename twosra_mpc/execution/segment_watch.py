@@ -49,10 +49,7 @@ _OFF_K = 1.0  # so far above its set-point no switch lets current flow
 _OFF_S = 20.0  # after which no sensor rises any more
 _FALLS_K, _SLOW_SHARE = 1.0, 0.4  # in 30 s; so much of what its model says it cools at least
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
-_MOVES, _TIMES_STEADY = (
-    100,
-    5.0,
-)  # readings that learn how long it stands still; digits may be coarse
+_TURNS, _TIMES_STEADY = 12, 5.0  # up and down is noise; so long as ever before: coarse digits
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _CONTRADICTED_S = 5.0  # by the heat, from which on a reading is not believed
 _MORE_K = 3.0  # as much as a sensor may show too much
@@ -142,7 +139,7 @@ class SegmentWatch:
         self._hot, self._last_C, self._smooth_C, self._coldest_C = 0, math.inf, math.nan, _COLDEST_C
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C = False, math.inf
-        self._flicker_K, self._moves, self._steady_s = 0.0, 0, 0.0
+        self._flicker_K, self._turns, self._steady_s = 0.0, 0, 0.0
 
     @property
     def may_be_soft(self) -> bool:
@@ -277,8 +274,10 @@ class SegmentWatch:
             )
         same_s = self._lasts_s("same", here_C == pair_C[1], time_s)
         if same_s < 0.0:
-            self._moves += math.isfinite(pair_C[1])
-        elif self._moves < _MOVES:
+            regulated = here_C >= self._heater.melting_point_C + _OFF_BY_K / 2
+            turned = (here_C - pair_C[1]) * (pair_C[1] - pair_C[0]) < 0.0
+            self._turns += turned and not regulated
+        elif self._turns < _TURNS:
             self._steady_s = max(self._steady_s, same_s)
         elif same_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
             words = f"{here_C:z.2f} C for {same_s:z.0f} s"
