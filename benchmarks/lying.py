@@ -226,7 +226,7 @@ def watched(robot: Robot, seed: int, lie: str = "", lasts_s: float = _LONGEST_S)
     Args:
         robot: As described; of segments with a melting plateau.
         seed: Of all that is drawn.
-        lie: One of `LIES`, of the first segment's sensor, of both where they are mixed up; "": none.
+        lie: One of `LIES`, of the first sensor, of both where they are mixed up; "": none.
         lasts_s: Longest run.
     """
     rng = np.random.default_rng([seed, 21])

@@ -15,6 +15,7 @@ from benchmarks.studies.forgery import ForgeryStudy
 from benchmarks.studies.goals import Goals
 from benchmarks.studies.greedy import Greedy
 from benchmarks.studies.growth import Growth
+from benchmarks.studies.lying import Lying
 from benchmarks.studies.missions import Missions
 from benchmarks.studies.mutants import Mutants
 from benchmarks.studies.passages import Passages
@@ -45,6 +46,7 @@ STUDIES: dict[str, Study] = {
         repeat_budget_s=10.0,
         time_limit_s=20.0,
     ),
+    "lying": Lying(),
     "forgeries": ForgeryStudy(),
     "growth": Growth(
         problems=("published:5", "random-100:3"),

@@ -13,39 +13,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.control.stiffness import stiffness_rule
 from twosra_mpc.control.thermistor import Lag, follow
+from twosra_mpc.execution.rise import UNLIKE_K, Rise, rise
 from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
 from twosra_mpc.thermal.uncertainty import corners
 
 SENSOR_OFF_K = 3.0  # thermistor of 1 % parts 1.1, melting point 1, model 1
 LAGS_S = (4.0, 4.0)  # slowest healthy sensor; none is faster than no lag
-ABOVE_K = 2.0  # over the highest temperature, of the hot corner: what is likely is 10 K below
 _COOLED_K = 3.0  # below that the heater may be on again
-_WINDOW_S = 6.0  # of a slope: 0.02 K of noise is 0.3 % of it
-_SLOPE = 0.03  # relative error of one: thermistor's slope 2 %, loss 2 %
-_PART = 0.5  # of its final slope a sensor must show at least: before, slopes tell too little
-_SLOWED = 0.7  # of its steepest rise, at which a slow sensor is 3.9 s of that rise behind
-_BEHIND_S = 4.0
 _FULL = 0.95  # of the current
 _SETTLED_S = 30.0  # heater off: sensor and metal are together
 _MEAN_S = 12.0  # over which power is averaged
-_QUIET_K = 11.0  # ahead of its sensor is metal that is kept warm, at most
+_QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
+_RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
+_EVIDENT_K = 1.0  # of liquid metal, above its lowest reading
+_WEAK = 1.3  # times weaker than the weakest healthy heater may one be that still melts
 _SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
-
-
-class _Sample(NamedTuple):
-    """Reading at full current, and a ramp of 1 K/s as the slowest healthy sensor would show it."""
-
-    time_s: float
-    shown_C: float
-    ramp_C: float
 
 
 @dataclass(frozen=True)
@@ -87,18 +76,15 @@ class HeatBelief:
         shown_C: Last reading.
         least: Least power, told by the steepest rise so far.
         most: Largest power, as it was told before this rise.
-        told: The same by this rise.
-        start_C: Reading at its start; infinite if sensor and metal were not together.
-        begun: States of the corners then.
-        samples: Of the last `_WINDOW_S`, at full current.
-        ramp: The slowest healthy sensor on a ramp of 1 K/s since full current began.
+        rise: Healthy robots in the same rise; None while there is none from rest.
+        begun: States of the corners when full current began.
         full_s: For how long full current has flowed.
         off_s: For how long none has.
         mean: Share of the full current's heat, averaged over `_MEAN_S`.
-        slow: Whether the sensor rises less than any healthy one, far from where metal melts.
         cut: Whether the heater must be off, whatever a reading says.
         enough: Level of the cold corner at which all earlier melts were done.
         whole: Whether all metal was solid when this melt began.
+        melted: Whether the sensor has shown liquid metal since the heater was off for long.
     """
 
     corners: Corners
@@ -109,17 +95,14 @@ class HeatBelief:
     enough: float
     least: float
     most: float
-    told: float = math.inf
-    start_C: float = math.inf
+    rise: Rise | None = None
     begun: tuple[State, State] = ((), ())
-    samples: tuple[_Sample, ...] = ()
-    ramp: Lag = (0.0, 0.0)
     full_s: float = 0.0
     off_s: float = math.inf
     mean: float = 0.0
-    slow: bool = False
     cut: bool = False
     whole: bool = True
+    melted: bool = False
 
     @property
     def at_least_C(self) -> float:
@@ -139,7 +122,7 @@ class HeatBelief:
     @property
     def shows_at_most_C(self) -> float:
         """Highest reading of a healthy sensor while the metal warms."""
-        return self.at_most_C + SENSOR_OFF_K
+        return self.at_most_C + 2 * SENSOR_OFF_K
 
     @property
     def may_be_liquid(self) -> bool:
@@ -152,6 +135,18 @@ class HeatBelief:
         return self.corners.cold.level(self.cold) >= self.enough
 
     @property
+    def done(self) -> float:
+        """Level of the cold corner at which a healthy sensor would show liquid metal."""
+        at = self.corners
+        evident = at.cold.level_at(at.liquid_C + _EVIDENT_K) - at.cold.liquid_level
+        return self.enough + evident
+
+    @property
+    def overdue(self) -> bool:
+        """Whether a healthy sensor would have begun to show liquid metal."""
+        return not self.melted and self.corners.cold.level(self.cold) >= self.done
+
+    @property
     def half_molten(self) -> bool:
         """Whether half the metal, at least, still has to freeze at its melting point."""
         model = self.corners.cold
@@ -162,45 +157,73 @@ class HeatBelief:
     @property
     def power(self) -> tuple[float, float]:
         """Least and largest power of the heater."""
-        return self.least, max(self.least, min(self.most, self.told))
+        if self.rise is None or not self.rise.tells:
+            return self.least, self.most
+        least, most = self.rise.powers
+        return max(self.least, min(least, self.most)), min(self.most, max(most, self.least))
 
-    def advance(self, current_A: float, passed_s: float) -> HeatBelief:
-        """Propagate both corners with a current."""
+    @property
+    def unlike(self) -> bool:
+        """Whether the sensor rises as that of no healthy robot with such a heater."""
+        return self.rise is not None and self.rise.off_K > UNLIKE_K
+
+    def advance(self, current_A: tuple[float, float], passed_s: float) -> HeatBelief:
+        """Propagate the cold corner with the least and the hot one with the largest current."""
+        if passed_s == 0.0:
+            return self
         at, (least, most) = self.corners, self.power
-        cold_A, hot_A = (current_A * math.sqrt(p) for p in (least, most * at.hot_needs))
+        cold_A, hot_A = (
+            current_A[0] * math.sqrt(least),
+            current_A[1] * math.sqrt(most * at.hot_needs),
+        )
         cold = at.cold.propagate(self.cold, cold_A, passed_s)
         hot = at.hot.propagate(self.hot, hot_A, passed_s)
         cold_C = self.at_least_C, at.cold.temperature_C(cold)
-        heat, left = (current_A / at.full_A) ** 2, math.exp(-passed_s / _MEAN_S)
-        full = current_A >= _FULL * at.full_A
+        heat, left = (current_A[1] / at.full_A) ** 2, math.exp(-passed_s / _MEAN_S)
+        full = current_A[0] >= _FULL * at.full_A
         since_s = self.full_s + passed_s
         begun = replace(
             self,
             cold=cold,
             hot=hot,
             shown=follow(self.shown, LAGS_S, *cold_C, passed_s),
-            off_s=0.0 if current_A > 0 else self.off_s + passed_s,
+            off_s=0.0 if current_A[1] > 0 else self.off_s + passed_s,
             mean=heat + (self.mean - heat) * left,
         )
-        if full and self.full_s == 0.0:
-            together = self.off_s >= _SETTLED_S
-            start_C = self.shown_C if together else math.inf
-            begun = replace(begun, start_C=start_C, begun=(self.cold, self.hot))
         if full:
-            ramp = follow(self.ramp, LAGS_S, self.full_s, since_s, passed_s)
-            return replace(begun, full_s=since_s, ramp=ramp)
+            rise = self.rise
+            if self.full_s == 0.0:
+                begun = replace(begun, begun=(self.cold, self.hot))
+                solid = self.shown_C < thresholds_C(at.cold)[0] - _RISES_K
+                rise = self._begin() if solid and self.off_s >= _SETTLED_S else None
+            return replace(begun, full_s=since_s, rise=rise and rise.advance(passed_s))
         if self.full_s == 0.0:
             return begun
-        told = replace(begun, most=self.power[1], told=math.inf, start_C=math.inf)
-        return replace(told, samples=(), ramp=(0.0, 0.0), full_s=0.0, slow=False)
+        (least, most), cold = self.power, at.cold
+        air = cold.level_at(cold.ambient_C)  # with more power earlier melts took more
+        enough = min(cold.liquid_level, air + least / self.least * (self.enough - air))
+        return replace(begun, least=least, most=most, enough=enough, full_s=0.0, rise=None)
+
+    def _begin(self) -> Rise:
+        """Healthy robots at the same temperature, with heaters as they are known."""
+        model, full_A = self.corners.cold, self.corners.full_A
+        solid_C = thresholds_C(model)[0]
+        known = self.shown_C, solid_C - 0.1
+        rates = []
+        for at_C in known:
+            state = model.at_level(self.cold, model.level_at(at_C))
+            rates.append([_slope(model, state, share * full_A) for share in (0.0, 1.0)])
+        return rise(self.shown_C, (self.least, self.most), solid_C, known, np.array(rates))
 
     def take(self, shown_C: float) -> HeatBelief:
         """Take in a reading."""
         read = replace(self, shown_C=shown_C)
-        told = read._rising(shown_C)
+        told = read
+        if self.rise is not None and shown_C < thresholds_C(self.corners.hot)[0] - SENSOR_OFF_K:
+            told = replace(read, rise=self.rise.take(shown_C))
         if told.power != self.power:
             told = told._anew()
-        return told._together(shown_C)._judged(shown_C)
+        return told._together(shown_C)._judged()
 
     def _anew(self) -> HeatBelief:
         """Propagate both corners anew since full current began, with what is now known of it."""
@@ -209,42 +232,6 @@ class HeatBelief:
         cold = at.cold.propagate(self.begun[0], cold_A, self.full_s)
         hot = at.hot.propagate(self.begun[1], hot_A, self.full_s)
         return replace(self, cold=cold, hot=hot)
-
-    def _rising(self, shown_C: float) -> HeatBelief:
-        """Tell the power by the slope at full current, and whether it is a healthy sensor's."""
-        if self.full_s == 0.0:
-            return self
-        here = _Sample(self.full_s, shown_C, self.ramp[1])
-        samples = (*self.samples, here)
-        while len(samples) > 2 and here.time_s - samples[1].time_s >= _WINDOW_S:
-            samples = samples[1:]
-        told = replace(self, samples=samples)
-        span_s = here.time_s - samples[0].time_s
-        if span_s < _WINDOW_S:
-            return told
-        part = (here.ramp_C - samples[0].ramp_C) / span_s
-        time_s, shown = np.array([each[:2] for each in samples]).T
-        slope = float(np.polyfit(time_s - time_s[0], shown, 1)[0])
-        reached, middle_C = self.corners.cold, float(shown.mean())
-        state = reached.at_level(self.cold, reached.level_at(middle_C))
-        off, full = (_slope(reached, state, share * self.corners.full_A) for share in (0.0, 1.0))
-        gap_K = thresholds_C(reached)[0] - shown_C
-        expected = off + self.least * (full - off)
-        slow = part >= _PART and slope < _SLOWED * part * expected
-        slow &= gap_K > _BEHIND_S * expected + SENSOR_OFF_K
-        power = (slope - off) / (full - off)
-        least = max(self.least, min(power * (1 - _SLOPE), self.most)) if gap_K > 0 else self.least
-        cold_level = reached.level_at(
-            reached.ambient_C
-        )  # with more power an earlier melt took more
-        enough = cold_level + least / self.least * (self.enough - cold_level)
-        enough = min(enough, reached.liquid_level)
-        told = replace(told, slow=slow, least=least, enough=enough)
-        if part < _PART:
-            return told
-        reached_C = self.start_C + max(expected, slope / part) * self.full_s
-        solid = reached_C < thresholds_C(self.corners.hot)[0]
-        return replace(told, told=(1 + _SLOPE) * power / part) if solid else told
 
     def _together(self, shown_C: float) -> HeatBelief:
         """Bring metal and reading together where they must be, or where it does no harm."""
@@ -262,16 +249,16 @@ class HeatBelief:
             told = replace(self, whole=False, enough=enough)
         if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
             cold = _within(at.cold, cold, (at.liquid_C, math.inf))
-        if self.mean * self.least <= at.quiet and (liquid or self.cut):
+        if self.mean * self.least <= at.quiet and (liquid or (self.cut and not self.melted)):
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
-        return replace(told, cold=cold, hot=hot)
+        melted = liquid or (self.melted and self.off_s < _SETTLED_S)
+        return replace(told, cold=cold, hot=hot, melted=melted)
 
-    def _judged(self, shown_C: float) -> HeatBelief:
+    def _judged(self) -> HeatBelief:
         """Switch off where metal may be too hot, or must be liquid and is not said to be."""
         at, cold = self.corners, self.corners.cold
         cut = self.at_most_C >= at.cut_C - _COOLED_K * self.cut
-        done = self.enough + cold.level_at(at.liquid_C) - cold.liquid_level
-        return replace(self, cut=cut or (shown_C < at.liquid_C and cold.level(self.cold) >= done))
+        return replace(self, cut=cut or (not self.melted and cold.level(self.cold) >= self.done))
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
@@ -290,7 +277,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
 
     hot, cold = corners(model, ranges, melts)
     quick_s, slow_s = map(warms_s, corners(model, ranges, warms_s))
-    powers = _power(cold, full_A, slow_s), _power(cold, full_A, quick_s)
+    powers = _power(cold, full_A, slow_s) / _WEAK, _power(cold, full_A, quick_s)
     hottest = model.initial(heater.temperature_max_C)
     kept = model.holding_current_A(hottest, _LONG_S) / full_A
     at = Corners(
@@ -302,7 +289,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         full_A=full_A,
         soft_C=heater.soft_setpoint_C,
         liquid_C=stiffness_rule(robot, air_C, segment).liquid_above_C,
-        cut_C=heater.temperature_max_C + ABOVE_K,
+        cut_C=heater.temperature_max_C,
     )
     states = cold.initial(start_C), hot.initial(start_C)
     return HeatBelief(

@@ -49,10 +49,7 @@ _OFF_K = 1.0  # so far above its set-point no switch lets current flow
 _OFF_S = 20.0  # after which no sensor rises any more
 _FALLS_K, _SLOW_SHARE = 1.0, 0.4  # in 30 s; so much of what its model says it cools at least
 _FLICKERS, _FLICKER_K = 20, 2.0  # readings that are averaged; of one from the line of two before
-_MOVES, _TIMES_STEADY = (
-    100,
-    5.0,
-)  # readings that learn how long it stands still; digits may be coarse
+_TURNS, _TIMES_STEADY = 12, 5.0  # up and down is noise; so long as ever before: coarse digits
 _OFF_BY_K = 3.5  # above the melting point it may be metal that freezes, and a sensor 2 K off
 _CONTRADICTED_S = 5.0  # by the heat, from which on a reading is not believed
 _MORE_K = 3.0  # as much as a sensor may show too much
@@ -142,7 +139,7 @@ class SegmentWatch:
         self._hot, self._last_C, self._smooth_C, self._coldest_C = 0, math.inf, math.nan, _COLDEST_C
         self._taken_s = self._sound_s = math.nan
         self._molten, self._before_C = False, math.inf
-        self._flicker_K, self._moves, self._steady_s = 0.0, 0, 0.0
+        self._flicker_K, self._turns, self._steady_s = 0.0, 0, 0.0
 
     @property
     def may_be_soft(self) -> bool:
@@ -219,10 +216,10 @@ class SegmentWatch:
         return "rigid" if setpoint_C <= self._heater.rigid_setpoint_C else "warm"
 
     def _lasts_s(self, name: str, holds: bool, time_s: float, here_C: float = math.nan) -> float:
-        """Time for which something has held; NaN if it does not. It begins with a reading."""
+        """Time for which something has held; -1 if it does not. It begins with a reading."""
         if not holds:
             self._begun_s.pop(name, None)
-            return math.nan
+            return -1.0
         return time_s - self._begun_s.setdefault(name, (time_s, here_C))[0]
 
     def _account_for(
@@ -240,7 +237,9 @@ class SegmentWatch:
             here_C = known_C if setpoint_C >= heater.soft_setpoint_C else self.belief.at_least_C
             heats = in_force_C > heater.rigid_setpoint_C and here_C < in_force_C
             flowed_A = heater.melt_current_A * heats if current_A is None else current_A
-            belief = self.belief.advance(flowed_A, passed_s)
+            held = self.belief.melted and known_C >= self._liquid_above_C
+            held &= current_A is None  # who knows by what law
+            belief = self.belief.advance((0.0 if held else flowed_A, flowed_A), passed_s)
             self.belief = belief if shown_C is None else belief.take(shown_C)
             called = self._asked == "soft" and self.belief.may_be_liquid
             called_s = self._lasts_s("called", called, time_s)
@@ -274,9 +273,11 @@ class SegmentWatch:
                 "sensor", f"its sensor flickers by {self._flicker_K:z.1f} K from one to the next"
             )
         same_s = self._lasts_s("same", here_C == pair_C[1], time_s)
-        if math.isnan(same_s):
-            self._moves += math.isfinite(pair_C[1])
-        elif self._moves < _MOVES:
+        if same_s < 0.0:
+            regulated = here_C >= self._heater.melting_point_C + _OFF_BY_K / 2
+            turned = (here_C - pair_C[1]) * (pair_C[1] - pair_C[0]) < 0.0
+            self._turns += turned and not regulated
+        elif self._turns < _TURNS:
             self._steady_s = max(self._steady_s, same_s)
         elif same_s > max(_CAUGHT_UP_S, _TIMES_STEADY * self._steady_s):
             words = f"{here_C:z.2f} C for {same_s:z.0f} s"
@@ -290,7 +291,7 @@ class SegmentWatch:
         freezes = heater.melting_point_C - _SURELY_SOLID_K < here < self._liquid_above_C
         off_s = self._lasts_s("off", off and not freezes, time_s)
         since_s = self._lasts_s("lagged", off_s >= _OFF_S, time_s, here)
-        if not since_s >= _CAUGHT_UP_S:
+        if since_s < _CAUGHT_UP_S:
             return
         hot_C = self._begun_s["lagged"][1]
         cooled = self._model.propagate(self._model.initial(hot_C), 0.0, since_s)
@@ -313,27 +314,26 @@ class SegmentWatch:
             words = f"{here_C:z.1f} C, too early for metal"
             self._raise("sensor", f"{words}: its sensor shows too little")
         melts = self._asked == "soft"
-        if self._lasts_s("slow", melts and belief.slow, time_s) >= _CONTRADICTED_S:
+        unlike_s = self._lasts_s("unlike", melts and belief.unlike, time_s)
+        little_s = self._lasts_s("little", melts and here_C < belief.shows_at_least_C, time_s)
+        due = melts and (belief.overdue or ("due" in self._begun_s and not belief.melted))
+        heat = f"heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
+        words = f"{here_C:z.1f} C after {heat}"
+        if (
+            max(unlike_s, little_s) >= _CONTRADICTED_S
+            or self._lasts_s("due", due, time_s) >= _OFF_S
+        ):
             if here_C < stretch.coldest_C + _WARMED_K:
-                words = f"heating does not warm it, {here_C:z.1f} C"
+                words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
-            words = f"{here_C:z.1f} C, rising less than any metal at full current"
-            self._raise("sensor", f"{words}: its sensor shows too little")
-        words = (
-            f"{here_C:z.1f} C after heat for {belief.at_least_C:z.0f} to {belief.at_most_C:z.0f} C"
-        )
-        little = melts and here_C < belief.shows_at_least_C
-        molten = melts and here_C < self._liquid_above_C
-        molten &= belief.surely_liquid or "molten" in self._begun_s
-        little_s = self._lasts_s("little", little, time_s)
-        if little_s >= _CONTRADICTED_S or self._lasts_s("molten", molten, time_s) >= _OFF_S:
             what = (
-                "it shows too little, or firmware regulates (then hold_duty = 1 in the robot file)"
+                "its sensor lies, or its firmware regulates (then hold_duty = 1 in the robot file)"
             )
-            self._raise("sensor", f"{words}: its sensor lies: {what}")
-        much = melts and here_C > max(belief.shows_at_most_C, solid_C)
-        if self._lasts_s("much", much, time_s) >= _CONTRADICTED_S:
-            self._raise("sensor", f"{words}: its sensor shows too much")
+            self._raise("sensor", f"{words}: {what}")
+        much_s = self._lasts_s("much", melts and here_C > belief.shows_at_most_C, time_s)
+        early = melts and here_C >= self._liquid_above_C and not belief.may_be_liquid
+        if much_s >= _CONTRADICTED_S or self._lasts_s("soft", early, time_s) >= _CAUGHT_UP_S:
+            self._raise("sensor", f"{here_C:z.1f} C after {heat}: its sensor shows too much")
 
     def _readable(
         self, time_s: float, temperature_C: float, stiffness: KnownStiffness | None

@@ -4,8 +4,8 @@ Parameters are drawn independently, each from a two-piece normal distribution ab
 value with the 5 % and 95 % values that the robot file gives. A window at quantile p starts when a
 share 1 - p of the draws has begun to change and ends when a share p has changed completely; it is
 expressed relative to the nominal model's times, for a melt from ambient and for a freeze from the
-set-point. Simulated robots are drawn likewise, within `healthy_ranges`; whoever watches a robot takes
-no other for healthy.
+set-point. Simulated robots are drawn likewise, within `healthy_ranges`; whoever watches a robot
+takes no other for healthy.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from twosra_mpc.thermal.model import SegmentModel, reference_times
 _DRAWS = 1000
 _SEED = 0
 _NORMAL_95 = 1.6449  # 95 % value of the standard normal distribution
-FARTHEST = 1.0  # times as far from nominal as the 5 % and 95 % values is no healthy parameter
+FARTHEST = 1.0  # healthy: up to so many times as far from nominal as the 5 and 95 % values
 
 Ranges = Mapping[str, tuple[float, float]]
 
