@@ -43,7 +43,9 @@ def effort_s(problem: Problem, samples: Samples) -> float:
     since = fine.t_s[rows] - samples.t_s[at] + (1 + _NODES[:, None]) / 2 * lasting
     at, since = np.tile(at, len(_NODES)), since.reshape(-1, 1)
     v, a, mode = samples.v[at], samples.a[at], samples.mode[at]
-    q = flown(robot, samples.q[at], (v + a * since / 2) * since, mode)
+    q, soft = samples.q[at], mode.any(axis=1)  # a rigid robot's wheels turn alike wherever it is
+    if soft.any():
+        q[soft] = flown(robot, q[soft], ((v + a * since / 2) * since)[soft], mode[soft])
     squares = (wheel_speeds(robot, q, v + a * since, mode) ** 2).sum(axis=1)
     mean = _WEIGHTS / 2 @ squares.reshape(len(_NODES), -1)
     return float(mean @ lasting) / robot.limits.wheel_speed_rad_s**2
