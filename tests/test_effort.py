@@ -236,15 +236,18 @@ def test_more_work_never_finds_a_worse_plan_nor_proves_less(
 # --- what plans may cost ------------------------------------------------------------------------
 
 _FIRST, _WHOLE = 1000.0, 5000.0  # of every built-in scenario [units]
+_LATER = {"tidy-up": 2000.0}  # two things are grasped, carried and put down
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_a_built_in_scenario_has_a_plan_soon_and_is_done_soon(name: str) -> None:
+def test_a_built_in_scenario_has_a_plan_soon_and_reaches_its_gap(name: str) -> None:
     made = plan(load_problem(name, work_limit=_WHOLE))
-    assert made.ending is not Ending.LIMIT, made.message
-    if made.status is not Status.INFEASIBLE:
-        assert made.stats.first_plan_work is not None
-        assert made.stats.first_plan_work <= _FIRST
+    if name == "blocked":
+        assert made.status is Status.INFEASIBLE
+        return
+    assert made.status is Status.OPTIMAL, made.message
+    assert made.stats.first_plan_work is not None
+    assert made.stats.first_plan_work <= _LATER.get(name, _FIRST)
 
 
 def test_every_cost_is_a_whole_number_that_counts() -> None:

@@ -38,9 +38,9 @@ class Cost:
     """
 
     # Of the search: event times, programs, bounds.
-    NETWORK = 80  # a phase of a mode sequence: its events, and how early they can be
+    NETWORK = 110  # a phase of a mode sequence: its events, and how early they can be
     SCHEDULE = 350  # an event of the schedule of least cost
-    LINEAR_PROGRAM = 70  # a row or column of HiGHS's
+    LINEAR_PROGRAM = 105  # a row or column of HiGHS's
     ENCLOSURE = 100  # a thousand operations on intervals
     HEADING_STEP = 40  # a slice of twists in a step of the least time of a drive
     NEWTON_STEP = 15  # a row or column in a step of the interior point method
@@ -51,21 +51,21 @@ class Cost:
     INTERVAL = 600  # an interval of a path that is rolled out
     PROFILE = 600  # an interval of a path that is travelled as fast as can be
     REINTEGRATION = 60  # a step
-    SAMPLE = 500  # a sample of a plan that is verified
-    OUTLINE = 170  # the distance of the drawn robot
-    POINT = 41  # of a plane, and how far the drawn robot is from it
+    SAMPLE = 800  # a sample of a plan that is verified
+    OUTLINE = 300  # the distance of the drawn robot
+    POINT = 30  # of a plane, and how far the drawn robot is from it
     BOX = 5  # a thousand of poses of an object that a disc in it may block
     # Among obstacles and objects.
-    DISTANCE = 4  # a piece, or all, against a part of an obstacle, by separating axes
-    LEG = 2  # a coordinate of a leg whose time is asked
-    TOUCH = 3000  # a configuration at an outline
+    DISTANCE = 11  # a piece, or all, against a part of an obstacle, by separating axes
+    LEG = 1  # a coordinate of a leg whose time is asked
+    TOUCH = 400  # a configuration at an outline
     SLICE = 1500  # what is free at a heading
-    SUM = 250  # of two convex pieces, and its share of their union
-    MEETING = 150  # two parts of neighbouring slices
-    ROAD = 60  # a node of a map of roads
-    WAY = 5  # a node of a map that is searched
+    SUM = 300  # of two convex pieces, and its share of their union
+    MEETING = 280  # two parts of neighbouring slices
+    ROAD = 28  # a node of a map of roads
+    WAY = 6  # a node of a map that is searched
     SHAPE = 2000  # another shape on the way
-    CHAIN = 100  # a thousand legs that a chain of stations may have
+    CHAIN = 60  # a thousand legs that a chain of stations may have
     KEPT = 1  # what was kept: as much as it cost when it was made
 
 
