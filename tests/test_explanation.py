@@ -406,7 +406,7 @@ def test_an_interrupt_before_anything_is_compared_leaves_the_plan(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(explanation_module, "plan", interrupted)
+    monkeypatch.setattr(explanation_module, "plan_until_interrupted", interrupted)
     told = explain(made)  # at full speed it is planned anew
     assert (told.result, told.alternatives, told.complete) == (made, (), False)
 

@@ -128,7 +128,7 @@ def test_ctrl_c_keeps_what_is_known(
 ) -> None:
     result = plan(mission(motion="fastest"))
     interrupted = replace(result, ending=Ending.INTERRUPTED)
-    monkeypatch.setattr(module, "plan", lambda _: interrupted)
+    monkeypatch.setattr(module, "plan_until_interrupted", lambda _: interrupted)
     found = explain_mission(result)
     assert not found.complete
     assert len(found.tasks) == 3

@@ -428,7 +428,7 @@ def test_an_interrupt_returns_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(planner, "checked", interrupted)
     goal = {**RIGHT, "kappa_per_m": [20.0, -10.0]}
-    result = plan(problem(POST, goal=goal, gap=0.0))
+    result = planner.plan_until_interrupted(problem(POST, goal=goal, gap=0.0))
     assert result.ending is Ending.INTERRUPTED
     assert result.require().cost.total == seen[0][0]
 

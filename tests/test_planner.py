@@ -13,7 +13,16 @@ from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 
 import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
-from twosra_mpc import Goal, NoPlanError, Problem, Start, Status, load_problem, plan
+from twosra_mpc import (
+    Goal,
+    NoPlanError,
+    PlanInterrupted,
+    Problem,
+    Start,
+    Status,
+    load_problem,
+    plan,
+)
 from twosra_mpc.effort import Cost, charge, limited
 from twosra_mpc.planning.missions.relaxed import bending_task
 from twosra_mpc.planning.missions.stages import only_goal
@@ -210,7 +219,9 @@ def test_an_interrupt_returns_the_best_plan_so_far(monkeypatch: pytest.MonkeyPat
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sequence_solver, "solve", interrupted)
-    result = plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
+    with pytest.raises(PlanInterrupted, match="interrupted") as raised:  # which ends a user's loop
+        plan(load_problem("rigid-move", gap=0.0, robot=ROBOT))
+    result = raised.value.result
     assert result.ending is Ending.INTERRUPTED
     assert result.status is Status.FEASIBLE
     assert "interrupted" in result.message
@@ -260,7 +271,7 @@ def test_an_interrupt_before_any_plan_verifies_ends_the_search(
     search = planner._searched
     monkeypatch.setattr(planner, "trusted", broken)
     monkeypatch.setattr(planner, "_searched", interrupted)
-    result = plan(load_problem("paper-3", robot=ROBOT))
+    result = planner.plan_until_interrupted(load_problem("paper-3", robot=ROBOT))
     assert len(searched) == 1
     assert searched[0].solution is not None
     assert (result.status, result.ending) == (Status.FAILED, Ending.INTERRUPTED)

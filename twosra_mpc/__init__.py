@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         InputError,
         InputWarning,
         NoPlanError,
+        PlanInterrupted,
         TwosraError,
     )
     from twosra_mpc.model.kinematics import Kinematics, kinematics
@@ -49,7 +50,14 @@ _PUBLIC = {
     "analysis.model_comparison": ("compare_models",),
     "checking.plan_file": ("PlanCheck", "check_plan", "load_plan"),
     "checking.resampling": ("refined",),
-    "errors": ("ContradictionError", "InputError", "NoPlanError", "TwosraError", "InputWarning"),
+    "errors": (
+        "ContradictionError",
+        "InputError",
+        "InputWarning",
+        "NoPlanError",
+        "PlanInterrupted",
+        "TwosraError",
+    ),
     "model.kinematics": ("Kinematics", "kinematics"),
     "model.outline": ("RobotShape", "robot_shape"),
     "planning.single_goal.conclusion": ("Progress",),
@@ -92,6 +100,7 @@ __all__ = [
     "Pass",
     "Plan",
     "PlanCheck",
+    "PlanInterrupted",
     "Pose",
     "Problem",
     "Progress",

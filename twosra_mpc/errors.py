@@ -109,6 +109,21 @@ class NoPlanError(TwosraError):
         return (type(self), (self.status, self.reason))
 
 
+class PlanInterrupted(KeyboardInterrupt):
+    """Ctrl-C while planning.
+
+    Attributes:
+        result: The best plan so far, with its true gap.
+    """
+
+    def __init__(self, result: Any) -> None:
+        self.result = result
+        super().__init__(str(result.message))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.result,))
+
+
 class ContradictionError(TwosraError, RuntimeError):
     """A plan costs less than what was proved to be the least: a mistake in this package.
 

@@ -29,7 +29,7 @@ from twosra_mpc.analysis.transition_speed import slowed
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.planner import plan, plan_without
+from twosra_mpc.planning.planner import plan_until_interrupted, plan_without
 from twosra_mpc.planning.search.bends import unreachable_reason
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
@@ -179,7 +179,7 @@ def explain(
         raise InputError("planner", problem.planner, allowed)
     tell = on_progress or (lambda _: None)
     tell("the plan itself")
-    result = subject if isinstance(subject, Result) else plan(subject)
+    result = subject if isinstance(subject, Result) else plan_until_interrupted(subject)
     others = list[Alternative]()
     complete = isinstance(subject, Result) or result.ending is not Ending.INTERRUPTED
     reasons = None
@@ -270,7 +270,7 @@ def _alternatives(made: Plan, tell: Callable[[str], None]) -> Iterator[Alternati
         tell(change)
         try:
             problem, details = changed()
-            yield Alternative(change, details, original, plan(problem))
+            yield Alternative(change, details, original, plan_until_interrupted(problem))
         except InputError as error:
             yield Alternative(change, f"no such problem: {error}", original, None)
 
@@ -309,7 +309,7 @@ def at_full_speed(made: Plan, problem: Problem, tell: Callable[[str], None]) -> 
     if made.slower_by == 0.0:
         return replace(made, trajectory=replace(made.trajectory, problem=problem))
     tell("the same at full speed")
-    quickest = plan(problem)
+    quickest = plan_until_interrupted(problem)
     if quickest.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     return quickest.plan or made

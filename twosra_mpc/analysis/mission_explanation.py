@@ -19,7 +19,7 @@ from twosra_mpc.analysis.explanation import (
     with_better,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.planner import plan
+from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
@@ -205,7 +205,7 @@ def explain_mission(
         raise InputError("tasks", problem.tasks, "a mission; `explain` is for a single goal")
     tell = on_progress or (lambda _: None)
     tell("the plan itself")
-    result = subject if isinstance(subject, Result) else plan(subject)
+    result = subject if isinstance(subject, Result) else plan_until_interrupted(subject)
     made, quick = result.plan, None
     ways, orders = list[GoalByGoal](), list[Alternative]()
     complete = isinstance(subject, Result) or result.ending is not Ending.INTERRUPTED
@@ -297,7 +297,7 @@ def goal_by_goal(
             one = _alone(problem, tasks, goal_is_last)
             if before is not None:
                 one = _from_the_end_of(before, one, cold=temperatures == "cold")
-            result = plan(one)
+            result = plan_until_interrupted(one)
         except InputError as error:
             trouble = f"no plan to {words} from there: {error}"
             return GoalByGoal(temperatures, tuple(names), tuple(results), trouble)
@@ -377,7 +377,7 @@ def _in_order(quick: Plan, tasks: tuple[Task, ...], tell: Callable[[str], None])
     ]
     change = f"in the order {', '.join(begun)}"
     tell(change)
-    found = plan(quick.problem.with_values(tasks=tasks))
+    found = plan_until_interrupted(quick.problem.with_values(tasks=tasks))
     if found.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     return Alternative(change, "", quick, found)

@@ -14,7 +14,7 @@ import click
 from twosra_mpc.cli import options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.installation import require_flint
-from twosra_mpc.planning.planner import plan
+from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.single_goal.conclusion import Progress
 from twosra_mpc.plans.headline import above_bound
 from twosra_mpc.plans.plan import Plan, Status
@@ -112,7 +112,7 @@ def plan_with_progress(problem: Problem, output: Output, words: str) -> Result:
             best = "none yet" if progress.cost == math.inf else f"{progress.cost:z.1f} s"
             tell(f"{words}: best plan {best}, no plan below {progress.lower_bound:z.1f} s")
 
-        return plan(problem, on_progress=show)
+        return plan_until_interrupted(problem, on_progress=show)
 
 
 def _print_summary(result: Result) -> None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_effort, spent
+from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
 from twosra_mpc.planning.missions.relaxed import stage_tree
@@ -55,9 +56,9 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     """Plan: find a verified plan for ``problem`` and say how far from the best possible it is.
 
     Never raises for a problem that has no plan: ``Result.status`` and ``Result.message`` say so,
-    and ``Result.require()`` turns that into an exception. Ctrl-C, ``work_limit`` and
-    ``time_limit_s`` return the best plan so far with its true gap; what was begun within a limit
-    may take up to 1000 units of work or 0.4 s of CPU time more.
+    and ``Result.require()`` turns that into an exception. ``work_limit`` and ``time_limit_s``
+    return the best plan so far with its true gap; what was begun within a limit may take up to
+    1000 units of work or 0.4 s of CPU time more. Ctrl-C raises, with the best plan so far.
 
     Args:
         problem: The validated problem; ``problem.planner`` chooses the planner.
@@ -66,7 +67,18 @@ def plan(problem: Problem, *, on_progress: Callable[[Progress], None] | None = N
     Raises:
         InputError: If the locomotion units would overlap at the start or at the goal, or the robot
             would be outside of its workspace or overlap an obstacle there.
+        PlanInterrupted: At Ctrl-C: a ``KeyboardInterrupt`` whose ``result`` is the best so far.
     """
+    result = plan_until_interrupted(problem, on_progress=on_progress)
+    if result.ending is Ending.INTERRUPTED:
+        raise PlanInterrupted(result)
+    return result
+
+
+def plan_until_interrupted(
+    problem: Problem, *, on_progress: Callable[[Progress], None] | None = None
+) -> Result:
+    """Plan as ``plan`` does, but at Ctrl-C return the best plan so far."""
     started = time.perf_counter()
     with limited(problem.work_limit, problem.time_limit_s):
         try:
