@@ -67,7 +67,7 @@ def test_every_public_record_is_built_and_type_checked() -> None:
     names = {name for path in (*EXAMPLES, USER_SCRIPT) for _, name in used(path)}
     classes = {name for name in twosra_mpc.__all__ if inspect.isclass(getattr(twosra_mpc, name))}
     returned = {"Explanation", "Kinematics", "PlanCheck", "RobotShape"}
-    errors = {"ContradictionError", "NoPlanError", "TwosraError", "InputWarning"}
+    errors = {"ContradictionError", "NoPlanError", "PlanInterrupted", "TwosraError", "InputWarning"}
     assert classes - names == returned | errors
 
 
