@@ -206,7 +206,7 @@ def test_the_path_model_overrides_that_of_the_robot(
         asked.append(problem)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planning, "plan", stop)
+    monkeypatch.setattr(planning, "plan_until_interrupted", stop)
     assert run("plan", "rigid-move", "--path-model", "arc").code == 130
     (problem,) = asked
     expected = load_problem("rigid-move")
@@ -284,7 +284,9 @@ def test_an_output_that_cannot_be_written_is_refused_before_planning(
     run: Run, option: str, target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    monkeypatch.setattr(planning, "plan", lambda *_, **__: pytest.fail("planned in vain"))
+    monkeypatch.setattr(
+        planning, "plan_until_interrupted", lambda *_, **__: pytest.fail("planned in vain")
+    )
     outcome = run("plan", "rigid-move", option, target)
     allowed = "of a file, not of a folder" if target == "." else "that exists and can be written"
     assert_bad_input(outcome, f"twosra: output = '{target}'", allowed)
@@ -294,7 +296,9 @@ def test_a_folder_without_permission_is_refused_before_planning(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)
-    monkeypatch.setattr(planning, "plan", lambda *_, **__: pytest.fail("planned in vain"))
+    monkeypatch.setattr(
+        planning, "plan_until_interrupted", lambda *_, **__: pytest.fail("planned in vain")
+    )
     assert_bad_input(run("plan", "rigid-move", "--out", "a.json"), "output = 'a.json'")
 
 
@@ -428,14 +432,16 @@ def test_an_interrupt_outside_the_search_has_no_plan(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planning, "plan", interrupt)
+    monkeypatch.setattr(planning, "plan_until_interrupted", interrupt)
     code, out, err = run("plan", "paper-1")
     assert (code, out) == (130, "")
     assert err == "twosra: interrupted before there was a result"
 
 
 def test_a_termination_is_an_interrupt(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(planning, "plan", lambda *_, **__: signal.raise_signal(signal.SIGTERM))
+    monkeypatch.setattr(
+        planning, "plan_until_interrupted", lambda *_, **__: signal.raise_signal(signal.SIGTERM)
+    )
     code, _, err = run("plan", "paper-1")
     assert code == 130
     assert "interrupted" in err
@@ -508,8 +514,10 @@ def test_an_unknown_format_is_refused_before_planning(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     planned: list[object] = []
-    before = planning.plan
-    monkeypatch.setattr(planning, "plan", lambda *a, **k: planned.append(a) or before(*a, **k))
+    before = planning.plan_until_interrupted
+    monkeypatch.setattr(
+        planning, "plan_until_interrupted", lambda *a, **k: planned.append(a) or before(*a, **k)
+    )
     assert_bad_input(run("plan", "rigid-move", "--plot", "a.xyz"), "output = 'a.xyz'")
     assert not planned
 

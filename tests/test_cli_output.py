@@ -333,7 +333,7 @@ def test_a_full_disk_is_a_message(run: Run, monkeypatch: pytest.MonkeyPatch) -> 
     def full(*_: Any, **__: Any) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", "plan.json")
 
-    monkeypatch.setattr(planning, "plan", full)
+    monkeypatch.setattr(planning, "plan_until_interrupted", full)
     expected = "twosra: plan.json: No space left on device\n"
     assert run("plan", "rigid-move") == (2, "", expected)
 
@@ -344,7 +344,7 @@ def test_an_error_of_the_system_without_a_file_is_a_message(
     def odd(*_: Any, **__: Any) -> None:
         raise OSError("something odd")
 
-    monkeypatch.setattr(planning, "plan", odd)
+    monkeypatch.setattr(planning, "plan_until_interrupted", odd)
     assert run("plan", "rigid-move") == (2, "", "twosra: something odd\n")
 
 
@@ -355,7 +355,7 @@ def test_a_plan_that_was_needed_is_a_message(
     def none(*_: Any, **__: Any) -> None:
         raise NoPlanError(status, "for a reason")
 
-    monkeypatch.setattr(planning, "plan", none)
+    monkeypatch.setattr(planning, "plan_until_interrupted", none)
     expected = f"twosra: no verified plan ({status}): for a reason\n"
     assert run("plan", "rigid-move") == (code, "", expected)
 

@@ -15,7 +15,7 @@ import shapely
 from flint import arb
 from matplotlib.figure import Figure
 
-from twosra_mpc import InputError, Robot, load_problem, load_robot, plan, robot_names
+from twosra_mpc import InputError, Robot, load_plan, load_problem, load_robot, plan, robot_names
 from twosra_mpc.checking.body import nearest
 from twosra_mpc.checking.clearance import Surroundings
 from twosra_mpc.checking.plan_file import check_plan
@@ -24,7 +24,6 @@ from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.model.outline import outline_points, robot_shape
 from twosra_mpc.model.rolling import rolling
 from twosra_mpc.physics.mjcf import mjcf
-from twosra_mpc.plans.document import load_plan
 from twosra_mpc.plotting.plane import draw_outline, draw_robot
 from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.problem.workspace import Workspace

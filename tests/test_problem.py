@@ -614,7 +614,7 @@ def test_a_file_that_may_not_be_read_is_named(
 
     monkeypatch.setattr(Path, "open", denied)
     assert_refused(
-        lambda: load_problem(path), "file", str(path), "readable.*Permission denied", None
+        lambda: load_problem(path), "file", str(path), "can be read .Permission denied", None
     )
 
 

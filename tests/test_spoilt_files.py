@@ -89,7 +89,7 @@ def test_a_bug_is_called_one(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("nobody foresaw this")
 
-    monkeypatch.setattr(planning, "plan", broken)
+    monkeypatch.setattr(planning, "plan_until_interrupted", broken)
     with pytest.raises(SystemExit) as ended:
         main(["plan", "paper-1", *(["--debug"] if debug else [])])
     said = capsys.readouterr().err
@@ -160,7 +160,7 @@ def test_an_interrupt_of_which_a_library_makes_an_error_is_one(
         except KeyboardInterrupt:
             raise error from None
 
-    monkeypatch.setattr(planning, "plan", swallowed)
+    monkeypatch.setattr(planning, "plan_until_interrupted", swallowed)
     with pytest.raises(SystemExit) as ended:
         main(["plan", "paper-1"])
     assert ended.value.code == 130
@@ -173,7 +173,7 @@ def test_no_memory_is_not_called_a_bug(
     def too_large(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(planning, "plan", too_large)
+    monkeypatch.setattr(planning, "plan_until_interrupted", too_large)
     with pytest.raises(SystemExit) as ended:
         main(["plan", "paper-1"])
     assert ended.value.code == 2

@@ -125,10 +125,13 @@ class Value(BaseModel):
                 raise InputError(name, value, f"another {own}: with_values({name}=...) makes one")
             super().__setattr__(name, value)
 
+    def __iter__(self) -> Iterator[tuple[str, Any]]:  # type: ignore[override]  # as dict() wants it
+        """Fields and their values, and nothing that was worked out of them."""
+        return ((name, getattr(self, name)) for name in type(self).model_fields)
+
     def with_values(self, **changes: Any) -> Self:
         """Return the record with other values, validated anew."""
-        fields = {name: getattr(self, name) for name in type(self).model_fields}
-        return type(self)(**{**fields, **changes})
+        return type(self)(**{**dict(self), **changes})
 
     def __copy__(self) -> Self:
         """Copy the fields, and nothing that was worked out of them: ``model_copy`` changes some."""
