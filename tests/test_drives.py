@@ -186,7 +186,7 @@ def test_a_tight_wall_is_left_alongside(apart_m: float) -> None:
 
 
 def test_a_goal_that_no_slice_holds_is_reached_by_a_straight_leg() -> None:
-    world = corridor(0.078, 0.6)
+    world = corridor(0.081, 0.6)
     drives = Drives(ARC_ROBOT, world, STRAIGHT, headings=(12,))
     start, goal = np.array([-0.5, 0.1, 2.0]), np.array([-0.27, 0.0, 0.0])
     assert drives.certified_slices(12).component(goal) is None

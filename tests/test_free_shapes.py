@@ -97,9 +97,11 @@ def test_goals_fail_only_where_some_shape_of_theirs_is_allowed(seed: int) -> Non
 def test_a_leaf_whose_end_is_forbidden_is_no_plan() -> None:
     """Only a corner of this goal is free: what ends elsewhere is ruled out, and the best is found.
 
-    The robot was sent another way, for 543 s instead of 349 s, with nothing better than 343 proved.
+    The robot used to be sent another way, half as long again, with nothing better proved.
     """
-    goal = PAPER.goal.with_values(kappa_per_m=(-30.0, -60.0))
+    second = np.linspace(-60.0, -50.0, 1001)  # the first free one, and half a 1/m beyond it
+    free = [broken_by_shapes(PAPER.robot, (-30.0, k)) is None for k in second.tolist()]
+    goal = PAPER.goal.with_values(kappa_per_m=(-30.0, float(second[free.index(True)]) - 0.5))
     found = plan(PAPER.with_values(goal=goal, motion="fastest"))
     assert found.gap is not None
     assert found.gap < 0.02

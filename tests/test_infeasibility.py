@@ -108,9 +108,9 @@ PROVED: list[tuple[str, Problem, str]] = [
     ),
     (
         "wheels and fibre in each other's way",
-        problem((-30, 31.5), (57.5, 31.5), modes=[SOFT_1]),
+        problem((-30, 29.75), (57.3, 29.75), modes=[SOFT_1]),
         "proved infeasible: in [1,0], mode [1,0] would have to pass shapes whose wheel 2 overlaps "
-        "unit 2 by 0.9 mm (kappa1 from -30 to 57.5 1/m, kappa2 from 31.5 to 31.5 1/m); allowed "
+        "unit 2 by 1.0 mm (kappa1 from -30 to 57.3 1/m, kappa2 from 29.75 to 29.75 1/m); allowed "
         "modes are [1,0]: add another mode",
     ),
 ]

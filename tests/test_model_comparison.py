@@ -91,7 +91,7 @@ def test_fit_paths_writes_a_robot_that_keeps_its_comments(model: str, tmp_path: 
     assert robot.path.model == model
     assert robot.geometry == original.geometry
     assert robot.limits == original.limits
-    assert "# rho_w" in target.read_text()
+    assert "II-B: rho_w" in target.read_text()
     assert figure.stat().st_size > 10_000
 
 

@@ -136,7 +136,7 @@ def test_what_a_bend_takes_beyond_its_least_is_no_more_than_it_takes() -> None:
 def test_a_curled_shape_is_reached_along_the_curvature_limits() -> None:
     """In [60, 60] the robot would overlap itself; only bending by way of [60, 27] avoids it."""
     sequence = (RIGID, SOFT_2, SOFT_1, SOFT_BOTH, RIGID)
-    shape, curled = (60.0, -20.0), (-41.0, 60.0)
+    shape, curled = (60.0, -20.0), (-35.0, 60.0)
     start = Start(x_m=0.0, y_m=0.0, phi_rad=0.0, kappa_per_m=shape)
     goal = Goal(x_m=0.1, y_m=0.0, phi_rad=0.0, kappa_per_m=curled, tolerance="exact")
     problem = Problem(robot=ROBOT, start=start, goal=goal)

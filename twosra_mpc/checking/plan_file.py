@@ -313,5 +313,5 @@ def _stored(stored: Verification, found: Verification) -> Check:
     ]
     same = len(stored.goal_error) == len(found.goal_error) and stored.problems == found.problems
     same = same and stored.limits.keys() == expected
-    same = same and max(abs(a - b) for a, b in numbers) <= DEFECT_TOLERANCE
+    same = same and all(abs(a - b) <= ROUNDING + DEFECT_TOLERANCE * abs(b) for a, b in numbers)
     return Check(name, "the same" if same else "its numbers are others", same)

@@ -128,7 +128,7 @@ def package(item: Requirement) -> str:
     version = metadata.version(item.name)
     _at_least(version, item.floor)
     for module, sources in _packages_of_modules().items():
-        if item.name in (source.lower() for source in sources):
+        if item.name in map(str.lower, sources) and not module.startswith("_"):
             importlib.import_module(module)
     return version
 

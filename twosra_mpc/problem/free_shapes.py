@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twosra_mpc.problem.limits import SHAPE_LIMITS, shape_margins
+from twosra_mpc.problem import limits
+from twosra_mpc.problem.limits import shape_margins
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Body, Robot
 
@@ -64,9 +65,12 @@ def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bo
     """
     margins = shape_margins(body, middles)
     left, possible = np.full(len(middles), np.inf), np.ones(len(middles), dtype=bool)
-    for limit in SHAPE_LIMITS:
+    for limit in limits.SHAPE_LIMITS:
+        margin = margins[limit.name]
         if limit.steep is not None:
-            steep, margin = limit.steep(body), margins[limit.name]
+            steep = limit.steep(body)
             left = np.minimum(left, margin / steep.max())
             possible &= margin + half @ steep >= 0
+        elif not (limit.driving or half.any()):  # of single shapes it is known all the same
+            left, possible = np.minimum(left, margin), possible & (margin >= 0)
     return left, possible

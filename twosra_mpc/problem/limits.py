@@ -230,9 +230,9 @@ def broken_by_shapes(robot: Robot | Body, kappa: ArrayLike) -> ShapeLimit | None
     margins, found, most_per_m = shape_margins(robot, kappa), None, 0.0
     for limit in SHAPE_LIMITS:
         least = float(margins[limit.name].min())
-        if limit.steep is not None and least < 0:
-            lacking_per_m = -least / float(limit.steep(robot.body).max())
-            if lacking_per_m > most_per_m:
+        if not limit.driving and least < 0:
+            steepest = 1.0 if limit.steep is None else float(limit.steep(robot.body).max())
+            if (lacking_per_m := -least / steepest) > most_per_m:
                 found, most_per_m = limit, lacking_per_m
     return found
 

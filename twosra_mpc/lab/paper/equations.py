@@ -19,8 +19,10 @@ from twosra_mpc.lab.reproduction.published_model import published_jacobian
 from twosra_mpc.lab.reproduction.simulations import SIMULATIONS, Simulation
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.model.kinematics import kinematics
+from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.model.rolling import rolled
 from twosra_mpc.planning.planner import plan
+from twosra_mpc.plans.trajectory import wheel_speeds
 from twosra_mpc.problem.problem import load_problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import load_robot
@@ -62,27 +64,28 @@ def _compute(_folder: Path, tell: Tell) -> Data:
 
 def _inputs() -> Data:
     """How well wheel speeds give the inputs back, and what moves with a held unit."""
-    known, lost, dragged = kinematics(load_robot(_ROBOT)), [], []
+    robot, lost, dragged = load_robot(_ROBOT), [], []
+    known, units = kinematics(robot), np.eye(5)[:2]
     for simulation in SIMULATIONS.values():
         for mode in MODES:
             used = [2, 3, 4] if is_rigid(mode) else [0, 1]
-            matrix = known.wheel_matrix(simulation.start, mode).full()
-            v = np.zeros(5)
-            v[used] = (0.01, -0.02, 0.3)[: len(used)]
-            lost.append(np.abs(known.inputs(simulation.start, mode, matrix @ v) - v).max())
-            if sum(mode) == 1:
-                dragged += [_held(matrix, 0, slice(2, 4)), _held(matrix, 1, slice(0, 2))]
-    both = known.jacobian(np.zeros(POSE + 2), (1, 1)).full()
+            v = np.zeros((1, 5))
+            v[0, used] = (0.01, -0.02, 0.3)[: len(used)]
+            q, modes = simulation.start, np.array([mode])
+            turned = wheel_speeds(robot, q[None], v, modes)[0]
+            lost.append(np.abs(known.inputs(q, mode, turned) - v[0]).max())
+            if sum(mode) == 1:  # unit 1 has the first two wheels
+                first, second = np.abs(
+                    wheel_speeds(robot, np.tile(q, (2, 1)), units, np.tile(modes, (2, 1)))
+                )
+                dragged += [first[2:].max() / first.max(), second[:2].max() / second.max()]
+    moved = roll_out(robot, np.zeros(POSE + 2), ((1, 1),) * 2, 1e-6 * units[:, None]).states
+    bends = np.diff(moved[:, [0, -1], POSE:], axis=1)[:, 0]
     return {
         "inputs_lost": float(max(lost)),
         "held_wheels": float(max(dragged)),
-        "independent_bends": int(np.linalg.matrix_rank(both[POSE:, :2])),
+        "independent_bends": int(np.linalg.matrix_rank(bends, tol=1e-6 * np.abs(bends).max())),
     }
-
-
-def _held(matrix: Array, unit: int, wheels: slice) -> float:
-    """Fastest wheel of the unit that is held, as a share of the fastest of all."""
-    return float(np.abs(matrix[wheels, unit]).max() / np.abs(matrix[:, unit]).max())
 
 
 def _units_alone() -> Data:
@@ -90,16 +93,15 @@ def _units_alone() -> Data:
 
     The middle of a unit is where the lines through its wheels meet, across their drive directions.
     """
-    poses = kinematics(load_robot(_ROBOT)).wheel_poses(np.zeros(POSE + 2)).full()
+    wheels = robot_shape(load_robot(_ROBOT).geometry, np.zeros(POSE + 2)).wheels
     turning, driving = [], []
-    for own in (poses[:, :2], poses[:, 2:]):
-        along = np.array([np.cos(own[2]), np.sin(own[2])]).T
-        middle = np.linalg.solve(along, (along * own[:2].T).sum(axis=1))
-        out = own[:2].T - middle
+    for own in (wheels[:2], wheels[2:]):
+        at, along = own.mean(axis=1), own[:, 1] - own[:, 0]
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        out = at - np.linalg.solve(along, (along * at).sum(axis=1))
         turning.append(np.prod(out[:, 0] * along[:, 1] - out[:, 1] * along[:, 0]) > 0)
-        driving.append(
-            np.prod(along @ (out[0] / np.hypot(*out[0]) + out[1] / np.hypot(*out[1]))) < 0
-        )
+        diagonal = (out / np.linalg.norm(out, axis=1)[:, None]).sum(axis=0)
+        driving.append(np.prod(along @ diagonal) < 0)
     return {"turning_alike": float(np.mean(turning)), "driving_opposed": float(np.mean(driving))}
 
 
