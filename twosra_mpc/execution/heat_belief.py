@@ -25,7 +25,7 @@ from twosra_mpc.thermal.uncertainty import corners
 
 SENSOR_OFF_K = 3.0  # thermistor of 1 % parts 1.1, melting point 1, model 1
 LAGS_S = (4.0, 4.0)  # slowest healthy sensor; none is faster than no lag
-_COOLED_K = 3.0  # below that the heater may be on again
+_COOLED_K = 1.0  # below that the heater may be on again
 _FULL = 0.95  # of the current
 _SETTLED_S = 30.0  # heater off: sensor and metal are together
 _MEAN_S = 12.0  # over which power is averaged
@@ -204,6 +204,15 @@ class HeatBelief:
         enough = min(cold.liquid_level, air + least / self.least * (self.enough - air))
         return replace(begun, least=least, most=most, enough=enough, full_s=0.0, rise=None)
 
+    def unsure(self) -> HeatBelief:
+        """Doubt that heat was let in at all: not every firmware keeps metal warm."""
+        at, shown_C, stayed = self.corners, self.shown_C, self.shown_C < self.shows_at_least_C
+        cold = _within(at.cold, self.cold, (-math.inf, shown_C))
+        most_C = shown_C + SENSOR_OFF_K if stayed else math.inf
+        hot = _within(at.hot, self.hot, (-math.inf, most_C))
+        off_s, shown = math.inf if stayed else 0.0, (shown_C, shown_C)
+        return replace(self, cold=cold, hot=hot, shown=shown, rise=None, full_s=0.0, off_s=off_s)
+
     def _begin(self) -> Rise:
         """Healthy robots at the same temperature, with heaters as they are known."""
         model, full_A = self.corners.cold, self.corners.full_A
@@ -249,7 +258,7 @@ class HeatBelief:
             told = replace(self, whole=False, enough=enough)
         if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
             cold = _within(at.cold, cold, (at.liquid_C, math.inf))
-        if self.mean * self.least <= at.quiet and (liquid or (self.cut and not self.melted)):
+        if self.mean * self.power[1] <= at.quiet and (liquid or (self.cut and not self.melted)):
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
         melted = liquid or (self.melted and self.off_s < _SETTLED_S)
         return replace(told, cold=cold, hot=hot, melted=melted)

@@ -186,6 +186,8 @@ class SegmentWatch:
         """
         asked = self._asked_by(setpoint_C)
         if asked != self._asked or math.isnan(self._stretch.since_s):
+            if self._asked == "warm" and current_A is None and self.belief is not None:
+                self.belief = self.belief.unsure()
             self._asked, self._stretch = asked, _Stretch(time_s, time_s)
         readable = self._readable(time_s, temperature_C, stiffness)
         sound = readable and not self._jumped(time_s, temperature_C)
@@ -326,6 +328,8 @@ class SegmentWatch:
             if here_C < stretch.coldest_C + _WARMED_K:
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
+            if due and solid_C <= here_C < self._liquid_above_C:
+                self._raise("heater", f"{words}: a dead heater, or a sensor that is stuck")
             what = (
                 "its sensor lies, or its firmware regulates (then hold_duty = 1 in the robot file)"
             )
