@@ -23,7 +23,7 @@ from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
 from twosra_mpc.thermal.uncertainty import corners
 
-SENSOR_OFF_K = 3.0  # thermistor of 1 % parts 1.1, melting point 1, model 1
+SENSOR_OFF_K = 4.0  # thermistor of 1 % parts 2, melting point 1, model 1
 LAGS_S = (4.0, 4.0)  # slowest healthy sensor; none is faster than no lag
 _COOLED_K = 1.0  # below that the heater may be on again
 _FULL = 0.95  # of the current
@@ -31,7 +31,7 @@ _SETTLED_S = 30.0  # heater off: sensor and metal are together
 _MEAN_S = 12.0  # over which power is averaged
 _QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
 _RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
-_EVIDENT_K = 1.0  # of liquid metal, above its lowest reading
+_EVIDENT_K = 2.0  # may a thermistor show liquid metal too cold
 _WEAK = 1.3  # times weaker than the weakest healthy heater may one be that still melts
 _SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
@@ -138,8 +138,9 @@ class HeatBelief:
     def done(self) -> float:
         """Level of the cold corner at which a healthy sensor would show liquid metal."""
         at = self.corners
-        evident = at.cold.level_at(at.liquid_C + _EVIDENT_K) - at.cold.liquid_level
-        return self.enough + evident
+        melts_C = thresholds_C(at.cold)[1]
+        most_K = at.liquid_C + _EVIDENT_K - thresholds_C(at.hot)[1]
+        return self.enough + at.cold.level_at(melts_C + most_K) - at.cold.liquid_level
 
     @property
     def overdue(self) -> bool:
@@ -216,7 +217,7 @@ class HeatBelief:
     def _begin(self) -> Rise:
         """Healthy robots at the same temperature, with heaters as they are known."""
         model, full_A = self.corners.cold, self.corners.full_A
-        solid_C = thresholds_C(model)[0]
+        solid_C = thresholds_C(self.corners.hot)[0]
         known = self.shown_C, solid_C - 0.1
         rates = []
         for at_C in known:
@@ -228,7 +229,7 @@ class HeatBelief:
         """Take in a reading."""
         read = replace(self, shown_C=shown_C)
         told = read
-        if self.rise is not None and shown_C < thresholds_C(self.corners.hot)[0] - SENSOR_OFF_K:
+        if self.rise is not None:
             told = replace(read, rise=self.rise.take(shown_C))
         if told.power != self.power:
             told = told._anew()

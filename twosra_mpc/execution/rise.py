@@ -28,10 +28,10 @@ class Rise:
 
     Attributes:
         power: Of their heaters, (p,).
-        solid_C: Where they melt.
+        solid_C: Up to where all are solid.
         at_C: Two temperatures,
         rates: and rates there without current and at full current, (2, 2) [K/s].
-        metal_C: Temperatures, (p,).
+        metal_C: Temperatures, (p, l).
         lag_C: Of the two lags, (2, p, l).
         worst_K: Largest distance from the reading so far, (p, l).
         begun_C: Reading at the start.
@@ -74,15 +74,17 @@ class Rise:
         for _ in range(steps):
             share = (metal - low_C) / (high_C - low_C)
             off, full = (cold[k] + share * (warm[k] - cold[k]) for k in (0, 1))
-            after = np.minimum(self.solid_C, metal + (off + self.power * (full - off)) * step_s)
+            rate = off + self.power[:, None] * (full - off)
+            after = np.minimum(self.solid_C, metal + rate * step_s)
             middle, metal = (metal + after) / 2, after
-            before, first = first, middle[:, None] + (first - middle[:, None]) * left
+            before, first = first, middle + (first - middle) * left
             second = (before + first) / 2 + (second - (before + first) / 2) * left
         return replace(self, metal_C=metal, lag_C=np.array([first, second]))
 
     def take(self, shown_C: float) -> Rise:
-        """Compare them with a reading."""
-        worst_K = np.maximum(self.worst_K, np.abs(self.lag_C[1] - shown_C))
+        """Compare those that do not melt yet with a reading."""
+        off_K = np.where(self.metal_C < self.solid_C, np.abs(self.lag_C[1] - shown_C), 0.0)
+        worst_K = np.maximum(self.worst_K, off_K)
         return replace(self, worst_K=worst_K, shown_C=shown_C)
 
 
@@ -93,8 +95,13 @@ def rise(
     at_C: tuple[float, float],
     rates: Array,
 ) -> Rise:
-    """Begin at rest at a reading, with powers from the least to the largest."""
+    """Begin at a reading, off for long, with powers from the least to the largest.
+
+    What cools is ahead of its sensor: metal by both lags.
+    """
     count = 2 + int(np.log(powers[1] / powers[0]) / _STEP)
-    power, shape = np.geomspace(*powers, count), (count, len(LAGS_S))
-    metal, lag = np.full(count, begun_C), np.full((2, *shape), begun_C)
-    return Rise(power, solid_C, at_C, rates, metal, lag, np.zeros(shape), begun_C, begun_C)
+    power, even = np.geomspace(*powers, count), np.zeros((count, len(LAGS_S)))
+    cooled_K = rates[0][0] * LAGS_S
+    metal, first, second = (even + begun_C + k * cooled_K for k in (2, 1, 0))
+    lag = np.array([first, second])
+    return Rise(power, solid_C, at_C, rates, metal, lag, even, begun_C, begun_C)
