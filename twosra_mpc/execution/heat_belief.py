@@ -33,6 +33,7 @@ _QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
 _RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
 _EVIDENT_K = 2.0  # may a thermistor show liquid metal too cold
 _WEAK = 1.3  # times weaker than the weakest healthy heater may one be that still melts
+_PAUSE_S, _PORTION_K, _PORTIONS = 3.0, 12.0, 2  # more heat, while no liquid metal is shown
 _SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
 
@@ -84,6 +85,7 @@ class HeatBelief:
         cut: Whether the heater must be off, whatever a reading says.
         enough: Level of the cold corner at which all earlier melts were done.
         whole: Whether all metal was solid when this melt began.
+        portions: How often metal that should have melted was given more heat.
         melted: Whether the sensor has shown liquid metal since the heater was off for long.
     """
 
@@ -103,6 +105,7 @@ class HeatBelief:
     cut: bool = False
     whole: bool = True
     melted: bool = False
+    portions: int = 0
 
     @property
     def at_least_C(self) -> float:
@@ -250,7 +253,7 @@ class HeatBelief:
         if self.off_s >= _SETTLED_S and shown_C + SENSOR_OFF_K < thresholds_C(at.hot)[0]:
             cold = _within(at.cold, cold, (shown_C - SENSOR_OFF_K, shown_C))
             hot = _within(at.hot, hot, (shown_C, shown_C + SENSOR_OFF_K))
-            told = replace(self, whole=True)
+            told = replace(self, whole=True, portions=0)
         elif liquid and self.whole and self.may_be_liquid:
             (least, most), solid = self.power, at.cold.solid_level
             spare = _SPARE * (at.cold.liquid_level - solid)
@@ -259,10 +262,14 @@ class HeatBelief:
             told = replace(self, whole=False, enough=enough)
         if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
             cold = _within(at.cold, cold, (at.liquid_C, math.inf))
-        if self.mean * self.power[1] <= at.quiet and (liquid or (self.cut and not self.melted)):
+        if self.cut and not self.melted and self.off_s >= _PAUSE_S and self.portions < _PORTIONS:
+            hot = _within(at.hot, hot, (-math.inf, at.cut_C - _PORTION_K))
+            told = replace(told, portions=self.portions + 1)
+        elif liquid and self.mean * self.least <= at.quiet:
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
         melted = liquid or (self.melted and self.off_s < _SETTLED_S)
-        return replace(told, cold=cold, hot=hot, melted=melted)
+        portions = 0 if melted else told.portions
+        return replace(told, cold=cold, hot=hot, melted=melted, portions=portions)
 
     def _judged(self) -> HeatBelief:
         """Switch off where metal may be too hot, or must be liquid and is not said to be."""
