@@ -33,7 +33,7 @@ _QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
 _RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
 _EVIDENT_K = 2.0  # may a thermistor show liquid metal too cold
 _WEAK = 1.3  # times weaker than the weakest healthy heater may one be that still melts
-_PAUSE_S, _PORTION_K, _PORTIONS = 3.0, 12.0, 2  # more heat, while no liquid metal is shown
+_PAUSE_S, _PORTION_K = 3.0, 12.0  # more heat, while no liquid metal is shown
 _SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
 
@@ -51,6 +51,7 @@ class Corners:
         full_A: Current of full power.
         soft_C: Set-point.
         liquid_C: Reading of liquid metal.
+        evident: Level of the cold corner at which every healthy sensor shows liquid metal.
         cut_C: Temperature of the hot corner from which on the heater is off.
     """
 
@@ -62,6 +63,7 @@ class Corners:
     full_A: float
     soft_C: float
     liquid_C: float
+    evident: float
     cut_C: float
 
 
@@ -85,7 +87,6 @@ class HeatBelief:
         cut: Whether the heater must be off, whatever a reading says.
         enough: Level of the cold corner at which all earlier melts were done.
         whole: Whether all metal was solid when this melt began.
-        portions: How often metal that should have melted was given more heat.
         melted: Whether the sensor has shown liquid metal since the heater was off for long.
     """
 
@@ -105,7 +106,6 @@ class HeatBelief:
     cut: bool = False
     whole: bool = True
     melted: bool = False
-    portions: int = 0
 
     @property
     def at_least_C(self) -> float:
@@ -135,20 +135,13 @@ class HeatBelief:
     @property
     def surely_liquid(self) -> bool:
         """Whether the cold corner has had the heat with which all earlier melts were done."""
-        return self.corners.cold.level(self.cold) >= self.enough
-
-    @property
-    def done(self) -> float:
-        """Level of the cold corner at which a healthy sensor would show liquid metal."""
-        at = self.corners
-        melts_C = thresholds_C(at.cold)[1]
-        most_K = at.liquid_C + _EVIDENT_K - thresholds_C(at.hot)[1]
-        return self.enough + at.cold.level_at(melts_C + most_K) - at.cold.liquid_level
+        at = self.corners.cold
+        return at.level(self.cold) >= min(self.enough, at.liquid_level)
 
     @property
     def overdue(self) -> bool:
         """Whether a healthy sensor would have begun to show liquid metal."""
-        return not self.melted and self.corners.cold.level(self.cold) >= self.done
+        return not self.melted and self.corners.cold.level(self.cold) >= self.enough
 
     @property
     def half_molten(self) -> bool:
@@ -205,7 +198,7 @@ class HeatBelief:
             return begun
         (least, most), cold = self.power, at.cold
         air = cold.level_at(cold.ambient_C)  # with more power earlier melts took more
-        enough = min(cold.liquid_level, air + least / self.least * (self.enough - air))
+        enough = min(self.corners.evident, air + least / self.least * (self.enough - air))
         return replace(begun, least=least, most=most, enough=enough, full_s=0.0, rise=None)
 
     def unsure(self) -> HeatBelief:
@@ -253,7 +246,7 @@ class HeatBelief:
         if self.off_s >= _SETTLED_S and shown_C + SENSOR_OFF_K < thresholds_C(at.hot)[0]:
             cold = _within(at.cold, cold, (shown_C - SENSOR_OFF_K, shown_C))
             hot = _within(at.hot, hot, (shown_C, shown_C + SENSOR_OFF_K))
-            told = replace(self, whole=True, portions=0)
+            told = replace(self, whole=True)
         elif liquid and self.whole and self.may_be_liquid:
             (least, most), solid = self.power, at.cold.solid_level
             spare = _SPARE * (at.cold.liquid_level - solid)
@@ -262,20 +255,17 @@ class HeatBelief:
             told = replace(self, whole=False, enough=enough)
         if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
             cold = _within(at.cold, cold, (at.liquid_C, math.inf))
-        if self.cut and not self.melted and self.off_s >= _PAUSE_S and self.portions < _PORTIONS:
+        if self.cut and not self.melted and self.off_s >= _PAUSE_S:
             hot = _within(at.hot, hot, (-math.inf, at.cut_C - _PORTION_K))
-            told = replace(told, portions=self.portions + 1)
         elif liquid and self.mean * self.least <= at.quiet:
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
         melted = liquid or (self.melted and self.off_s < _SETTLED_S)
-        portions = 0 if melted else told.portions
-        return replace(told, cold=cold, hot=hot, melted=melted, portions=portions)
+        return replace(told, cold=cold, hot=hot, melted=melted)
 
     def _judged(self) -> HeatBelief:
         """Switch off where metal may be too hot, or must be liquid and is not said to be."""
-        at, cold = self.corners, self.corners.cold
-        cut = self.at_most_C >= at.cut_C - _COOLED_K * self.cut
-        return replace(self, cut=cut or (not self.melted and cold.level(self.cold) >= self.done))
+        cut = self.at_most_C >= self.corners.cut_C - _COOLED_K * self.cut
+        return replace(self, cut=cut or self.overdue)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
@@ -297,6 +287,8 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     powers = _power(cold, full_A, slow_s) / _WEAK, _power(cold, full_A, quick_s)
     hottest = model.initial(heater.temperature_max_C)
     kept = model.holding_current_A(hottest, _LONG_S) / full_A
+    liquid_C = stiffness_rule(robot, air_C, segment).liquid_above_C
+    off_K = liquid_C + _EVIDENT_K - thresholds_C(hot)[1]
     at = Corners(
         cold=cold,
         hot=hot,
@@ -305,12 +297,13 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         quiet=kept**2 * _power(cold, full_A, _warms_s(model, full_A)),
         full_A=full_A,
         soft_C=heater.soft_setpoint_C,
-        liquid_C=stiffness_rule(robot, air_C, segment).liquid_above_C,
+        liquid_C=liquid_C,
+        evident=cold.level_at(thresholds_C(cold)[1] + off_K),
         cut_C=heater.temperature_max_C,
     )
     states = cold.initial(start_C), hot.initial(start_C)
     return HeatBelief(
-        at, *states, (start_C, start_C), start_C, cold.liquid_level, least=powers[0], most=powers[1]
+        at, *states, (start_C, start_C), start_C, at.evident, least=powers[0], most=powers[1]
     )
 
 
