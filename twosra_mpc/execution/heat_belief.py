@@ -298,7 +298,7 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         full_A=full_A,
         soft_C=heater.soft_setpoint_C,
         liquid_C=liquid_C,
-        evident=cold.level_at(thresholds_C(cold)[1] + off_K),
+        evident=max(cold.liquid_level, cold.level_at(thresholds_C(cold)[1] + off_K)),
         cut_C=heater.temperature_max_C,
     )
     states = cold.initial(start_C), hot.initial(start_C)
