@@ -240,7 +240,6 @@ class SegmentWatch:
             heats = in_force_C > heater.rigid_setpoint_C and here_C < in_force_C
             flowed_A = heater.melt_current_A * heats if current_A is None else current_A
             held = self.belief.melted and known_C >= self._liquid_above_C
-            held &= current_A is None  # who knows by what law
             belief = self.belief.advance((0.0 if held else flowed_A, flowed_A), passed_s)
             self.belief = belief if shown_C is None else belief.take(shown_C)
             called = self._asked == "soft" and self.belief.may_be_liquid
