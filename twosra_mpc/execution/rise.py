@@ -13,7 +13,8 @@ import numpy as np
 
 from twosra_mpc.robot.coordinates import Array
 
-LAGS_S = np.array([0.5, 1.25, 2.0, 2.75, 3.5, 4.25])  # twice, one after the other: 2 to 8 s in all
+_LAG_S = np.array([1.0, 2.5, 4.0, 5.5, 7.0, 8.5])  # in all: half and half, and nearly all in one
+LAGS_S = np.hstack([np.outer(shares, _LAG_S) for shares in ((0.5, 0.5), (0.95, 0.05))])
 UNLIKE_K = 2.5  # from every healthy robot: thermistors of 1 % parts err by 1 K from 25 to 60 C
 _STEP = 0.03  # of one power to the next
 _KNOWN = 1.05  # times the steepest of them: losses, and the slope of the thermistor
@@ -77,8 +78,8 @@ class Rise:
             rate = off + self.power[:, None] * (full - off)
             after = np.minimum(self.solid_C, metal + rate * step_s)
             middle, metal = (metal + after) / 2, after
-            before, first = first, middle + (first - middle) * left
-            second = (before + first) / 2 + (second - (before + first) / 2) * left
+            before, first = first, middle + (first - middle) * left[0]
+            second = (before + first) / 2 + (second - (before + first) / 2) * left[1]
         return replace(self, metal_C=metal, lag_C=np.array([first, second]))
 
     def take(self, shown_C: float) -> Rise:
@@ -100,8 +101,10 @@ def rise(
     What cools is ahead of its sensor: metal by both lags.
     """
     count = 2 + int(np.log(powers[1] / powers[0]) / _STEP)
-    power, even = np.geomspace(*powers, count), np.zeros((count, len(LAGS_S)))
-    cooled_K = rates[0][0] * LAGS_S
-    metal, first, second = (even + begun_C + k * cooled_K for k in (2, 1, 0))
+    power, even = np.geomspace(*powers, count), np.zeros((count, LAGS_S.shape[1]))
+    behind_K = rates[0][0] * LAGS_S
+    second = even + begun_C
+    first = second + behind_K[1]
+    metal = first + behind_K[0]
     lag = np.array([first, second])
     return Rise(power, solid_C, at_C, rates, metal, lag, even, begun_C, begun_C)
