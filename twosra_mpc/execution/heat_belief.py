@@ -213,8 +213,9 @@ class HeatBelief:
     def _begin(self) -> Rise:
         """Healthy robots at the same temperature, with heaters as they are known."""
         model, full_A = self.corners.cold, self.corners.full_A
-        solid_C = thresholds_C(self.corners.hot)[0]
-        known = self.shown_C, solid_C - 0.1
+        at = self.corners
+        solid_C = thresholds_C(at.hot)[0], thresholds_C(at.cold)[0]
+        known = self.shown_C, solid_C[0] - 0.1
         rates = []
         for at_C in known:
             state = model.at_level(self.cold, model.level_at(at_C))
@@ -225,7 +226,7 @@ class HeatBelief:
         """Take in a reading."""
         read = replace(self, shown_C=shown_C)
         told = read
-        if self.rise is not None:
+        if self.rise is not None and shown_C < thresholds_C(self.corners.hot)[0] - SENSOR_OFF_K:
             told = replace(read, rise=self.rise.take(shown_C))
         if told.power != self.power:
             told = told._anew()

@@ -29,18 +29,18 @@ class Rise:
 
     Attributes:
         power: Of their heaters, (p,).
-        solid_C: Up to where all are solid.
+        solid_C: Where the first and the last melt, (2, 1, 1).
         at_C: Two temperatures,
         rates: and rates there without current and at full current, (2, 2) [K/s].
-        metal_C: Temperatures, (p, l).
-        lag_C: Of the two lags, (2, p, l).
+        metal_C: Temperatures, (2, p, l).
+        lag_C: Of the two lags, (2, 2, p, l).
         worst_K: Largest distance from the reading so far, (p, l).
         begun_C: Reading at the start.
         shown_C: Last reading.
     """
 
     power: Array
-    solid_C: float
+    solid_C: Array
     at_C: tuple[float, float]
     rates: Array
     metal_C: Array
@@ -83,16 +83,16 @@ class Rise:
         return replace(self, metal_C=metal, lag_C=np.array([first, second]))
 
     def take(self, shown_C: float) -> Rise:
-        """Compare those that do not melt yet with a reading."""
-        off_K = np.where(self.metal_C < self.solid_C, np.abs(self.lag_C[1] - shown_C), 0.0)
-        worst_K = np.maximum(self.worst_K, off_K)
+        """Compare them with a reading: between those that melt first and last."""
+        first, last = self.lag_C[1]
+        worst_K = np.maximum(self.worst_K, np.maximum(first - shown_C, shown_C - last))
         return replace(self, worst_K=worst_K, shown_C=shown_C)
 
 
 def rise(
     begun_C: float,
     powers: tuple[float, float],
-    solid_C: float,
+    solid_C: tuple[float, float],
     at_C: tuple[float, float],
     rates: Array,
 ) -> Rise:
@@ -103,8 +103,9 @@ def rise(
     count = 2 + int(np.log(powers[1] / powers[0]) / _STEP)
     power, even = np.geomspace(*powers, count), np.zeros((count, LAGS_S.shape[1]))
     behind_K = rates[0][0] * LAGS_S
-    second = even + begun_C
+    second = np.array([even, even]) + begun_C
     first = second + behind_K[1]
     metal = first + behind_K[0]
     lag = np.array([first, second])
-    return Rise(power, solid_C, at_C, rates, metal, lag, even, begun_C, begun_C)
+    melts_C = np.array(solid_C)[:, None, None]
+    return Rise(power, melts_C, at_C, rates, metal, lag, even, begun_C, begun_C)
