@@ -15,7 +15,7 @@ from twosra_mpc.robot.coordinates import Array
 
 _LAG_S = np.array([1.0, 2.5, 4.0, 5.5, 7.0, 8.5])  # in all: half and half, and nearly all in one
 LAGS_S = np.hstack([np.outer(shares, _LAG_S) for shares in ((0.5, 0.5), (0.95, 0.05))])
-UNLIKE_K = 2.5  # from every healthy robot: thermistors of 1 % parts err by 1 K from 25 to 60 C
+UNLIKE_K = 1.6  # from every healthy robot: thermistors of 1 % parts err by 1 K from 25 to 60 C
 _STEP = 0.03  # of one power to the next
 _KNOWN = 1.05  # times the steepest of them: losses, and the slope of the thermistor
 _FITS_K, _AS_WELL = 0.3, 1.3  # so far off at most; or so many times as far as the best
