@@ -196,9 +196,11 @@ class HeatBelief:
             return replace(begun, full_s=since_s, rise=rise and rise.advance(passed_s))
         if self.full_s == 0.0:
             return begun
-        (least, most), cold = self.power, at.cold
-        air = cold.level_at(cold.ambient_C)  # with more power earlier melts took more
-        enough = min(self.corners.evident, air + least / self.least * (self.enough - air))
+        (least, most), air = (
+            self.power,
+            at.cold.level_at(at.cold.ambient_C),
+        )  # with more power earlier melts took more
+        enough = min(at.evident, air + least / self.least * (self.enough - air))
         return replace(begun, least=least, most=most, enough=enough, full_s=0.0, rise=None)
 
     def unsure(self) -> HeatBelief:
