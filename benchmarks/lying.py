@@ -51,9 +51,8 @@ class Metal:
     @property
     def temperature_C(self) -> float:
         """Of the metal."""
-        if self.heat_J < 0:
-            return self.melting_C + self.heat_J / self.solid_J_K
-        return self.melting_C + max(0.0, self.heat_J - self.latent_J) / self.liquid_J_K
+        solid_K, molten_J = self.heat_J / self.solid_J_K, self.heat_J - self.latent_J
+        return self.melting_C + min(0.0, solid_K) + max(0.0, float(molten_J / self.liquid_J_K))
 
     def advance(self, current_A: float) -> None:
         """Let a tick pass."""

@@ -145,7 +145,7 @@ def with_coils(robot: SimulatedRobot, resistance_ohm: float) -> SimulatedRobot:
     return robot
 
 
-@pytest.mark.parametrize(("resistance_ohm", "late"), [(3.6, True), (9.0, False)])
+@pytest.mark.parametrize(("resistance_ohm", "late"), [(4.9, True), (9.0, False)])  # healthy
 def test_a_late_melt_shifts_the_phases_and_an_early_one_too(
     resistance_ohm: float, late: bool, planned: Planned
 ) -> None:
@@ -277,7 +277,7 @@ class Cold:
         self.warmed_s += at_most_s * self.heated
 
 
-def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time(
+def test_a_melt_that_hardly_warms_has_failed_before_three_times_its_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("twosra_mpc.execution.doubt.DRIVE_M", np.inf)  # it stands, and is seen to
@@ -286,8 +286,8 @@ def test_a_melt_that_is_never_confirmed_has_failed_after_three_times_its_time(
     assert run.ending is Ending.HEATER_FAILED
     failure = next(event for event in run.events if event.kind == "failure")
     assert "segment 1" in failure.text
-    assert "not soft after 1" in failure.text
-    assert 3 * 62 < failure.time_s - run.drives[-1].end_s < 4 * 62  # since it was waited for
+    assert "heating does not warm it" in failure.text
+    assert failure.time_s - run.drives[-1].end_s < 3 * 62  # since it was waited for
     assert robot.sent > 100
 
 

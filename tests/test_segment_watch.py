@@ -71,7 +71,7 @@ CASES: list[tuple[str, Iterator[Row], str, float]] = [
         32,
     ),
     ("slow", rows(OFF_C, lambda t: 65 - 0.005 * t, "changing", 2000), "cooling", 800),
-    ("weak", rows(SOFT_C, lambda t: min(25 + t, 60.0) + noise(t), "changing", 2000), "sensor", 150),
+    ("weak", rows(SOFT_C, lambda t: min(25 + t, 60.0) + noise(t), "changing", 2000), "heater", 150),
     ("jump", rows(OFF_C, lambda t: 40 + noise(t) + 9 * (t > 20), "rigid", 60), "sensor", 30),
     ("drift", rows(OFF_C, lambda t: 25 - 0.5 * t + noise(t), "rigid", 60), "sensor", 30),
     (

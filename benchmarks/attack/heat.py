@@ -77,11 +77,12 @@ class Metal:
     @cached_property
     def step_s(self) -> float:
         """Of the integration."""
-        m = self.model
+        m: Any = self.model
         if self.lumped:
-            least = min(m.heat_solid_J_per_K, m.heat_liquid_J_per_K)
-            return least / m.loss_W_per_K / _STEPS
-        rate = m.coupling_per_s * (1 + 1 / m.body_ratio) + m.body_loss_per_s
+            least: float = min(m.heat_solid_J_per_K, m.heat_liquid_J_per_K)
+            loss: float = m.loss_W_per_K
+            return least / loss / _STEPS
+        rate: float = m.coupling_per_s * (1 + 1 / m.body_ratio) + m.body_loss_per_s
         return 1 / rate / _STEPS
 
     def level(self, temperature_C: float) -> float:
@@ -90,20 +91,18 @@ class Metal:
         if not self.lumped:
             return temperature_C
         above = temperature_C - m.melting_point_C
-        return (
-            m.latent_J + m.heat_liquid_J_per_K * above
-            if above > 0
-            else m.heat_solid_J_per_K * above
-        )
+        solid: float = m.heat_solid_J_per_K * above
+        liquid: float = m.latent_J + m.heat_liquid_J_per_K * above
+        return liquid if above > 0 else solid
 
     def temperature(self, level: float) -> float:
         """Temperature of the metal [C]."""
         m = self.model
         if not self.lumped:
             return level
-        if level < 0:
-            return m.melting_point_C + level / m.heat_solid_J_per_K
-        return m.melting_point_C + max(0.0, level - m.latent_J) / m.heat_liquid_J_per_K
+        solid: float = m.melting_point_C + level / m.heat_solid_J_per_K
+        liquid: float = m.melting_point_C + max(0.0, level - m.latent_J) / m.heat_liquid_J_per_K
+        return solid if level < 0 else liquid
 
     def rates(self, x: State, current: float) -> State:
         """Of level, body and energy at constant current."""

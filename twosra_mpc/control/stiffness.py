@@ -101,7 +101,7 @@ class Knowledge:
     Attributes:
         stiffness: What the segment is.
         estimate: Of the melt observer.
-        lowest_C: Lowest temperature since the set-point became soft.
+        lowest_C: Lowest temperature since the set-point became soft, pauses left out.
         off_s: How long there has been no current.
         evident_s: For how long the sensor has shown the segment as the set-point wants it.
     """
@@ -170,7 +170,10 @@ class StiffnessRule:
             evident = measured_C > self.liquid_above_C
             prompt = measured_C > lowest_C + self.risen_K
         else:
-            lowest_C, prompt = measured_C, True
+            melts = known.stiffness == "changing" and known.lowest_C < self.solid_below_C
+            paused = melts and off_s < self.caught_up_s
+            lowest_C = min(measured_C, known.lowest_C) if paused else measured_C
+            prompt = True
             evident = measured_C < self.solid_below_C and off_s >= self.caught_up_s
         evident_s = known.evident_s + dt_s if evident else 0.0
         estimate = self.observer.step(known.estimate, current_A, measured_C, dt_s)

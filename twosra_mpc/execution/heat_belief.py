@@ -23,16 +23,17 @@ from twosra_mpc.robot.description import Robot, segment_model
 from twosra_mpc.thermal.model import SegmentModel, State, thresholds_C
 from twosra_mpc.thermal.uncertainty import corners
 
-SENSOR_OFF_K = 3.0  # thermistor of 1 % parts 1.1, melting point 1, model 1
+SENSOR_OFF_K = 4.0  # thermistor of 1 % parts 2, melting point 1, model 1
 LAGS_S = (4.0, 4.0)  # slowest healthy sensor; none is faster than no lag
-_COOLED_K = 3.0  # below that the heater may be on again
+_COOLED_K = 1.0  # below that the heater may be on again
 _FULL = 0.95  # of the current
 _SETTLED_S = 30.0  # heater off: sensor and metal are together
 _MEAN_S = 12.0  # over which power is averaged
 _QUIET_K = 10.0  # ahead of its sensor is metal that is kept warm, at most
 _RISES_K = 5.0  # below where metal melts a rise must begin to tell anything
-_EVIDENT_K = 1.0  # of liquid metal, above its lowest reading
+_EVIDENT_K = 2.0  # may a thermistor show liquid metal too cold
 _WEAK = 1.3  # times weaker than the weakest healthy heater may one be that still melts
+_PAUSE_S, _PORTION_K = 3.0, 12.0  # more heat, while no liquid metal is shown
 _SPARE = 0.06  # of the latent heat, for a start that was known to 3 K
 _HELD_K = 0.25  # below the set-point: lower ones may be of metal that melts, and a sensor 2 K off
 
@@ -50,6 +51,7 @@ class Corners:
         full_A: Current of full power.
         soft_C: Set-point.
         liquid_C: Reading of liquid metal.
+        evident: Level of the cold corner at which every healthy sensor shows liquid metal.
         cut_C: Temperature of the hot corner from which on the heater is off.
     """
 
@@ -61,6 +63,7 @@ class Corners:
     full_A: float
     soft_C: float
     liquid_C: float
+    evident: float
     cut_C: float
 
 
@@ -132,19 +135,13 @@ class HeatBelief:
     @property
     def surely_liquid(self) -> bool:
         """Whether the cold corner has had the heat with which all earlier melts were done."""
-        return self.corners.cold.level(self.cold) >= self.enough
-
-    @property
-    def done(self) -> float:
-        """Level of the cold corner at which a healthy sensor would show liquid metal."""
-        at = self.corners
-        evident = at.cold.level_at(at.liquid_C + _EVIDENT_K) - at.cold.liquid_level
-        return self.enough + evident
+        at = self.corners.cold
+        return at.level(self.cold) >= min(self.enough, at.liquid_level)
 
     @property
     def overdue(self) -> bool:
         """Whether a healthy sensor would have begun to show liquid metal."""
-        return not self.melted and self.corners.cold.level(self.cold) >= self.done
+        return not self.melted and self.corners.cold.level(self.cold) >= self.enough
 
     @property
     def half_molten(self) -> bool:
@@ -199,16 +196,28 @@ class HeatBelief:
             return replace(begun, full_s=since_s, rise=rise and rise.advance(passed_s))
         if self.full_s == 0.0:
             return begun
-        (least, most), cold = self.power, at.cold
-        air = cold.level_at(cold.ambient_C)  # with more power earlier melts took more
-        enough = min(cold.liquid_level, air + least / self.least * (self.enough - air))
+        (least, most), air = (
+            self.power,
+            at.cold.level_at(at.cold.ambient_C),
+        )  # with more power earlier melts took more
+        enough = min(at.evident, air + least / self.least * (self.enough - air))
         return replace(begun, least=least, most=most, enough=enough, full_s=0.0, rise=None)
+
+    def unsure(self) -> HeatBelief:
+        """Doubt that heat was let in at all: not every firmware keeps metal warm."""
+        at, shown_C, stayed = self.corners, self.shown_C, self.shown_C < self.shows_at_least_C
+        cold = _within(at.cold, self.cold, (-math.inf, shown_C))
+        most_C = shown_C + SENSOR_OFF_K if stayed else math.inf
+        hot = _within(at.hot, self.hot, (-math.inf, most_C))
+        off_s, shown = math.inf if stayed else 0.0, (shown_C, shown_C)
+        return replace(self, cold=cold, hot=hot, shown=shown, rise=None, full_s=0.0, off_s=off_s)
 
     def _begin(self) -> Rise:
         """Healthy robots at the same temperature, with heaters as they are known."""
         model, full_A = self.corners.cold, self.corners.full_A
-        solid_C = thresholds_C(model)[0]
-        known = self.shown_C, solid_C - 0.1
+        at = self.corners
+        solid_C = thresholds_C(at.hot)[0], thresholds_C(at.cold)[0]
+        known = self.shown_C, solid_C[0] - 0.1
         rates = []
         for at_C in known:
             state = model.at_level(self.cold, model.level_at(at_C))
@@ -249,16 +258,17 @@ class HeatBelief:
             told = replace(self, whole=False, enough=enough)
         if shown_C >= at.soft_C - _HELD_K and self.may_be_liquid:
             cold = _within(at.cold, cold, (at.liquid_C, math.inf))
-        if self.mean * self.least <= at.quiet and (liquid or (self.cut and not self.melted)):
+        if self.cut and not self.melted and self.off_s >= _PAUSE_S:
+            hot = _within(at.hot, hot, (-math.inf, at.cut_C - _PORTION_K))
+        elif liquid and self.mean * self.least <= at.quiet:
             hot = _within(at.hot, hot, (-math.inf, shown_C + _QUIET_K))
         melted = liquid or (self.melted and self.off_s < _SETTLED_S)
         return replace(told, cold=cold, hot=hot, melted=melted)
 
     def _judged(self) -> HeatBelief:
         """Switch off where metal may be too hot, or must be liquid and is not said to be."""
-        at, cold = self.corners, self.corners.cold
-        cut = self.at_most_C >= at.cut_C - _COOLED_K * self.cut
-        return replace(self, cut=cut or (not self.melted and cold.level(self.cold) >= self.done))
+        cut = self.at_most_C >= self.corners.cut_C - _COOLED_K * self.cut
+        return replace(self, cut=cut or self.overdue)
 
 
 def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> HeatBelief:
@@ -280,6 +290,8 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
     powers = _power(cold, full_A, slow_s) / _WEAK, _power(cold, full_A, quick_s)
     hottest = model.initial(heater.temperature_max_C)
     kept = model.holding_current_A(hottest, _LONG_S) / full_A
+    liquid_C = stiffness_rule(robot, air_C, segment).liquid_above_C
+    off_K = liquid_C + _EVIDENT_K - thresholds_C(hot)[1]
     at = Corners(
         cold=cold,
         hot=hot,
@@ -288,12 +300,13 @@ def heat_belief(robot: Robot, air_C: float, segment: int, start_C: float) -> Hea
         quiet=kept**2 * _power(cold, full_A, _warms_s(model, full_A)),
         full_A=full_A,
         soft_C=heater.soft_setpoint_C,
-        liquid_C=stiffness_rule(robot, air_C, segment).liquid_above_C,
+        liquid_C=liquid_C,
+        evident=max(cold.liquid_level, cold.level_at(thresholds_C(cold)[1] + off_K)),
         cut_C=heater.temperature_max_C,
     )
     states = cold.initial(start_C), hot.initial(start_C)
     return HeatBelief(
-        at, *states, (start_C, start_C), start_C, cold.liquid_level, least=powers[0], most=powers[1]
+        at, *states, (start_C, start_C), start_C, at.evident, least=powers[0], most=powers[1]
     )
 
 

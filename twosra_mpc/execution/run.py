@@ -94,7 +94,7 @@ class RunLog(ArrayValue):
         planned: Where the plan was at that moment, NaN without one, (rows, 3 + n).
         temperature_C: Measured temperatures, (rows, n).
         stiffness: As reported: 0 rigid, 0.5 changing, 1 soft, NaN not, (rows, n).
-        setpoint_C: Set-points sent until the next, (rows, n).
+        setpoint_C: Set-points asked for until the next, (rows, n).
         wheel_rad_s: Wheel speeds sent until the next, (rows, 4).
         mode: Mode in which the wheels are driven until the next: 0 rigid, 1 soft, NaN while they
             stand, (rows, n).

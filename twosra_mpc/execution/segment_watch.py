@@ -186,6 +186,8 @@ class SegmentWatch:
         """
         asked = self._asked_by(setpoint_C)
         if asked != self._asked or math.isnan(self._stretch.since_s):
+            if self._asked == "warm" and current_A is None and self.belief is not None:
+                self.belief = self.belief.unsure()
             self._asked, self._stretch = asked, _Stretch(time_s, time_s)
         readable = self._readable(time_s, temperature_C, stiffness)
         sound = readable and not self._jumped(time_s, temperature_C)
@@ -238,7 +240,6 @@ class SegmentWatch:
             heats = in_force_C > heater.rigid_setpoint_C and here_C < in_force_C
             flowed_A = heater.melt_current_A * heats if current_A is None else current_A
             held = self.belief.melted and known_C >= self._liquid_above_C
-            held &= current_A is None  # who knows by what law
             belief = self.belief.advance((0.0 if held else flowed_A, flowed_A), passed_s)
             self.belief = belief if shown_C is None else belief.take(shown_C)
             called = self._asked == "soft" and self.belief.may_be_liquid
@@ -326,6 +327,8 @@ class SegmentWatch:
             if here_C < stretch.coldest_C + _WARMED_K:
                 words = f"heating does not warm it, {words}"
                 self._raise("heater", f"{words}: a dead heater, or a sensor that has come off")
+            if due and solid_C <= here_C < self._liquid_above_C:
+                self._raise("heater", f"{words}: a dead heater, or a sensor that is stuck")
             what = (
                 "its sensor lies, or its firmware regulates (then hold_duty = 1 in the robot file)"
             )

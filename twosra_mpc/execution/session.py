@@ -374,7 +374,7 @@ class Session:
         self._planned = self._unknown if planned is None else planned
         watched = zip(self._watches, setpoint_C, strict=True)
         allowed_C = np.array([watch.allowed_C(float(asked_C)) for watch, asked_C in watched])
-        self._note(wheels, allowed_C, self._planned, mode)
+        self._note(wheels, setpoint_C, self._planned, mode)
         for segment in np.flatnonzero(setpoint_C != self.setpoint_C):
             self._since[segment] = self.now_s
         self.setpoint_C, self._turns = setpoint_C.copy(), bool(wheels.any())
