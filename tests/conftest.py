@@ -17,6 +17,10 @@ from twosra_mpc import Plan, Result, cli, load_problem, plan
 if TYPE_CHECKING:
     from twosra_mpc.execution.simulation.simulate import Simulation
 
+for _ending in ("SIGINT", "SIGHUP", "SIGQUIT"):  # what nohup or a shell's & ignores is inherited
+    if (number := getattr(signal, _ending, None)) and signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, signal.default_int_handler if _ending == "SIGINT" else signal.SIG_DFL)
+
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 

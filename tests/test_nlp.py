@@ -83,7 +83,7 @@ def test_bending_travel_changes_the_coordinate_by_what_was_asked(
 
 
 def test_the_roll_out_agrees_with_an_adaptive_integrator() -> None:
-    problem = random_problem(11)
+    problem = random_problem(12)
     _, guess, _ = set_up(problem, SEQUENCE)
     jacobian = kinematics(ROBOT).jacobian
     q = problem.start.configuration

@@ -229,7 +229,7 @@ def test_every_phase_has_its_panel_with_its_colours_and_poses(name: str, planner
     ],
 )
 def test_title_tells_sequence_duration_status_and_gap(share: float, told: str) -> None:
-    result = made("rigid-move")
+    result = plan(load_problem("rigid-move", motion="fastest", gap=0.01)).require()
     title = plan_title(replace(result, lower_bound=share * result.cost.total))
     assert title.startswith(f"[0,0] in {result.cost.time_s:.1f} s: {told}")
     assert title.endswith(told)

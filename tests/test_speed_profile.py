@@ -305,7 +305,7 @@ def test_ctrl_c_while_a_plan_is_made_gentle_keeps_the_plan(monkeypatch: pytest.M
 
     quick = plan(load_problem("paper-2", motion="fastest"))
     monkeypatch.setattr(conclusion, "gentle", interrupted)
-    kept = plan(load_problem("paper-2"))
+    kept = planner_module.plan_until_interrupted(load_problem("paper-2"))
     assert kept.ending is Ending.INTERRUPTED
     assert kept.require().cost == quick.require().cost
     assert kept.lower_bound == quick.lower_bound
