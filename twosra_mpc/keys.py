@@ -50,7 +50,7 @@ _WORDS = {  # key -> what it is, where the key alone does not say it
     "heating": "what counts beyond time: fastest, least_energy or keep_warm",
     "hold_duty": "share of the time for which the melting current holds a segment soft",
     "kappa_per_m": "curvatures of the segments",
-    "time_limit_s": "CPU time after which the search stops, whatever it has done [s]",
+    "time_limit_s": "CPU time after which the search stops, whatever it has done",
     "work_limit": "work after which the search stops; a unit is about a millisecond",
     "work": "units of work",
     "first_plan_work": "units of work until the first plan was found",

@@ -72,7 +72,7 @@ class Kinematics:
             wheel_rad_s: Speeds of the four wheels [rad/s].
 
         Returns:
-            [v1, v2, u0, v0, r0] [m/s, m/s, m/s, m/s, rad/s].
+            v = (v1, v2, u0, v0, r0) in m/s, m/s, m/s, m/s, rad/s; (5,).
         """
         matrix = self.wheel_matrix(np.asarray(q, float), np.asarray(sigma, float)).full()
         found: Array = np.linalg.pinv(matrix) @ np.asarray(wheel_rad_s, float)
