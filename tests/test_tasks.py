@@ -424,6 +424,6 @@ def test_a_task_of_ones_own_is_planned_checked_and_run(
     assert check_plan(tmp_path / "plan.json").ok
     early = replace(made.trajectory, done_s=(0.0,))
     assert any("straighten" in text for text in verify(early).problems)
-    run = simulate(problem, plan=made).run
+    run = simulate(problem, plan=made, disturbance="mild").run
     assert run.ending is Ending.REACHED, run.reason
     assert len(run.done_s) == 1

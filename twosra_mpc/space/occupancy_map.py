@@ -25,7 +25,7 @@ from twosra_mpc.validation import NonNegative, Number, Positive, Value, plain
 _BRIDGE = 1 / 64  # of a cell, by which cells that share a corner are joined
 _MOST_CORNERS = 64  # that one straight side may stand for
 _MOST_OF_MAP = 20_000  # corners: twenty seconds, and more than can be planned around
-_OPAQUE, _DIGITS = 255, 6  # of a pixel; thresholds that are a level but for rounding are it
+_OPAQUE, _DIGITS = 255, 5  # of a pixel; thresholds that are a level but for rounding are it
 _SAVED_UNKNOWN = 205  # grey that map_saver writes for unknown; share 0.196
 _UPRIGHT, _ORIENTATION = 1, 0x0112  # EXIF
 _MODES = ("1", "L", "LA", "P", "PA", "RGB", "RGBA")  # 8 bits a channel, as Pillow calls them
