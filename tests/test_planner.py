@@ -14,6 +14,7 @@ from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
 import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
 from twosra_mpc import (
+    ContradictionError,
     Goal,
     NoPlanError,
     PlanInterrupted,
@@ -256,6 +257,24 @@ def test_a_trusted_guess_that_does_not_verify_is_searched_for_anew(
     assert result.status is Status.OPTIMAL
     assert result.require().cost.total == expected.require().cost.total
     assert result.lower_bound == expected.lower_bound
+
+
+@pytest.mark.parametrize("weights", [{}, {"effort": 300.0}, {"energy_s_per_J": 9.9}])
+def test_a_bound_above_the_cost_of_the_plan_is_a_contradiction(
+    weights: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is never lowered to the cost, and called proved: the search's own cost is no excuse."""
+    problem = load_problem("paper-2", motion="fastest", weights=weights)
+    cost = plan(problem).require().cost.total
+
+    def raised(*arguments: Any) -> Any:
+        result, *others = search(*arguments)
+        return replace(result, lower_bound=cost * 1.001), *others
+
+    search = planner._searched
+    monkeypatch.setattr(planner, "_searched", raised)
+    with pytest.raises(ContradictionError):
+        plan(problem)
 
 
 def test_an_interrupt_before_any_plan_verifies_ends_the_search(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twosra_mpc.effort import OutOfEffortError, limit_reached
+from twosra_mpc.errors import ContradictionError
 from twosra_mpc.planning.search.branch_and_bound import SearchResult
 from twosra_mpc.planning.search.infeasibility import disproof, impossibility, too_few_phases
 from twosra_mpc.planning.search.tree import Tree
@@ -19,7 +20,7 @@ from twosra_mpc.plans.plan import Plan, Status
 from twosra_mpc.plans.result import Result, Stats
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import MOST_PHASES
-from twosra_mpc.problem.tolerances import ROUNDING
+from twosra_mpc.problem.tolerances import QUADRATURE_TOLERANCE, ROUNDING
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.robot.modes import mode_name
 
@@ -92,6 +93,19 @@ def quality(made: Plan, ending: Ending, *, several: bool) -> str:
     return f"{made}; {STOPPED[ending]}: {advice(ending)}{or_gap}"
 
 
+def _at_most_cost(lower: float, made: Plan) -> float:
+    """A lower bound of a search, which knows its plan's energy and effort by their quadrature.
+
+    Raises:
+        ContradictionError: If it is above the plan's cost by more than that.
+    """
+    cost, weights = made.cost, made.problem.cost_weights
+    inexact = weights.energy_s_per_J * cost.energy_J + weights.effort * (cost.effort_s or 0.0)
+    if lower > cost.total * (1 + ROUNDING) + QUADRATURE_TOLERANCE * inexact:
+        raise ContradictionError(cost.total, lower)
+    return min(lower, cost.total)
+
+
 def conclude(
     problem: Problem, search: SearchResult[Solved], tree: Tree[Solved], stats: Stats
 ) -> Result:
@@ -100,7 +114,7 @@ def conclude(
     ending, made = search.ending, None
     if search.solution is not None:
         made = search.solution.plan
-        lower = lower and min(lower, made.cost.total)  # which the search knows but for quadrature
+        lower = None if lower is None else _at_most_cost(lower, made)
         made = replace(made, lower_bound=lower)
         problem, status, message = (
             made.problem,
