@@ -64,7 +64,7 @@ def _template(study: Study) -> Template:
 def _given(study: Study, log: RunLog, folder: Path) -> dict[str, Any]:
     """All that templates may ask for."""
     results = results_of(study, log)
-    given = {"study": study, "results": results, "loads": log.loads, "about": log.about}
+    given = {"study": study, "results": results, "cpu_s": sum(log.cpu_s), "about": log.about}
     return {**given, **study.report(results, folder)}
 
 
@@ -134,12 +134,6 @@ def quantiles(
 def shifted_geometric_mean(values: Sequence[float], shift: float) -> float:
     """Geometric mean of ``values + shift``, less ``shift``; small values weigh little in it."""
     return float(np.exp(np.log(np.asarray(values) + shift).mean()) - shift)
-
-
-def power_law(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    """Fit y = scale * x ** slope by least squares of the logarithms; return (scale, slope)."""
-    slope, offset = np.polyfit(np.log(x), np.log(y), 1)
-    return float(np.exp(offset)), float(slope)
 
 
 def worst(plans: Mapping[str, PlanRecord], others: Mapping[str, PlanRecord], most: int = 5) -> str:

@@ -73,7 +73,7 @@ class ForgeryStudy(Study):
     record: ClassVar = TypeAdapter(ForgeryRecord)
     question: ClassVar = "Is a plan verified that costs less than what is proved of all?"
 
-    count: Count = 100
+    count: Count = 10
     problems: tuple[str, ...] = tuple(PROBLEMS)
 
     def cases(self) -> Iterator[Case]:
