@@ -126,7 +126,9 @@ def test_memory_that_grows_is_told_per_robot(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_has_cases_that_are_told_apart_by_their_names(name: str) -> None:
-    cases = [json.dumps(case._asdict()) for case in STUDIES[name].cases()]
+    study = STUDIES[name]
+    assert type(study).parse(study.model_dump(mode="json"), name) == study  # as its log has it
+    cases = [json.dumps(case._asdict()) for case in study.cases()]
     assert cases
     assert len(set(cases)) == len(cases)
 

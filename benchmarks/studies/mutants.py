@@ -21,7 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydantic import TypeAdapter
 
-from benchmarks.study import Count, Measured, Study
+from benchmarks.study import Count, Measured, Names, Study
 
 ROOT = Path(__file__).parents[2]
 _COPIED = ("twosra_mpc", "tests", "benchmarks", "examples", "pyproject.toml")
@@ -100,7 +100,7 @@ class Mutants(Study):
     question: ClassVar = "Is every mistake in a proof noticed by the tests beside it?"
     measures: ClassVar = ("twosra_mpc", "tests")
 
-    modules: tuple[str, ...] = QUICK
+    modules: Names = QUICK
     count: Count = 2
 
     def cases(self) -> Iterator[Case]:
