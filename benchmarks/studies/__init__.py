@@ -38,7 +38,7 @@ STUDIES: dict[str, Study] = {
     "published": Comparison(problems=("published",), repeats=2),
     "random-100": Comparison(problems=("random-100:25",), repeats=1),
     "peers": Peers(
-        problems=("published:2",),
+        problems=("published:1",),
         repeats=3,
         minlp=TimeGridMinlp(time_limit_s=10.0),
         enumeration=Enumeration(max_phases=3),
@@ -60,14 +60,16 @@ STUDIES: dict[str, Study] = {
     "forgeries": ForgeryStudy(),
     "mutants": Mutants(),
     "closed-loop": ClosedLoop(),
-    "closed-loop-hard": ClosedLoop(problems=("published-default",), level="hard"),
+    "closed-loop-hard": ClosedLoop(
+        problems=("published-default",), level="hard", executors=("optimal",)
+    ),
     "closed-loop-scenes": ClosedLoop(problems=("scenes-100:6",), executors=("optimal",)),
     "physics": ClosedLoop(
         problems=("published-default",), seeds=2, executors=("optimal",), plant="mujoco"
     ),
     "closed-loop-missions": ClosedLoopMissions(),
     "departure": Departure(),
-    "faults": Faults(),
+    "faults": Faults(executors=("optimal",)),
     "lying": Lying(),
     "files": Files(),
     "tracker-step": TrackerSteps(),
@@ -101,12 +103,12 @@ FULL: dict[str, dict[str, Any]] = {  # what differs where hours do not matter
     "forgeries": {"count": 100},
     "mutants": {"count": 12, "modules": tuple(TESTS)},
     "closed-loop": {**_LOOP, "seeds": 8},
-    "closed-loop-hard": {**_LOOP, "seeds": 2},
+    "closed-loop-hard": {**_LOOP, "seeds": 2, "executors": ("optimal", "greedy")},
     "closed-loop-scenes": {"problems": ("scenes-100",)},
     "physics": {"seeds": 8, "executors": ("optimal", "greedy")},
     "closed-loop-missions": {"seeds": 10},
     "departure": {"problems": ("random-100:25",), "seeds": 2},
-    "faults": {"count": 100},
+    "faults": {"count": 100, "executors": ("optimal", "greedy")},
     "lying": {"count": 40, "sound": 1000},
     "files": {"count": 400},
     "tracker-step": {"runs": 6, "states": 400},

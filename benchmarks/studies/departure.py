@@ -54,7 +54,7 @@ class Departure(Study):
     question: ClassVar = "How far do runs leave the paths of their plans?"
     measures: ClassVar = RUNNING
 
-    problems: Choices = ("random-100:4",)
+    problems: Choices = ("random-100:3",)
     levels: Levels = ("mild", "moderate", "hard")
     seeds: Count = 1
 
