@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from twosra_mpc.analysis.explanation import Explanation, explain
-    from twosra_mpc.analysis.model_comparison import compare_models
     from twosra_mpc.checking.plan_file import PlanCheck, check_plan, load_plan
     from twosra_mpc.checking.resampling import refined
     from twosra_mpc.errors import (
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
 # Module -> its public names, imported when they are first asked for: solvers take a second to load.
 _PUBLIC = {
     "analysis.explanation": ("Explanation", "explain"),
-    "analysis.model_comparison": ("compare_models",),
     "checking.plan_file": ("PlanCheck", "check_plan", "load_plan"),
     "checking.resampling": ("refined",),
     "errors": (
@@ -120,7 +118,6 @@ __all__ = [
     "World",
     "__version__",
     "check_plan",
-    "compare_models",
     "explain",
     "json_schema",
     "kinematics",

@@ -49,10 +49,6 @@ _COMMANDS = {
             "Say in which shapes the robot can drive to the goal.",
         ),
         "compare": ("cli.comparisons", "Plan scenarios by both planners, side by side."),
-        "compare-models": (
-            "cli.comparisons",
-            "Plan under each path model, and run under the others.",
-        ),
     },
     "Thousands of plans": {
         "batch": (

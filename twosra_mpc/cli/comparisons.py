@@ -1,8 +1,7 @@
-"""Plans beside other plans: ``twosra compare``, ``compare-models`` and ``explain``."""
+"""Plans beside other plans: ``twosra compare`` and ``explain``."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,6 @@ import click
 from twosra_mpc.analysis.critical_path import Activity, in_words
 from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
 from twosra_mpc.analysis.mission_explanation import MissionExplanation, explain_mission
-from twosra_mpc.analysis.model_comparison import ModelComparison, compare_models
 from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
@@ -130,73 +128,6 @@ def _print_records(records: Sequence[dict[str, Any]]) -> None:
     print_table(PLANS, plans)
     if effort:
         print_table(EFFORT, effort)
-
-
-@command("compare-models")
-@click.argument("scenario", **SCENARIO)
-@scenario_options("robot", "timing", "gap", "work_limit", "time_limit_s", "exact")
-def compare_models_command(scenario: str, load: Load, output: Output) -> None:
-    """Plan SCENARIO under each path model, and execute each plan under the others.
-
-    \b
-    How far does the robot end from the goal if it bends otherwise than planned?
-      twosra compare-models paper-2
-    The same with constant times of melting and freezing, for a program to read:
-      twosra compare-models paper-2 --timing constant --json
-    """
-    problem = load(scenario)
-    with output.progress("planning under each path model"):
-        result = compare_models(problem)
-    output.report(lambda: _comparison(result), lambda: _print_comparison(result))
-
-
-def _comparison(result: ModelComparison) -> dict[str, Any]:
-    """The comparison as plain data; end errors as [x m, y m, phi rad, kappa1, kappa2 1/m]."""
-    columns = (result.models, result.speeds, result.results, result.end_errors)
-    plans = [
-        {
-            "model": model,
-            "speed": speed,
-            "status": str(planned.status),
-            "duration_s": planned.plan and planned.plan.duration_s,
-            "moving_s": planned.plan.moving_s if planned.plan else 0.0,
-            "gap": planned.gap,
-            "modes": planned.plan.sequence if planned.plan else [],
-            "end_error_under": planned.plan and dict(zip(result.models, ends, strict=True)),
-        }
-        for model, speed, planned, ends in zip(*columns, strict=True)
-    ]
-    return {"scenario": result.results[0].problem.scenario(), "plans": plans}
-
-
-def _print_comparison(result: ModelComparison) -> None:
-    rows = []
-    for name, speed, planned in zip(result.models, result.speeds, result.results, strict=True):
-        if (made := planned.plan) is None:
-            rows.append((name, str(planned.status), "", "", "", speed))
-            continue
-        wheel = f"{abs(made.samples.wheel_rad_s).max():z.1f} rad/s"
-        took, moving = f"{made.cost.time_s:z.1f} s", f"{made.moving_s:z.2f} s"
-        rows.append((name, sequence_name(made.sequence), took, moving, wheel, speed))
-    print_table(("model", "mode sequence", "duration", "moving", "wheels", "v_j is"), rows)
-    errors = [
-        (maker, runner, *(_end_error(error) if planned.plan else ("no plan",)))
-        for maker, planned, ends in zip(
-            result.models, result.results, result.end_errors, strict=True
-        )
-        for runner, error in zip(result.models, ends, strict=True)
-    ]
-    click.echo("Error at the end of each plan, executed by each model:")
-    header = ("planned with", "executed by", "position", "heading", "kappa1", "kappa2")
-    print_table(header, [(*row, *[""] * (len(header) - len(row))) for row in errors])
-
-
-def _end_error(error: Any) -> tuple[str, ...]:
-    if math.isnan(error[0]):
-        return ("bends too far",)
-    shift, turn = 1e3 * math.hypot(error[0], error[1]), math.degrees(error[2])
-    bends = (f"{value:z.1f} 1/m" for value in error[3:])
-    return f"{shift:z.1f} mm", f"{turn:z.1f} deg", *bends
 
 
 @command("explain")
