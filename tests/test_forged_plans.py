@@ -34,7 +34,7 @@ from twosra_mpc.problem.tolerances import (
     WHEEL_TOLERANCE_RAD_S,
 )
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
+from twosra_mpc.robot.path_fitting import PATH_MODELS, with_path_model
 from twosra_mpc.robot.timing import SequentialTiming
 
 Array = NDArray[np.float64]

@@ -10,9 +10,8 @@ import pytest
 from twosra_mpc import InputError, Status, load_problem, load_robot, plan
 from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.cli import main
-from twosra_mpc.robot.copies import write_fitted_robot
-from twosra_mpc.robot.path_choice import PATH_MODELS, with_path_model
-from twosra_mpc.robot.path_fitting import fit_spirals
+from twosra_mpc.lab.commands.fit_paths_command import write_fitted_robot
+from twosra_mpc.robot.path_fitting import PATH_MODELS, fit_spirals, with_path_model
 from twosra_mpc.robot.paths import CardioidPath, LogSpiralPath
 
 

@@ -40,7 +40,7 @@ ALLOWED = {
         "execution/tracking/",
     ),
     "matplotlib": ("plotting/", "lab/figures/"),
-    "tomlkit": ("robot/copies.py", "lab/identification/", "report/"),
+    "tomlkit": ("robot/copies.py", "lab/commands/", "lab/identification/", "report/"),
     "jinja2": ("report/",),
     "highspy": ("planning/search/linear_program.py",),
     "osqp": ("execution/tracking/",),

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from twosra_mpc.problem.world import Box, Disc, Obstacle, World
     from twosra_mpc.robot.description import Robot, load_robot, robot_names
     from twosra_mpc.robot.modes import Mode
-    from twosra_mpc.robot.path_choice import with_path_model
+    from twosra_mpc.robot.path_fitting import with_path_model
     from twosra_mpc.schema import json_schema
     from twosra_mpc.version import __version__
 
@@ -72,7 +72,7 @@ _PUBLIC = {
     "problem.world": ("Box", "Disc", "Obstacle", "World"),
     "robot.description": ("Robot", "load_robot", "robot_names"),
     "robot.modes": ("Mode",),
-    "robot.path_choice": ("with_path_model",),
+    "robot.path_fitting": ("with_path_model",),
     "schema": ("json_schema",),
     "version": ("__version__",),
 }

@@ -1,17 +1,13 @@
-"""``twosra scenarios``, ``twosra robots``, ``twosra check-robot``, ``twosra fit-paths``."""
+"""``twosra scenarios``, ``twosra robots``, ``twosra check-robot``."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
-from twosra_mpc.cli.options import ROBOT, choice_option, command, file_option, plot_option
+from twosra_mpc.cli.options import ROBOT, command
 from twosra_mpc.cli.output import Output, numbers, print_table
 from twosra_mpc.problem.problem import load_problem, scenario_names
 from twosra_mpc.robot.description import load_robot, robot_names
-
-_FITTED = ("log_spiral_corrected", "log_spiral", "cardioid")
 
 
 @command("scenarios")
@@ -105,63 +101,3 @@ def check_robot_command(robot: str, output: Output) -> None:
         rows.append(("wheels singular", "nowhere within the curvature limits, by a scan"))
     title = (described.name, described.description)
     output.report(lambda: document, lambda: print_table(title, rows))
-
-
-@command("fit-paths")
-@click.argument("robot", **ROBOT)
-@file_option("--out", "Write a robot file with the fit.")
-@choice_option("Which fit goes into --out.", _FITTED, "--model")
-@plot_option("Draw exact and fitted paths")
-def fit_paths_command(
-    robot: str, out: Path | None, model: str, plot: Path | None, output: Output
-) -> None:
-    """Fit spirals and cardioids to the exact paths of ROBOT (a name or a file).
-
-    The spirals are fitted as Table I of the paper was; the table printed shows both.
-
-    \b
-    How well do spirals and cardioids follow the exact arcs?
-      twosra fit-paths 2sra-v1 --plot paths.png
-    A robot file for your own fibre's lengths, with its comments kept:
-      twosra fit-paths my-robot.toml --model cardioid --out fitted.toml
-    """
-    from twosra_mpc.robot.copies import write_fitted_robot
-    from twosra_mpc.robot.path_choice import parameters_in_words
-    from twosra_mpc.robot.path_fitting import CASES, fit_cardioids, fit_spirals
-
-    described = load_robot(robot)
-    with output.progress("fitting"):
-        if out is not None:
-            write_fitted_robot(robot, out, described, model)
-        if plot is not None:
-            from twosra_mpc.plotting.path_figure import plot_paths  # importing matplotlib is slow
-
-            plot_paths(described, plot)
-    spirals, cardioids = fit_spirals(described.geometry), fit_cardioids(described.geometry)
-    document = {
-        "robot": described.name,
-        "path": described.path.model_dump(mode="json"),
-        "cases": CASES,
-        "spirals": spirals,
-        "cardioids": cardioids,
-    }
-    given_spirals, given_cardioids = parameters_in_words(described.path)
-    spiral_rows = [
-        (case, f"{fit.scale:z.4f}, {fit.growth:z.4f}", given, f"{fit.rms_l:z.4f}, {fit.max_l:z.4f}")
-        for case, fit, given in zip(CASES, spirals, given_spirals, strict=True)
-    ]
-    cardioid_rows = []
-    for case, fit, given in zip(CASES, cardioids, given_cardioids, strict=True):
-        residual = f"{1e3 * fit.rms_m:z.3f}, {1e3 * fit.max_m:z.3f}"
-        cardioid_rows.append(
-            (case, f"{fit.radius_m:z.4f}, {fit.phi_per_alpha:z.4f}", given, residual)
-        )
-
-    def tables() -> None:
-        own = f"in {described.name}"
-        header = ("spiral", "fitted a / l, b", own, "residual / l: rms, largest")
-        print_table(header, spiral_rows)
-        header = ("cardioid", "fitted a [m], dphi/dalpha", own, "residual [mm]: rms, max")
-        print_table(header, cardioid_rows)
-
-    output.report(lambda: document, tables)
