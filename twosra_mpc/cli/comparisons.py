@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from twosra_mpc.analysis.alternatives import Alternative
 from twosra_mpc.analysis.critical_path import Activity, in_words
-from twosra_mpc.analysis.explanation import Alternative, Explanation, explain
-from twosra_mpc.analysis.mission_explanation import MissionExplanation, explain_mission
+from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
@@ -151,14 +151,9 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
       twosra explain three-shapes
     """
     problem = load(scenario)
-    explained: Callable[..., Explanation | MissionExplanation]
-    explained = explain_mission if problem.is_mission else explain
     with output.progress("planning") as tell:
-        found = explained(problem, on_progress=lambda words: tell(f"planning {words}"))
-    if isinstance(found, MissionExplanation):
-        output.report(lambda: _mission(found), lambda: _print_mission(found))
-    else:
-        output.report(lambda: _explanation(found), lambda: _print_explanation(found))
+        found = explain(problem, on_progress=lambda words: tell(f"planning {words}"))
+    output.report(lambda: _explanation(found), lambda: _print_explanation(found))
     if not found.complete:
         click.echo("twosra: interrupted before all alternatives were planned", err=True)
     if found.result.status is Status.INFEASIBLE:
@@ -168,6 +163,7 @@ def explain_command(scenario: str, load: Load, output: Output) -> int:
 
 def _explanation(found: Explanation) -> dict[str, Any]:
     """The explanation as plain data."""
+    others, reshaping = found.alternatives, found.reshaping
     return {
         "plan": found.result.to_dict(),
         "why": found.why,
@@ -176,47 +172,27 @@ def _explanation(found: Explanation) -> dict[str, Any]:
             {**_activity(one.activity), "during": [str(item) for item in one.during]}
             for one in found.hidden
         ],
-        "alternatives": list(map(_alternative, found.alternatives)),
+        "tasks": [
+            {**vars(each), "duration_s": each.duration_s, "shares": each.shares}
+            for each in found.tasks
+        ],
+        "compared_s": others[0].original.cost.total if others else None,
+        "alternatives": list(map(_alternative, others)),
+        "orders_left": found.orders_left,
+        "reshaping": None if reshaping is None else _reshaping(reshaping),
         "complete": found.complete,
-        **({} if found.reshaping is None else {"reshaping": _reshaping(found.reshaping)}),
     }
 
 
 def _alternative(other: Alternative) -> dict[str, Any]:
     return {
         "change": other.change,
+        "cost_s": other.cost,
         "difference_s": other.difference_s,
         "difference": other.difference,
         "outcome": other.outcome,
         "status": other.result and str(other.result.status),
         "duration_s": other.plan and other.plan.duration_s,
-    }
-
-
-def _mission(found: MissionExplanation) -> dict[str, Any]:
-    """The explanation of a mission as plain data."""
-    return {
-        "plan": found.result.to_dict(),
-        "tasks": [
-            {**vars(each), "duration_s": each.duration_s, "shares": each.shares}
-            for each in found.tasks
-        ],
-        "critical_path": [_activity(item) for item in found.critical_path],
-        "compared_s": found.quick and found.quick.cost.total,
-        "goal_by_goal": [
-            {
-                "temperatures": way.temperatures,
-                "tasks": way.tasks,
-                "costs_s": [each.plan and each.plan.cost.total for each in way.results],
-                "cost_s": way.cost,
-                "melts": way.melts,
-                "outcome": found.outcome(way),
-            }
-            for way in found.goal_by_goal
-        ],
-        "orders": list(map(_alternative, found.orders)),
-        "orders_left": found.orders_left,
-        "complete": found.complete,
     }
 
 
@@ -234,26 +210,12 @@ def _activity(item: Activity) -> dict[str, Any]:
 
 
 def _print_explanation(found: Explanation) -> None:
-    made = found.result
+    made, path = found.result, found.critical_path
     rows = [("status", made.status.words), ("outcome", made.message)]
     rows += _named_once("why", found.why)
     if found.reshaping is not None:
         rows += _named_once("reshaping" if made.found else "blocked", found.reshaping.why)
         rows += _named_once("where", found.reshaping.places)
-    print_table((made.problem.robot.name, made.planner), rows)
-    _print_sum(found.critical_path)
-    if found.hidden:
-        rows = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in found.hidden]
-        print_table(("at no cost", "meanwhile"), rows)
-    if found.alternatives:
-        options = [(other.change, other.price, other.outcome) for other in found.alternatives]
-        compared = "instead, at full speed" if made.problem.drives_gently else "instead"
-        print_table((compared, "costs more", "outcome"), options)
-
-
-def _print_mission(found: MissionExplanation) -> None:
-    made = found.result
-    rows = [("status", made.status.words), ("outcome", made.message)]
     print_table((made.problem.robot.name, made.planner), rows)
     if found.tasks:
         tasks = [
@@ -261,20 +223,18 @@ def _print_mission(found: MissionExplanation) -> None:
             for each in found.tasks
         ]
         print_table(("task", "takes", "heat", "melts"), tasks)
-    _print_sum(found.critical_path)
-    options = [(str(way), found.price(way), found.outcome(way)) for way in found.goal_by_goal]
-    options += [(other.change, other.price, other.outcome) for other in found.orders]
-    if found.orders_left:
-        options.append(("in other orders", "", f"{found.orders_left} were not planned"))
-    if options and found.quick is not None:
-        compared = f"instead, at full speed ({found.quick.cost.total:z.2f} s)"
-        print_table((compared, "costs more", "outcome"), options)
-
-
-def _print_sum(path: Sequence[Activity]) -> None:
     if path:
         rows = [(f"{lasts:z8.2f} s", words) for lasts, words in in_words(path)]
         print_table((f"{path[-1].end_s:z8.2f} s", "is the sum of"), rows)
+    if found.hidden:
+        rows = [(f"{one.activity.duration_s:z8.2f} s", str(one)) for one in found.hidden]
+        print_table(("at no cost", "meanwhile"), rows)
+    options = [(other.change, other.price, other.outcome) for other in found.alternatives]
+    if found.orders_left:
+        options.append(("in other orders", "", f"{found.orders_left} were not planned"))
+    if options:
+        compared = "instead, at full speed" if made.problem.drives_gently else "instead"
+        print_table((compared, "costs more", "outcome"), options)
 
 
 def _named_once(name: str, items: Sequence[object]) -> list[tuple[str, str]]:
