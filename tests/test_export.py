@@ -20,7 +20,7 @@ from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from twosra_mpc import InputError, Plan, plotting
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.export import foxglove_messages
 from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.export.plan_mcap import TABLES, TOPICS, save_mcap

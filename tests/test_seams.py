@@ -33,9 +33,8 @@ ALLOWED = {
     "casadi": (
         "model/",
         "problem/limits.py",
-        "problem/between.py",
         "problem/goals.py",
-        "checking/dormand_prince.py",
+        "checking/reintegration.py",
         "planning/nlp/",
         "execution/tracking/",
     ),

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from twosra_mpc.analysis.explanation import Explanation, explain
-    from twosra_mpc.checking.plan_file import PlanCheck, check_plan, load_plan
-    from twosra_mpc.checking.resampling import refined
+    from twosra_mpc.checking.plan_file import PlanCheck, check_plan, load_plan, refined
     from twosra_mpc.errors import (
         ContradictionError,
         InputError,
@@ -46,8 +45,7 @@ if TYPE_CHECKING:
 # Module -> its public names, imported when they are first asked for: solvers take a second to load.
 _PUBLIC = {
     "analysis.explanation": ("Explanation", "explain"),
-    "checking.plan_file": ("PlanCheck", "check_plan", "load_plan"),
-    "checking.resampling": ("refined",),
+    "checking.plan_file": ("PlanCheck", "check_plan", "load_plan", "refined"),
     "errors": (
         "ContradictionError",
         "InputError",

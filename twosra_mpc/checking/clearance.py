@@ -16,8 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from twosra_mpc.checking.reintegration import paths
-from twosra_mpc.checking.stages import Stage
-from twosra_mpc.checking.sweep import CHORDS, Clearance, Sweep, least, sagitta_m, uncertain_m
+from twosra_mpc.checking.sweep import CHORDS, Clearance, Stage, Sweep, least, sagitta_m, uncertain_m
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import Carried

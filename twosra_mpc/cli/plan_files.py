@@ -16,8 +16,8 @@ from twosra_mpc.checking.plan_file import (
     check_plan,
     checked_text,
     load_plan,
+    refined,
 )
-from twosra_mpc.checking.resampling import refined
 from twosra_mpc.cli.options import (
     ACCEPT_PAPER_WHEELS,
     FILE,

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.changes import changed
 from twosra_mpc.files import check_writable, write_bytes

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.changes import changed
 from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
