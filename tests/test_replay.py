@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Planned, Run
+from twosra_mpc.export.authors_csv import save_authors_csv
 
 from twosra_mpc import InputError, load_robot
-from twosra_mpc.export.authors_csv import save_authors_csv
 from twosra_mpc.lab.identification.motion_log import MotionLog, read_motion_log
 from twosra_mpc.lab.identification.replay import LEAST_BEND_RAD, PhaseReplay, replay
 from twosra_mpc.model.flow import roll_out

@@ -28,7 +28,7 @@ from twosra_mpc import (
     load_plan,
     load_problem,
 )
-from twosra_mpc.plans.headline import percent
+from twosra_mpc.plans.plan import percent
 from twosra_mpc.plans.stiffness import stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.plotting import TimeStretch, robot_shape

@@ -14,8 +14,7 @@ from twosra_mpc.analysis.explanation import Explanation, explain
 from twosra_mpc.cli.options import SCENARIO, Load, command, plot_option, scenario_options
 from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, Output, print_table
 from twosra_mpc.cli.planning import exit_code, plan_with_progress
-from twosra_mpc.plans.headline import quality
-from twosra_mpc.plans.plan import Status
+from twosra_mpc.plans.plan import Status, quality
 from twosra_mpc.plans.result import Result
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.modes import sequence_name

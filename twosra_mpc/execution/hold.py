@@ -11,7 +11,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 
 if TYPE_CHECKING:  # loaded where something is grasped
-    from twosra_mpc.contact.cage import Cage
+    from twosra_mpc.contact.grip import Cage
     from twosra_mpc.space.penetration import Thing
 
 _OVERLAP_M = 5e-5  # of an object and the robot that is none
@@ -22,7 +22,7 @@ _TRIES = 20  # to move an object out of the robot
 
 def cage_of(problem: Problem, q: Array, number: int, in_b0: Array) -> Cage | None:
     """Whether an object is caged where it is seen; None if it seems to overlap the robot."""
-    from twosra_mpc.contact.cage import caged
+    from twosra_mpc.contact.grip import caged
 
     try:
         return caged(problem.robot.geometry, q[POSE:], problem.objects[number], in_b0)
