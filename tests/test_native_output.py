@@ -110,8 +110,7 @@ def test_quiet_is_quiet(name: str) -> None:
 NOISY = """
 import ctypes, os, subprocess, sys
 from twosra_mpc import __main__
-from twosra_mpc.cli import robots
-
+from twosra_mpc.cli import descriptions as robots
 def noisy(*given):
     libc = ctypes.CDLL(None)
     libc.puts(b"of a library's buffer")

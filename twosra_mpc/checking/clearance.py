@@ -27,9 +27,8 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import DRAWN_M, OVERLAP_M, kept_from_m
 from twosra_mpc.problem.workspace import Workspace
 from twosra_mpc.problem.world import Obstacle, World
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import composed
 
 CONTACT_M = 5e-4  # by which contacts may differ in their distance
 _CONTACTS_M = 1e-3  # between points of an edge that may be touched

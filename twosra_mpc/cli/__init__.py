@@ -80,10 +80,10 @@ _COMMANDS = {
         "simulate-heater": ("lab.commands.heater_command", "Run the closed loop of one heater."),
     },
     "Describe robots and problems": {
-        "new": ("cli.new", "Write a scenario or a robot file to start from."),
-        "scenarios": ("cli.robots", "List the built-in scenarios."),
-        "robots": ("cli.robots", "List the built-in robots."),
-        "check-robot": ("cli.robots", "Check a robot file and its wheels."),
+        "new": ("cli.descriptions", "Write a scenario or a robot file to start from."),
+        "scenarios": ("cli.descriptions", "List the built-in scenarios."),
+        "robots": ("cli.descriptions", "List the built-in robots."),
+        "check-robot": ("cli.descriptions", "Check a robot file and its wheels."),
         "fit-paths": (
             "lab.commands.fit_paths_command",
             "Fit spirals and cardioids to a fibre's lengths.",

@@ -19,9 +19,8 @@ from scipy.spatial import ConvexHull
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.robot.coordinates import Array
+from twosra_mpc.robot.coordinates import Array, inverse
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import inverse
 from twosra_mpc.space.contour import Contour, contacts
 from twosra_mpc.space.enclosure import disc_enclosed, polygon_enclosed
 from twosra_mpc.space.footprint import footprint

@@ -22,10 +22,9 @@ from twosra_mpc.errors import InputError
 from twosra_mpc.problem.limits import BODY_GAP, CURVATURE, SHAPE_LIMITS, UNIT_GAP, shape_margins
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.world import Obstacle
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, farthest_m, parts, wraps_rad
 from twosra_mpc.space.footprint import reach_per_curvature_m2
 

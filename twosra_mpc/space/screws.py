@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.problem.tolerances import ROUNDING_M, UNSEEN_M
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import wrapped
+from twosra_mpc.robot.coordinates import Array, wrapped
 
 
 def twists(start: Array, end: Array, turns_rad: Array | None = None) -> Array:

@@ -34,9 +34,8 @@ from twosra_mpc.problem.tasks import (
 )
 from twosra_mpc.problem.tolerances import TOUCHING_M
 from twosra_mpc.problem.world import World
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.modes import Mode
-from twosra_mpc.robot.poses import composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
 from twosra_mpc.space.convex import eroded, quadrangles
 from twosra_mpc.space.footprint import kept_m
