@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from twosra_mpc.checking.dormand_prince import step_of_order_8
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.errors import InputError
+from twosra_mpc.model.cache import per_body
 from twosra_mpc.model.kinematics import InPlace
 from twosra_mpc.model.rows import in_mode
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import INPUTS, Array
-from twosra_mpc.robot.description import Robot
+from twosra_mpc.robot.description import Body, Robot
 from twosra_mpc.robot.modes import Mode
 
 _MOST_CUTS = 2_000_000  # of all intervals
@@ -50,12 +51,22 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             rows[:] = reached[first]
             continue
         if mode not in known:
-            known[mode] = _Steps(problem.robot, mode)
+            idle = _idle(problem.robot, mode)
+            known[mode] = idle.pop() if idle else _Steps(problem.robot, mode)
         if not _follow(
             known[mode], reached[first], direction, np.cumsum(lengths).tolist(), beyond, rows
         ):
             break
+    for mode, steps in known.items():
+        _idle(problem.robot, mode).append(steps)
     return reached
+
+
+@per_body(8)
+def _idle(body: Body, mode: Mode) -> list[_Steps]:
+    """Those of a mode that nobody takes now: in another thread somebody may."""
+    del body, mode
+    return []
 
 
 def _follow(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.model.flow import flown
 from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.limits import (
@@ -54,15 +55,17 @@ def driven(
         mode: Stiffness until then, (m, n).
     """
     rows = np.flatnonzero(v.any(axis=1) | a.any(axis=1))
-    first, last = q[rows], q[np.minimum(rows + 1, len(q) - 1)]
+    first, last, modes, dt = q[rows], q[np.minimum(rows + 1, len(q) - 1)], mode[rows], dt_s[rows]
     begin, rate = v[rows], a[rows]
-    gained = rate * dt_s[rows, None]
+    gained, middle, soft = rate * dt[:, None], (first + last) / 2, modes.any(axis=1)
+    halfway = ((begin + gained / 4) * dt[:, None] / 2)[soft]
+    middle[soft] = flown(robot, first[soft], halfway, modes[soft])
     *shares, accelerations = by_modes(
         motion_function(robot),
-        np.concatenate([first, (first + last) / 2, last]),
+        np.concatenate([first, middle, last]),
         np.concatenate([begin, begin + gained / 2, begin + gained]),
         np.tile(rate, (3, 1)),
-        np.tile(mode[rows], (3, 1)),
+        np.tile(modes, (3, 1)),
     )
     places = [share.reshape(3, len(rows), share.shape[1]) for share in shares]
     turning = places[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)

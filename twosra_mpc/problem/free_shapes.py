@@ -46,11 +46,13 @@ def look_for_shape(robot: Robot | Body, low: ArrayLike, high: ArrayLike) -> Look
     most, sides = body.limits.curvature_per_m, np.array([[-1.0], [1.0]])
     lower, upper = np.clip([low, high], -most, most)
     middles, half = (lower + upper)[None] / 2, (upper - lower) / 2
-    while least < 0 and 0 < len(middles) <= _MOST:
+    while 0 < len(middles) <= _MOST:
         left_per_m, possible = _left(body, middles, half)
         at = int(left_per_m.argmax())
         if left_per_m[at] > least:
             best, least = middles[at], left_per_m[at]
+        if least >= 0:
+            break
         widest = np.eye(len(half))[(half * body.geometry.lengths_m).argmax()]
         half = half * (1 - widest / 2)
         aside = sides[:, None] * half * widest
