@@ -51,7 +51,7 @@ def _cut(trajectory: Trajectory) -> Trajectory:
     """The trajectory with samples where soft segments have bent far since the one before."""
     samples, robot = trajectory.samples, trajectory.problem.robot
     fine, at = between(samples, np.where(samples.mode[:-1].any(axis=1), _CUT, np.inf), least=0)
-    if len(fine) == len(samples):
+    if fine is samples:
         return trajectory
     since = (fine.t_s - samples.t_s[at])[:, None]
     s = (samples.v[at] + samples.a[at] * since / 2) * since
@@ -68,7 +68,7 @@ def energy_J(problem: Problem, samples: Samples) -> float:
     total = 0.0
     for j, own in enumerate(currents.T):
         model = segment_model(problem.robot, problem.ambient, j)
-        states = np.column_stack(heated_states(problem, samples, j, model))
+        states = np.column_stack(heated_states(samples, j, model, problem.temperatures[j]))
         turns = [0, *(np.flatnonzero(np.diff(own[:-1])) + 1).tolist(), len(t) - 1]
         for begin, end in itertools.pairwise(turns):
             if own[begin]:

@@ -161,6 +161,8 @@ def between(samples: Samples, cut: float | Array, least: int) -> tuple[Samples, 
         allowed = "inputs that move the robot by no more than metres"
         raise InputError("samples.v", float(moved.max()), allowed)
     cuts = np.maximum(np.ceil(moved / cut) + least, 1).astype(int)
+    if (cuts == 1).all():
+        return samples, np.arange(len(samples))
     at = np.repeat(np.arange(len(cuts)), cuts)
     share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]
     t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])

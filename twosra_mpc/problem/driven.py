@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twosra_mpc.model.flow import flown
-from twosra_mpc.model.rows import by_modes
+from twosra_mpc.model.rows import by_modes, depends_on, in_mode
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.limits import (
     WHEEL_ACCELERATION,
@@ -57,11 +57,16 @@ def driven(
     rows = np.flatnonzero(v.any(axis=1) | a.any(axis=1))
     first, last, modes, dt = q[rows], q[np.minimum(rows + 1, len(q) - 1)], mode[rows], dt_s[rows]
     begin, rate = v[rows], a[rows]
-    gained, middle, soft = rate * dt[:, None], (first + last) / 2, modes.any(axis=1)
-    halfway = ((begin + gained / 4) * dt[:, None] / 2)[soft]
-    middle[soft] = flown(robot, first[soft], halfway, modes[soft])
+    gained, middle, function = rate * dt[:, None], (first + last) / 2, motion_function(robot)
+    bends = {
+        mode: any(mode) and depends_on(in_mode(function, mode), 0)
+        for mode in set(map(tuple, modes.tolist()))
+    }
+    bent = np.array([bends[mode] for mode in map(tuple, modes.tolist())], dtype=bool)
+    halfway = ((begin + gained / 4) * dt[:, None] / 2)[bent]
+    middle[bent] = flown(robot, first[bent], halfway, modes[bent])
     *shares, accelerations = by_modes(
-        motion_function(robot),
+        function,
         np.concatenate([first, middle, last]),
         np.concatenate([begin, begin + gained / 2, begin + gained]),
         np.tile(rate, (3, 1)),
