@@ -66,13 +66,10 @@ def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bo
     Boxes reach ``half`` (n,) to each side of them.
     """
     margins = shape_margins(body, middles)
-    left, possible = np.full(len(middles), np.inf), np.ones(len(middles), dtype=bool)
-    for limit in limits.SHAPE_LIMITS:
-        margin = margins[limit.name]
-        if limit.steep is not None:
-            steep = limit.steep(body)
-            left = np.minimum(left, margin / steep.max())
-            possible &= margin + half @ steep >= 0
-        elif not (limit.driving or half.any()):  # of single shapes it is known all the same
-            left, possible = np.minimum(left, margin), possible & (margin >= 0)
-    return left, possible
+    forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
+    if half.any():  # of single shapes it is known how steep a limit is, or not
+        forbids = [limit for limit in forbids if limit.steep is not None]
+    steep = np.array([limit.steep(body) if limit.steep else np.ones(len(half)) for limit in forbids])
+    margin = np.array([margins[limit.name] for limit in forbids])
+    left: Array = (margin / steep.max(axis=1)[:, None]).min(axis=0)
+    return left, (margin + (steep @ half)[:, None] >= 0).all(axis=0)

@@ -226,6 +226,7 @@ def bending_task(problem: Problem) -> BendingTask:
             begin, end = begin + max(least - 1, 0) * step, begin + min(least + 1, last) * step
         return None
 
+    @lru_cache(64)  # many sequences lead through the same shapes
     def shapeless(within: Intervals) -> bool:
         least, most = map(facts.curvatures, zip(*within, strict=True))
         box = np.subtract(least, BEYOND_PER_M), np.add(most, BEYOND_PER_M)
