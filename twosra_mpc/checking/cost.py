@@ -35,7 +35,7 @@ def effort_s(trajectory: Trajectory) -> float:
     """Integral of the sum of (wheel speed / largest wheel speed)^2 over the samples [s].
 
     By Simpson's rule, corrected by the derivatives at the ends of intervals: exact for rigid
-    motion, else to 1e-8. Intervals are cut where soft segments bend.
+    motion, else to 1e-7. Intervals are cut where soft segments bend.
     """
     plan = _cut(trajectory)
     moving, lasting = plan.driven, np.diff(plan.samples.t_s)

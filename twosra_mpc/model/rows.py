@@ -58,13 +58,6 @@ def in_mode(function: ca.Function, mode: Mode) -> ca.Function:
     return ca.Function(function.name(), given, told)
 
 
-@per_function(32)
-def depends_on(function: ca.Function, argument: int) -> bool:
-    """Whether any result of a function depends on an argument, by its number."""
-    sparsities = (function.jac_sparsity(i, argument) for i in range(function.n_out()))
-    return any(each.nnz() for each in sparsities)
-
-
 class _Ready:
     """A function at so many rows, with arrays of its own that it reads from and writes to."""
 

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.model.flow import flown
-from twosra_mpc.model.rows import by_modes, depends_on, in_mode
+from twosra_mpc.model.rows import by_modes
 from twosra_mpc.problem import limits
 from twosra_mpc.problem.limits import (
     WHEEL_ACCELERATION,
@@ -19,7 +18,7 @@ from twosra_mpc.problem.limits import (
     shape_margins,
     speed_limits,
 )
-from twosra_mpc.robot.coordinates import POSE, WHEELS, Array
+from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
 
 
@@ -55,26 +54,25 @@ def driven(
         mode: Stiffness until then, (m, n).
     """
     rows = np.flatnonzero(v.any(axis=1) | a.any(axis=1))
-    first, last, modes, dt = q[rows], q[np.minimum(rows + 1, len(q) - 1)], mode[rows], dt_s[rows]
-    begin, rate = v[rows], a[rows]
-    gained, middle, function = rate * dt[:, None], (first + last) / 2, motion_function(robot)
-    bends = {
-        mode: any(mode) and depends_on(in_mode(function, mode), 0)
-        for mode in set(map(tuple, modes.tolist()))
-    }
-    bent = np.array([bends[mode] for mode in map(tuple, modes.tolist())], dtype=bool)
-    halfway = ((begin + gained / 4) * dt[:, None] / 2)[bent]
-    middle[bent] = flown(robot, first[bent], halfway, modes[bent])
-    *shares, accelerations = by_modes(
-        function,
-        np.concatenate([first, middle, last]),
-        np.concatenate([begin, begin + gained / 2, begin + gained]),
-        np.tile(rate, (3, 1)),
-        np.tile(modes, (3, 1)),
-    )
-    places = [share.reshape(3, len(rows), share.shape[1]) for share in shares]
+    first, last, modes = q[rows], q[np.minimum(rows + 1, len(q) - 1)], mode[rows]
+    begin, rate, dt = v[rows], a[rows], dt_s[rows, None]
+    after = begin + rate * dt
+    ends = _asked(robot, [first, last], [begin, after], rate, modes)
+    bent = dt / 8 * (ends[-1][0] - ends[-1][1])  # Hermite's cubic in between
+    middle = _asked(robot, [(first + last) / 2 + bent], [(begin + after) / 2], rate, modes)
+    places = [np.stack([x[0], y[0], x[1]]) for x, y in zip(ends, middle, strict=True)]
     turning = places[speed_limits(robot).index(WHEEL_SPEED)] * WHEEL_SPEED.most(robot)
-    return Driven(rows, places, turning, accelerations.reshape(3, len(rows), WHEELS))
+    return Driven(rows, places[:-2], turning, places[-2])
+
+
+def _asked(
+    robot: Robot, q: list[Array], v: list[Array], a: Array, mode: NDArray[np.int64]
+) -> list[Array]:
+    """What the model says of motion at places, each (places, m, k)."""
+    count = len(q)
+    given = np.concatenate(q), np.concatenate(v), np.tile(a, (count, 1)), np.tile(mode, (count, 1))
+    found = by_modes(motion_function(robot), *given)
+    return [each.reshape(count, len(a), each.shape[1]) for each in found]
 
 
 def margins(

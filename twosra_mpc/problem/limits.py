@@ -337,14 +337,14 @@ def speed_function(body: Body) -> ca.Function:
 
 @per_body()
 def motion_function(body: Body) -> ca.Function:
-    """(q, v, a, sigma) -> shares of each speed limit, signed, and d/dt V v with v' = a [rad/s2]."""
+    """(q, v, a, sigma) -> shares of each speed limit, signed, d/dt V v with v' = a [rad/s2], q'."""
     segments = body.geometry.segments
     q, v, a = ca.SX.sym("q", POSE + segments), ca.SX.sym("v", INPUTS), ca.SX.sym("a", INPUTS)
     sigma = ca.SX.sym("sigma", segments)
     jacobian, wheels = kinematics(body).shared(q, sigma)  # once: what all share is written once
     moved, turned = jacobian @ v, wheels @ v
     turning = ca.densify(wheels @ a + ca.jtimes(turned, q, moved))
-    told = [*_shares(body, v, moved, turned), turning]
+    told = [*_shares(body, v, moved, turned), turning, ca.densify(moved)]
     return ca.Function("motion", [q, v, a, sigma], told)
 
 
