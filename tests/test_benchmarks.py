@@ -42,6 +42,7 @@ from benchmarks.studies.closed_loop_missions import PLACED, STOPPED, WRONG, came
 from benchmarks.studies.cold_start import RoundRecord, breakdown, own_import_times
 from benchmarks.studies.missions import Case as MissionCase
 from benchmarks.studies.missions import longer, reshapings_at_the_nearest
+from benchmarks.studies.mutants import QUICK, ROOT, TESTS
 from benchmarks.studies.scenes import blocks
 from benchmarks.studies.tracker_step import Case as TrackedPhase
 from benchmarks.studies.tracker_step import TrackerSteps, tracker_setup
@@ -139,6 +140,13 @@ def test_every_study_has_a_larger_set_that_is_measured_by_the_same_code(name: st
     full = type(usual).parse({**usual.model_dump(), **FULL.get(name, {})}, name)
     assert (name in FULL) == (full != usual)
     assert len(list(full.cases())) >= len(list(usual.cases()))
+
+
+def test_modules_that_are_mistaken_have_tests_beside_them() -> None:
+    for module, tests in TESTS.items():
+        assert (ROOT / module).is_file()
+        assert all((ROOT / "tests" / f"{name}.py").is_file() for name in tests)
+    assert set(QUICK) <= set(TESTS)
 
 
 def test_a_name_or_setting_that_is_wrong_is_refused_by_name(tmp_path: Path) -> None:

@@ -40,8 +40,7 @@ from twosra_mpc.plotting.scene import Scene
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.report import report_page
 from twosra_mpc.report.words import scenario_toml, task_rows
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import composed
+from twosra_mpc.robot.coordinates import Array, composed
 
 
 def result(made: Plan) -> Result:

@@ -41,7 +41,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "twosra_mpc/model/bending.py": ("test_bending", "test_bounds"),
     "twosra_mpc/thermal/least_times.py": ("test_thermal_timing", "test_first_cycle"),
     "twosra_mpc/problem/tolerances.py": ("test_tolerance", "test_attack", "test_verify_command"),
-    "twosra_mpc/checking/between_samples.py": ("test_forged_plans",),
+    "twosra_mpc/checking/sweep.py": ("test_forged_plans",),
     "twosra_mpc/checking/certificate.py": ("test_certificate",),
     "twosra_mpc/checking/cost.py": ("test_motion_effort", "test_verify_command"),
     "twosra_mpc/checking/events.py": ("test_certificate",),
@@ -54,7 +54,7 @@ QUICK = tuple(
     f"twosra_mpc/{name}.py"
     for name in (
         *("planning/search/drive_bound", "planning/search/linear_program"),
-        *("model/bending", "checking/between_samples", "checking/certificate"),
+        *("planning/search/schedule", "model/bending", "checking/sweep"),
     )
 )
 _OPPOSITE: dict[type[ast.cmpop], type[ast.cmpop]] = {
