@@ -37,6 +37,7 @@ from test_problem import write
 from test_replay import TRIAL, TRIAL_1, wheel_log
 
 from twosra_mpc import NoPlanError, cli, load_problem, robot_names, scenario_names
+from twosra_mpc.analysis import passages
 from twosra_mpc.cli import (
     jog_command,
     options,
@@ -76,6 +77,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let commands that start at a scenario plan a quick one, and draw and film little."""
     monkeypatch.setattr(options, "load_problem", load_quick)
     monkeypatch.setattr(film, "FRAMES_PER_S", 0.2)
+    find = passages.find_passages
+    monkeypatch.setattr(passages, "find_passages", lambda of, _step, *more: find(of, 70.0, *more))
     monkeypatch.setattr(page, "plot_plan", lambda _: Figure())
     monkeypatch.setattr(paper_figures, "PAPER_FIGURES", {"blank": Figure().savefig})
 
