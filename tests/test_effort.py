@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -196,18 +197,11 @@ def elsewhere(seed: str) -> dict[str, str]:
 
 def test_the_plan_is_the_same_beside_a_load_with_other_hashes_and_after_other_plans() -> None:
     """To the byte: cold, and with everything known that earlier plans of a process leave."""
-    alone = elsewhere("1")
-    spin = [sys.executable, "-c", "while True: pass"]
-    busy = [subprocess.Popen(spin) for _ in range(2)]
-    try:
-        beside = elsewhere("2")
-    finally:
-        for each in busy:
-            each.kill()
-            each.wait()
+    with ThreadPoolExecutor(2) as at_once:  # each is the other's load
+        others = list(at_once.map(elsewhere, ("1", "2")))
     twice = [{name: as_written(plan(stopped(name))) for name in STOPPED} for _ in range(2)]
-    assert beside == alone
-    assert twice == [alone, alone]
+    assert others == twice
+    assert twice[0] == twice[1]
 
 
 @pytest.mark.parametrize(

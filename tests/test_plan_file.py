@@ -707,7 +707,7 @@ def test_configurations_at_a_rate_are_continuous(planned: Planned) -> None:
     assert (steps <= 1.1 * speed.max(axis=0) + 1e-9).all()
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(rate_Hz=st.floats(0.01, 40.0))
 def test_any_rate_keeps_the_ends_of_the_plan(planned: Planned, rate_Hz: float) -> None:
     found = planned("rigid-move")

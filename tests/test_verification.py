@@ -705,7 +705,7 @@ def test_no_change_of_motion_goes_unnoticed(
     assert not case.set(name, i, column, before + sign * by).check().ok
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     i=st.integers(0, 3),
     name=st.sampled_from(["heater_s", "onset_s", "done_s"]),
