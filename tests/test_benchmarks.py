@@ -469,7 +469,7 @@ def test_steps_of_the_tracker_are_timed_and_compared() -> None:
 def test_the_first_input_is_that_of_the_nonlinear_program(case: TrackedPhase) -> None:
     of = plan(load_problem(case.scenario)).require()
     setup = tracker_setup(of, case.phase)
-    apart = disagreements(of, case.phase, setup, states=3)
+    apart = disagreements(of, case.phase, setup, states=2)
     assert max(apart) < AGREED
     assert min(apart) > 0.0
 
