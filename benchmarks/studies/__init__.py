@@ -48,7 +48,7 @@ STUDIES: dict[str, Study] = {
     "missions": Missions(),
     "pick-and-place": PickAndPlace(scenarios=("pick-and-place",), repeats=1),
     "transition-sweep": TransitionSweep(
-        problems=("published:5",),
+        problems=("published:5", "random-100:5"),
         freeze_s=(_FREEZE_S, 150, 60, 25),
         reference_freeze_s=_FREEZE_S,
         repeats=1,
