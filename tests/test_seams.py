@@ -88,6 +88,7 @@ STAGES = [
         "files.py",
         "native_output.py",
         "keys.py",
+        "arguments.py",
         "validation.py",
     ),
     ("thermal/",),

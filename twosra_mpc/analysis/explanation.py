@@ -26,6 +26,7 @@ from twosra_mpc.analysis.critical_path import (
     in_words,
 )
 from twosra_mpc.analysis.transition_speed import slowed
+from twosra_mpc.arguments import made, public
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.relaxed import bending_task
@@ -111,6 +112,7 @@ def price_words(more_s: float, cost_s: float) -> str:
     return f"{more_s:+z.2f} s ({percent:+z.{digits}f} %)"
 
 
+@made
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """Why a plan is what it is.
@@ -154,6 +156,7 @@ class Explanation:
         return "\n".join(lines)
 
 
+@public
 def explain(
     subject: Result | Problem, *, on_progress: Callable[[str], None] | None = None
 ) -> Explanation:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.reintegration import reintegrate
 from twosra_mpc.model.path_models import path_model
 from twosra_mpc.planning.planner import plan
@@ -15,7 +16,6 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.path_choice import with_path_model
 from twosra_mpc.robot.paths import PATH_MODELS
-from twosra_mpc.validation import public
 
 
 @dataclass(frozen=True, eq=False)

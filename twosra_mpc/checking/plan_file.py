@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from twosra_mpc.arguments import made, public
 from twosra_mpc.checking.between_samples import between_problems
 from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import Findings, examine
@@ -31,7 +32,7 @@ from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names
 from twosra_mpc.robot.modes import mode_name
 from twosra_mpc.robot.path_choice import with_path_model
-from twosra_mpc.validation import ArrayValue, public
+from twosra_mpc.validation import ArrayValue
 
 _YOUNGER = {"body_gap_m"}  # limits that plan files of before do not state
 _UNITS = {**UNITS, "temperature_max_C": "C", "heater_current_A": "A"}  # of a verification's limits
@@ -56,6 +57,7 @@ class Check:
     unit: str = ""
 
 
+@made
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanCheck(ArrayValue):
     """A plan file that was checked.

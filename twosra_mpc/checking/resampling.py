@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.cost import cost_of
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import new_times
-from twosra_mpc.validation import public
 
 
 @public

@@ -6,9 +6,9 @@ import csv
 import io
 from pathlib import Path
 
+from twosra_mpc.arguments import public
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
-from twosra_mpc.validation import public
 
 
 @public

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.changes import changed
@@ -25,7 +26,6 @@ from twosra_mpc.plans.setpoints import columns
 from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Samples, Trajectory
 from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.validation import public
 
 SCENE, FRAMES, AROUND, OBJECTS = "/robot", "/tf", "/surroundings", "/objects"
 TABLES = {  # topic -> what it says, how the names of its columns begin

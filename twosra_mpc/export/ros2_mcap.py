@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.resampling import refined
 from twosra_mpc.errors import InputError
 from twosra_mpc.export.changes import changed
@@ -30,7 +31,6 @@ from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.validation import public
 
 WORLD = "world"
 TEMPERATURE_STEP_C = 0.1  # a temperature is written when it has moved so far

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from twosra_mpc.arguments import made, public
 from twosra_mpc.errors import NoPlanError
 from twosra_mpc.files import write_json
 from twosra_mpc.plans.ending import Ending
@@ -45,6 +46,7 @@ class Stats:
     first_plan_work: float | None = None
 
 
+@made
 @dataclass(frozen=True, eq=False)
 class Result(ArrayValue):
     """The outcome of planning.
@@ -103,7 +105,8 @@ class Result(ArrayValue):
         Raises:
             AttributeError: Always; a result has no further attributes.
         """
-        hint = f"; result.require().{name} is the plan's" if hasattr(Plan, name) else ""
+        of_plan = name in {*dir(Plan), *Plan.__dataclass_fields__}
+        hint = f"; result.require().{name} is the plan's" if of_plan else ""
         raise AttributeError(f"a Result has no {name}{hint}", name=name, obj=self)
 
     def __repr__(self) -> str:
@@ -136,6 +139,7 @@ class Result(ArrayValue):
             **({} if self.certificate is None else {"certificate": self.certificate}),
         }
 
+    @public
     def save(self, path: str | Path) -> None:
         """Write the result as JSON, atomically.
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.files import write_text
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.validation import public
 
 
 def rows(samples: Samples) -> tuple[list[str], Array]:

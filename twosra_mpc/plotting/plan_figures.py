@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 
+from twosra_mpc.arguments import public
 from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
@@ -26,7 +27,6 @@ from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.modes import is_rigid, mode_name
-from twosra_mpc.validation import public
 
 WIDTH_IN = 10.0
 HEIGHT_IN, LANE_IN = 9.2, 0.4  # of the figure of a plan, with a lane for each segment

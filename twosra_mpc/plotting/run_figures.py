@@ -16,6 +16,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
@@ -26,7 +27,6 @@ from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.validation import public
 
 Record = RunLog | Truth
 

@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stages import Stage
 from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
@@ -31,7 +32,6 @@ from twosra_mpc.plotting.figures import (
 )
 from twosra_mpc.robot.coordinates import WHEELS, Array
 from twosra_mpc.robot.modes import mode_name
-from twosra_mpc.validation import public
 
 Coordinate = Literal["position", "heading", "curvature"]
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.keys import near_word
 from twosra_mpc.robot.description import Robot
 from twosra_mpc.robot.path_fitting import CASES, fitted_path_tables
 from twosra_mpc.robot.paths import PATH_MODELS, CardioidPath, LogSpiralPath, Path
-from twosra_mpc.validation import public
 
 SPIRALS = ("log_spiral", "log_spiral_corrected")
 

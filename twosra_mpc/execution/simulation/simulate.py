@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.executor import Executor
 from twosra_mpc.execution.greedy_executor import GreedyExecutor
@@ -23,7 +24,7 @@ from twosra_mpc.problem.objects import ACCURACY
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tasks import carries
 from twosra_mpc.robot.coordinates import POSE
-from twosra_mpc.validation import ArrayValue, public
+from twosra_mpc.validation import ArrayValue
 
 EXECUTORS = ("optimal", "greedy")
 

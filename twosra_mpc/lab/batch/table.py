@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import reading, write_bytes
 from twosra_mpc.installation import require_batch
-from twosra_mpc.validation import public
 
 if TYPE_CHECKING:
     import pandas as pd
