@@ -79,7 +79,6 @@ AGAINST_THE_FLOW = {
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
     (
-        "version.py",
         "installation.py",
         "errors.py",
         "effort.py",

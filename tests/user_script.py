@@ -109,6 +109,9 @@ mission = Problem(
 )
 
 
+Array = NDArray[np.float64]
+
+
 def told(progress: Progress) -> None:
     print(progress.lower_bound)
 
@@ -148,9 +151,7 @@ class Declared(RobotInterface):
     def read(self) -> Reading:
         return reading
 
-    def send(
-        self, wheel_rad_s: NDArray[np.float64], heater_setpoint_C: NDArray[np.float64]
-    ) -> None:
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: NDArray[np.float64]) -> None:
         print(wheel_rad_s, heater_setpoint_C)
 
     def wait(self, at_most_s: float) -> None:
@@ -169,9 +170,7 @@ class Told(RobotInterface):
     def read(self) -> Reading:
         return reading
 
-    def send(
-        self, wheel_rad_s: NDArray[np.float64], heater_setpoint_C: NDArray[np.float64]
-    ) -> None:
+    def send(self, wheel_rad_s: Array, heater_setpoint_C: NDArray[np.float64]) -> None:
         print(wheel_rad_s, heater_setpoint_C)
 
     def wait(self, at_most_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Where this package was installed from, and how to add an extra to it from there."""
+"""The package's version, where it was installed from, and how to add an extra from there."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 from twosra_mpc.errors import InputError
 
+__version__ = "0.1.0"  # written here, and read by what builds the package
 DISTRIBUTION = "twosra-mpc"
 
 
