@@ -289,7 +289,7 @@ def plot_snapshots(
             **object_figures.legend_entries(plan.problem),
             **world_figures.legend_entries(plan.problem, None),
         }
-        plane.legend_below(figure, entries, 5)
+        plane.legend_below(figure, entries, 6)
     return figure
 
 
