@@ -67,7 +67,7 @@ STATES: dict[str, dict[str, Any]] = {
 
 
 _THINNER = 0.75  # is each curve than the one that it may lie over
-_DASHES = {"--": 0.28, ":": 0.2}  # width of those, of that of their curve; dots lie over dashes
+_DASHES = {"--": 0.28, ":": 0.12}  # width of those, of that of their curve; dots lie over dashes
 
 
 def curve(number: int, dashes: str = "-") -> dict[str, Any]:
