@@ -95,6 +95,9 @@ ModeField = Annotated[tuple[Bit, ...], EachSegment, BeforeValidator(plain)]
 _FOLLOWS = "default_factory_not_called"  # pydantic's word for a default that needs a wrong value
 
 
+_KINDS: dict[str, type[BaseModel]] = {}  # every record by the name of its class
+
+
 class Value(BaseModel):
     """A frozen record whose construction either succeeds with valid fields or names the bad one.
 
@@ -106,6 +109,10 @@ class Value(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
     )
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        _KINDS[cls.__name__] = cls
 
     if not TYPE_CHECKING:  # the generated signature is what editors should complete
 
@@ -295,13 +302,13 @@ def named_problem(model: type[BaseModel], detail: ErrorDetails) -> InputError:
                 hint = f"did you mean {given}, without quotes?"
             if isinstance(given, dict):
                 hint = f"did you mean [[{field}]], which may stand several times?"
+            if isinstance(given, BaseModel):
+                hint = f"did you mean a list of one, [{type(given).__name__}(...)]?"
             return InputError(field, given, f"a list of values{_described(field)}", hint=hint)
         case "too_long":
             return InputError(field, given, f"a list of {context['max_length']} values")
         case "model_type" | "dict_type" | "model_attributes_type":
-            named = "give every value its key, e.g. x_m = 0.1."
-            hint = named if isinstance(plain(given), list | tuple) else ""
-            return InputError(field, given, f"a table of keys{_described(field)}", hint=hint)
+            return _no_table(field, given, context.get("class_name", ""))
     return _wrong_value(model, detail, field)
 
 
@@ -311,6 +318,22 @@ def _belongs_above(cause: InputError, model: type[BaseModel]) -> str:
     if not cause.allowed.startswith(_KNOWN) or key not in model.model_fields:
         return ""
     return f"did you mean {key} of the file itself? Write it before the first [table]."
+
+
+def _no_table(field: str, given: Any, meant: str) -> InputError:
+    """Name what stands where a table, or a record of this class, is meant."""
+    hint, allowed = "", f"a table of keys{_described(field)}"
+    if isinstance(plain(given), list | tuple):
+        hint = "give every value its key, e.g. x_m = 0.1."
+    elif isinstance(given, BaseModel):
+        hint = f"this is a {type(given).__name__}, and a {meant} is meant."
+    words = describe(field)
+    if field.rpartition(".")[2].isdigit():  # words are those of the list
+        keys = _KINDS[meant].model_fields if meant in _KINDS else {}
+        allowed = f"a table of keys, here {', '.join(keys)}" if keys else "a table of keys"
+    elif "path" in words:
+        allowed = words
+    return InputError(field, given, allowed, hint=hint)
 
 
 _CHOICE = {"bool_type", "literal_error", "string_type"}

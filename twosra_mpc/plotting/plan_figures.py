@@ -64,7 +64,7 @@ def plan_title(plan: Plan) -> str:
     sequence = " → ".join(mode_name(phase.mode) for phase in plan.phases) or "no motion"
     if each := stages(plan.trajectory):
         sequence = f"{len(each)} task{'s' * (len(each) > 1)}"
-    planner = "" if plan.planner == "optimal" else f"{plan.planner}, "
+    planner = "" if plan.planner == "optimal" else f"planner {plan.planner}, "
     return f"{sequence} in {plan.duration_s:z.1f} s: {planner}{plan.status}\n{quality(plan)}"
 
 
