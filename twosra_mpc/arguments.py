@@ -22,6 +22,7 @@ MADE_BY = {  # kind of value -> what makes one
     "Body": 'load_robot("2sra-v1").body',
     "Geometry": 'load_robot("2sra-v1").geometry',
     "Run": "Executor(robot).run(plan)",
+    "HeatingLog": "read_heating_log(path)",
     "Kinematics": 'kinematics(load_robot("2sra-v1"))',
     "RobotShape": "robot_shape(geometry, q)",
     "Explanation": "explain(result)",

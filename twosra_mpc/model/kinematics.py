@@ -126,7 +126,8 @@ class Kinematics:
             InputError: If an argument has another size, or is no mode.
         """
         _check_size("wheel_rad_s", wheel_rad_s, WHEELS)
-        matrix = self.wheel_matrix(q, sigma).full()
+        given: Any = (q, sigma)  # checked by what is called
+        matrix = self.wheel_matrix(*given).full()
         found: Array = np.linalg.pinv(matrix) @ np.asarray(wheel_rad_s, float)
         return found
 

@@ -35,7 +35,7 @@ def label(ax: Axes, words: str, at: ArrayLike, shift_pt: ArrayLike = (0, 0), **s
 
 def settle(ax: Axes) -> None:
     """Move labels by as little as keeps them off all other words of their axes."""
-    words = [each for each in ax.texts if each.get_text() and ax.bbox.contains(*_anchor(each))]
+    words = [each for each in ax.texts if each.get_text() and ax.bbox.contains(*_anchor(ax, each))]
     taken = [each.get_window_extent() for each in words if not isinstance(each, Label)]
     for each in (each for each in words if isinstance(each, Label)):
         box = each.get_window_extent()
@@ -49,15 +49,15 @@ def settle(ax: Axes) -> None:
 def settle_all(figure: Figure) -> None:
     """Let every label of a figure step aside; its layout is worked out first, if there are any."""
     if figure.findobj(Label):
-        figure.draw_without_rendering()  # type: ignore[no-untyped-call]
+        figure.draw_without_rendering()
         for ax in figure.axes:
             settle(ax)
 
 
-def _anchor(words: Text) -> tuple[float, float]:
+def _anchor(ax: Axes, words: Text) -> tuple[float, float]:
     """Where words stand in the picture [pixels]."""
     at = words.xy if isinstance(words, Annotation) else words.get_position()
-    frame = words.axes.transData if isinstance(words, Annotation) else words.get_transform()
+    frame = ax.transData if isinstance(words, Annotation) else words.get_transform()
     x, y = frame.transform(at).tolist()
     return x, y
 

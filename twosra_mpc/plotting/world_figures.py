@@ -62,15 +62,15 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
     for obstacle in problem.obstacles:
         ax.add_artist(Polygon(obstacle.inner_corners_m, **OBSTACLE, zorder=0.8))
     for name, (x, y) in names_m(problem, points).items():
-        style: dict[str, Any] = {"ha": "center", "va": "center", "color": "0.25", **words}
-        label(ax, name, (x, y), bbox=figures.BEHIND_WORDS, **style)
+        middle = {"ha": "center", "va": "center", "color": "0.25", "bbox": figures.BEHIND_WORDS}
+        label(ax, name, (x, y), **middle, **words)
     for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
         x, y = np.clip((low[0], high[1]), picture.min, picture.max).tolist()
         above = "bottom" if y == high[1] else "top"
-        style = {"va": above, "color": figures.TASK_COLOUR, **words}
-        label(ax, task.name or f"task {number}", (x, y), **style)
+        told = task.name or f"task {number}"
+        label(ax, told, (x, y), va=above, color=figures.TASK_COLOUR, **words)
 
 
 def draw_nearest(ax: Axes, nearest: Clearance | None) -> list[Artist]:
