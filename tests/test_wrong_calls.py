@@ -42,6 +42,7 @@ PLACES = (
 )
 RIGHT: dict[str, object] = {"str | Path": "x", "float": 1.0, "int": 1, "bool": True, "None": None}
 RIGHT |= {"Sequence[str]": ["x"], "ArrayLike": [0.0], "Callable": print}
+RIGHT |= {"Mapping[str, Sequence[Plan]]": {}}
 
 
 def public_functions() -> Iterator[Callable[..., Any]]:

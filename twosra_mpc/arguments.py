@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
 from pathlib import PurePath
 from typing import Any, ParamSpec, TypeVar
@@ -34,6 +34,11 @@ _TAKEN_OF: dict[tuple[str, str], Callable[[Any], Any]] = {  # (kind, what is giv
 }
 
 
+def _are_plans(value: Any) -> bool:
+    listed = isinstance(value, Sequence)
+    return listed and all("Plan" in {k.__name__ for k in type(each).__mro__} for each in value)
+
+
 def _is_numbers(value: Any) -> bool:
     try:
         return np.asarray(value, float).ndim > 0
@@ -55,6 +60,10 @@ _PLAIN: dict[str, tuple[Callable[[Any], bool], str]] = {  # kind -> its test, an
     ),
     "ArrayLike": (_is_numbers, "an array of numbers, e.g. [0.0, 0.0, 0.0, 10.0, -10.0] for q"),
     "Callable": (callable, "a function"),
+    "Mapping[str, Sequence[Plan]]": (
+        lambda value: isinstance(value, Mapping) and all(map(_are_plans, value.values())),
+        'lists of plans by name, e.g. {"paper-1": [plan(problem).require()]}',
+    ),
 }
 _WRITTEN_BY = {  # what is given in place of a path -> how it becomes a file, or needs none
     "dict": "a table of keys becomes one by Problem(**table), or Robot(**table).",

@@ -341,6 +341,7 @@ def _telling_times(plan: Plan) -> list[float]:
     return [t for t, before in zip(edges, [-np.inf, *edges], strict=False) if t - before > 1e-6]
 
 
+@public
 def plot_comparison(plans: Mapping[str, Sequence[Plan]], path: str | Path | None = None) -> Figure:
     """Draw plans on one time axis: a block a problem, in it a row a plan.
 

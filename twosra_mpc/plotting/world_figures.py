@@ -62,8 +62,8 @@ def draw_world(ax: Axes, problem: Problem, points: Array, size_pt: float = 8.0) 
     for obstacle in problem.obstacles:
         ax.add_artist(Polygon(obstacle.inner_corners_m, **OBSTACLE, zorder=0.8))
     for name, (x, y) in names_m(problem, points).items():
-        middle = {"ha": "center", "va": "center", "color": "0.25", "bbox": figures.BEHIND_WORDS}
-        label(ax, name, (x, y), **middle, **words)
+        middle: dict[str, Any] = {"ha": "center", "va": "center", "color": "0.25"}
+        label(ax, name, (x, y), bbox=figures.BEHIND_WORDS, **middle, **words)
     for number, task in enumerate(problem.passes, start=1):
         low, high = np.clip(task.ends[:, :2], -_FAR_M, _FAR_M)
         ax.add_artist(Rectangle(tuple(low), *(high - low), **TASK, zorder=1.5))
