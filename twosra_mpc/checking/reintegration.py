@@ -143,17 +143,22 @@ class _Steps:
         return after, error, curvature
 
 
+def displacements(samples: Samples | Sent) -> Array:
+    """Input displacements s = (v + a dt / 2) dt from each row to the next, (m - 1, 5)."""
+    dt = np.diff(samples.t_s)[:, None]
+    moved = samples.a[:-1] * dt  # the rest is done in place: there may be many rows
+    moved /= 2
+    moved += samples.v[:-1]
+    moved *= dt
+    return moved
+
+
 def paths(samples: Samples | Sent) -> Iterator[tuple[int, int, Array, Array]]:
     """Runs of samples with one mode and one direction: (first, last, direction, lengths).
 
-    Lengths are those of the input displacements s = (v + a dt / 2) dt, direction is s / |s|, zero
-    at rest.
+    Lengths are those of the input displacements s, direction is s / |s|, zero at rest.
     """
-    dt = np.diff(samples.t_s)[:, None]
-    direction = samples.a[:-1] * dt  # what is next is done in place: there may be many rows
-    direction /= 2
-    direction += samples.v[:-1]
-    direction *= dt
+    direction = displacements(samples)
     lengths = np.linalg.norm(direction, axis=1)
     direction /= np.where(lengths > 0, lengths, 1.0)[:, None]
     turns = np.diff(direction, axis=0)
@@ -177,7 +182,7 @@ def between(samples: Samples, cut: float | Array, least: int) -> tuple[Sent, NDA
         InputError: If something moves absurdly far.
     """
     dt = np.diff(samples.t_s)
-    moved = np.abs((samples.v[:-1] + samples.a[:-1] * dt[:, None] / 2) * dt[:, None]).max(axis=1)
+    moved = np.abs(displacements(samples)).max(axis=1)
     if not (moved / cut).sum() <= _MOST_CUTS:
         allowed = "inputs that move the robot by no more than metres"
         raise InputError("samples.v", float(moved.max()), allowed)

@@ -69,7 +69,9 @@ def _left(body: Body, middles: Array, half: Array) -> tuple[Array, NDArray[np.bo
     forbids = [limit for limit in limits.SHAPE_LIMITS if not limit.driving]
     if half.any():  # of single shapes it is known how steep a limit is, or not
         forbids = [limit for limit in forbids if limit.steep is not None]
-    steep = np.array([limit.steep(body) if limit.steep else np.ones(len(half)) for limit in forbids])
+    steep = np.array(
+        [limit.steep(body) if limit.steep else np.ones(len(half)) for limit in forbids]
+    )
     margin = np.array([margins[limit.name] for limit in forbids])
     left: Array = (margin / steep.max(axis=1)[:, None]).min(axis=0)
-    return left, (margin + (steep @ half)[:, None] >= 0).all(axis=0)
+    return left, np.all(margin + (steep @ half)[:, None] >= 0, axis=0)
