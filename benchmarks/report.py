@@ -85,6 +85,11 @@ def head(columns: str) -> str:
     return f"| {columns} |\n|{'---|' * (columns.count('|') + 1)}"
 
 
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table of texts, the names of the columns first."""
+    return "\n".join([head(" | ".join(rows[0])), *(f"| {' | '.join(row)} |" for row in rows[1:])])
+
+
 def figure(file: str, caption: str) -> str:
     """Show a figure with its caption."""
     return f"![{caption}]({file})\n\n*{caption}*"
@@ -162,4 +167,4 @@ _ENVIRONMENT.filters |= {
     item.__name__: item
     for item in (number, joined, words, share, counted, milliseconds, percent, quantiles)
 }
-_ENVIRONMENT.globals |= {"head": head, "figure": figure, "worst": worst}
+_ENVIRONMENT.globals |= {"head": head, "table": table, "figure": figure, "worst": worst}
