@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
+from twosra_mpc.planning.missions.placements import Variant
 from twosra_mpc.planning.missions.relaxed import bending_task, stage_tree
-from twosra_mpc.planning.missions.stages import only_goal
+from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
 from twosra_mpc.planning.search.tree import Tree
@@ -80,6 +81,12 @@ def faster_robot(factor: float) -> Robot:
         superheat_s=3.0 / factor,
     )
     return ROBOT.with_values(timing={"nominal": timing})
+
+
+def only_goal(problem: Problem) -> Variant:
+    """The one way to do a problem without objects."""
+    (variant,) = Ways(problem).variants() or ()
+    return variant
 
 
 def goal_tree(problem: Problem, solver: Any = lambda *_: (), in_the_way: Any = None) -> Tree[Any]:

@@ -13,7 +13,7 @@ import shapely
 from worlds import ARC_ROBOT, STRAIGHT
 
 from twosra_mpc import Goal, Obstacle, Tolerance, World, load_problem, plan
-from twosra_mpc.planning.missions.stages import Stage, goals_of
+from twosra_mpc.planning.missions.placements import Stage, goals_of
 from twosra_mpc.planning.obstacles.placement import Placer
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.robot.coordinates import Array

@@ -19,8 +19,8 @@ from problems import faster_robot, random_problem
 from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import verify
+from twosra_mpc.planning.missions.placements import Variant
 from twosra_mpc.planning.missions.relaxed import stage_tasks, stage_tree
-from twosra_mpc.planning.missions.stages import Variant
 from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
 from twosra_mpc.planning.search.nodes import Node

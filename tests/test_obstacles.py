@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import goal_tree
+from problems import goal_tree, only_goal
 from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
@@ -21,7 +21,6 @@ from twosra_mpc.analysis.passages import decide_between
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
 from twosra_mpc.planning.obstacles.necessity import Necessity
 from twosra_mpc.planning.obstacles.placement import Placer

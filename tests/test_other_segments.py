@@ -7,10 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from problems import goal_tree
+from problems import goal_tree, only_goal
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import ModeSequence, all_modes
 

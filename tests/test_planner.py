@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, faster_robot, network_of, random_problem
+from problems import ROBOT, bound_of, faster_robot, network_of, only_goal, random_problem
 
 import twosra_mpc.planning.planner as planner
 import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
@@ -26,7 +26,6 @@ from twosra_mpc import (
 )
 from twosra_mpc.effort import Cost, charge, limited
 from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import Candidate
 from twosra_mpc.planning.planner import Progress
 from twosra_mpc.planning.search.bends import unreachable_reason

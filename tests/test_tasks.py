@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -21,8 +22,10 @@ from twosra_mpc.execution import Ending
 from twosra_mpc.execution.simulation.simulate import simulate
 from twosra_mpc.problem.goals import Anywhere, Goal, GoalSet, Tolerance
 from twosra_mpc.problem.objects import Object, read_outline
-from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task, Visitor
+from twosra_mpc.problem.stages import Stage
+from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
 from twosra_mpc.problem.world import area_m2
+from twosra_mpc.robot.modes import Mode
 from twosra_mpc.robot.poses import composed, inverse, wrapped
 from twosra_mpc.schema import json_schema
 
@@ -406,8 +409,8 @@ def test_a_task_of_ones_own_is_planned_checked_and_run(
         def ends_in(self) -> GoalSet:
             return Goal(kappa_per_m=(0.0, 0.0), tolerance=Tolerance(kappa_per_m=(0.5, 0.5)))
 
-        def accept(self, visitor: Visitor[Any, Any], at: Any) -> Any:
-            return visitor.reached(self.ends_in, self.ends_in.mode, at)
+        def stage(self, modes: Sequence[Mode]) -> Stage:
+            return Stage(modes, self.ends_in.mode, self.ends_in)
 
     bent = load_problem("paper-1")
     problem = bent.with_values(tasks=({"do": "straighten"},))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import bound_of, network_of
+from problems import bound_of, network_of, only_goal
 from scipy.optimize import brentq
 from thermal_problems import (
     SEQUENCES,
@@ -24,7 +24,6 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Problem, load_problem
-from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.least_times import LeastTimes

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import ROBOT, bound_of, exactly, faster_robot, network_of, random_problem
+from problems import ROBOT, bound_of, exactly, faster_robot, network_of, only_goal, random_problem
 
 from twosra_mpc import Goal, Problem, Start, Status, load_robot, plan
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.bending import bending
 from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.missions.stages import only_goal
 from twosra_mpc.planning.nlp.fixed_sequence import scheduled
 from twosra_mpc.planning.nlp.guess import bends_around, guess_motion
 from twosra_mpc.planning.nlp.terminal_correction import correct_end

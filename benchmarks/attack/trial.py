@@ -9,7 +9,7 @@ from typing import NamedTuple
 from benchmarks.attack.attacks import Attack
 from twosra_mpc import InputError, Status, plan
 from twosra_mpc.planning.missions.relaxed import stage_tree
-from twosra_mpc.planning.missions.stages import only_goal
+from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.robot.modes import sequence_name
 
@@ -26,7 +26,7 @@ class Claim(NamedTuple):
 def claims(attack: Attack, tighter: bool) -> Iterator[Claim]:
     """Yield what the search tree says of the nodes above an attack's sequence, and of itself."""
     problem = attack.problem.with_values(max_phases=_MOST_PHASES)
-    tree: Tree[None] = stage_tree(problem, [only_goal(problem)], lambda *_: ())
+    tree: Tree[None] = stage_tree(problem, Ways(problem).variants() or (), lambda *_: ())
     leaf, node = attack.sequence, tree.root()
     while True:
         yield Claim(f"node {sequence_name(node.head)}", tree.bound(node))

@@ -14,8 +14,9 @@ from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_e
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.greedy import plan_greedily
+from twosra_mpc.planning.missions.placements import Variant
 from twosra_mpc.planning.missions.relaxed import stage_tree
-from twosra_mpc.planning.missions.stages import Variant, only_goal
+from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.nlp.fixed_sequence import timed
 from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
 from twosra_mpc.planning.search.nodes import Node
@@ -160,10 +161,6 @@ def _search(
 
 def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
     """The ways to solve a problem, each as stages; a result if there are none, or not in time."""
-    if not problem.is_mission:
-        return [only_goal(problem)]
-    from twosra_mpc.planning.missions.variants import Ways  # only then anyone waits for it
-
     ways, ending, status = Ways(problem), Ending.LIMIT, Status.FAILED
     try:
         variants = ways.variants()
@@ -234,7 +231,7 @@ def _rest(variants: Sequence[Variant]) -> Result | None:
     """The empty plan, where the start is the goal already."""
     problem, stages = variants[0].problem, variants[0].members[0]
     start, goal = problem.start.configuration, stages[0].goal
-    there = goal.met_at(start) and problem.start_mode == stages[0].last
+    there = goal.met_at(start) and problem.start_mode == stages[0].stage.last
     plain = len(variants) == len(stages) == 1 and stages[0].reaches and not stages[0].passes
     if not there or not plain:
         return None

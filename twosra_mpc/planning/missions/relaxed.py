@@ -13,7 +13,7 @@ import numpy as np
 from twosra_mpc.model.bending import bending, from_rest_to_rest
 from twosra_mpc.model.flow import Motion
 from twosra_mpc.model.path_models import path_model
-from twosra_mpc.planning.missions.stages import Stage, Variant
+from twosra_mpc.planning.missions.placements import Placement, Variant
 from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.search.bends import BendingTask, Conserved, Intervals
 from twosra_mpc.planning.search.drive_bound import least_drive_time
@@ -105,8 +105,8 @@ def stage_tasks(
     problem, members = variant.problem, variant.members
     start, several = problem.start.configuration, len(members[0]) > 1
     before: Box = (start, start)
-    here = Stage(problem.goal, None, (), members[0][0].world, ends=start[None, :POSE])
-    known, begins, since = before, list[Stage]([here] * len(members)), 1
+    here = replace(members[0][0], ends=start[None, :POSE], within_m=0.0)
+    known, begins, since = before, [here] * len(members), 1
     found = list[StageTask]()
     for same in zip(*members, strict=True):
         stage = same[0]
@@ -118,8 +118,8 @@ def stage_tasks(
             StageTask(
                 change=_changes(problem, after),
                 bend=bending_task(alone) if alone else _bend(problem, before, after),
-                modes=stage.modes,
-                last=stage.last,
+                modes=stage.stage.modes,
+                last=stage.stage.last,
                 most_phases=_most_phases(stage) if several else problem.max_phases,
                 final=len(found) + 1 == len(members[0]),
                 drives_first=stage.drives_first,
@@ -137,9 +137,9 @@ def stage_tasks(
     return tuple(found)
 
 
-def _most_phases(stage: Stage) -> int:
+def _most_phases(stage: Placement) -> int:
     """Of the sequences that are opened for one of several stages."""
-    return _MOST_TO_ANY if stage.last is None else MOST_PHASES
+    return _MOST_TO_ANY if stage.stage.last is None else MOST_PHASES
 
 
 def _drive_time(problem: Problem, alone: Problem | None, far_m: float) -> Callable[[float], float]:
@@ -187,7 +187,7 @@ def _wider(intervals: Intervals, within: Array) -> Intervals:
     return tuple((low - by, high + by) for (low, high), by in pairs)
 
 
-def _apart_m(before: Box, after: Box, begin: Stage, end: Stage) -> float:
+def _apart_m(before: Box, after: Box, begin: Placement, end: Placement) -> float:
     """Least distance of b0's positions where two stages end."""
     if begin.ends is not None and end.ends is not None:
         apart = np.linalg.norm(begin.ends[:, None, :2] - end.ends[None, :, :2], axis=-1)

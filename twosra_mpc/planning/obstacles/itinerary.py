@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.planning.missions.stages import Stage
+from twosra_mpc.planning.missions.placements import Placement
 from twosra_mpc.planning.obstacles.block import Block, Shares, Sweep, block, soft_runs
 from twosra_mpc.planning.obstacles.stations import (
     HIDDEN_S,
@@ -49,7 +49,7 @@ _WITHIN = 0.9  # of the half-widths of a goal: how far from its middle is aimed,
 _AROUND = np.array([*itertools.product((0.0, -1.0, 1.0), repeat=POSE)])
 
 Bools = NDArray[np.bool_]
-DrivesOf = Callable[[Stage, Array], Drives]
+DrivesOf = Callable[[Placement, Array], Drives]
 
 
 class Stop(NamedTuple):
@@ -108,7 +108,7 @@ class Itinerary:
     def __init__(
         self,
         problem: Problem,
-        stages: Sequence[Stage],
+        stages: Sequence[Placement],
         sequences: Sequence[ModeSequence],
         bends: Sequence[Array],
         shares: Shares,
@@ -265,13 +265,13 @@ class _Stops:
         self.legs.add(drive, phase, stop)
         self.ends = composed(stop.first, stop.displacement)
 
-    def _known_ends(self, stage: Stage, begun: Array, shape: Array) -> Array:
+    def _known_ends(self, stage: Placement, begun: Array, shape: Array) -> Array:
         """Poses in which a stage should end, as far as they are known beforehand; else none."""
         if stage.ends is not None:
             return stage.ends
         return aims(stage, begun[:1], shape) if stage.away is None else np.zeros((0, POSE))
 
-    def _begins(self, stage: Stage, made: Block, begun: Array, *, last: bool) -> Array:
+    def _begins(self, stage: Placement, made: Block, begun: Array, *, last: bool) -> Array:
         """Where a block may begin: about where the stage began, or so that it ends about its end.
 
         A block after which there is no drive ends in the end itself.
@@ -285,7 +285,7 @@ class _Stops:
         return composed(near, inverse(made.displacement)) if at_end else near
 
     def _block(
-        self, stage: Stage, made: Block, begins: Array, drive: Drives | None, *, aside: bool
+        self, stage: Placement, made: Block, begins: Array, drive: Drives | None, *, aside: bool
     ) -> Stop:
         robot = self.whole.problem.robot
         sweep = Sweep(made, robot, stage.world, stage.sagitta_m)
@@ -300,7 +300,7 @@ class _Stops:
             lambda: drive.spread(_MOST_POSES),
         )
 
-    def _ending(self, stage: Stage, shape: Array) -> Stop:
+    def _ending(self, stage: Placement, shape: Array) -> Stop:
         """The end of a stage: one of its poses, or members of its goal, or away from a thing."""
         if stage.away is None:
             few = self.ends[:: max(1, len(self.ends) // _AIMS)]
@@ -331,7 +331,7 @@ class _Stops:
         return composed(few[:, None], np.array(ways)[None]).reshape(-1, POSE)
 
 
-def drives(stage: Stage, sequence: ModeSequence, k: int) -> bool:
+def drives(stage: Placement, sequence: ModeSequence, k: int) -> bool:
     """Whether a stage drives before its block ``k``, or after all of them."""
     runs = soft_runs(sequence)
     if runs and ((k == 0 and not stage.drives_first) or (k == len(runs) and not stage.drives_last)):
@@ -340,7 +340,7 @@ def drives(stage: Stage, sequence: ModeSequence, k: int) -> bool:
     return phase < len(sequence) and is_rigid(sequence[phase])
 
 
-def aims(stage: Stage, poses: Array, shape: Array) -> Array:
+def aims(stage: Placement, poses: Array, shape: Array) -> Array:
     """Members of a stage's goal to aim at from poses (m, 3) in a shape, (m, 3)."""
     found = [stage.goal.aim(np.append(pose, shape))[:POSE] for pose in poses]
     return np.array(found).reshape(-1, POSE)
@@ -370,7 +370,7 @@ def passing(task: Pass, ends: Array) -> Stop:
 
 def _blocks(
     problem: Problem,
-    stage: Stage,
+    stage: Placement,
     shape: Array,
     sequence: ModeSequence,
     bends: Array,
@@ -380,7 +380,7 @@ def _blocks(
     robot = problem.robot
     for run in soft_runs(sequence):
         modes = [sequence[i] for i in run]
-        fine = _FINE if stage.touches else 1
+        fine = _FINE if stage.stage.touches else 1
         made = block(robot, shape, modes, bends[run].tolist(), shares, fine)
         far = float(np.hypot(*made.displacement[:2])) > robot.limits.soft_travel_m
         if far or broken_by_shapes(robot, made.nodes[:, POSE:]) is not None:

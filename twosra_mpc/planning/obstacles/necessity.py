@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twosra_mpc.planning.missions.stages import Variant
+from twosra_mpc.planning.missions.placements import Variant
 from twosra_mpc.planning.obstacles.block import blocks_of
 from twosra_mpc.planning.search.stage_task import InTheWay
 from twosra_mpc.problem.problem import Problem
@@ -137,7 +137,8 @@ class Necessity(InTheWay):
 def necessities(variant: Variant) -> list[InTheWay]:
     """What obstacles make necessary in each stage: known of the first, where it is a goal."""
     first, *others = variant.members[0]
-    plain = first.reaches and not (first.touches or len(first.held)) and first.last is not None
+    asked = first.stage
+    plain = first.reaches and not (asked.touches or asked.holds) and asked.last is not None
     found = Necessity(variant.reaching(first)) if plain else InTheWay()
     return [found, *(InTheWay() for _ in others)]
 

@@ -13,7 +13,7 @@ from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.model.bending import bending
 from twosra_mpc.model.flow import roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
-from twosra_mpc.planning.missions.stages import Stage, Variant, goals_of
+from twosra_mpc.planning.missions.placements import Placement, Variant, goals_of
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, timed
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.obstacles.block import blocks_of, soft_runs
@@ -125,7 +125,7 @@ class Placer(Generic[Solution]):
         pairs = zip(self.in_the_way[whole.variant], whole.sequences, strict=True)
         return any(stage.proves_impossible(sequence) for stage, sequence in pairs)
 
-    def _drives_of(self, stage: Stage, shape: Array) -> Drives:
+    def _drives_of(self, stage: Placement, shape: Array) -> Drives:
         """Drives of a stage in a shape (n,), worked out once."""
         key = id(stage.world), stage.held.tobytes(), shape.round(9).tobytes()
         if key not in self._drives:
@@ -143,7 +143,7 @@ class Placer(Generic[Solution]):
     def _ways(
         self,
         problem: Problem,
-        stages: Sequence[Stage],
+        stages: Sequence[Placement],
         goals: Sequence[GoalSet],
         whole: Whole,
         bound: SequenceBound,
@@ -231,7 +231,7 @@ def _inputs(sequence: ModeSequence, itinerary: Itinerary, routes: dict[int, Arra
 
 def _as_asked(
     problem: Problem,
-    stages: Sequence[Stage],
+    stages: Sequence[Placement],
     goals: Sequence[GoalSet],
     bends: Bends,
     found: Array,

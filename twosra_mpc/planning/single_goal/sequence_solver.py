@@ -13,7 +13,7 @@ import numpy as np
 from twosra_mpc.effort import out_of_effort
 from twosra_mpc.model.flow import Motion, roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
-from twosra_mpc.planning.missions.stages import Variant
+from twosra_mpc.planning.missions.placements import Variant
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve, timed
 from twosra_mpc.planning.nlp.guess import (
     bend_changes,

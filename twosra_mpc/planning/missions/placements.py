@@ -1,7 +1,4 @@
-"""The stages of a plan: what each task ends in, and what is around the robot meanwhile.
-
-A single goal is one stage.
-"""
+"""Stages placed in the world: in which shape and where each ends, and what is around it."""
 
 from __future__ import annotations
 
@@ -13,24 +10,23 @@ from numpy.typing import NDArray
 
 from twosra_mpc.problem.goals import Goal, GoalSet, Tolerance
 from twosra_mpc.problem.problem import Problem
+from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import Pass
 from twosra_mpc.problem.world import World
 from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.modes import Mode
 from twosra_mpc.space.footprint import SAGITTA_M
 
 _TOUCHING_SAGITTA_M = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """What leads to the end of one task, or to the goal; boxes to pass belong to what follows.
+class Placement:
+    """One way to do a stage; boxes to pass belong to what follows them.
 
     Attributes:
-        goal: What it ends in: the shapes and, where there are no ``ends``, the poses.
-        last: Stiffness at its end; None: any.
-        modes: Modes that it may use.
-        world: What is around the robot.
+        stage: What is asked.
+        goal: Shapes to end in and, where there are no ``ends``, the poses.
+        world: Surroundings of the robot.
         passes: Boxes to pass on the way.
         ends: Poses of b0 to end in, one of these, (m, 3); None: those of the goal.
         within_m: How far from one of these any other end is that the task allows, at most.
@@ -40,14 +36,12 @@ class Stage:
         reshapes: Whether it must reshape, as is proved.
         openings: Goals that may do instead, as this one does not say how far to bend.
         entries: Shapes from which it gets around what it grasps, as far open as ``openings``.
-        away: What is around the robot at its end; as in all of it where None.
+        away: Surroundings at its end; those of all of it where None.
         may: Twists (m, 3) -> which of them drives may have, where not all.
-        touches: Whether something in its world may be touched.
     """
 
+    stage: Stage
     goal: GoalSet
-    last: Mode | None
-    modes: Sequence[Mode]
     world: World
     passes: tuple[Pass, ...] = ()
     ends: Array | None = None
@@ -60,7 +54,6 @@ class Stage:
     entries: tuple[Goal, ...] = ()
     away: World | None = None
     may: Callable[[Array], NDArray[np.bool_]] | None = None
-    touches: bool = False
 
     @property
     def reaches(self) -> bool:
@@ -70,7 +63,7 @@ class Stage:
     @property
     def sagitta_m(self) -> float:
         """By which what is drawn around the robot may stray from it."""
-        return _TOUCHING_SAGITTA_M if self.touches else SAGITTA_M
+        return _TOUCHING_SAGITTA_M if self.stage.touches else SAGITTA_M
 
     def box(self, near: Array) -> tuple[Array, Array]:
         """(low, high) of a box that holds every end that counts, next to ``near``, (3 + n,)."""
@@ -91,9 +84,9 @@ class Variant:
     """
 
     problem: Problem
-    members: tuple[tuple[Stage, ...], ...]
+    members: tuple[tuple[Placement, ...], ...]
 
-    def reaching(self, stage: Stage) -> Problem:
+    def reaching(self, stage: Placement) -> Problem:
         """The problem of coming from the start to the goal of a stage alone."""
         problem = self.problem
         if stage.goal is problem.goal and stage.passes == problem.tasks and not problem.objects:
@@ -118,14 +111,7 @@ class Variant:
         return replace(self, members=members)
 
 
-def only_goal(problem: Problem) -> Variant:
-    """The one stage of a problem without tasks but boxes to pass."""
-    goal = problem.goal
-    stage = Stage(goal, goal.mode, problem.modes, problem.world, passes=problem.passes)
-    return Variant(problem, ((stage,),))
-
-
-def goals_of(stages: Sequence[Stage]) -> Iterator[tuple[GoalSet, ...]]:
+def goals_of(stages: Sequence[Placement]) -> Iterator[tuple[GoalSet, ...]]:
     """Goals of the stages; those that do not say how far to bend ask for more and more.
 
     What is opened just before something is grasped is opened for that, too.
