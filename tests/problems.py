@@ -13,6 +13,7 @@ from twosra_mpc.planning.missions.relaxed import bending_task, stage_tree
 from twosra_mpc.planning.missions.variants import Ways
 from twosra_mpc.planning.search.bends import least_durations
 from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
+from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.problem.limits import body_gaps_m
@@ -92,6 +93,11 @@ def only_goal(problem: Problem) -> Variant:
 def goal_tree(problem: Problem, solver: Any = lambda *_: (), in_the_way: Any = None) -> Tree[Any]:
     """The search tree of a single goal."""
     return stage_tree(problem, [only_goal(problem)], solver, in_the_way=in_the_way)
+
+
+def at(head: ModeSequence) -> Node:
+    """The node of the first variant whose first stage begins with these modes."""
+    return Node(0, (), head)
 
 
 def overlapping_on_the_way_to(robot: Robot, kappa1: float, overlap_m: float) -> float:

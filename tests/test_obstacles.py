@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from problems import goal_tree, only_goal
+from problems import at, goal_tree, only_goal
 from worlds import random_world
 
 import twosra_mpc.planning.planner as planner
@@ -449,7 +449,7 @@ def test_no_leaf_is_bounded_above_its_own_plan(walls: str, far_m: float) -> None
     placer = Placer([only_goal(base)], checked)
     tree = goal_tree(base, placer, placer.in_the_way)
     modes = [phase.mode for phase in made.phases]
-    node = tree.at(tuple(modes[:-1] if modes[-1] == (0, 0) else modes))
+    node = at(tuple(modes[:-1] if modes[-1] == (0, 0) else modes))
     assert tree.leaf_bound(node) <= made.cost.total
     assert tree.tighter_bound(node, math.inf) <= made.cost.total
     ((necessity,),) = placer.in_the_way
@@ -513,7 +513,7 @@ def test_three_blocks_are_placed_as_well() -> None:
     sequence = ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0), (1, 0), (0, 0))
     placer = Placer([only_goal(between)], checked)
     tree = goal_tree(between, placer, placer.in_the_way)
-    node = tree.at(sequence[:-1])
+    node = at(sequence[:-1])
     bound = tree.leaf_bound(node)
     made = next(found for found in tree.solve(node) if found is not None)
     cost, solution = made

@@ -33,7 +33,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     f"{_SEARCH}/bounds.py": ("test_bounds", "test_motion_effort"),
     f"{_SEARCH}/drive_bound.py": ("test_drive_bound",),
     f"{_SEARCH}/linear_program.py": ("test_linear_program",),
-    f"{_SEARCH}/mission_bound.py": ("test_missions", "test_node_bounds"),
+    f"{_SEARCH}/stages_bound.py": ("test_missions", "test_node_bounds"),
     f"{_SEARCH}/motion_bound.py": ("test_motion_bound",),
     f"{_SEARCH}/pose_bound.py": ("test_pose_bound",),
     f"{_SEARCH}/rigid_motion.py": ("test_rigid_motion",),

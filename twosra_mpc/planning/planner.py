@@ -156,7 +156,7 @@ def _search(
         work=spent(),
         first_plan_work=result.first_work if result.solution else None,
     )
-    return conclude(variants[0].problem if tree.only else problem, result, tree, stats)
+    return conclude(variants[0].problem if tree.nodes.only else problem, result, tree, stats)
 
 
 def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
@@ -194,10 +194,9 @@ def _searched(
 
         solver = Placer(variants, checked)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)
-    aimed = tree
-    if tree.only is None:
-        several = [variant.aimed() for variant in variants]
-        aimed = stage_tree(problem, several, solver, excluded, solver.in_the_way)
+    aimed, narrower = tree, [variant.aimed() for variant in variants]
+    if narrower != list(variants):
+        aimed = stage_tree(problem, narrower, solver, excluded, solver.in_the_way)
     result = branch_and_bound(
         tree,
         gap=problem.gap,
@@ -211,15 +210,15 @@ def _searched(
 
 def _first_look(tree: Tree[Solved], *, guesses: bool) -> tuple[float, Solved] | None:
     """The best of a few promising leaves; of a single goal in free space only to drive."""
-    if tree.only is None:
+    if tree.nodes.only is None:
         few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
 
         def short(node: Node) -> list[Node]:
-            leaps = tree.leaps(node)
+            leaps = tree.nodes.leaps(node)
             return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
 
         found = dive(tree, short, **few, out_of_time=out_of_effort)
-        return found or dive(tree, tree.leaps, **few, out_of_time=out_of_effort)
+        return found or dive(tree, tree.nodes.leaps, **few, out_of_time=out_of_effort)
     node = tree.root()
     if guesses and tree.leaf_bound(node) < math.inf:
         first = itertools.islice(tree.solve(node), 2)

@@ -101,6 +101,8 @@ class Variant:
 
     def aimed(self) -> Variant:
         """The same with the goals that plans are looked for in first, narrower than all of them."""
+        if not any(stage.openings for stage in self.members[0]):
+            return self
         members = tuple(
             tuple(
                 replace(stage, goal=goal)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import TypeVar
 
 import numpy as np
@@ -17,11 +17,13 @@ from twosra_mpc.planning.missions.placements import Placement, Variant
 from twosra_mpc.planning.nlp.guess import guess_motion
 from twosra_mpc.planning.search.bends import BendingTask, Conserved, Intervals
 from twosra_mpc.planning.search.drive_bound import least_drive_time
-from twosra_mpc.planning.search.mission_bound import MissionRelaxation
+from twosra_mpc.planning.search.in_the_way import InTheWay
+from twosra_mpc.planning.search.nodes import Nodes
 from twosra_mpc.planning.search.pose_phases import PoseTask
 from twosra_mpc.planning.search.rigid_motion import least_time
-from twosra_mpc.planning.search.stage_task import InTheWay, StageTask
-from twosra_mpc.planning.search.tree import Solver, Tree
+from twosra_mpc.planning.search.stage_bounds import Drive, StageBounds
+from twosra_mpc.planning.search.stages_bound import StageRelaxation
+from twosra_mpc.planning.search.tree import Solver, Tree, tree_of
 from twosra_mpc.problem.free_shapes import look_for_shape
 from twosra_mpc.problem.goals import Goal, Tolerance
 from twosra_mpc.problem.limits import (
@@ -34,6 +36,7 @@ from twosra_mpc.problem.limits import (
     rigid_rows_between,
 )
 from twosra_mpc.problem.problem import Problem, Start
+from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import MOST_PHASES
 from twosra_mpc.problem.tolerances import BEYOND_PER_M, GOAL_TOLERANCE
 from twosra_mpc.robot.coordinates import POSE, Array
@@ -64,21 +67,18 @@ def stage_tree(
         excluded: Sequences that are not to be used.
         in_the_way: What is in the way of each stage of every variant; nothing if left out.
     """
-    return Tree(
-        variants=[
-            stage_tasks(each, in_the_way[k] if in_the_way else None)
-            for k, each in enumerate(variants)
-        ],
-        first=problem.start_mode,
-        timing=transition_model(problem),
-        weights=problem.cost_weights,
-        relaxation=relaxation(problem),
-        solver=solver,
+    return tree_of(
+        Nodes([stage_bounds(each) for each in variants], problem.start_mode),
+        transition_model(problem),
+        problem.cost_weights,
+        relaxation(problem),
+        solver,
+        in_the_way=in_the_way,
         excluded=excluded,
     )
 
 
-def relaxation(problem: Problem) -> MissionRelaxation:
+def relaxation(problem: Problem) -> StageRelaxation:
     """Rates, speeds and room of a problem's robot."""
     robot, facts = problem.robot, bending(problem.robot)
     n, limits = robot.coordinates.segments, robot.limits
@@ -90,45 +90,43 @@ def relaxation(problem: Problem) -> MissionRelaxation:
             return math.inf if limits.speed_m_s is None else limits.speed_m_s
         return facts.largest_speed_m_s(mode)
 
-    return MissionRelaxation(
+    return StageRelaxation(
         room=tuple((-w - at, w - at) for w, at in zip(most, here, strict=True)),
-        rate=lambda mode: facts.fastest(mode, (None,) * n),
-        speed_m_s=speed_m_s,
+        rate=cache(lambda mode: facts.fastest(mode, (None,) * n)),
+        speed_m_s=cache(speed_m_s),
         soft_travel_m=limits.soft_travel_m if problem.world_at_start.obstacles else math.inf,
     )
 
 
-def stage_tasks(
-    variant: Variant, in_the_way: Sequence[InTheWay] | None = None
-) -> tuple[StageTask, ...]:
-    """What the search must know of each stage, for all members of a variant."""
+def stage_bounds(variant: Variant) -> tuple[StageBounds, ...]:
+    """Bounds of each stage, for all members of a variant."""
     problem, members = variant.problem, variant.members
     start, several = problem.start.configuration, len(members[0]) > 1
     before: Box = (start, start)
     here = replace(members[0][0], ends=start[None, :POSE], within_m=0.0)
     known, begins, since = before, [here] * len(members), 1
-    found = list[StageTask]()
+    found = list[StageBounds]()
     for same in zip(*members, strict=True):
-        stage = same[0]
+        first, asked = same[0], same[0].stage
         boxes = [each.box(before[0]) for each in same]
         after = np.min([low for low, _ in boxes], axis=0), np.max([top for _, top in boxes], axis=0)
         far_m = min(_apart_m(known, after, *pair) for pair in zip(begins, same, strict=True))
-        alone = variant.reaching(stage) if not found and stage.reaches else None
+        alone = variant.reaching(first) if not found and first.reaches else None
         found.append(
-            StageTask(
+            StageBounds(
                 change=_changes(problem, after),
                 bend=bending_task(alone) if alone else _bend(problem, before, after),
-                modes=stage.stage.modes,
-                last=stage.stage.last,
-                most_phases=_most_phases(stage) if several else problem.max_phases,
+                modes=asked.modes,
+                last=asked.last,
+                most_phases=_most_phases(asked) if several else problem.max_phases,
                 final=len(found) + 1 == len(members[0]),
-                drives_first=stage.drives_first,
-                drives_last=stage.drives_last,
-                distance_m=far_m if several or not alone else 0.0,
+                drives_first=first.drives_first,
+                drives_last=first.drives_last,
+                distance_m=0.0 if alone else far_m,
                 since=since,
-                drive_time=_drive_time(problem, alone, far_m if since == 1 else 0.0),
-                reshapes=stage.reshapes,
-                in_the_way=in_the_way[len(found)] if in_the_way else InTheWay(),
+                drive=_drive(problem, alone, far_m if since == 1 else 0.0),
+                least_s=asked.least_s,
+                reshapes=first.reshapes,
             )
         )
         before, since = after, since + 1
@@ -137,17 +135,15 @@ def stage_tasks(
     return tuple(found)
 
 
-def _most_phases(stage: Placement) -> int:
+def _most_phases(stage: Stage) -> int:
     """Of the sequences that are opened for one of several stages."""
-    return _MOST_TO_ANY if stage.stage.last is None else MOST_PHASES
+    return _MOST_TO_ANY if stage.last is None else MOST_PHASES
 
 
-def _drive_time(problem: Problem, alone: Problem | None, far_m: float) -> Callable[[float], float]:
+def _drive(problem: Problem, alone: Problem | None, far_m: float) -> Drive:
     """Proved least duration of a stage that is nothing but a drive."""
-    if alone is not None:
-        return partial(rigid_time, alone)
     least_s = far_m / (problem.robot.limits.speed_m_s or math.inf)
-    return lambda _: least_s
+    return Drive(least_s, partial(rigid_time, alone) if alone is not None else None)
 
 
 def _w(problem: Problem, *ends: Array) -> Array:

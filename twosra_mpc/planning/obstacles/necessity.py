@@ -19,7 +19,7 @@ import numpy as np
 
 from twosra_mpc.planning.missions.placements import Variant
 from twosra_mpc.planning.obstacles.block import blocks_of
-from twosra_mpc.planning.search.stage_task import InTheWay
+from twosra_mpc.planning.search.in_the_way import InTheWay
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.modes import ModeSequence, is_rigid

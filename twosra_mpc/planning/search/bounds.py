@@ -78,19 +78,28 @@ def sequence_bound(
 
     Where only time counts and it is known which bends take least, that is a longest path.
     """
-    if weights.energy_s_per_J == weights.effort == 0:
-        bends = determined_bends(network.sequence, task)
-        bends = least_bends(network.sequence, task) if bends is None else bends
-        if bends is not None:
-            return longest_path_bound(network, bends, weights, least_durations)
-    try:
-        return _linear_program_bound(network, task, weights, least_durations)
-    except (
-        ArithmeticError
-    ):  # the solver gave up: what each phase takes by itself holds all the same
-        middle = np.array(task.change).mean(axis=1)
-        bends = np.linalg.pinv(np.array(network.sequence, dtype=float).T) @ middle
-        return longest_path_bound(network, bends, weights, least_durations)
+    bends = quickest_bends(network.sequence, task, weights)
+    if bends is None:
+        try:
+            return _linear_program_bound(network, task, weights, least_durations)
+        except ArithmeticError:
+            bends = mean_bends(network.sequence, task)
+    return longest_path_bound(network, bends, weights, least_durations)
+
+
+def quickest_bends(sequence: ModeSequence, task: BendingTask, weights: Weights) -> Array | None:
+    """Bends that take the least time of all, where that is all that counts and they are known."""
+    if weights.energy_s_per_J or weights.effort:
+        return None
+    bends = determined_bends(sequence, task)
+    return least_bends(sequence, task) if bends is None else bends
+
+
+def mean_bends(sequence: ModeSequence, task: BendingTask) -> Array:
+    """Bends to the middle, for where the solver gives up: what each phase takes by itself holds."""
+    middle = np.array(task.change).mean(axis=1)
+    found: Array = np.linalg.pinv(np.array(sequence, dtype=float).T) @ middle
+    return found
 
 
 def longest_path_bound(
@@ -185,39 +194,57 @@ def _linear_program_bound(
     least_durations: Sequence[float],
     pose: PoseConstraint | None = None,
 ) -> SequenceBound | None:
-    efforts = least_efforts(network.sequence, task) if weights.effort else []
-    rates, lines = list[float](), dict[int, tuple[float, float, float]]()
-    steps = bend_steps(network.sequence, task) or [None] * len(network.sequence)
-    for i, (mode, step) in enumerate(zip(network.sequence, steps, strict=True)):
-        if step and (bend := step.surely) and step.least < step.most:
-            most = max(step.least, step.most, key=abs)
-            time, more = task.least_time_of_more(mode, step.before, bend, most)
-            lines[i] = time, more, bend
-            rates.append(max(1 / more, abs(bend) / time))  # which the line implies
-        else:
-            known = known_curvatures(network.sequence, i, task)
-            rates.append(task.rate(mode, known) if any(mode) else 0.0)
-    program = Relaxation(network, weights, least_durations, rates, efforts)
-    layout = network.layout
-    for i, (time, more, bend) in lines.items():
-        lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
-        beyond = {layout.count + i: -math.copysign(more, bend)}
-        program.at_least(lasting | beyond, time - more * abs(bend))
-    for j in task.segments:
-        bends: dict[int, float] = {}
-        for i in (i for i, mode in enumerate(network.sequence) if mode[j]):
-            bends[layout.count + i] = 1.0
-            later = any(mode[j] for mode in network.sequence[i + 1 :])
-            low, high = task.room[j] if later else task.met[j]
-            program.at_least(bends, low)
-            program.at_least(dict.fromkeys(bends, -1.0), -high)
+    rows = BendRows(network.sequence, task, weights)
+    program = Relaxation(network, weights, least_durations, rows.rates, rows.efforts)
+    rows.add_to(program)
     program.weigh_efforts()
     if pose is not None:
         drives: dict[int, float] = {}
         for i, rate in enumerate(pose.rates.tolist()):
-            drives |= {layout.end(i): rate, layout.start(i): -rate}
+            drives |= {network.layout.end(i): rate, network.layout.start(i): -rate}
         program.at_least(drives, pose.need)
     return program.optimum()
+
+
+class BendRows:
+    """What the bends of the first phases of a relaxation must be, from the start to a goal.
+
+    Attributes:
+        rates: Upper bound of abs(dW/dt) in each of these phases.
+        efforts: Least effort times duration of each [s2]; none where effort has no weight.
+    """
+
+    def __init__(self, sequence: ModeSequence, task: BendingTask, weights: Weights) -> None:
+        self._sequence, self._task = sequence, task
+        self.efforts = least_efforts(sequence, task) if weights.effort else []
+        self.rates = list[float]()
+        self._lines = dict[int, tuple[float, float, float]]()
+        steps = bend_steps(sequence, task) or [None] * len(sequence)
+        for i, (mode, step) in enumerate(zip(sequence, steps, strict=True)):
+            if step and (bend := step.surely) and step.least < step.most:
+                most = max(step.least, step.most, key=abs)
+                time, more = task.least_time_of_more(mode, step.before, bend, most)
+                self._lines[i] = time, more, bend
+                self.rates.append(max(1 / more, abs(bend) / time))  # which the line implies
+            else:
+                known = known_curvatures(sequence, i, task)
+                self.rates.append(task.rate(mode, known) if any(mode) else 0.0)
+
+    def add_to(self, program: Relaxation) -> None:
+        """Demand that limits and goal allow the bends, and what they take at least."""
+        layout, task, sequence = program.layout, self._task, self._sequence
+        for i, (time, more, bend) in self._lines.items():
+            lasting = {layout.end(i): 1.0, layout.start(i): -1.0}
+            beyond = {layout.count + i: -math.copysign(more, bend)}
+            program.at_least(lasting | beyond, time - more * abs(bend))
+        for j in task.segments:
+            bends: dict[int, float] = {}
+            for i in (i for i, mode in enumerate(sequence) if mode[j]):
+                bends[layout.count + i] = 1.0
+                later = any(mode[j] for mode in sequence[i + 1 :])
+                low, high = task.room[j] if later else task.met[j]
+                program.at_least(bends, low)
+                program.at_least(dict.fromkeys(bends, -1.0), -high)
 
 
 class Relaxation:
@@ -241,7 +268,7 @@ class Relaxation:
     ) -> None:
         self._network, self._weights, self._efforts = network, weights, efforts
         self._rates = rates
-        layout = network.layout
+        self.layout = layout = network.layout
         self._width = layout.count + layout.phases + len(efforts)
         self._rows: list[Array] = []
         self._limits: list[float] = []

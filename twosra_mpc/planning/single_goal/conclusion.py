@@ -119,9 +119,9 @@ def conclude(
         problem, status, message = (
             made.problem,
             made.status,
-            quality(made, ending, several=tree.only is None),
+            quality(made, ending, several=tree.nodes.only is None),
         )
-    elif (proof := _proof(search, tree)) is not None:
+    elif (proof := _proof(problem, search, tree)) is not None:
         status, message = Status.INFEASIBLE, f"proved infeasible: {proof}"
         lower, ending = None, Ending.EXHAUSTED  # whatever ended the search, nothing is left of it
     else:
@@ -129,30 +129,31 @@ def conclude(
     return Result(problem, "optimal", status, message, lower, ending, stats, made)
 
 
-def _proof(search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
+def _proof(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str | None:
     """Why there is no plan at all; None where that is not proved."""
-    blocks = tree.only.in_the_way.blocks if tree.only else lambda _: None
+    blocks = tree.in_the_way[0][0].blocks if tree.nodes.only else lambda _: None
     proof = blocks(None) or impossibility(tree)
     if proof is None and search.ending is Ending.EXHAUSTED and search.lower_bound == math.inf:
-        proof = blocks((tree.rigid,)) or disproof(tree)
+        proof = blocks((problem.robot.rigid,)) or disproof(tree)
     return proof
 
 
 def _failure(problem: Problem, search: SearchResult[Solved], tree: Tree[Solved]) -> str:
     """Why no plan was found although one may exist, and what to change."""
-    none = nothing_found(problem, several=tree.only is None)
+    none = nothing_found(problem, several=tree.nodes.only is None)
     if (ending := search.ending) is not Ending.EXHAUSTED:
         limit = limit_reached() or "work_limit"
         effort = f"{search.solved} mode sequences tried, {limit} is {getattr(problem, limit):zg}"
         return f"{none} ({STOPPED[ending]}): {advice(ending)} ({effort})"
     tried = f"{none} ({search.solved} mode sequences tried)"
-    if tree.only is None:
+    if tree.nodes.only is None:
         return f"{tried}: allow more modes, widen tolerances or workspace, or lower clearance_m"
     if search.solved == 0:
         return f"{tried}: {too_few_phases(tree)}"
-    if tree.rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
-        only = f"without mode {mode_name(tree.rigid)} the pose changes only by bending"
-        return f"{tried}: {only}: add {mode_name(tree.rigid)} to modes"
+    rigid = problem.robot.rigid
+    if rigid not in problem.modes and not np.isnan(problem.goal.configuration[:POSE]).all():
+        only = f"without mode {mode_name(rigid)} the pose changes only by bending"
+        return f"{tried}: {only}: add {mode_name(rigid)} to modes"
     inside = problem.workspace is not None or problem.obstacles
     wider = "the workspace" if inside else "the goal's tolerance"
     return f"{tried}: raise max_phases, allow more modes, or widen {wider}"

@@ -27,8 +27,8 @@ from twosra_mpc.planning.nlp.guess import (
 )
 from twosra_mpc.planning.nlp.terminal_correction import correct_end
 from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.search.in_the_way import InTheWay
 from twosra_mpc.planning.search.nodes import Whole
-from twosra_mpc.planning.search.stage_task import InTheWay
 from twosra_mpc.planning.single_goal.gentle import cheapest
 from twosra_mpc.planning.single_goal.outcome import cost_s, verified
 from twosra_mpc.plans.plan import Plan

@@ -1,4 +1,4 @@
-"""Proved lower bounds on the cost of a mission whose mode sequence is known.
+"""Proved lower bounds on the cost of stages whose mode sequences are known.
 
 The relaxation of ``bounds`` over all stages together: the bends up to the end of each stage lead
 into what its goal allows, and all drives of a stage together take what its ends are apart.
@@ -8,24 +8,31 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from twosra_mpc.planning.search.bends import Intervals
-from twosra_mpc.planning.search.bounds import Relaxation, SequenceBound
+from twosra_mpc.planning.search.bounds import (
+    BendRows,
+    Relaxation,
+    SequenceBound,
+    longest_path_bound,
+    mean_bends,
+    quickest_bends,
+)
 from twosra_mpc.planning.search.linear_program import proved_minimum
+from twosra_mpc.planning.search.stage_bounds import StageBounds
 from twosra_mpc.problem.problem import Weights
-from twosra_mpc.robot.modes import Mode, is_rigid
+from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid
 from twosra_mpc.timing import TemporalNetwork
 
 _ROUNDING = 1e-9  # of W
 
 
 @dataclass(frozen=True, eq=False)
-class MissionRelaxation:
+class StageRelaxation:
     """How far and how fast the bending coordinates may go.
 
     Attributes:
@@ -46,66 +53,98 @@ class MissionRelaxation:
         return distance_m - soft * self.soft_travel_m if soft else distance_m
 
 
-class StageEnd(NamedTuple):
-    """Where a stage ends.
-
-    Attributes:
-        phases: Number of phases up to there, from the first one of the mission.
-        change: (low, high) of every segment's change of W up to there.
-        begun: Number of phases up to the end of a stage before it from which b0 must come here.
-        distance_m: How far that is, at least.
-    """
-
-    phases: int
-    change: Intervals
-    begun: int
-    distance_m: float
-
-
-def mission_bound(
+def stages_bound(
     network: TemporalNetwork,
-    relaxation: MissionRelaxation,
+    stages: Sequence[StageBounds],
+    sequences: Sequence[ModeSequence],
+    relaxation: StageRelaxation,
     weights: Weights,
     least_durations: Sequence[float],
-    ends: Sequence[StageEnd],
-    resting: Collection[int],
 ) -> SequenceBound | None:
-    """Solve the relaxation of a mission; None if it is infeasible.
+    """Solve the relaxation of all stages together; None if it is infeasible.
+
+    Where only time counts, and it is known which bends take least, that is a longest path.
 
     Args:
         network: Of all phases.
+        stages: The stages.
+        sequences: Their mode sequences.
         relaxation: Room, rates and speeds.
         weights: Weights of the cost.
         least_durations: Of the phases [s].
-        ends: The end of each stage.
-        resting: Phases in which nothing moves.
     """
-    sequence = network.sequence
-    rates = [relaxation.rate(mode) if any(mode) else 0.0 for mode in sequence]
-    program = Relaxation(network, weights, least_durations, rates)
+    pairs = [(each, stage.bend) for each, stage in zip(sequences, stages, strict=True)]
+    quickest = (quickest_bends(each, task, weights) for each, task in pairs if task is not None)
+    known = [bends for bends in quickest if bends is not None]
+    if len(known) < len(stages) or any(stage.distance_m for stage in stages):
+        try:
+            return _program(network, stages, sequences, relaxation, weights, least_durations)
+        except ArithmeticError:
+            known = [
+                mean_bends(each, task) if task else np.zeros(len(each)) for each, task in pairs
+            ]
+    return longest_path_bound(network, np.concatenate(known), weights, least_durations)
+
+
+def _program(
+    network: TemporalNetwork,
+    stages: Sequence[StageBounds],
+    sequences: Sequence[ModeSequence],
+    relaxation: StageRelaxation,
+    weights: Weights,
+    least_durations: Sequence[float],
+) -> SequenceBound | None:
+    """The linear program: the first stage's bends from the known start, then those of all."""
+    rates, efforts, told, own = list[float](), list[float](), 0, None
+    if (task := stages[0].bend) is not None:
+        own = BendRows(sequences[0], task, weights)
+        rates, efforts, told = own.rates, own.efforts, len(sequences[0])
+    later = network.sequence[told:]
+    rates = [*rates, *(relaxation.rate(mode) if any(mode) else 0.0 for mode in later)]
+    efforts = [*efforts, *[0.0] * len(later)] if weights.effort else []
+    program = Relaxation(network, weights, least_durations, rates, efforts)
+    if own is not None:
+        own.add_to(program)
+    ends = [0, *itertools.accumulate(map(len, sequences))]
+    stops = {ends[k]: stage.change for k, stage in enumerate(stages, start=1)}
     for j, room in enumerate(relaxation.room):
-        if not _bends(program, network, ends, j, room):
+        if not _bends(program, network, stops, told, j, room):
             return None
-    for end in ends:
-        moving = [i for i in range(end.begun, end.phases) if i not in resting]
-        _comes_as_far(program, network, relaxation, moving, end.distance_m)
+    resting = _resting(stages, sequences)
+    for k, stage in enumerate(stages, start=1):
+        moving = [i for i in range(ends[k - stage.since], ends[k]) if i not in resting]
+        _comes_as_far(program, network, relaxation, moving, stage.distance_m)
+    program.weigh_efforts()
     return program.optimum()
+
+
+def _resting(stages: Sequence[StageBounds], sequences: Sequence[ModeSequence]) -> list[int]:
+    """Phases in which nothing moves."""
+    pairs = zip(stages, sequences, strict=True)
+    moving = [moves for stage, sequence in pairs for moves in stage.moving(sequence)]
+    return [i for i, moves in enumerate(moving) if not moves]
 
 
 def _bends(
     program: Relaxation,
     network: TemporalNetwork,
-    ends: Sequence[StageEnd],
+    stops: Mapping[int, Intervals],
+    told: int,
     segment: int,
     room: tuple[float, float],
 ) -> bool:
-    """Keep the W of a segment within its room and the ends of stages; False if it cannot be."""
-    stops, bends = {end.phases: end.change[segment] for end in ends}, dict[int, float]()
+    """Keep the W of a segment within its room and the ends of stages; False if it cannot be.
+
+    Of so many first phases it is ``told`` already.
+    """
+    bends = dict[int, float]()
     for i, mode in enumerate(network.sequence):
         if mode[segment]:
             bends[network.layout.count + i] = 1.0
+        if i < told:
+            continue
         allowed = [room] if mode[segment] else []
-        allowed += [stops[i + 1]] if i + 1 in stops else []
+        allowed += [stops[i + 1][segment]] if i + 1 in stops else []
         for low, high in allowed:
             if not bends and not low - _ROUNDING <= 0.0 <= high + _ROUNDING:
                 return False
@@ -118,11 +157,13 @@ def _bends(
 def _comes_as_far(
     program: Relaxation,
     network: TemporalNetwork,
-    relaxation: MissionRelaxation,
+    relaxation: StageRelaxation,
     phases: Sequence[int],
     distance_m: float,
 ) -> None:
     """Let all phases of a stage, and its drives alone, last as long as the way takes."""
+    if distance_m <= 0.0:
+        return
     sequence = network.sequence
     by_drives = [i for i in phases if is_rigid(sequence[i])]
     without_blocks = relaxation.driven_m([sequence[i] for i in phases], distance_m)

@@ -1,10 +1,10 @@
-"""A stage as the search knows it: which sequences it may have, what it must do."""
+"""Bounds of a stage alone: which mode sequences it may have, and what is proved of each."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -17,26 +17,29 @@ from twosra_mpc.planning.search.bends import (
 from twosra_mpc.robot.modes import Mode, ModeSequence, is_rigid, rigid_mode
 
 
-class InTheWay:
-    """What is in the robot's way: in free space, nothing."""
+class Drive(NamedTuple):
+    """Least duration of a stage that is nothing but a drive.
 
-    def blocks(self, sequence: ModeSequence | None) -> str | None:
-        """Why a stage's sequence, or any if None, cannot be carried out, as far as is known."""
-        del sequence
-        return None
+    Attributes:
+        least_s: For the distance [s].
+        longer: Proved least duration [s]; more work is put into it where it is less than the
+            argument, what is enough. None where the pose in which it begins is not known.
+    """
 
-    def proves_impossible(self, sequence: ModeSequence) -> bool:
-        """Whether a sequence is proved impossible, by what is known or is worked out now."""
-        return self.blocks(sequence) is not None
+    least_s: float
+    longer: Callable[[float], float] | None = None
 
-    def least_drives_s(self, sequence: ModeSequence) -> Sequence[float]:
-        """Proved least duration of each phase of a sequence, for the ways to go [s]."""
-        return [0.0] * len(sequence)
+    def at_least(self, enough: float = 0.0) -> float:
+        """Proved least duration [s], with more work where it is less than what is enough."""
+        return self.least_s if self.longer is None else self.longer(enough)
+
+
+NO_WAY = Drive(0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class StageTask:
-    """What the search must know of a stage.
+class StageBounds:
+    """Mode sequences of a stage, and what is proved of each.
 
     Attributes:
         change: (low, high) of each segment: change of W since t = 0 where the stage ends.
@@ -50,10 +53,9 @@ class StageTask:
         distance_m: How far b0 must come in it, at least; or in it and in those before it, since
             the last one of which it is known where it ends.
         since: How many stages these are.
-        drive_time: Proved least duration where it is nothing but a drive [s]; more work is put into
-            it where it is less than the argument, what is enough.
+        drive: Least duration where it is nothing but a drive.
+        least_s: Least duration [s].
         reshapes: Whether it is proved that it must reshape.
-        in_the_way: What is in the way; asked again and again, as more may be known the next time.
     """
 
     change: Intervals
@@ -66,9 +68,9 @@ class StageTask:
     drives_last: bool = True
     distance_m: float = 0.0
     since: int = 1
-    drive_time: Callable[[float], float] = lambda enough: 0.0 * enough
+    drive: Drive = NO_WAY
+    least_s: float = 0.0
     reshapes: bool = False
-    in_the_way: InTheWay = field(default_factory=InTheWay)
 
     @cached_property
     def rigid(self) -> Mode:
@@ -108,11 +110,9 @@ class StageTask:
         return head or None
 
     def misfit(self, sequence: ModeSequence) -> str | None:
-        """Why a sequence cannot be one of this stage, by what is known so far."""
+        """Why a sequence cannot be one of this stage."""
         if self.reshapes and not any(map(any, sequence)):
             return "a task must reshape"
-        if (reason := self.in_the_way.blocks(sequence)) is not None:
-            return reason
         return None if self.bend is None else unreachable_reason(sequence, self.bend)
 
     @cached_property
@@ -141,19 +141,16 @@ class StageTask:
     def alike(self) -> Hashable:
         """What bounds of the stage alone depend on."""
         bend = self.bend and (self.bend.change, self.bend.origin, self.bend.origin_within)
-        drives = self.drives_first, self.drives_last, self.drive_s
-        return self.modes, self.last, self.final, self.most_phases, drives, self.reshapes, bend
+        moves = self.drives_first, self.drives_last, self.drive, self.reshapes, self.least_s
+        return self.modes, self.last, self.final, self.most_phases, moves, bend
 
-    @cached_property
-    def drive_s(self) -> float:
-        """Proved least duration where it is nothing but a drive [s]."""
-        return self.drive_time(0.0)
-
-    def durations(self, sequence: ModeSequence) -> Sequence[float]:
-        """Proved least durations of the phases of a sequence, by how far they bend."""
-        if self.bend is None:
-            return [0.0] * len(sequence)
-        return least_durations(sequence, self.bend)
+    def durations(self, sequence: ModeSequence) -> list[float]:
+        """Proved least durations of the phases of a sequence."""
+        bend = self.bend
+        found = [0.0] * len(sequence) if bend is None else list(least_durations(sequence, bend))
+        if sequence == (self.rigid,):
+            found[0] = max(found[0], self.drive.at_least())
+        return found
 
 
 class Way(NamedTuple):
@@ -162,7 +159,7 @@ class Way(NamedTuple):
     drives: bool = False
     blocks: int = 0
 
-    def then(self, sequences: Sequence[ModeSequence], stages: Sequence[StageTask]) -> Way:
+    def then(self, sequences: Sequence[ModeSequence], stages: Sequence[StageBounds]) -> Way:
         """The same after the sequences of further stages."""
         moving = [
             mode
