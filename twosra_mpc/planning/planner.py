@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -48,7 +46,7 @@ from twosra_mpc.robot.modes import ModeSequence
 from twosra_mpc.timing import transition_model
 from twosra_mpc.validation import public
 
-# Of the first look for a plan of several stages; stages of as many phases are looked at later.
+# Of a look for a first plan; stages of as many phases are looked at later.
 _WIDTH, _LEAVES, _TRIES, _LONG = 4, 30, 8, 5
 
 
@@ -202,28 +200,22 @@ def _searched(
         gap=problem.gap,
         out_of_time=out_of_effort,
         on_progress=lambda cost, low: on_progress(Progress(cost, low)) if on_progress else None,
-        first_look=lambda: _first_look(aimed, guesses=solver.guesses),
+        look=lambda: None if tree.nodes.only else _look(aimed),
         proved=lambda bound: forgiven(bound, problem.replay_tolerance),
     )
     return as_asked(result), tree, solver.iterations
 
 
-def _first_look(tree: Tree[Solved], *, guesses: bool) -> tuple[float, Solved] | None:
-    """The best of a few promising leaves; of a single goal in free space only to drive."""
-    if tree.nodes.only is None:
-        few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
+def _look(tree: Tree[Solved]) -> tuple[float, Solved] | None:
+    """The best of a few promising sequences of all stages; short stages first."""
+    few = {"width": _WIDTH, "attempts": _LEAVES, "tries": _TRIES}
 
-        def short(node: Node) -> list[Node]:
-            leaps = tree.nodes.leaps(node)
-            return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
+    def short(node: Node) -> list[Node]:
+        leaps = tree.nodes.leaps(node)
+        return [each for each in leaps if not each.sequences or len(each.sequences[-1]) < _LONG]
 
-        found = dive(tree, short, **few, out_of_time=out_of_effort)
-        return found or dive(tree, tree.nodes.leaps, **few, out_of_time=out_of_effort)
-    node = tree.root()
-    if guesses and tree.leaf_bound(node) < math.inf:
-        first = itertools.islice(tree.solve(node), 2)
-        return min(filter(None, first), key=lambda found: found[0], default=None)
-    return None
+    found = dive(tree, short, **few, out_of_time=out_of_effort)
+    return found or dive(tree, tree.nodes.leaps, **few, out_of_time=out_of_effort)
 
 
 def _rest(variants: Sequence[Variant]) -> Result | None:

@@ -60,7 +60,7 @@ class Placer(Generic[Solution]):
         checked: Makes (cost, plan) of a candidate, or None if it does not verify.
     """
 
-    guesses, iterations = False, 0
+    iterations = 0
 
     def __init__(self, variants: Sequence[Variant], checked: Check[Solution]) -> None:
         self.variants, self._checked = variants, checked

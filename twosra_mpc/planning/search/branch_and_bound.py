@@ -24,6 +24,7 @@ Node = TypeVar("Node")
 Solution = TypeVar("Solution")
 Solution_co = TypeVar("Solution_co", covariant=True)
 
+_PATIENCE = 64  # steps without a solution until it is looked for otherwise
 _ALIKE = 0.5  # of costs: bounds that are no farther apart are as good
 
 
@@ -98,7 +99,7 @@ def branch_and_bound(
     gap: float,
     out_of_time: Callable[[], bool],
     on_progress: Callable[[float, float], None],
-    first_look: Callable[[], tuple[float, Solution] | None] = lambda: None,
+    look: Callable[[], tuple[float, Solution] | None] = lambda: None,
     proved: Callable[[float], float] = lambda bound: bound,
 ) -> SearchResult[Solution]:
     """Search ``tree`` for a leaf within ``gap`` of the least possible cost.
@@ -108,7 +109,7 @@ def branch_and_bound(
         gap: Relative optimality gap (cost - lower bound) / cost to stop at.
         out_of_time: Asked before every node; True ends the search.
         on_progress: Told (incumbent cost, lower bound) before every node.
-        first_look: Finds (cost, solution) of a leaf to begin with, if it can.
+        look: Finds (cost, solution) of a leaf, if it can; asked where many steps have found none.
         proved: What the least bound of the tree proves of all solutions.
 
     Raises:
@@ -117,9 +118,11 @@ def branch_and_bound(
     search = _Search(tree, gap, proved)
     with noted_interrupts() as interrupts:
         try:
-            if (found := first_look()) is not None:
-                search.accept(*found)
-            while search.open and not interrupts.requested:
+            for step in itertools.count():
+                if step == _PATIENCE and search.solution is None and (found := look()):
+                    search.accept(*found)
+                if not search.open or interrupts.requested:
+                    break
                 on_progress(search.cost, search.lower_bound)
                 if search.closed:
                     break

@@ -81,10 +81,6 @@ class StageSolver(Protocol):
         """Obstacles to each stage of every variant; None: there are none."""
 
     @property
-    def guesses(self) -> bool:
-        """Whether its first attempts at a single stage are guesses, which cost little."""
-
-    @property
     def iterations(self) -> int:
         """Of the nonlinear programs so far."""
 
@@ -97,7 +93,7 @@ class StageSolver(Protocol):
 class SequenceSolver:
     """Yields plans of one sequence of each stage where nothing is in the way."""
 
-    in_the_way, guesses = None, True
+    in_the_way = None
 
     def __init__(self, variants: Sequence[Variant], guessed: Check | None = None) -> None:
         self.variants, self._checked = variants, guessed or checked
@@ -114,7 +110,8 @@ class SequenceSolver:
         """Yield (cost, plan) of every attempt; None: it failed."""
         variant = self.variants[whole.variant]
         if len(whole.sequences) > 1:
-            yield stage_by_stage(variant, network, bound, whole)
+            candidate = stage_by_stage(variant, network, bound, whole)
+            yield self._checked(variant.problem, candidate, network)
             return
         if whole.variant not in self._of_a_goal:
             self._of_a_goal[whole.variant] = GoalSolver(variant, self._checked)
@@ -231,8 +228,8 @@ def trusted(
 
 def stage_by_stage(
     variant: Variant, network: TemporalNetwork, bound: SequenceBound, whole: Whole
-) -> tuple[float, Solved] | None:
-    """(cost, plan) of one sequence of each stage, each of them as it is guessed alone.
+) -> Candidate | None:
+    """One sequence of each stage, each of them as it is guessed alone.
 
     A nonlinear program for each stage finds nothing better: what it could gain, waiting hides.
     """
@@ -246,7 +243,7 @@ def stage_by_stage(
             return None
         motions.append(motion)
         q = motion.end
-    return checked(problem, _joined(problem, motions, network), network)
+    return _joined(problem, motions, network)
 
 
 def _motion(
