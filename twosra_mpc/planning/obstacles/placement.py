@@ -11,7 +11,7 @@ import numpy as np
 
 from twosra_mpc.effort import Cost, charge, out_of_effort
 from twosra_mpc.model.bending import bending
-from twosra_mpc.model.flow import roll_out
+from twosra_mpc.model.flow import Motion, joined, roll_out
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
 from twosra_mpc.planning.missions.placements import Placement, Variant, goals_of
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, timed
@@ -203,18 +203,17 @@ def _candidate(
 ) -> Candidate | None:
     """The motion of a chain on the clock; ends of goals are met exactly."""
     problem, inputs = itinerary.problem, _inputs(network.sequence, itinerary, routes)
-    start = q = problem.start.configuration
-    corrected, first = [], 0
+    q = problem.start.configuration
+    corrected, first = list[Motion](), 0
     for stage, sequence in zip(itinerary.stages, itinerary.sequences, strict=True):
         motion = roll_out(problem.robot, q, sequence, inputs[first : first + len(sequence)])
         found = correct_end(motion, stage.goal) if stage.reaches else motion
         if found is None:
             return None
-        corrected.append(found.inputs)
+        corrected.append(found)
         q, first = found.end, first + len(sequence)
-    whole = roll_out(problem.robot, start, network.sequence, np.concatenate(corrected))
     ends = tuple(itertools.accumulate(map(len, itinerary.sequences)))
-    return timed(whole, network, problem, 0, ends)
+    return timed(joined(corrected), network, problem, 0, ends)
 
 
 def _inputs(sequence: ModeSequence, itinerary: Itinerary, routes: dict[int, Array]) -> Array:

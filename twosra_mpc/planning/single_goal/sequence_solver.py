@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from twosra_mpc.effort import out_of_effort
-from twosra_mpc.model.flow import Motion, roll_out
+from twosra_mpc.model.flow import Motion, joined
 from twosra_mpc.planning.missions.bends import shapes, stage_bends
 from twosra_mpc.planning.missions.placements import Variant
 from twosra_mpc.planning.nlp.fixed_sequence import INTERVALS, Candidate, scheduled, solve, timed
@@ -243,7 +244,8 @@ def stage_by_stage(
             return None
         motions.append(motion)
         q = motion.end
-    return _joined(problem, motions, network)
+    stage_ends = tuple(itertools.accumulate(len(motion.sequence) for motion in motions))
+    return timed(joined(motions), network, problem, 0, stage_ends)
 
 
 def _motion(
@@ -256,20 +258,3 @@ def _motion(
     usable = may_drive(alone, sequence)
     made = guess_motion(alone.robot, q, goal, sequence, bends, INTERVALS, usable)
     return correct_end(moved_inside(made, alone), goal)
-
-
-def _joined(
-    problem: Problem, motions: Sequence[Motion], network: TemporalNetwork
-) -> Candidate | None:
-    """One motion after the other on one clock."""
-    most = max(motion.inputs.shape[1] for motion in motions)
-    inputs = np.concatenate(
-        [
-            np.pad(motion.inputs, ((0, 0), (0, most - motion.inputs.shape[1]), (0, 0)))
-            for motion in motions
-        ]
-    )
-    sequence = network.sequence
-    whole = roll_out(problem.robot, problem.start.configuration, sequence, inputs)
-    ends = tuple(np.cumsum([len(motion.sequence) for motion in motions]).tolist())
-    return timed(whole, network, problem, 0, ends)
