@@ -407,6 +407,7 @@ def test_a_limit_keeps_the_nlp_from_starting(monkeypatch: pytest.MonkeyPatch) ->
     network, bound = network_of(problem, (RIGID,)), bound_of(problem, (RIGID,))
     assert bound is not None
     guesses = 2  # a screw, and a turn, a straight way and a turn
+    solver = GoalSolver(only_goal(problem))
     with limited(1e-9, math.inf):
         charge(Cost.KEPT)
-        assert len(list(GoalSolver(only_goal(problem))(network, bound))) == guesses
+        assert len(list(solver(network, bound))) == guesses

@@ -24,7 +24,7 @@ from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result
-from twosra_mpc.plans.stages import stages, task_words
+from twosra_mpc.plans.stages import stretches
 from twosra_mpc.plans.trajectory import Trajectory
 from twosra_mpc.problem.goals import Anywhere
 from twosra_mpc.problem.problem import Problem
@@ -240,7 +240,7 @@ def task_costs(made: Plan) -> tuple[TaskCost, ...]:
     """What each stage of a mission's plan costs: its times and energies add up to the plan's."""
     heating = transition_model(made.problem).heating(made.transitions)
     found, shape_of = list[TaskCost](), "the start"
-    parts = stages(made.trajectory)
+    parts = stretches(made.trajectory)
     for i, stage in enumerate(parts):
         ends_s = stage.to_s if i + 1 < len(parts) else made.duration_s
         melts = [item for item in made.transitions if item.to == "soft"]
@@ -317,7 +317,7 @@ def _goals(problem: Problem) -> Iterator[tuple[str, tuple[Task, ...], bool]]:
     for number, task in enumerate(problem.tasks, start=1):
         before = (*before, task)
         if task.rests:
-            yield task_words(task, number), before, False
+            yield task.said(number), before, False
             before = ()
     if before or not problem.ends_anywhere:
         yield "reach the goal", before, True
@@ -370,11 +370,7 @@ def _other_orders(problem: Problem, planned: Sequence[Task]) -> list[tuple[Task,
 
 
 def _in_order(quick: Plan, tasks: tuple[Task, ...], tell: Callable[[str], None]) -> Alternative:
-    begun = [
-        task_words(task, number)
-        for number, task in enumerate(tasks, start=1)
-        if not task.needs_held
-    ]
+    begun = [task.said(number) for number, task in enumerate(tasks, start=1) if not task.needs_held]
     change = f"in the order {', '.join(begun)}"
     tell(change)
     found = plan_until_interrupted(quick.problem.with_values(tasks=tasks))

@@ -170,7 +170,8 @@ def _variants(problem: Problem, started: float) -> Sequence[Variant] | Result:
         return variants
     if variants is None:
         before = f"{STOPPED[ending]} before all ways were known"
-        why = f"{nothing_found(problem, several=True)} ({before}): {advice(ending)}"
+        none = nothing_found(problem, several=len(problem.stages()) > 1)
+        why = f"{none} ({before}): {advice(ending)}"
     else:
         why = "; ".join(dict.fromkeys(ways.refused)) or "no direction that may be used is left"
         status, ending = Status.INFEASIBLE, Ending.EXHAUSTED

@@ -100,7 +100,7 @@ class Ways:
         """Every variant; None if the effort is over first, as no bound holds for some of them."""
         found: list[Variant] = []
         for order in self._orders():
-            if out_of_effort():
+            if found and out_of_effort():
                 return None
             problem = self._in_order(order)
             groups: dict[tuple[float, ...], list[tuple[Placement, ...]]] = {}

@@ -14,7 +14,6 @@ from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.sampling import sample
 from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase, Samples, Trajectory
 from twosra_mpc.problem.problem import Problem
-from twosra_mpc.problem.tasks import passes
 from twosra_mpc.robot.coordinates import POSE
 from twosra_mpc.timing import TemporalNetwork, transition_model
 
@@ -59,14 +58,14 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
         return ()
     start = problem.start.with_values(holding=None)
     plain = Trajectory(problem.with_values(start=start, tasks=(), objects=()), samples, (), ())
-    done, stages, boxes = [0.0], iter(ends_s), passes(problem.tasks)
-    for i in range(len(problem.tasks)):
-        if i in boxes:
+    done, ends = [0.0], iter(ends_s)
+    for stage in problem.stages()[: len(problem.tasks)]:
+        if stage.through is not None:
             t = np.arange(done[-1], samples.t_s[-1], _LOOK_S)
-            met = boxes[i].met(plain.configuration(t)[:, :POSE])
+            met = stage.through.met(plain.configuration(t)[:, :POSE])
             done.append(float(t[met.argmax()]))
         else:
-            done.append(next(stages))
+            done.append(max(next(ends), done[-1] + stage.least_s))
     return tuple(done[1:])
 
 
