@@ -345,7 +345,7 @@ def test_the_plan_of_a_remelt_is_shorter_and_cheaper_than_with_cold_melts() -> N
         assert bound is not None
         first = next(iter(GoalSolver(only_goal(problem))(network, bound)))
         assert first is not None
-        found = first[1].plan
+        found = first[1].with_plan().plan
         assert found.verification.ok
         costs.append(found.cost)
         motion = sum(phase.end_s - phase.start_s for phase in found.phases)

@@ -141,7 +141,10 @@ def _search(
     for guessed in [checked] if inside else [trusted, checked]:
         result, tree, iterations = _searched(problem, variants, excluded, guessed, on_progress)
         lend_overtime()
-        if result.solution is None or result.solution.plan.verification.ok:
+        if result.solution is None:
+            break
+        result = replace(result, solution=result.solution.with_plan())
+        if result.solution is not None and result.solution.verifies:
             break
         result = replace(result, solution=None)  # a guess that is no plan
         if result.ending is Ending.INTERRUPTED:  # nobody waits for another search

@@ -70,9 +70,10 @@ def _gentler(found: Solved, lower_bound: float) -> Solved:
         candidate = gentle(problem, found.candidate, found.network, most)
         if candidate is None:
             break
-        slower = replace(found, candidate=candidate, fastest_cost=found.cost)
+        slower = replace(found, candidate=candidate, fastest_cost=found.cost, plan=None).with_plan()
+        assert slower.plan is not None, "it was made just now"
         cost = slower.plan.cost.total
-        if cost <= (1 + ROUNDING) * limit and slower.plan.verification.ok:
+        if cost <= (1 + ROUNDING) * limit and slower.verifies:
             return slower
         most -= 2 * abs(cost - limit)
     return found
@@ -112,7 +113,7 @@ def conclude(
     """Turn the outcome of the search into a result with a true status and a useful message."""
     lower = search.lower_bound if math.isfinite(search.lower_bound) else None
     ending, made = search.ending, None
-    if search.solution is not None:
+    if search.solution is not None and search.solution.plan is not None:
         made = search.solution.plan
         lower = None if lower is None else _at_most_cost(lower, made)
         made = replace(made, lower_bound=lower)

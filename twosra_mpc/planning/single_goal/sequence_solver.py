@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -46,21 +46,33 @@ _ASIDE_RAD = 0.4  # of the second start of a drive
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What a plan is made of, and the plan, which is made and verified when it is asked for.
+    """Parts of a plan.
 
-    ``fastest_cost`` is what it cost before it was made gentle [s].
+    Attributes:
+        problem: The problem.
+        candidate: Its motion and schedule.
+        network: The temporal network of its sequence.
+        fastest_cost: What it cost before it was made gentle [s].
+        plan: The plan, once it is made; its verification says whether it is one.
     """
 
     problem: Problem
     candidate: Candidate
     network: TemporalNetwork
     fastest_cost: float = math.inf
+    plan: Plan | None = None
 
-    @cached_property
-    def plan(self) -> Plan:
-        """The plan; its verification says whether it is one."""
+    def with_plan(self) -> Solved:
+        """The same with its plan, sampled and verified."""
+        if self.plan is not None:
+            return self
         made = self.problem, self.candidate, self.network
-        return verified(*made, fastest_cost=self.fastest_cost)
+        return replace(self, plan=verified(*made, fastest_cost=self.fastest_cost))
+
+    @property
+    def verifies(self) -> bool:
+        """Whether its plan was made and verifies."""
+        return self.plan is not None and self.plan.verification.ok
 
     @cached_property
     def cost(self) -> float:
@@ -213,8 +225,10 @@ def checked(
     problem: Problem, candidate: Candidate | None, network: TemporalNetwork
 ) -> tuple[float, Solved] | None:
     """(cost, plan) of a candidate at its durations of least cost; None if it does not verify."""
-    found = trusted(problem, candidate, network)
-    return found if found and found[1].plan.verification.ok else None
+    if (found := trusted(problem, candidate, network)) is None:
+        return None
+    made = found[1].with_plan()
+    return (made.cost, made) if made.verifies else None
 
 
 def trusted(
