@@ -150,14 +150,6 @@ def test_fitted_paths_are_json(run: Run) -> None:
     assert len(found["cardioids"]) == 3
 
 
-@pytest.mark.usefixtures("quick")
-def test_compared_models_are_json(run: Run) -> None:
-    found = json.loads(run("compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json").out)
-    for made in found["plans"]:
-        assert made["status"] == "optimal"
-        assert np.abs(made["end_error_under"][made["model"]]).max() < 1e-6
-
-
 def test_simulations_are_json(run: Run) -> None:
     one = json.loads(run("simulate", "rigid-move", "--json", "--seed", 3).out)
     assert (one["format"], one["seed"]) == ("twosra-run", 3)
@@ -223,7 +215,7 @@ def test_the_path_model_asked_for_is_planned_with(run: Run) -> None:
         assert made["scenario"]["gap"] == 0.05
 
 
-@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate", "compare-models"])
+@pytest.mark.parametrize("name", ["plan", "explain", "compare", "simulate"])
 def test_a_search_can_be_limited_wherever_there_is_one(name: str) -> None:
     known = {opt for param in command(name).params for opt in param.opts}
     assert {"--robot", "--timing", "--gap", "--time-limit"} <= known
@@ -256,7 +248,6 @@ NARROW: list[list[str]] = [
     ["plan", "paper-2", "--timing", "paper"],
     ["plan", "blocked"],
     ["compare", "paper-2", "rigid-move"],
-    ["compare-models", "paper-2", "--robot", "2sra-v1-paper"],
     ["explain", "paper-2"],
     ["simulate", "rigid-move"],
     ["check-robot", "2sra-v1"],
@@ -292,10 +283,6 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 PROGRESS: list[tuple[list[str], str]] = [
     (["plan", "rigid-move", "--json"], "planning (optimal): best plan"),
     (["compare", "rigid-move", "--json"], "planning rigid-move (1 of 1), greedy"),
-    (
-        ["compare-models", "paper-2", "--robot", "2sra-v1-paper", "--json"],
-        "planning under each path model",
-    ),
     (["simulate", "rigid-move", "--json", "--runs", "2"], "running 2 of 2"),
     (["verify", "plan.json", "--json"], "verifying"),
     (["resample", "plan.json", "out.csv", "--rate", "1", "--json"], "resampling at 1 Hz"),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from twosra_mpc import InputError, load_robot
 from twosra_mpc.checking.holds import Boxes, _discs, _free
-from twosra_mpc.contact.cage import caged
+from twosra_mpc.contact.grip import caged
 from twosra_mpc.contact.touch import Touch, grasp_touches
 from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.description import Robot

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from twosra_mpc import load_robot
-from twosra_mpc.contact.pushing import PushingCone, pushing_cone
+from twosra_mpc.contact.grip import PushingCone, pushing_cone
 from twosra_mpc.contact.touch import grasp_touches
 
 V1, V2 = load_robot("2sra-v1"), load_robot("2sr-v2")

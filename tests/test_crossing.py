@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from twosra_mpc.thermal.crossing import crossing
+from twosra_mpc.thermal.model import crossing
 
 SHAPES: dict[str, Callable[[float], float]] = {
     "line": lambda t: t,

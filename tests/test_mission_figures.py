@@ -41,8 +41,7 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.report import report_page
 from twosra_mpc.report.words import scenario_toml, task_rows
-from twosra_mpc.robot.coordinates import Array
-from twosra_mpc.robot.poses import composed
+from twosra_mpc.robot.coordinates import Array, composed
 
 
 def result(made: Plan) -> Result:

@@ -29,7 +29,6 @@ QUICK: dict[str, tuple[str, int]] = {
     "explain": ("shape-change", 0),
     "check-passage": ("doorway --step 60", 0),
     "compare": ("shape-change", 0),
-    "compare-models": ("shape-change --robot 2sra-v1-paper", 0),
     "batch": ("problems.toml --out runs --workers 1", 0),
     "atlas": ("no-runs", 2),
     "verify": ("plan.json", 0),
@@ -111,8 +110,7 @@ def test_quiet_is_quiet(name: str) -> None:
 NOISY = """
 import ctypes, os, subprocess, sys
 from twosra_mpc import __main__
-from twosra_mpc.cli import robots
-
+from twosra_mpc.cli import descriptions as robots
 def noisy(*given):
     libc = ctypes.CDLL(None)
     libc.puts(b"of a library's buffer")

@@ -44,8 +44,7 @@ from twosra_mpc import (
 from twosra_mpc.files import write_text
 from twosra_mpc.model.kinematics import kinematics
 from twosra_mpc.plans.ending import Ending
-from twosra_mpc.plans.headline import percent
-from twosra_mpc.plans.plan import Cost
+from twosra_mpc.plans.plan import Cost, percent
 from twosra_mpc.plans.setpoints import rows
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 from twosra_mpc.robot.description import Robot, segment_model

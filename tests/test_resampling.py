@@ -13,8 +13,7 @@ import pytest
 from conftest import Planned, Run, Solved
 
 from twosra_mpc import InputError, Result, load_plan, load_problem, plan
-from twosra_mpc.checking.plan_file import check_plan
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import check_plan, refined
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.plans.trajectory import SAME_TIME_S
 

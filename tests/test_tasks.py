@@ -26,8 +26,8 @@ from twosra_mpc.problem.objects import Object, read_outline
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, Pass, Reach, Release, Task
 from twosra_mpc.problem.world import area_m2
+from twosra_mpc.robot.coordinates import composed, inverse, wrapped
 from twosra_mpc.robot.modes import Mode, rigid_mode
-from twosra_mpc.robot.poses import composed, inverse, wrapped
 from twosra_mpc.schema import json_schema
 
 START = {"x_m": 0.0, "y_m": 0.0, "phi_rad": 0.0, "kappa_per_m": [0.0, 0.0]}

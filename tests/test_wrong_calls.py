@@ -27,7 +27,7 @@ from twosra_mpc import (
 from twosra_mpc.execution import Executor, SimulatedRobot, simulate
 
 KINDS = {"Problem", "Plan", "Result", "Robot", "Run"}
-EXPORTS = ("export.plan_mcap", "export.ros2_mcap", "export.authors_csv")
+EXPORTS = ("export.plan_mcap", "export.ros2_mcap", "plans.setpoints")
 
 
 def public_functions() -> Iterator[tuple[Callable[..., Any], str]]:

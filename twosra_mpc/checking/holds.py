@@ -24,9 +24,8 @@ from twosra_mpc.checking.clearance import (
 from twosra_mpc.checking.sweep import sagitta_m
 from twosra_mpc.effort import Cost, charge
 from twosra_mpc.problem.objects import Object
-from twosra_mpc.robot.coordinates import POSE, Array
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.robot.geometry import Geometry
-from twosra_mpc.robot.poses import composed, inverse
 
 # Sides of boxes, and how far around the object's pose it is looked, in x and in y [m].
 _LEVELS = ((6e-3, 0.12), (2e-3, 0.12), (1e-3, 0.06), (5e-4, 0.04), (2.5e-4, 0.015))

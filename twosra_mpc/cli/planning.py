@@ -16,8 +16,7 @@ from twosra_mpc.cli.output import EXIT_INFEASIBLE, EXIT_NO_PLAN, EXIT_PLANNED, O
 from twosra_mpc.installation import require_flint
 from twosra_mpc.planning.planner import plan_until_interrupted
 from twosra_mpc.planning.single_goal.conclusion import Progress
-from twosra_mpc.plans.headline import above_bound
-from twosra_mpc.plans.plan import Plan, Status
+from twosra_mpc.plans.plan import Plan, Status, above_bound
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.setpoints import save_setpoints
 from twosra_mpc.problem.problem import Problem

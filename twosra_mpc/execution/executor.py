@@ -14,13 +14,12 @@ from twosra_mpc.execution.doubt import DoubtError
 from twosra_mpc.execution.guard import MeetsItselfError, TooNearError, guard_of
 from twosra_mpc.execution.mission import Mission
 from twosra_mpc.execution.remaining import remaining_problem, tasks_left
-from twosra_mpc.execution.robot_interface import RobotInterface
+from twosra_mpc.execution.robot_interface import RobotInterface, stopped_after
 from twosra_mpc.execution.run import Ending, Run, Verdict, times
 from twosra_mpc.execution.runner import Abort, PlanRunner
 from twosra_mpc.execution.segment_watch import SegmentError
 from twosra_mpc.execution.session import Session
 from twosra_mpc.execution.settings import ExecutorSettings
-from twosra_mpc.execution.stopping import stopped_after
 from twosra_mpc.execution.tracking.tracker import Tracker
 from twosra_mpc.interrupts import Interrupts
 from twosra_mpc.planning.planner import plan as find_plan

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twosra_mpc.checking.resampling import refined
+from twosra_mpc.checking.plan_file import refined
 from twosra_mpc.errors import InputError
-from twosra_mpc.export.changes import changed
 from twosra_mpc.export.robot_chain import BASE, Joint, angles, joints, urdf
 from twosra_mpc.files import check_writable, write_bytes
 from twosra_mpc.installation import install_command
 from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.setpoints import changed
 from twosra_mpc.plans.trajectory import Samples
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.validation import public

@@ -17,8 +17,7 @@ from twosra_mpc.checking.surroundings import closest_approach
 from twosra_mpc.errors import InputError
 from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
-from twosra_mpc.plans.headline import quality
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.plan import Plan, quality
 from twosra_mpc.plans.stages import Stretch, stretches
 from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
 from twosra_mpc.plans.trajectory import Phase, Samples

@@ -19,8 +19,7 @@ from twosra_mpc.analysis.critical_path import critical_path, hidden_activities, 
 from twosra_mpc.errors import InputError
 from twosra_mpc.files import write_text
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.headline import percent
-from twosra_mpc.plans.plan import Plan
+from twosra_mpc.plans.plan import Plan, percent
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plotting import plot_plan
 from twosra_mpc.plotting.figures import picture_address

@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 import tomlkit
 
 from twosra_mpc.keys import describe
-from twosra_mpc.plans.headline import above_bound, percent, within
-from twosra_mpc.plans.plan import Plan, Status, Verification
+from twosra_mpc.plans.plan import Plan, Status, Verification, above_bound, percent, within
 from twosra_mpc.plans.result import Result
 from twosra_mpc.plans.stages import stretches
 from twosra_mpc.problem.problem import Problem

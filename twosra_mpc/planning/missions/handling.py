@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twosra_mpc.contact.cage import caged
-from twosra_mpc.contact.pushing import pushing_cone
+from twosra_mpc.contact.grip import caged, pushing_cone
 from twosra_mpc.contact.touch import Touch, TouchSet, conform_touches, grasp_touches
 from twosra_mpc.errors import InputError
 from twosra_mpc.planning.missions.ends import HEADINGS, Ends, placed, spread
@@ -21,10 +20,9 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import Carry, Conform, Grasp, carries
 from twosra_mpc.problem.tolerances import TOUCHING_M
-from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.poses import composed, inverse
+from twosra_mpc.robot.coordinates import POSE, Array, composed, inverse
 from twosra_mpc.space.contour import Contour, apart_m, parts
-from twosra_mpc.space.outlines import quadrangles
+from twosra_mpc.space.convex import quadrangles
 
 GRASP_GAP_M = 5e-4  # between the robot and what it closes around
 _PUT_HEADINGS = 8  # of an object that is put down at any

@@ -19,8 +19,7 @@ from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.stages import Stage
 from twosra_mpc.problem.tasks import Pass, Task, orders
 from twosra_mpc.problem.world import Obstacle, World
-from twosra_mpc.robot.coordinates import POSE, Array
-from twosra_mpc.robot.poses import composed
+from twosra_mpc.robot.coordinates import POSE, Array, composed
 
 if TYPE_CHECKING:
     from twosra_mpc.planning.missions.handling import Handling
@@ -73,8 +72,8 @@ class State(NamedTuple):
         around = problem.world_with([None if i == held else p for i, p in enumerate(self.poses)])
         if not touches:
             return around
+        from twosra_mpc.space.convex import eroded
         from twosra_mpc.space.footprint import kept_m
-        from twosra_mpc.space.outlines import eroded
 
         off_m = kept_m(around, problem.robot.geometry) + _OVERLAP_M
         kept = list[Obstacle]()

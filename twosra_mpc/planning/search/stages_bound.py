@@ -36,13 +36,13 @@ class StageRelaxation:
     """How far and how fast the bending coordinates may go.
 
     Attributes:
-        room: (low, high) of each segment: change of W since t = 0 that curvature limits allow.
+        room: Asks for (low, high) of each segment: change of W since t = 0 that limits allow.
         rate: Mode -> upper bound of abs(dW/dt), for every shape.
         speed_m_s: Mode -> upper bound of the speed of b0; infinite where none is known.
         soft_travel_m: How far b0 comes in a block of soft phases, at most.
     """
 
-    room: Intervals
+    room: Callable[[], Intervals]
     rate: Callable[[Mode], float]
     speed_m_s: Callable[[Mode], float]
     soft_travel_m: float
@@ -107,7 +107,7 @@ def _program(
         own.add_to(program)
     ends = [0, *itertools.accumulate(map(len, sequences))]
     stops = {ends[k]: stage.change for k, stage in enumerate(stages, start=1)}
-    for j, room in enumerate(relaxation.room):
+    for j, room in enumerate(relaxation.room() if later else ()):
         if not _bends(program, network, stops, told, j, room):
             return None
     resting = _resting(stages, sequences)
