@@ -33,18 +33,17 @@ def check_mission(problem: Problem) -> None:
         )
     held = problem.start.holding
     poses = [None if item.name == held else item.pose.pose for item in problem.objects]
-    alone = problem.with_values(
-        start=problem.start.with_values(holding=None),
-        goal=Anywhere(mode=robot.rigid),
-        tasks=(),
-        objects=(),
-    )
-    check_obstacles(alone.with_values(obstacles=problem.world_with(poses).obstacles))
+    start = problem.start.with_values(holding=None) if held else problem.start
+    alone = {"start": start, "tasks": (), "objects": ()}
+    if problem.objects:
+        there = problem.world_with(poses).obstacles
+        rest = Anywhere(mode=robot.rigid)
+        check_obstacles(problem.with_values(**alone, goal=rest, obstacles=there))
     for i, task in enumerate(problem.tasks):
         if task.ends_in is not None:
-            there = alone.with_values(goal=task.ends_in)
+            reached = problem.with_values(**alone, goal=task.ends_in)
             for check in (check_shapes, check_workspace, check_obstacles):
-                _named(check, there, i)
+                _named(check, reached, i)
     for i, carry in carries(problem.tasks).items():
         number = [item.name for item in problem.objects].index(carry.object)
         target = np.array([carry.x_m, carry.y_m, carry.phi_rad or 0.0])

@@ -56,13 +56,12 @@ def _done_s(problem: Problem, ends_s: Sequence[float], samples: Samples) -> tupl
     """When each task of a mission is done: at the end of its stage; a box when it is entered."""
     if not problem.is_mission:
         return ()
-    start = problem.start.with_values(holding=None)
-    plain = Trajectory(problem.with_values(start=start, tasks=(), objects=()), samples, (), ())
+    moved = Trajectory(problem, samples, (), (), (0.0,) * len(problem.tasks))
     done, ends = [0.0], iter(ends_s)
     for stage in problem.stages()[: len(problem.tasks)]:
         if stage.through is not None:
             t = np.arange(done[-1], samples.t_s[-1], _LOOK_S)
-            met = stage.through.met(plain.configuration(t)[:, :POSE])
+            met = stage.through.met(moved.configuration(t)[:, :POSE])
             done.append(float(t[met.argmax()]))
         else:
             done.append(max(next(ends), done[-1] + stage.least_s))
