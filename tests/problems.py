@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from twosra_mpc import Goal, InputError, Problem, Robot, Start, load_robot
-from twosra_mpc.planning.missions.placements import Variant
-from twosra_mpc.planning.missions.relaxed import bending_task, stage_tree
-from twosra_mpc.planning.missions.variants import Ways
-from twosra_mpc.planning.search.bends import least_durations
-from twosra_mpc.planning.search.bounds import SequenceBound, sequence_bound
+from twosra_mpc.planning.bounds.bends import least_durations
+from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, sequence_bound
+from twosra_mpc.planning.relaxation import bending_task, stage_tree
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.problem.ends import check_shapes
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, Mode, ModeSequence

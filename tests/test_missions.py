@@ -19,16 +19,16 @@ from problems import faster_robot, random_problem
 from twosra_mpc import InputError, Plan, Problem, Result, Robot, load_robot, plan
 from twosra_mpc.checking.plan_file import check_plan
 from twosra_mpc.checking.verification import verify
-from twosra_mpc.planning.missions.placements import Variant
-from twosra_mpc.planning.missions.relaxed import stage_bounds, stage_tree
-from twosra_mpc.planning.missions.variants import Ways
+from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.relaxation import stage_bounds, stage_tree
 from twosra_mpc.planning.search.branch_and_bound import branch_and_bound
 from twosra_mpc.planning.search.nodes import Node
-from twosra_mpc.planning.search.schedule import with_durations
 from twosra_mpc.planning.search.to_go import Alone
 from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
-from twosra_mpc.planning.single_goal.sequence_solver import Solved as Made
+from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
+from twosra_mpc.planning.solver.sequence_solver import Solved as Made
+from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.problem.tasks import Reach
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, is_rigid

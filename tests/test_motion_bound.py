@@ -10,10 +10,10 @@ from problems import at, faster_robot, goal_tree, network_of, random_problem
 from test_pose_bound import problem_between, random_motion
 
 from twosra_mpc import Goal, Robot, load_robot
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.search import motion_bound
-from twosra_mpc.planning.search.motion_bound import least_motion_s
-from twosra_mpc.planning.search.pose_bound import PoseConstraint, PoseProgram
+from twosra_mpc.planning.bounds import motion_bound
+from twosra_mpc.planning.bounds.motion_bound import least_motion_s
+from twosra_mpc.planning.bounds.pose_bound import PoseConstraint, PoseProgram
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.speed_profile import fastest
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.timing import earliest_times, resting_s

@@ -14,8 +14,8 @@ from problems import ROBOT, at, goal_tree, network_of, random_problem
 from thermal_problems import SEQUENCES, earliest_finish, thermal_problem, thermal_problems
 
 from twosra_mpc import Problem, load_problem, plan
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.bounds.bends import unreachable_reason
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
 from twosra_mpc.robot.modes import MODES, RIGID, SOFT_1, SOFT_2, SOFT_BOTH, Mode, ModeSequence

@@ -21,16 +21,16 @@ from twosra_mpc.analysis.passages import decide_between
 from twosra_mpc.checking.clearance import check_obstacles
 from twosra_mpc.checking.verification import verify
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.obstacles.block import Sweep, block, blocks_of, soft_runs
-from twosra_mpc.planning.obstacles.necessity import Necessity
-from twosra_mpc.planning.obstacles.placement import Placer
-from twosra_mpc.planning.obstacles.stations import HIDDEN_S, Stations, chains
-from twosra_mpc.planning.single_goal.sequence_solver import checked
+from twosra_mpc.planning.solver.block import Sweep, block
+from twosra_mpc.planning.solver.placer import Placer
+from twosra_mpc.planning.solver.sequence_solver import checked
+from twosra_mpc.planning.solver.stations import HIDDEN_S, Stations, chains
+from twosra_mpc.planning.stages.necessity import Necessity
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.ends import check_shapes, check_workspace
 from twosra_mpc.robot.coordinates import POSE, Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.modes import is_rigid
+from twosra_mpc.robot.modes import blocks_of, is_rigid, soft_runs
 from twosra_mpc.space.drives import Drives
 from twosra_mpc.space.footprint import footprint
 from twosra_mpc.space.separation import placed

@@ -10,7 +10,7 @@ import pytest
 from problems import at, goal_tree, only_goal
 
 from twosra_mpc import Goal, Problem, Robot, Start, load_problem, load_robot, plan
-from twosra_mpc.planning.single_goal.sequence_solver import SequenceSolver
+from twosra_mpc.planning.solver.sequence_solver import SequenceSolver
 from twosra_mpc.robot.modes import ModeSequence, all_modes
 
 THREE = load_problem("three-segments")

@@ -12,7 +12,7 @@ import pytest
 from problems import ROBOT, bound_of, faster_robot, network_of, only_goal, random_problem
 
 import twosra_mpc.planning.planner as planner
-import twosra_mpc.planning.single_goal.sequence_solver as sequence_solver
+import twosra_mpc.planning.solver.sequence_solver as sequence_solver
 from twosra_mpc import (
     ContradictionError,
     Goal,
@@ -25,11 +25,11 @@ from twosra_mpc import (
     plan,
 )
 from twosra_mpc.effort import Cost, charge, limited
-from twosra_mpc.planning.missions.relaxed import bending_task
-from twosra_mpc.planning.nlp.fixed_sequence import Candidate
+from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import Progress
-from twosra_mpc.planning.search.bends import unreachable_reason
-from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver, Solved, trusted
+from twosra_mpc.planning.relaxation import bending_task
+from twosra_mpc.planning.solver.fixed_sequence import Candidate
+from twosra_mpc.planning.solver.sequence_solver import GoalSolver, Solved, trusted
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.problem.limits import body_gaps_m
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH

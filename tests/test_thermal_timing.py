@@ -24,7 +24,7 @@ from thermal_problems import (
 )
 
 from twosra_mpc import Problem, load_problem
-from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
+from twosra_mpc.planning.solver.sequence_solver import GoalSolver
 from twosra_mpc.robot.modes import RIGID, SOFT_1, SOFT_2, SOFT_BOTH, ModeSequence
 from twosra_mpc.thermal.least_times import LeastTimes
 from twosra_mpc.thermal.model import SegmentModel, State

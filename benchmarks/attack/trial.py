@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from benchmarks.attack.attacks import Attack
 from twosra_mpc import InputError, Status, plan
-from twosra_mpc.planning.missions.relaxed import stage_tree
-from twosra_mpc.planning.missions.variants import Ways
+from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.nodes import Node
 from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.robot.modes import sequence_name
 
 _MOST_PHASES = 12  # that a problem may allow

@@ -19,11 +19,11 @@ from benchmarks.measurement import PlanRecord
 from benchmarks.study import Count, Numbers, PlanStudy
 from benchmarks.thermal_scale import thermally_faster
 from twosra_mpc import Problem
-from twosra_mpc.planning.missions.relaxed import stage_tree
-from twosra_mpc.planning.missions.variants import Ways
-from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
+from twosra_mpc.planning.relaxation import stage_tree
 from twosra_mpc.planning.search.nodes import Whole
-from twosra_mpc.planning.single_goal.sequence_solver import GoalSolver
+from twosra_mpc.planning.solver.sequence_solver import GoalSolver
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.robot.modes import is_rigid
 from twosra_mpc.timing import TemporalNetwork
 from twosra_mpc.validation import Positive

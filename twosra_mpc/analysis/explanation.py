@@ -28,9 +28,9 @@ from twosra_mpc.analysis.critical_path import (
     in_words,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.planning.missions.relaxed import bending_task
+from twosra_mpc.planning.bounds.bends import unreachable_reason
 from twosra_mpc.planning.planner import plan_until_interrupted
-from twosra_mpc.planning.search.bends import unreachable_reason
+from twosra_mpc.planning.relaxation import bending_task
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.result import Result

@@ -11,15 +11,7 @@ import numpy as np
 from twosra_mpc.effort import OutOfEffortError, lend_overtime, limited, out_of_effort, spent
 from twosra_mpc.errors import PlanInterrupted
 from twosra_mpc.model.flow import roll_out
-from twosra_mpc.planning.greedy import plan_greedily
-from twosra_mpc.planning.missions.placements import Variant
-from twosra_mpc.planning.missions.relaxed import stage_tree
-from twosra_mpc.planning.missions.variants import Ways
-from twosra_mpc.planning.nlp.fixed_sequence import timed
-from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
-from twosra_mpc.planning.search.nodes import Node
-from twosra_mpc.planning.search.tree import Tree
-from twosra_mpc.planning.single_goal.conclusion import (
+from twosra_mpc.planning.conclusion import (
     STOPPED,
     Progress,
     advice,
@@ -27,8 +19,14 @@ from twosra_mpc.planning.single_goal.conclusion import (
     conclude,
     nothing_found,
 )
-from twosra_mpc.planning.single_goal.outcome import verified
-from twosra_mpc.planning.single_goal.sequence_solver import (
+from twosra_mpc.planning.greedy import plan_greedily
+from twosra_mpc.planning.relaxation import stage_tree
+from twosra_mpc.planning.search.branch_and_bound import SearchResult, branch_and_bound, dive
+from twosra_mpc.planning.search.nodes import Node
+from twosra_mpc.planning.search.tree import Tree
+from twosra_mpc.planning.solver.fixed_sequence import timed
+from twosra_mpc.planning.solver.outcome import verified
+from twosra_mpc.planning.solver.sequence_solver import (
     Check,
     SequenceSolver,
     Solved,
@@ -36,6 +34,8 @@ from twosra_mpc.planning.single_goal.sequence_solver import (
     checked,
     trusted,
 )
+from twosra_mpc.planning.stages.placements import Variant
+from twosra_mpc.planning.stages.variants import Ways
 from twosra_mpc.plans.ending import Ending
 from twosra_mpc.plans.plan import Status
 from twosra_mpc.plans.result import Result, Stats
@@ -94,7 +94,7 @@ def _plan(problem: Problem, on_progress: Callable[[Progress], None] | None) -> R
 
         check_obstacles(problem)
     if problem.is_mission:
-        from twosra_mpc.planning.missions.checks import check_mission
+        from twosra_mpc.planning.stages.checks import check_mission
 
         check_mission(problem)
     if problem.planner == "greedy":
@@ -192,7 +192,7 @@ def _searched(
     """What a search with guesses that are checked or trusted finds, its tree, NLP iterations."""
     solver: StageSolver = SequenceSolver(variants, guessed)
     if problem.passes or problem.obstacles or problem.objects:
-        from twosra_mpc.planning.obstacles.placement import Placer  # only then anyone waits for it
+        from twosra_mpc.planning.solver.placer import Placer  # only then anyone waits for it
 
         solver = Placer(variants, checked)
     tree = stage_tree(problem, variants, solver, excluded, solver.in_the_way)

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from twosra_mpc.planning.search.bends import BendingTask, bend_steps, unreachable_reason
+from twosra_mpc.planning.bounds.bends import BendingTask, bend_steps, unreachable_reason
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds
 from twosra_mpc.planning.search.nodes import Nodes
-from twosra_mpc.planning.search.stage_bounds import StageBounds
 from twosra_mpc.planning.search.tree import Tree, tree_of
 from twosra_mpc.robot.modes import (
     Mode,

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twosra_mpc.planning.search.bends import passes_forbidden
-from twosra_mpc.planning.search.bounds import SequenceBound, pose_bound
-from twosra_mpc.planning.search.motion_bound import least_motion_s
+from twosra_mpc.planning.bounds.bends import passes_forbidden
+from twosra_mpc.planning.bounds.motion_bound import least_motion_s
+from twosra_mpc.planning.bounds.parts import bound_by_parts
+from twosra_mpc.planning.bounds.sequence_bound import SequenceBound, pose_bound
+from twosra_mpc.planning.bounds.stages_bound import StageRelaxation, stages_bound
 from twosra_mpc.planning.search.nodes import Nodes, Stages, Whole
-from twosra_mpc.planning.search.parts import bound_by_parts
 from twosra_mpc.planning.search.so_far import SoFar
-from twosra_mpc.planning.search.stages_bound import StageRelaxation, stages_bound
 from twosra_mpc.robot.modes import ModeSequence
 
 

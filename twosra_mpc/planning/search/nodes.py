@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twosra_mpc.planning.search.stage_bounds import StageBounds
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds
 from twosra_mpc.robot.modes import Mode, ModeSequence
 
 Stages = Sequence[StageBounds]

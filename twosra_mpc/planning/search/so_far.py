@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from twosra_mpc.effort import Cost, charge
+from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way
+from twosra_mpc.planning.bounds.stages_bound import reachable
 from twosra_mpc.planning.search.nodes import Nodes, Stages, Whole
-from twosra_mpc.planning.search.schedule import with_durations
-from twosra_mpc.planning.search.stage_bounds import StageBounds, Way
-from twosra_mpc.planning.search.stages_bound import reachable
 from twosra_mpc.planning.search.to_go import ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import Mode, ModeSequence, sequence_name

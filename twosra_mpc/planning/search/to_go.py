@@ -15,9 +15,9 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from twosra_mpc.effort import Cost, charge
+from twosra_mpc.planning.bounds.schedule import with_durations
+from twosra_mpc.planning.bounds.stage_bounds import StageBounds, Way
 from twosra_mpc.planning.search.nodes import Stages
-from twosra_mpc.planning.search.schedule import with_durations
-from twosra_mpc.planning.search.stage_bounds import StageBounds, Way
 from twosra_mpc.robot.modes import Mode, ModeSequence, rigid_mode
 from twosra_mpc.timing import TransitionModel, earliest_times
 

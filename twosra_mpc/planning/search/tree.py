@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from twosra_mpc.planning.search.bounds import SequenceBound
+from twosra_mpc.planning.bounds.sequence_bound import SequenceBound
+from twosra_mpc.planning.bounds.stage_bounds import Way
+from twosra_mpc.planning.bounds.stages_bound import StageRelaxation
 from twosra_mpc.planning.search.in_the_way import InTheWay
 from twosra_mpc.planning.search.leaves import Leaves
 from twosra_mpc.planning.search.nodes import Node, Nodes, Whole
 from twosra_mpc.planning.search.so_far import Past, SoFar
-from twosra_mpc.planning.search.stage_bounds import Way
-from twosra_mpc.planning.search.stages_bound import StageRelaxation
 from twosra_mpc.planning.search.to_go import Alone, ToGo
 from twosra_mpc.problem.problem import Weights
 from twosra_mpc.robot.modes import ModeSequence, sequence_name
