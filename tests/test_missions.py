@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from dataclasses import replace
@@ -160,6 +161,25 @@ def test_bounds_never_fall_on_the_way_to_a_plan(values: dict[str, Any]) -> None:
             node = below[rng.integers(len(below))]
             path.append(tree.bound(node))
     assert leaves > 1
+
+
+@pytest.mark.parametrize("values", VALUES[:3])
+def test_sequences_of_a_stage_come_in_the_order_of_what_they_add(values: dict[str, Any]) -> None:
+    """All of them, as enumerated, but those that add more than every longer one may."""
+    tree = tree_of(two_goals(exact=False, **{"robot": "2sra-v1", **values}))
+    alone, (stages,) = tree.leaves.so_far.to_go.alone, tree.nodes.variants
+    seen = 0
+    for stage, begins in itertools.product(stages, (RIGID, SOFT_1)):
+        found = list(alone.cheapest_first(stage, begins))
+        costs = [each.cost for each in found]
+        assert costs == sorted(costs)
+        longer = next((each.cost for each in found if each.sequence is None), math.inf)
+        told = {each.sequence: each.cost for each in found}
+        for sequence in stage.sequences(begins):
+            cost = alone.cost(stage, begins, sequence)
+            assert told.get(sequence, math.inf) == cost or cost >= longer - ROUNDING
+            seen += sequence in told
+    assert seen > 4
 
 
 def history(rng: np.random.Generator, last: Mode) -> tuple[Mode, ...]:
