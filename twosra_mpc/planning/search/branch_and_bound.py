@@ -24,7 +24,7 @@ Node = TypeVar("Node")
 Solution = TypeVar("Solution")
 Solution_co = TypeVar("Solution_co", covariant=True)
 
-_PATIENCE = 64  # steps without a solution until it is looked for otherwise
+_PATIENCE, _TRIED = 64, 16  # steps without a solution until it is looked for; a leaf counts more
 _ALIKE = 0.5  # of costs: bounds that are no farther apart are as good
 
 
@@ -118,11 +118,12 @@ def branch_and_bound(
     search = _Search(tree, gap, proved)
     with noted_interrupts() as interrupts:
         try:
-            for step in itertools.count():
-                if step == _PATIENCE and search.solution is None and (found := look()):
-                    search.accept(*found)
-                if not search.open or interrupts.requested:
-                    break
+            looked = False
+            while search.open and not interrupts.requested:
+                if search.vain and not looked:
+                    looked, found = True, look()
+                    if found is not None:
+                        search.accept(*found)
                 on_progress(search.cost, search.lower_bound)
                 if search.closed:
                     break
@@ -206,7 +207,7 @@ class _Search(Generic[Node, Solution]):
         self.cost = math.inf
         self.solution: Solution | None = None
         self.first_work = math.inf
-        self.bounded = self.solved = 0
+        self.bounded = self.solved = self.steps = 0
         self.learnt = False  # whether a bound was tightened, and others may be too
 
     @property
@@ -219,6 +220,11 @@ class _Search(Generic[Node, Solution]):
         """Proved lower bound on every leaf's cost."""
         least = min(self.kept, self.queue[0].bound if self.queue else math.inf)
         return min(self.proved(least), self.cost)
+
+    @property
+    def vain(self) -> bool:
+        """Whether much was opened and tried without a solution."""
+        return self.solution is None and self.steps + _TRIED * self.solved > _PATIENCE
 
     @property
     def closed(self) -> bool:
@@ -238,6 +244,7 @@ class _Search(Generic[Node, Solution]):
 
     def step(self) -> None:
         """Work on the entry with the least bound, if that is still its bound."""
+        self.steps += 1
         bound = self.tree.bound(self.queue[0].node) if self.learnt else -math.inf
         if bound > self.queue[0].bound:
             heapq.heapreplace(self.queue, replace(self.queue[0], bound=bound))
