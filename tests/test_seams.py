@@ -78,7 +78,6 @@ AGAINST_THE_FLOW = {
 # Stages in the direction of flow; a module may import from its own stage and from those before it.
 STAGES = [
     (
-        "version.py",
         "installation.py",
         "errors.py",
         "effort.py",
@@ -87,6 +86,7 @@ STAGES = [
         "files.py",
         "native_output.py",
         "keys.py",
+        "arguments.py",
         "validation.py",
     ),
     ("thermal/",),

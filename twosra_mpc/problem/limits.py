@@ -107,6 +107,12 @@ def _curvature(body: Body, kappa: ca.SX) -> ca.SX:
     return ca.mmin(ca.vertcat(limit - kappa, limit + kappa))
 
 
+@per_body()
+def _parts_moved_m2(body: Body) -> Array:
+    """How far any point of a part moves at most per curvature of each segment, (n,) [m2]."""
+    return self_collision(body).reach_m * np.array(body.geometry.lengths_m)
+
+
 CURVATURE = ShapeLimit(
     name="curvature_per_m",
     unit="1/m",
@@ -123,7 +129,7 @@ UNIT_GAP = ShapeLimit(
     words=lambda limits: f"units overlap or come closer than unit_gap_m = {limits.unit_gap_m:zg} m",
     rounding=ROUNDING_M,
     scale=0.1,
-    steep=lambda body: _parts_moved_m2(body),
+    steep=_parts_moved_m2,
 )
 BODY_GAP = ShapeLimit(
     name="body_gap_m",
@@ -281,12 +287,6 @@ def parts_moved_m(robot: Robot | Body, bent_per_m: ArrayLike) -> Array:
     return moved
 
 
-@per_body()
-def _parts_moved_m2(body: Body) -> Array:
-    """How far any point of a part moves at most per curvature of each segment, (n,) [m2]."""
-    return self_collision(body).reach_m * np.array(body.geometry.lengths_m)
-
-
 def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     """Whether the robot may drive rigidly in each of these shapes (m, n)."""
     margins = shape_margins(robot, kappa)
@@ -295,15 +295,26 @@ def may_drive_in(robot: Robot | Body, kappa: ArrayLike) -> NDArray[np.bool_]:
     return allowed
 
 
-def workspace_margins(problem: Problem, q: Array) -> Array:
+def outline_at(robot: Robot, q: Array) -> Array:
+    """The `outline_points` at configurations (m, 3 + n), (m, points, 2) [m]."""
+    (points,) = by_rows(outline_points(robot.geometry), q)
+    return points.reshape(len(q), -1, 2)
+
+
+def workspace_margins(problem: Problem, q: Array, points: Array | None = None) -> Array:
     """How far the robot is within its workspace at configurations (m, 3 + n), (m,) [m].
 
     An arc between points a distance d apart strays from their chord by at most kappa d^2 / 8.
+
+    Args:
+        problem: The problem.
+        q: Configurations.
+        points: `outline_at` them, if that is known.
     """
     geometry, workspace = problem.robot.geometry, problem.workspace
     if workspace is None:
         return np.full(len(q), np.inf)
-    points = by_rows(outline_points(geometry), q)[0].reshape(len(q), -1, 2)
+    points = outline_at(problem.robot, q) if points is None else points
     lengths = np.array(geometry.lengths_m) / (FEW_POINTS - 1)
     arc = np.abs(q[:, POSE:]).max(axis=1) * float(lengths.max()) ** 2 / 8
     own = FEW_POINTS * geometry.segments

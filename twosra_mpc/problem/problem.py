@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from twosra_mpc.arguments import public
 from twosra_mpc.errors import MISSING, InputError, InputWarning
 from twosra_mpc.files import built_in_names, check_kind, locate, read_document, reading
 from twosra_mpc.keys import doubts, near_word
@@ -50,7 +51,6 @@ from twosra_mpc.validation import (
     Value,
     missing,
     plain,
-    public,
 )
 
 
@@ -524,6 +524,7 @@ def load_problem(source: str | Path, **overrides: Any) -> Problem:
     return problem
 
 
+@public
 def scenario_names() -> list[str]:
     """Names of the built-in scenarios."""
     return built_in_names("scenarios")
