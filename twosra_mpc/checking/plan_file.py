@@ -31,7 +31,13 @@ from twosra_mpc.plans.plan import Cost, Plan, Status, Verification
 from twosra_mpc.plans.result import MISSION_VERSION, Result
 from twosra_mpc.plans.trajectory import Samples, Trajectory, new_times
 from twosra_mpc.problem.limits import UNITS
-from twosra_mpc.problem.tolerances import DEFECT_TOLERANCE, FIT_TOLERANCE, GOAL_TOLERANCE, ROUNDING
+from twosra_mpc.problem.tolerances import (
+    DEFECT_TOLERANCE,
+    EFFORT_TOLERANCE,
+    FIT_TOLERANCE,
+    GOAL_TOLERANCE,
+    ROUNDING,
+)
 from twosra_mpc.robot.coordinates import Coordinates
 from twosra_mpc.robot.description import Robot, load_robot, robot_names
 from twosra_mpc.robot.modes import mode_name
@@ -227,12 +233,15 @@ def _currents(samples: Samples) -> Check:
 def _cost(plan: Plan, found: Cost) -> Iterator[Check]:
     """What the plan says it costs, against what its samples cost; old files say no effort."""
     first, stated = float(plan.samples.t_s[0]), plan.cost._asdict()
+    weight, missed_s = plan.problem.cost_weights.effort, EFFORT_TOLERANCE * (found.effort_s or 0.0)
+    missed = {"effort_s": missed_s, "total": weight * missed_s}
     yield Check("begin", f"the samples begin at {first:zg} s", first == 0.0)
     for name, value in found._asdict().items():
-        said, unsaid = stated[name], name == "effort_s" and not plan.problem.cost_weights.effort
+        said, unsaid = stated[name], name == "effort_s" and not weight
         if said is None and unsaid:
             continue
-        same = said is not None and math.isclose(said, value, rel_tol=ROUNDING, abs_tol=ROUNDING)
+        most = ROUNDING * (1 + abs(value)) + missed.get(name, 0.0)
+        same = said is not None and abs(said - value) <= most
         text = f"{_number(said)}; the samples give {_number(value)}"
         yield Check(f"cost.{name}", text, same)
 
