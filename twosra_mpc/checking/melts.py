@@ -13,7 +13,7 @@ from flint import arb
 from twosra_mpc.errors import InputError
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.description import segment_model
-from twosra_mpc.robot.heater import Heater
+from twosra_mpc.robot.segment import Heater
 from twosra_mpc.robot.timing import OverlappedTiming
 from twosra_mpc.thermal.lumped import Lumped
 from twosra_mpc.thermal.two_node import TwoNode

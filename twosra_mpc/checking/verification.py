@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twosra_mpc.checking.heating import heating_problems
+from twosra_mpc.checking.heat import heating_problems
 from twosra_mpc.checking.reintegration import between, reintegrate
 from twosra_mpc.checking.surroundings import examine_around
 from twosra_mpc.checking.sweep import bending_reach_m2, outermost_m

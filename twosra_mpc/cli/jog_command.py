@@ -15,7 +15,6 @@ from twosra_mpc.cli.options import ROBOT, command
 from twosra_mpc.cli.output import EXIT_PLANNED, Output, Tell
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading
-from twosra_mpc.execution.serial.clock import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.jog import (
     Asked,
     Jog,
@@ -25,6 +24,7 @@ from twosra_mpc.execution.serial.jog import (
     jog,
     wheels_of_twist,
 )
+from twosra_mpc.execution.serial.port import SteppedClock, SystemClock
 from twosra_mpc.execution.serial.stream import Recorder
 from twosra_mpc.robot.coordinates import WHEELS
 from twosra_mpc.robot.description import Robot, load_robot

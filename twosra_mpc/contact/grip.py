@@ -22,8 +22,8 @@ from twosra_mpc.problem.objects import Object
 from twosra_mpc.robot.coordinates import Array, inverse
 from twosra_mpc.robot.geometry import Geometry
 from twosra_mpc.space.contour import Contour, contacts
-from twosra_mpc.space.enclosure import disc_enclosed, polygon_enclosed
 from twosra_mpc.space.footprint import footprint
+from twosra_mpc.space.possible import disc_enclosed, polygon_enclosed
 
 _SAGITTA_M = 1e-4
 

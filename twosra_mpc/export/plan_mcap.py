@@ -28,8 +28,7 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.setpoints import changed, columns
-from twosra_mpc.plans.stiffness import State, state_at, stiffness_intervals
-from twosra_mpc.plans.trajectory import Samples, Trajectory
+from twosra_mpc.plans.trajectory import Samples, State, Trajectory, state_at, stiffness_intervals
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.geometry import Geometry

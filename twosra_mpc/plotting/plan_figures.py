@@ -19,8 +19,14 @@ from twosra_mpc.model.outline import robot_shape
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan, quality
 from twosra_mpc.plans.stages import Stage, stages
-from twosra_mpc.plans.stiffness import State, soft_and_changing, state_at, stiffness_intervals
-from twosra_mpc.plans.trajectory import Phase, Samples
+from twosra_mpc.plans.trajectory import (
+    Phase,
+    Samples,
+    State,
+    soft_and_changing,
+    state_at,
+    stiffness_intervals,
+)
 from twosra_mpc.plotting import figures, object_figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.figures import RIGID_COLOUR, SOFT_COLOUR
 from twosra_mpc.robot.coordinates import Array

@@ -13,8 +13,15 @@ from twosra_mpc.checking.sweep import Clearance
 from twosra_mpc.plans.carried import object_poses
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stages import Stage, stages
-from twosra_mpc.plans.stiffness import CHANGING, Interval, State, state_at, stiffness_intervals
-from twosra_mpc.plans.trajectory import SAME_TIME_S, Phase
+from twosra_mpc.plans.trajectory import (
+    CHANGING,
+    SAME_TIME_S,
+    Interval,
+    Phase,
+    State,
+    state_at,
+    stiffness_intervals,
+)
 from twosra_mpc.plotting.object_figures import goals, targets
 from twosra_mpc.plotting.timeline_figures import TimeStretch
 from twosra_mpc.problem.problem import Problem

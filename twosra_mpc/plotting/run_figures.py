@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from twosra_mpc.execution.run import CHANGING, Run, RunLog, times
 from twosra_mpc.execution.simulation.plant import Truth
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.stiffness import Interval
-from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plans.trajectory import Interval, Phase
 from twosra_mpc.plotting import figures, plane, timeline_figures, world_figures
 from twosra_mpc.plotting.film import Film, OnProgress, animate
 from twosra_mpc.plotting.playback import Playback, places_s

@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from PIL import Image
 
 from twosra_mpc.model.outline import robot_shape
-from twosra_mpc.plans.stiffness import soft_and_changing
+from twosra_mpc.plans.trajectory import soft_and_changing
 from twosra_mpc.plotting import figures
 from twosra_mpc.plotting.object_figures import draw_contacts, draw_objects, draw_targets, outlines_m
 from twosra_mpc.plotting.plane import (

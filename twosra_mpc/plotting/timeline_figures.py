@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from twosra_mpc.plans.plan import Plan
 from twosra_mpc.plans.stages import Stage
-from twosra_mpc.plans.stiffness import Interval, stiffness_intervals
-from twosra_mpc.plans.trajectory import Phase
+from twosra_mpc.plans.trajectory import Interval, Phase, stiffness_intervals
 from twosra_mpc.plotting.figures import (
     BESIDE,
     SEGMENT_COLOURS,

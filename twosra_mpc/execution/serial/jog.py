@@ -14,8 +14,7 @@ import numpy as np
 
 from twosra_mpc.errors import InputError
 from twosra_mpc.execution.robot_interface import Reading, RobotError
-from twosra_mpc.execution.serial.clock import Clock
-from twosra_mpc.execution.serial.port import Port
+from twosra_mpc.execution.serial.port import Clock, Port
 from twosra_mpc.execution.serial.robot import RATE_HZ, connected
 from twosra_mpc.execution.settings import Patience
 from twosra_mpc.model.rolling import rigid_wheel_speeds

@@ -40,8 +40,7 @@ from twosra_mpc.lab.identification.thermal_fit import (
 )
 from twosra_mpc.robot.coordinates import Array
 from twosra_mpc.robot.description import Robot
-from twosra_mpc.robot.heater import Heater
-from twosra_mpc.robot.segment import TwoNodeSegment
+from twosra_mpc.robot.segment import Heater, TwoNodeSegment
 from twosra_mpc.thermal.two_node import TwoNode
 
 Kind = Literal["melt", "freeze"]
