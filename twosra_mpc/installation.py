@@ -1,4 +1,4 @@
-"""Where this package was installed from, and how to add an extra to it from there."""
+"""Installation of this package: its source, and how to add an extra from there."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def install_command(extra: str) -> str:
 
 
 def _source(direct_url: str | None, extra: str) -> str:
-    """What to give to pip: the name alone if it came from an index, else where it came from."""
+    """Argument of pip: the name alone if it came from an index, else where it came from."""
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
 

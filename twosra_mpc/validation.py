@@ -324,7 +324,7 @@ def missing(field: str) -> InputError:
 
 
 def _described(field: str) -> str:
-    """What a field is, in brackets; empty where its name says all there is to say."""
+    """Description of a field, in brackets; empty where its name says all there is to say."""
     key = next((part for part in reversed(field.split(".")) if not part.isdigit()), "")
     words = describe(key)
     return f" ({words})" if words != key.replace("_", " ") else ""

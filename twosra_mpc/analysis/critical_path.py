@@ -1,4 +1,4 @@
-"""What the duration of a plan is made of: activities that follow each other without a gap.
+"""Critical path of a plan: activities that follow each other without a gap.
 
 Each of them ends exactly when the next one begins, the first begins at t = 0 and the last one ends
 the plan. What happens beside them costs no time of its own.
@@ -51,7 +51,7 @@ class Activity:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.end_s - self.start_s
 
     def __str__(self) -> str:

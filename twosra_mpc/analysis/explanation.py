@@ -48,7 +48,7 @@ _SAME_S = 1e-5  # events closer than this are one
 
 @dataclass(frozen=True)
 class TaskCost:
-    """What a task of a plan costs.
+    """Cost of a task of a plan.
 
     Attributes:
         words: What is done, e.g. "grasp cup".
@@ -71,12 +71,12 @@ class TaskCost:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.done_s - self.from_s
 
     @property
     def shares(self) -> str:
-        """What it melts, or why it need not, in words."""
+        """Segments that it melts, or why it need not, in words."""
         if self.melted:
             return f"melts {named('segment', self.melted, len(self.melted) + 1)}"
         if self.bends:
@@ -88,7 +88,7 @@ class TaskCost:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Why a plan is what it is.
+    """Reasons for a plan, and its alternatives.
 
     Attributes:
         result: What is explained: the plan, or that there is none.
@@ -208,7 +208,7 @@ def explain(
 
 
 def _reshaping(result: Result) -> tuple[Reshaping | None, bool]:
-    """Why and where a plan reshapes; whether that was not ended by Ctrl-C."""
+    """Reasons and places of reshaping; and False where Ctrl-C ended that."""
     from twosra_mpc.analysis.reshaping import reshaping  # only among obstacles anyone waits for it
 
     try:
@@ -249,7 +249,7 @@ def _why(made: Plan) -> Iterator[str]:
 
 
 def task_costs(made: Plan) -> tuple[TaskCost, ...]:
-    """What each stage of a mission's plan costs: its times and energies add up to the plan's."""
+    """Costs of the stages of a mission's plan: times and energies add up to the plan's."""
     heating = transition_model(made.problem).heating(made.transitions)
     found, shape_of = list[TaskCost](), "the start"
     parts = stages(made.trajectory)

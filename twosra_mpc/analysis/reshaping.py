@@ -1,4 +1,4 @@
-"""Why a plan among obstacles reshapes: which obstacles block a shape, and where there is room.
+"""Reasons for reshaping among obstacles: obstacles that block a shape, and places with room.
 
 That a shape is blocked is proved on a superset of where it can be. An obstacle is to blame if the
 proof fails without it alone.
@@ -44,7 +44,7 @@ Proof = Callable[[Problem], bool]
 
 
 class Blockage(NamedTuple):
-    """What is proved to be blocked, and by what.
+    """Motion that is proved to be blocked, and by what.
 
     Attributes:
         words: What cannot be done.
@@ -60,7 +60,7 @@ class Blockage(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a plan reshapes.
+    """Place where a plan reshapes.
 
     Attributes:
         modes: Of its soft phases.
@@ -86,7 +86,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Reshaping:
-    """Why a plan reshapes, or cannot, and where.
+    """Reasons for which a plan reshapes, or cannot, and places.
 
     Attributes:
         why: Reasons, in sentences.
@@ -100,7 +100,7 @@ class Reshaping:
 
 
 def reshaping(result: Result) -> Reshaping:
-    """Why the plan of a result among obstacles reshapes; what blocks it, where there is none."""
+    """Reasons for which a plan among obstacles reshapes; what blocks it, where there is none."""
     problem, made = result.problem, result.plan
     if made is not None and not made.transitions:
         return Reshaping((), (), ())
@@ -125,7 +125,7 @@ def _other_reasons(problem: Problem, made: Plan, proved: bool) -> Iterator[str]:
 
 
 def _blockages(problem: Problem) -> Iterator[Blockage]:
-    """What is proved blocked: a unit whatever the shape, else drives in the shapes of both ends."""
+    """Proved blockages: of a unit whatever the shape, else of drives in the shapes of both ends."""
     unit = unit_without_way(problem)
     if unit is not None:
         words = f"locomotion unit {unit} has no way there"
@@ -162,7 +162,7 @@ def _drives(problem: Problem) -> Iterator[tuple[str, Callable[[int, Problem], bo
 
 
 def _blocks(shape: Footprint, here: Box, there: Box) -> Callable[[int, Problem], bool]:
-    """Whether what is around proves that no drive joins a box of poses to another one."""
+    """Proof, from what is around, that no drive joins a box of poses to another one."""
 
     def proved(headings: int, problem: Problem) -> bool:
         from twosra_mpc.space.possible import apart  # they import shapely

@@ -52,7 +52,7 @@ class Done(NamedTuple):
 
     @property
     def q(self) -> Array:
-        """Where the robot is then, as integrated, (3 + n,)."""
+        """Configuration of the robot then, as integrated, (3 + n,)."""
         found: Array = self.sweep.q[self.sweep.over(self.at_s, self.at_s)[0]]
         return found
 
@@ -107,7 +107,7 @@ def _at_rest(trajectory: Trajectory, at_s: float) -> bool:
 
 
 def stiffness(trajectory: Trajectory, at_s: float) -> tuple[int | None, ...]:
-    """What each segment is at a time: 1 soft, 0 rigid, None while it changes."""
+    """Stiffness of each segment at a time: 1 soft, 0 rigid, None while it changes."""
     found = list[int | None]()
     for j, at_start in enumerate(trajectory.problem.start_mode):
         now: int | None = at_start
@@ -138,7 +138,7 @@ def _heading(asked: Pair, done: Done) -> Iterator[str]:
 
 
 def _held_at_start(done: Done) -> Iterator[str]:
-    """What is held at the start is caged, or touched and held by friction while it is pushed.
+    """Objects held at the start must be caged, or touched and held by friction while pushed.
 
     Not asked where it is let go at once.
     """
@@ -161,7 +161,7 @@ def _held_at_start(done: Done) -> Iterator[str]:
 
 
 def _caged(number: int, done: Done, apart: float) -> bool:
-    """Whether it is proved that an object cannot leave the robot."""
+    """True if it is proved that an object cannot leave the robot."""
     from twosra_mpc.checking.holds import cage_proved
 
     problem = done.trajectory.problem
@@ -186,7 +186,7 @@ def _pushed(number: int, done: Done) -> Iterator[str]:
 
 
 class _NotDone:
-    """What is missing of tasks at their ends, in words."""
+    """Shortcomings of tasks at their ends, in words."""
 
     def passed(self, task: Pass, at: Done) -> Iterator[str]:
         """B0 enters the box."""

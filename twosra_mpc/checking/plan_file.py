@@ -76,7 +76,7 @@ class PlanCheck(ArrayValue):
 
     @property
     def ok(self) -> bool:
-        """Whether everything holds."""
+        """True if everything holds."""
         return not self.problems and all(check.ok for check in self.checks)
 
     def believed(self, source: str) -> Result:
@@ -177,7 +177,7 @@ def _rules(coordinates: Coordinates, found: Findings) -> Iterator[Check]:
 
 
 def _robot(stored: Robot, known: Robot | None) -> Check:
-    """Whether the robot in the file is the one that is meant, by any of the path models."""
+    """Check that the robot in the file is the one that is meant, by any of the path models."""
     if known is None and stored.name not in robot_names():
         return Check(
             "robot", f"{stored.name!r} is not built in: taken as it is in the file", ok=True
@@ -196,7 +196,7 @@ def _robot(stored: Robot, known: Robot | None) -> Check:
 
 
 def _differences(stored: object, known: object, where: str = "") -> Iterator[str]:
-    """What is not the same in two tables, by its keys."""
+    """Differences of two tables, by their keys."""
     if isinstance(stored, dict) and isinstance(known, dict):
         for key in sorted(stored.keys() | known.keys()):
             inner = f"{where}.{key}" if where else str(key)
@@ -223,7 +223,7 @@ def _currents(samples: Samples) -> Check:
 
 
 def _cost(plan: Plan, found: Cost) -> Iterator[Check]:
-    """What the plan says it costs, against what its samples cost; old files say no effort."""
+    """Stated cost against that of the samples; old files say no effort."""
     first, stated = float(plan.samples.t_s[0]), plan.cost._asdict()
     yield Check("begin", f"the samples begin at {first:zg} s", first == 0.0)
     for name, value in found._asdict().items():
@@ -287,7 +287,7 @@ def _copies(result: Result, plan: Plan, document: dict[str, Any]) -> Iterator[Ch
 
 
 def _alike(stored: object, expected: object, within: float = ROUNDING) -> bool:
-    """Whether plain data are the same but for rounding, ``within`` relative and absolute."""
+    """True if plain data are the same but for rounding, ``within`` relative and absolute."""
     if isinstance(expected, dict) and isinstance(stored, dict):
         pairs = [(stored[key], expected[key]) for key in expected if key in stored]
         return stored.keys() == expected.keys() and all(_alike(*pair, within) for pair in pairs)
@@ -304,7 +304,7 @@ def _number(value: float | None) -> str:
 
 
 def _stored(stored: Verification, found: Verification) -> Check:
-    """Whether the verification in the file says what was found here."""
+    """Check that the verification in the file says what was found here."""
     name = "verification in the file"
     if stored.ok != found.ok:
         text = f"says {'passed' if stored.ok else 'failed'}, but it is not so"

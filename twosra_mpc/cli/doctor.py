@@ -34,7 +34,7 @@ _packages_of_modules = functools.cache(metadata.packages_distributions)  # takes
 
 
 class Finding(NamedTuple):
-    """What was looked at, and what was found."""
+    """Subject of a check, and its finding."""
 
     what: str
     verdict: Literal["PASS", "FAIL", "none"]
@@ -111,7 +111,7 @@ def _tried(what: str, probe: Callable[[], str]) -> Finding:
 
 
 def requirements() -> list[Requirement]:
-    """What the installed package says it needs."""
+    """Requirements that the installed package states."""
     found = map(_REQUIREMENT.match, metadata.requires(DISTRIBUTION) or [])
     return [Requirement(*each.groups("")) for each in found if each]
 

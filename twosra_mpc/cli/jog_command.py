@@ -119,7 +119,7 @@ def _drive(robot: Robot, port: str | None, asked: Asked, cold: bool, output: Out
 
 
 class _Told:
-    """What is known and sent, as a line of progress."""
+    """Progress line: what is known, and what is sent."""
 
     def __init__(self, tell: Tell) -> None:
         self._tell, self.words = tell, ""

@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, tables or JSON, progress, and the check of output paths."""
+"""Output of the commands: exit codes, tables or JSON, progress, and the check of output paths."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Output:
-    """How a command talks, as chosen by ``--json`` and ``--quiet``.
+    """Output of a command, as chosen by ``--json`` and ``--quiet``.
 
     Attributes:
         as_json: One JSON document on standard output, and nothing else there.
@@ -116,7 +116,7 @@ def _broken(lines: Sequence[str], width: int) -> list[str]:
 
 
 def _is_terminal(stream: TextIO) -> bool:
-    """Whether somebody watches it, as rich decides."""
+    """True if somebody watches it, as rich decides."""
     return stream.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 

@@ -30,7 +30,7 @@ _SAGITTA_M = 1e-4
 
 @dataclass(frozen=True)
 class Cage:
-    """Whether an object cannot leave.
+    """Cage: proof that an object cannot leave, or none.
 
     Attributes:
         proved: It cannot.
@@ -44,12 +44,12 @@ class Cage:
 
     @property
     def words(self) -> str:
-        """What to say of it."""
+        """Verdict in words."""
         return "caged: proved, it cannot leave" if self.proved else "not proved to be caged"
 
 
 def caged(geometry: Geometry, kappa: ArrayLike, thing: Object, pose_in_b0: ArrayLike) -> Cage:
-    """Whether an object cannot leave a robot in one shape, proved.
+    """Cage of an object by a robot in one shape, as far as it is proved.
 
     Args:
         geometry: Lengths of the robot.
@@ -95,11 +95,11 @@ class PushingCone:
 
     @property
     def words(self) -> str:
-        """What to say of it."""
+        """Verdict in words."""
         return f"pushed: held only while contact is kept (friction {self.friction:zg})"
 
     def holds(self, twists: ArrayLike) -> NDArray[np.bool_]:
-        """Which constant body twists (s_u, s_v, s_r) of b0 (..., 3) keep the object, (...,)."""
+        """True for body twists (s_u, s_v, s_r) of b0 (..., 3) that keep the object, (...,)."""
         given = np.asarray(twists, dtype=float)
         size = np.linalg.norm(given, axis=-1, keepdims=True)
         kept: NDArray[np.bool_] = (given @ self.facets.T <= _OFF * size).all(axis=-1)

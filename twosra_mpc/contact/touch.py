@@ -37,7 +37,7 @@ _HALVINGS = 16
 
 
 class Closed(NamedTuple):
-    """How far configurations close.
+    """Closing angles of configurations.
 
     Attributes:
         curvature: Towards the thing, (m,) [1/m].
@@ -108,7 +108,7 @@ def close(
 def room_m(
     robot: Robot, contour: Contour, q: Array, segments: tuple[int | None, ...], gap_m: float
 ) -> Array:
-    """How much farther than a gap the parts of configurations (m, 3 + n) are, (m,) [m]."""
+    """Distance of the parts of configurations (m, 3 + n) beyond a gap, (m,) [m]."""
     if not len(q):
         return np.zeros(0)
     geometry = robot.geometry
@@ -344,7 +344,7 @@ def _laid(
 
 
 def _what_keeps_off(robot: Robot, contour: Contour, q: Array, segments: list[int]) -> str:
-    """Why segments of a configuration (3 + n,) do not lie along a contour."""
+    """Reason why segments of a configuration (3 + n,) do not lie along a contour."""
     for j in segments:
         solids, _ = apart_m(robot.geometry, contour, parts(robot.geometry, q[None], j))
         if solids[0] < 4 * TOUCHES_M:

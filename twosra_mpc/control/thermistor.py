@@ -157,7 +157,7 @@ class TemperatureSensor:
         return follow(lag, self.lags_s, before, after, duration_s)
 
     def read_C(self, lag: Lag, error_C: float = 0.0) -> float:
-        """What the firmware makes of the sensor.
+        """Temperature that the firmware makes of the sensor.
 
         Args:
             lag: Where the sensor is.

@@ -145,7 +145,7 @@ def passed(step: ca.Function, start: Array, changes: Array, *given: Array) -> Ar
 def flown(
     robot: Robot | Body, q: Array, s: Array, mode: NDArray[np.int64], parts: int = 1
 ) -> Array:
-    """Where soft input displacements (m, 5) lead from q (m, 3 + n), row by row, in modes (m, n).
+    """Configurations after soft input displacements (m, 5) from q (m, 3 + n), in modes (m, n).
 
     Rows whose error in one step would be too large are cut in half; ``parts`` says how often.
     """
@@ -158,7 +158,7 @@ def flown(
 
 
 def drive(q: Array, s: Array) -> Array:
-    """Where rigid input displacements lead: screw motions, q (3 + n,), s (m, 3) -> (m, 3 + n)."""
+    """Screw motions by rigid input displacements: q (3 + n,), s (m, 3) -> (m, 3 + n)."""
     headings = q[2] + np.cumsum(s[:, 2]) - s[:, 2]
     reached = np.tile(q, (len(s), 1)).astype(float)
     reached[:, :POSE] += np.cumsum(screws(headings, s), axis=0)

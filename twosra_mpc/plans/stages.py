@@ -1,4 +1,4 @@
-"""What a plan of a mission does from when to when, in words."""
+"""Stages of a mission's plan, from when to when, in words."""
 
 from __future__ import annotations
 
@@ -42,5 +42,5 @@ def stages(trajectory: Trajectory) -> tuple[Stage, ...]:
 
 
 def task_words(task: Task, number: int) -> str:
-    """What a task asks, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
+    """Words for a task, e.g. "grasp cup"; ``number`` from 1 names one that nothing else does."""
     return f"{_WORDS.get(task.do, task.do)} {task.name or task.about or f'goal {number}'}"

@@ -86,7 +86,7 @@ class Samples(ArrayValue):
 
     @property
     def moves(self) -> NDArray[np.bool_]:
-        """Whether the robot moves from each sample to the next, (rows,)."""
+        """True where the robot moves from each sample to the next, (rows,)."""
         return ((self.v != 0) | (self.a != 0)).any(axis=1)  # type: ignore[no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
@@ -166,12 +166,12 @@ class Trajectory(ArrayValue):
         return self.samples.heater_setpoint_C[self._in_force(t)[1]]
 
     def wheel_travel_rad(self, t: ArrayLike) -> Array:
-        """How far each wheel has turned since t = 0, at these times [s], (n,): (n, 4)."""
+        """Turns of each wheel since t = 0, at these times [s], (n,): (n, 4)."""
         _, at, elapsed = self._in_force(t)
         return self._turned_rad[at] + self._rolled(at, elapsed)
 
     def held(self, rate_Hz: float | None = None) -> Samples:
-        """What to send: rows whose inputs and wheel speeds hold to the next one and lose nothing.
+        """Set-points to send: rows whose inputs and wheel speeds hold to the next and lose nothing.
 
         They are means from row to row, so that every wheel turns as far as in the plan. Rows are at
         a regular rate, where phases begin and end, and at the end; or on the plan's own grid.
@@ -247,7 +247,7 @@ class Trajectory(ArrayValue):
         return flown(self.problem.robot, self.samples.q[at], s, self.samples.mode[at])
 
     def _rolled(self, at: NDArray[np.intp], elapsed: Array) -> Array:
-        """How far the wheels turn within ``elapsed`` [s] after the samples ``at``, by Simpson."""
+        """Turns of the wheels within ``elapsed`` [s] after the samples ``at``, by Simpson."""
 
         def speeds(share: float) -> Array:
             t = share * elapsed
@@ -277,7 +277,7 @@ def new_times(times: Array, known: Array) -> Array:
 
 
 def flown(robot: Robot, q: Array, s: Array, mode: NDArray[np.int64]) -> Array:
-    """Where input displacements s = v h lead from q, row by row; rows at rest stay as they are."""
+    """Configurations after input displacements s = v h from q; rows at rest stay as they are."""
     reached = q.copy()
     soft = mode.any(axis=1) & s.any(axis=1)
     rigid = ~mode.any(axis=1)
@@ -327,7 +327,7 @@ def state_at(intervals: Sequence[Interval], time_s: float) -> State:
 
 
 def soft_and_changing(states: Sequence[State]) -> tuple[Mode, Mode]:
-    """Which segments are soft, or were until they froze, and which melt or freeze; 1: they do."""
+    """Soft segments, also those that freeze, and those that melt or freeze; 1: they do."""
     soft = tuple(int(state in ("soft", "freezing")) for state in states)
     return soft, tuple(int(state in CHANGING) for state in states)
 

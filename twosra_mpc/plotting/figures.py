@@ -1,4 +1,4 @@
-"""What figures have in common: colours, matplotlib's settings, and their files."""
+"""Style of figures: colours, matplotlib's settings, and their files."""
 
 from __future__ import annotations
 

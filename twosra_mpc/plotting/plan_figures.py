@@ -128,7 +128,7 @@ def _draw_plane(figure: SubFigure, plan: Plan) -> None:
 
 
 def _end_name(plan: Plan) -> str:
-    """What the end of a plan is called: not all have a goal."""
+    """Name of the end of a plan: not all have a goal."""
     return "goal" if not plan.problem.ends_anywhere else "end"
 
 

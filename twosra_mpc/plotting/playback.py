@@ -1,4 +1,4 @@
-"""What a film shows: a plan or a run at regular places along a stretched time axis."""
+"""Playback of a plan or a run at regular places along a stretched time axis."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Playback:
     targets: tuple[tuple[int, Array], ...] = ()
 
     def stage(self, row: int) -> str:
-        """Which task is worked on, in words; empty without a mission, and at its end."""
+        """Task that is worked on, in words; empty without a mission, and at its end."""
         time_s = self.time_s[row] + SAME_TIME_S
         for number, stage in enumerate(self.stages, start=1):
             if time_s < stage.to_s:
@@ -85,7 +85,7 @@ class Playback:
         return [state_at(each, self.time_s[row]) for each in self.intervals]
 
     def doing(self, row: int) -> str:
-        """What happens, in words: motion first, then what is waited for."""
+        """Activity in words: motion first, then what is waited for."""
         time_s = self.time_s[row] + SAME_TIME_S
         for phase in self.phases:
             if phase.start_s <= time_s < phase.end_s:

@@ -116,7 +116,7 @@ class Scene:
         return [*drawn, *number_units(self._plane, geometry, q, 11)]
 
     def _trails(self, row: int) -> list[Artist]:
-        """Where the units' centres and the middle link have been."""
+        """Trails of the units' centres and of the middle link."""
         first, second = self._centres[: row + 1].transpose(1, 0, 2)
         link, artists = self._playback.q[: row + 1, :2], list[Artist]()
         colours = (*figures.UNIT_COLOURS, figures.MIDDLE_COLOUR)
@@ -165,7 +165,7 @@ class Scene:
         return artists
 
     def _progress(self, row: int) -> list[Artist]:
-        """What is done, over time."""
+        """Progress over time."""
         playback, artists = self._playback, list[Artist]()
         done = playback.time_s[: row + 1]
         for warm, colour in zip(playback.temperature_C.T, figures.SEGMENT_COLOURS, strict=False):

@@ -1,4 +1,4 @@
-"""What a plan sweeps: the robot every few millimetres, among what is around it."""
+"""Sweep of a plan: the robot every few millimetres, among what is around it."""
 
 from __future__ import annotations
 

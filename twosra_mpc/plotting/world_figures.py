@@ -1,4 +1,4 @@
-"""What is around the robot, drawn: obstacles, workspace, boxes to drive through, nearest points."""
+"""Surroundings, drawn: obstacles, workspace, boxes to drive through, nearest points."""
 
 from __future__ import annotations
 
@@ -82,13 +82,13 @@ def draw_nearest(ax: Axes, nearest: Clearance | None) -> None:
 
 
 def length(nearest: Clearance) -> str:
-    """How near, in words."""
+    """Distance in words."""
     by_mm = 1e3 * nearest.least_m
     return f"{by_mm:z.1f} mm" if by_mm > 0 else f"{-by_mm:z.1f} mm inside"
 
 
 def legend_entries(problem: Problem, nearest: Clearance | None) -> dict[str, Any]:
-    """What a legend says about what is drawn; nothing where nothing is."""
+    """Legend of what is drawn; empty where nothing is."""
     entries: dict[str, Any] = {}
     if problem.obstacles:
         entries["obstacle"] = Patch(**OBSTACLE)

@@ -74,7 +74,7 @@ class Thermometer(NamedTuple):
 
     @property
     def melting_words(self) -> str:
-        """What the threshold is called."""
+        """Name of the threshold."""
         if self.solid_C == self.liquid_C:
             return f"melts at {self.solid_C:zg} °C"
         return f"changes from {self.solid_C:zg} to {self.liquid_C:zg} °C"
@@ -117,7 +117,7 @@ def _stiffness(intervals: Sequence[Interval], segment: int, stretch: TimeStretch
 
 
 def _heater(samples: Samples, segment: int, stretch: TimeStretch) -> Iterator[Span]:
-    """Where the heater is on: a span for each current, as high as that is."""
+    """Spans in which the heater is on, each as high as its current."""
     current, most = samples.heater_current_A[:, segment - 1], float(samples.heater_current_A.max())
     changes = [0, *(np.flatnonzero(np.diff(current)) + 1).tolist(), len(current) - 1]
     for first, last in pairwise(changes):

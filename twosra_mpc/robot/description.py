@@ -35,7 +35,7 @@ _SAGITTA_M = 2.5e-4  # by which arcs may stray from their chords at the curvatur
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What the motion of a robot depends on, and nothing else: the key of compiled functions.
+    """Body: all that the motion of a robot depends on; the key of compiled functions.
 
     All robots that move alike have one (``one_body``): to look it up, nothing is compared.
     """
@@ -140,12 +140,12 @@ class Robot(Value):
 
     @cached_property
     def body(self) -> Body:
-        """What its motion depends on."""
+        """Body, on which its motion depends."""
         return one_body(self.geometry, self.path, self.limits)
 
     @property
     def ends_within(self) -> Accuracy:
-        """How near to their goals runs end: ``accuracy``, or 2 mm, 1 degree and 1 1/m."""
+        """Accuracy of runs at their goals: ``accuracy``, or 2 mm, 1 degree and 1 1/m."""
         return self.accuracy or Accuracy()
 
     @property
@@ -155,7 +155,7 @@ class Robot(Value):
 
     @cached_property
     def coordinates(self) -> Coordinates:
-        """Where the parts of a configuration of this robot are."""
+        """Coordinates of a configuration of this robot."""
         return Coordinates(self.geometry.segments)
 
     @property
@@ -169,7 +169,7 @@ class Robot(Value):
         return rigid_mode(self.geometry.segments)
 
     def thermal_segment(self, segment: int) -> Segment:
-        """How a segment (from 0) warms and cools.
+        """Thermal description of a segment (from 0).
 
         Raises:
             InputError: If the robot file has no ``[segment]``.
@@ -181,7 +181,7 @@ class Robot(Value):
 
     @property
     def describes_heat(self) -> bool:
-        """Whether its file says how segments warm and cool."""
+        """True if its file says how segments warm and cool."""
         return self.segment is not None or bool(self.segments)
 
     def weakened(self, cause: Literal["loss", "power"], share: float) -> Robot:

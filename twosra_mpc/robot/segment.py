@@ -91,7 +91,7 @@ _COPPER_HEAT_J_PER_KG_K = 385.0
 
 
 class Segment(Tagged):
-    """What every description of a segment tells.
+    """Description of a segment, of whatever kind.
 
     ``ranges`` gives the 5 % and 95 % values of parameters: fields of the thermal model, or of the
     sensor.

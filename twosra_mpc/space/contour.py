@@ -113,7 +113,7 @@ class Contour:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What moves with one segment of a robot: its arc, and the link or the unit beyond it.
+    """Parts that move with one segment of a robot: its arc, and the link or the unit beyond it.
 
     Attributes:
         solids: Links, units and wheels, (m, pieces, 4, 2) [m].
@@ -170,7 +170,7 @@ def farthest_m(geometry: Geometry, contour: Contour, q: Array, segment: int) -> 
 
 
 def wraps_rad(geometry: Geometry, contour: Contour, q: Array, side: int, touches_m: float) -> Array:
-    """How far normals of contacts turn along configurations (m, 3 + n) about a contour, (m,).
+    """Turns of the normals of contacts of configurations (m, 3 + n) about a contour, (m,).
 
     Args:
         geometry: Lengths of the robot.
@@ -213,7 +213,7 @@ def _strips(line: Array, radius_m: float) -> Array:
 
 
 def contacts(geometry: Geometry, contour: Contour, q: Array) -> tuple[Array, Array]:
-    """Where a configuration (3 + n,) touches a contour, and normals into it, both (k, 2).
+    """Contacts of a configuration (3 + n,) with a contour, and normals into it, both (k, 2).
 
     Places on the outline at which a side or an arc of the robot is, and corners of the robot at
     sides of the outline. Corners at corners are left out: they have no normal.

@@ -110,7 +110,7 @@ def _strips(a: Array, b: Array, half_width: Array, longer: Array | float) -> Arr
 
 @lru_cache(maxsize=32)
 def reach_per_curvature_m2(geometry: Geometry) -> Array:
-    """How far bending a segment moves any point as seen from b0, per 1/m, (n,) [m2].
+    """Reach of bending a segment: largest motion of a point seen from b0, per 1/m, (n,) [m2].
 
     A point beyond segment j, at most d from its end as the fibre lies straight, travels at most
     l_j (l_j / 2 + d) per 1/m of kappa_j.
@@ -133,12 +133,12 @@ def reach_per_curvature_m2(geometry: Geometry) -> Array:
 
 
 def moved_by_bending_m(geometry: Geometry, change_per_m: ArrayLike) -> float:
-    """How far bending by ``change_per_m``, of all segments or of each (n,), moves any point [m]."""
+    """Largest motion of a point by bends ``change_per_m``, of all segments or each (n,) [m]."""
     left = geometry.inner_link_of_b0
     reach = reach_per_curvature_m2(geometry) * np.asarray(change_per_m)
     return float(max(reach[:left].sum(), reach[left:].sum()))
 
 
 def kept_m(world: World, geometry: Geometry) -> float:
-    """What outer pieces keep from obstacles: the clearance, and what curvatures may be off [m]."""
+    """Distance kept by outer pieces: the clearance, and what curvatures may be off [m]."""
     return world.clearance_m + moved_by_bending_m(geometry, world.curvature_uncertainty_per_m)

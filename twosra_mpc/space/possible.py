@@ -46,7 +46,7 @@ def components_in(slices: FreeSlices, low: Array, high: Array) -> frozenset[int]
 
 
 def apart(slices: FreeSlices, here: Box, there: Box) -> bool:
-    """Whether no drive joins a box of poses to another one, proved, for slices of F+.
+    """True if no drive joins a box of poses to another one, proved, for slices of F+.
 
     What is kept there must be no more than the first leg has to keep.
     """
@@ -95,7 +95,7 @@ class Region:
 
 
 def within_obstacles(world: World, low: Array, high: Array) -> bool:
-    """Whether b0, which is a point of the robot, has no place in a box of poses (3,) to (3,)."""
+    """True if b0, which is a point of the robot, has no place in a box of poses (3,) to (3,)."""
     if not world.obstacles or not np.isfinite([low[:2], high[:2]]).all():
         return False
     return bool(shapely.covers(_inner_union(world), shapely.box(*low[:2], *high[:2])))
@@ -145,7 +145,7 @@ _BESIDE_M = 0.1  # beyond what is around an object
 
 
 class Enclosure(NamedTuple):
-    """What is known of ways out.
+    """Knowledge about ways out.
 
     Attributes:
         proved: There is none.
@@ -159,7 +159,7 @@ class Enclosure(NamedTuple):
 
 
 def disc_enclosed(around: Array, radius_m: float, at: Array) -> Enclosure | None:
-    """Whether a disc at a point (2,) has no way out of pieces (m, 4, 2); None: it overlaps them."""
+    """Enclosure of a disc at a point (2,) by pieces (m, 4, 2); None: it overlaps them."""
     body = shapely.union_all(shapely.polygons(around))
     blocked = shapely.buffer(body, radius_m - UNSEEN_M, quad_segs=_FINE_QUADRANT)  # inscribed
     box = np.reshape(shapely.bounds(blocked), (2, 2)) + np.array([[-_BESIDE_M], [_BESIDE_M]])
@@ -172,7 +172,7 @@ def disc_enclosed(around: Array, radius_m: float, at: Array) -> Enclosure | None
 
 
 def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | None:
-    """Whether a polygon has no way out of pieces (m, 4, 2); None: it overlaps them.
+    """Enclosure of a polygon by pieces (m, 4, 2); None: it overlaps them.
 
     Args:
         around: Convex pieces, counter-clockwise.
@@ -194,7 +194,7 @@ def polygon_enclosed(around: Array, corners: Array, at: Array) -> Enclosure | No
 
 
 def _outside(at: Array, box_m: Array) -> bool:
-    """Whether a place is farther away than anything that could hold it."""
+    """True if a place is farther away than anything that could hold it."""
     return bool((at <= box_m[0]).any() or (at >= box_m[1]).any())
 
 
@@ -206,7 +206,7 @@ def _enclosure(parts: Any, at_edge: bool, headings: int, at: Array) -> Enclosure
 
 
 def _kept(pieces: list[Array], half_turn_rad: float) -> list[Array]:
-    """What convex pieces hold however they are turned by up to a half turn, and then thinner."""
+    """Cores that convex pieces hold however they turn by up to a half turn, and then thinner."""
     found = []
     for piece in pieces:
         moved_m = 2 * np.sin(half_turn_rad / 2) * float(np.linalg.norm(piece, axis=1).max())

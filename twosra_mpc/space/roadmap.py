@@ -109,7 +109,7 @@ def _better(
 
 
 def _both_clear(before: Array, some: Array, after: Array, proof: Proof) -> Bools:
-    """Whether the leg to each pose and the one after it are clear, (m,)."""
+    """True where the leg to a pose and the one after it are clear, (m,)."""
     to, on = np.split(proof(np.concatenate([before, some]), np.concatenate([some, after])), 2)
     return to & on
 

@@ -135,7 +135,7 @@ class Separation:
         return found
 
     def kept_from_m(self, poses: Array, off_m: float = 0.0) -> float:
-        """What drives that start at one of these poses (m, 3), or ``off_m`` from it, must keep."""
+        """Clearance of drives that start at one of these poses (m, 3), or ``off_m`` from it."""
         own_m = self.to_parts(poses) - off_m
         return float(kept_from_m(own_m, self.kept_m).min(initial=self.kept_m))
 
@@ -210,7 +210,7 @@ class Proximity:
         return np.concatenate([np.zeros((0, len(self.names))), *map(self._distances, batches)])
 
     def nearest(self, q: Array) -> Nearest:
-        """What a configuration (3 + n,) is nearest to."""
+        """Nearest obstacle or edge of a configuration (3 + n,)."""
         distances = self.distances(q[None])[0]
         k = int(distances.argmin())
         return Nearest(float(distances[k]), self.names[k])
@@ -229,7 +229,7 @@ class Proximity:
 
 
 def arms_m(geometry: Geometry) -> Array:
-    """How far points of the outline move at most per unit of each coordinate of q, (3 + n,)."""
+    """Largest motion of the outline's points per unit of each coordinate of q, (3 + n,)."""
     straight, _ = footprints(geometry, np.zeros((1, geometry.segments)))
     radius_m = float(np.linalg.norm(straight, axis=-1).max())
     return np.array([1.0, 1.0, radius_m, *reach_per_curvature_m2(geometry)])

@@ -48,7 +48,7 @@ class SegmentModel(Protocol):
         """State of a segment that has this temperature throughout."""
 
     def level(self, state: tuple[Values, ...]) -> Values:
-        """What rises and falls through the thresholds, in the model's own unit."""
+        """Quantity that rises and falls through the thresholds, in the model's own unit."""
 
     def level_at(self, temperature_C: float) -> float:
         """Level at a temperature; where the metal melts, of the solid."""

@@ -1,4 +1,4 @@
-"""How far real transitions may differ from the model's: windows from the robot's own ranges.
+"""Uncertainty of real transitions about the model's: windows from the robot's own ranges.
 
 Parameters are drawn independently, each from a two-piece normal distribution about its nominal
 value with the 5 % and 95 % values that the robot file gives. A window at quantile p starts when a

@@ -34,7 +34,7 @@ MOST_STEPS = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class HeaterRun:
-    """What happened, sample by sample; arrays of one length, read-only.
+    """Record of a run, sample by sample; arrays of one length, read-only.
 
     A sample is taken right after the controller has decided: its current holds until the next.
 

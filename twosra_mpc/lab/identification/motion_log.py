@@ -64,7 +64,7 @@ class MotionLog:
 
     @property
     def by_wheels(self) -> bool:
-        """Whether wheel speeds are known, not inputs."""
+        """True if wheel speeds are known, not inputs."""
         return bool(self.commands.shape[1] == WHEELS)
 
     @property

@@ -63,7 +63,7 @@ def _compute(_folder: Path, tell: Tell) -> Data:
 
 
 def _inputs() -> Data:
-    """How well wheel speeds give the inputs back, and what moves with a held unit."""
+    """Errors of inputs from wheel speeds, and what moves with a held unit."""
     robot, lost, dragged = load_robot(_ROBOT), [], []
     known, units = kinematics(robot), np.eye(5)[:2]
     for simulation in SIMULATIONS.values():

@@ -1,4 +1,4 @@
-"""What the published planner does with random problems, and what would be optimal."""
+"""Statistics of the published planner on random problems, and of the optimal one."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def _published_wait_s(study: Study) -> float:
 
 
 def _is_faster(problem: StudyProblem) -> bool:
-    """Whether the planner is below FK in the second half, up to where both are at the target."""
+    """True if the planner is below FK in the second half, up to where both are at the target."""
     pairs = list(zip(problem.error, problem.fk_error, strict=True))[TIMES // 2 : -1]
     return all(planner < fk for planner, fk in pairs)
 

@@ -46,7 +46,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What came of one picture.
+    """Estimate of one picture.
 
     Attributes:
         path: The picture.

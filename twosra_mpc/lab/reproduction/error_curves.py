@@ -1,4 +1,4 @@
-"""How the distance to the target falls over normalised time: curves from 1 to 0, compared."""
+"""Distance to the target over normalised time: curves from 1 to 0, compared."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def deviation(curve: Curve) -> float:
 
 
 def starts_above(curve: Curve, other: Curve) -> bool:
-    """Whether it is above the other over all of the first tenth (not at 0, where both are 1)."""
+    """True if it is above the other over all of the first tenth (not at 0, where both are 1)."""
     return all(mine > yours for mine, yours in zip(curve[1:11], other[1:11], strict=True))
 
 

@@ -79,7 +79,7 @@ class StudyProblem:
 
     @property
     def kind(self) -> Kind:
-        """How the target was made."""
+        """Kind of target."""
         return "generic" if self.target_mode is None else "single-mode"
 
     def to_dict(self) -> dict[str, Any]:
@@ -94,7 +94,7 @@ class StudyProblem:
 
 @dataclass(frozen=True)
 class OptimalProblem:
-    """What the optimal planner does with a problem of the study; numbers are NaN without a plan.
+    """Optimal plan of a problem of the study; numbers are NaN without a plan.
 
     Attributes:
         seed: Of the problem.
@@ -144,7 +144,7 @@ class OptimalProblem:
 
 @dataclass(frozen=True)
 class GroupStatistics:
-    """What the loop does with a group of problems.
+    """Statistics of the loop on a group of problems.
 
     Attributes:
         problems: How many there are.
@@ -165,7 +165,7 @@ class GroupStatistics:
 
 @dataclass(frozen=True)
 class StudyStatistics:
-    """What the published loop does with many problems.
+    """Statistics of the published loop on many problems.
 
     Attributes:
         kind: How their targets were made.
@@ -206,7 +206,7 @@ class StudyStatistics:
 
 @dataclass(frozen=True)
 class OptimalStatistics:
-    """What the optimal planner does with the same problems, those of both planners compared.
+    """Statistics of the optimal planner on the same problems, both planners compared.
 
     Attributes:
         problems: How many there are.

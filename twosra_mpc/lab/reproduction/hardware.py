@@ -86,13 +86,13 @@ class PhaseRow:
 
     @property
     def motion_s(self) -> float:
-        """How long it moved."""
+        """Time in motion [s]."""
         return self.end_s - self.begin_s
 
 
 @dataclass(frozen=True)
 class WaitingShares:
-    """Where the time of a log went.
+    """Shares of the time of a log.
 
     Attributes:
         source: Name of the log.
