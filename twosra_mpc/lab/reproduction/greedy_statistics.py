@@ -16,10 +16,8 @@ from typing import Any, Literal, Self, get_args
 from twosra_mpc.errors import InputError
 from twosra_mpc.lab.reproduction.error_curves import (
     Curve,
-    crossing,
     deviation,
     error_curve,
-    reaches,
     starts_above,
 )
 from twosra_mpc.lab.reproduction.fixed_waits import fixed_waits_s
@@ -44,7 +42,6 @@ from twosra_mpc.robot.modes import MODES, Mode, ModeSequence, is_rigid
 Kind = Literal["single-mode", "generic"]
 Q = tuple[float, ...]  # [x, y, phi, kappa_1, kappa_2] in m, rad, 1/m
 
-STRAIGHT = 0.12  # an FK curve this near to a straight line is called straight
 REFUSED = "refused"  # where the robot cannot be, by its description
 
 
@@ -176,13 +173,8 @@ class StudyStatistics:
         last_rigid: Problems whose last recorded mode is rigid (the paper: all).
         last_rigid_raw: The same, every iteration counted.
         diverged: Problems on which the loop ran away.
-        fk_straight: FK curves within 12 % of a straight line.
         fk_deviation: Largest distance of an FK curve from the straight line.
         slower_start: Planner above FK over all of the first tenth of the time.
-        crossing: Normalised time from which the planner stays below FK.
-        half: Normalised time at which half the error of the planner is left.
-        fk_half: The same of FK.
-        twentieth: Normalised time at which 5 % of the error of the planner are left.
         hardware_wait_s: Waits of the recorded sequences by the rule of the trials.
     """
 
@@ -194,13 +186,8 @@ class StudyStatistics:
     last_rigid: Share
     last_rigid_raw: Share
     diverged: Share
-    fk_straight: Share
     fk_deviation: Spread
     slower_start: Share
-    crossing: Spread
-    half: Spread
-    fk_half: Spread
-    twentieth: Spread
     hardware_wait_s: Spread
 
 
@@ -357,13 +344,8 @@ def statistics(problems: Sequence[StudyProblem]) -> StudyStatistics:
         last_rigid=share(is_rigid(problem.recorded[-1]) for problem in problems),
         last_rigid_raw=share(is_rigid(problem.raw[-1]) for problem in problems),
         diverged=share(problem.stop is StopReason.DIVERGED for problem in problems),
-        fk_straight=share(each <= STRAIGHT for each in deviations),
         fk_deviation=spread(deviations),
         slower_start=share(starts_above(problem.error, problem.fk_error) for problem in driven),
-        crossing=spread(crossing(problem.error, problem.fk_error) for problem in driven),
-        half=spread(reaches(problem.error, 0.5) for problem in problems),
-        fk_half=spread(reaches(problem.fk_error, 0.5) for problem in driven),
-        twentieth=spread(reaches(problem.error, 0.05) for problem in problems),
         hardware_wait_s=spread(sum(fixed_waits_s(problem.recorded)) for problem in problems),
     )
 
