@@ -28,7 +28,7 @@ from twosra_mpc.control.thermistor import (
     temperature_sensor,
 )
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.identification.heater_loop import (
+from twosra_mpc.lab.bench.heater_loop import (
     HeaterRun,
     Profile,
     save_run,

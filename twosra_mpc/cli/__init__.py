@@ -69,7 +69,7 @@ _COMMANDS = {
             "Compare the paper with what comes of it here.",
         ),
         "stream": ("cli.stream_command", "Send a plan to a robot over a serial line."),
-        "jog": ("cli.jog_command", "Drive a robot by hand, over a serial line."),
+        "jog": ("lab.commands.jog_command", "Drive a robot by hand, over a serial line."),
     },
     "Simulate": {
         "simulate": ("cli.simulate_command", "Plan and run in closed loop on a simulated robot."),

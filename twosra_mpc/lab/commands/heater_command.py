@@ -12,7 +12,7 @@ from twosra_mpc.cli.output import Output, print_table
 from twosra_mpc.control import thermistor
 from twosra_mpc.control.controller import stiffness_controller
 from twosra_mpc.errors import InputError
-from twosra_mpc.lab.identification.heater_loop import (
+from twosra_mpc.lab.bench.heater_loop import (
     HeaterRun,
     Stretch,
     save_run,
