@@ -184,12 +184,22 @@ def reintegrate(problem: Problem, samples: Samples) -> Array:
             rows[:] = reached[first]
             continue
         if mode not in known:
-            known[mode] = _Steps(problem.robot, mode)
+            idle = _idle(problem.robot, mode)
+            known[mode] = idle.pop() if idle else _Steps(problem.robot, mode)
         if not _follow(
             known[mode], reached[first], direction, np.cumsum(lengths).tolist(), beyond, rows
         ):
             break
+    for mode, steps in known.items():
+        _idle(problem.robot, mode).append(steps)
     return reached
+
+
+@per_body(8)
+def _idle(body: Body, mode: Mode) -> list[_Steps]:
+    """Those of a mode that nobody takes now: in another thread somebody may."""
+    del body, mode
+    return []
 
 
 def _follow(
@@ -284,6 +294,8 @@ def between(samples: Samples, cut: float | Array, least: int) -> tuple[Samples, 
         allowed = "inputs that move the robot by no more than metres"
         raise InputError("samples.v", float(moved.max()), allowed)
     cuts = np.maximum(np.ceil(moved / cut) + least, 1).astype(int)
+    if (cuts == 1).all():
+        return samples, np.arange(len(samples))
     at = np.repeat(np.arange(len(cuts)), cuts)
     share = (np.arange(len(at)) - (np.cumsum(cuts) - cuts)[at]) / cuts[at]
     t = np.append(samples.t_s[at] + share * dt[at], samples.t_s[-1])

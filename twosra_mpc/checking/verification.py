@@ -22,7 +22,7 @@ from twosra_mpc.model.outline import outline_points
 from twosra_mpc.model.rows import by_rows
 from twosra_mpc.plans.plan import Verification
 from twosra_mpc.plans.trajectory import Samples, Trajectory
-from twosra_mpc.problem.driven import Driven, driven, margins
+from twosra_mpc.problem.driven import Driven, margins
 from twosra_mpc.problem.limits import WHEEL_SPEED, WORKSPACE, settled, workspace_margins
 from twosra_mpc.problem.problem import Problem
 from twosra_mpc.problem.tolerances import (
@@ -101,8 +101,7 @@ def examine(trajectory: Trajectory) -> Findings:
     defect = float(np.abs(reached - samples.q).max())
     goal_error = problem.goal.error(reached[-1].copy())
     around = examine_around(trajectory)
-    dt_s = np.append(np.diff(samples.t_s), 0.0)
-    moving = driven(problem.robot, samples.q, samples.v, samples.a, dt_s, samples.mode)
+    moving = trajectory.driven
     limits = _margins(problem, samples, moving)
     for name, margin in around.margins.items():  # what is carried stays within the workspace, too
         limits[name] = min(limits.get(name, np.inf), margin)

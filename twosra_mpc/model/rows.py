@@ -38,8 +38,11 @@ def by_modes(function: ca.Function, *rows: Array | NDArray[np.int64]) -> list[Ar
     """As ``by_rows``, where the last array says the mode of each row."""
     *given, modes = rows
     codes = modes @ (1 << np.arange(modes.shape[1]))
+    kinds = set(codes.tolist())
+    if len(kinds) == 1:
+        return by_rows(in_mode(function, tuple(modes[0].tolist())), *given)
     values = [np.empty((len(codes), function.numel_out(i))) for i in range(function.n_out())]
-    for code in set(codes.tolist()):
+    for code in kinds:
         at = np.flatnonzero(codes == code)
         own = in_mode(function, tuple(modes[at[0]].tolist()))
         for whole, found in zip(values, by_rows(own, *(each[at] for each in given)), strict=True):
